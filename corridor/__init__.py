@@ -1,0 +1,53 @@
+"""Corridor flights: what the camera did that the model does not know.
+
+block = corridor.read("data_synthetic/dike")
+adjustment = corridor.adjust(block)
+print(adjustment)
+
+Everything named in `__all__` is loaded at its first use, so that `import corridor`
+(and `corridor --help`) do not wait for the numerical libraries.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from corridor.adjustment import Adjustment as Adjustment
+    from corridor.adjustment import adjust as adjust
+    from corridor.block import Block as Block
+    from corridor.block import read as read
+    from corridor.camera import Camera as Camera
+    from corridor.effects import catalogue as catalogue
+    from corridor.errors import AdjustmentFailed as AdjustmentFailed
+    from corridor.errors import InputError as InputError
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "read": "corridor.block",
+    "Block": "corridor.block",
+    "Camera": "corridor.camera",
+    "adjust": "corridor.adjustment",
+    "Adjustment": "corridor.adjustment",
+    "catalogue": "corridor.effects",
+    "InputError": "corridor.errors",
+    "AdjustmentFailed": "corridor.errors",
+}
+_ROOMS = ("effects", "figures", "published")
+
+__all__ = [*_HOME, *_ROOMS]
+
+
+def __getattr__(name):
+    if name in _HOME:
+        value = getattr(import_module(_HOME[name]), name)
+    elif name in _ROOMS:
+        value = import_module(f"corridor.{name}")
+    else:
+        raise AttributeError(f"module 'corridor' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__():
+    return sorted([*globals(), *__all__])

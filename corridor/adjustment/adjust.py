@@ -1,0 +1,142 @@
+"""The adjustment of a block: from start values to a result that can be read."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+
+from corridor.adjustment.covariance import Covariance
+from corridor.adjustment.datum import explain, laid_on, settle
+from corridor.adjustment.initial import complete
+from corridor.adjustment.matrix import Singular
+from corridor.adjustment.normal import LOSSES, Loss, Normal
+from corridor.adjustment.problem import Problem, make_problem
+from corridor.adjustment.result import Adjustment
+from corridor.adjustment.solve import solve
+from corridor.block import Block
+from corridor.effects.contract import Effect
+from corridor.effects.forward import point_positions
+from corridor.errors import InputError
+
+
+def adjust(
+    block: Block,
+    camera: str | Mapping[str, str] | None = None,
+    effects: Iterable[str | Effect] = (),
+    control: Iterable[str] | None = None,
+    check: Iterable[str] | None = None,
+    loss: str = "squares",
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    lever_arm: str | None = None,
+    threads: int = 1,
+    progress: Callable[[dict], None] | None = None,
+    max_iterations: int = 50,
+) -> Adjustment:
+    """Least-squares adjustment of tie points, marks, ground control and GNSS.
+
+    camera: free interior parameters, `fixed`, `fraser8`, `fraser10` or `f,cx,cy,k1`; a mapping
+        gives each camera its own. Default: eight, or none where the camera is calibrated.
+    effects: slugs of effects to estimate with the rest; `slug@flight` for one set a flight.
+    control, check: ground points with that role, in place of the roles in ground.csv.
+    loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
+    priors: value and standard deviation by name: `{"camera.P1.f": (8190.0, 5.0)}`.
+    lever_arm: `free` or `fixed`; default: free unless block.toml fixes it.
+    threads: 1 or 2.
+    progress: called after each iteration with iteration, cost, damping, step, accepted.
+
+    Missing start values are made (`corridor.adjustment.initial`). A block with neither control
+    nor GNSS is adjusted as a free network, laid on its start poses as a whole.
+    Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
+    iterations get nowhere.
+    """
+    began = time.perf_counter()
+    start, notes = block, []
+    if _incomplete(block):
+        block = complete(block)
+
+    def problem_of(block: Block) -> Problem:
+        return make_problem(block, camera, effects, control, check, priors, lever_arm)
+
+    problem = problem_of(block)
+    normal = Normal(problem, _loss(loss), threads=min(threads, 2))
+    residual, behind = normal.look(problem.start)
+    if behind:
+        block, more = _ahead(block, problem, residual)
+        notes += more
+        problem = problem_of(block)
+        normal = Normal(problem, _loss(loss), threads=min(threads, 2))
+    try:
+        opened = settle(normal, problem.start)
+        solution = solve(normal, max_iterations, progress=progress)
+        state = solution.state
+        if opened is not None and opened.shape[1] == 7:
+            state = laid_on(problem, state, problem.start)
+        if opened is not None:
+            opened = settle(normal, state)
+        covariance = Covariance(normal, state, opened)
+    except Singular as singular:
+        raise explain(normal, problem.start, singular) from None
+    solution.state = state
+    return Adjustment(
+        start, normal, solution, covariance, time.perf_counter() - began, [*problem.notes, *notes]
+    )
+
+
+def _incomplete(block: Block) -> bool:
+    """Whether a pose or a point has no start value."""
+    pose = block.images.reindex(columns=["x", "y", "z", "qw", "qx", "qy", "qz"])
+    if not np.isfinite(pose.to_numpy(float)).all():
+        return True
+    return not all(
+        np.isfinite(point_positions(block, table)).all() for table in ("tie_points", "marks")
+    )
+
+
+def _loss(text: str) -> Loss:
+    kind, _, width = text.partition(":")
+    try:
+        loss = Loss(LOSSES[kind], float(width or 2.0))
+    except (KeyError, ValueError):
+        loss = Loss(width=0.0)
+    if not loss.width > 0 or not np.isfinite(loss.width):
+        raise InputError(f"loss {text!r} is unknown: use squares, huber:2 or cauchy:2")
+    return loss
+
+
+def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block, list[str]]:
+    """The block with points that start behind a camera intersected anew, or left out."""
+    behind = np.isnan(residual[:, 0])
+    count = np.bincount(problem.img, minlength=problem.image_count)
+    hidden = np.bincount(problem.img[behind], minlength=problem.image_count)
+    blind = np.flatnonzero(hidden == count)
+    if len(blind):
+        row = problem.order[blind[0]]
+        raise InputError(
+            f"{block.where('images', row)}: all points of image {problem.images.names[blind[0]]} "
+            "lie behind it: check its quaternion (world to camera, qw first) and its position"
+        )
+    names = _names_behind(problem, behind)
+    block = block.copy()
+    lost = block.points["point"].isin(names)
+    block.points.loc[lost, ["x", "y", "z"]] = np.nan
+    block = complete(block)
+    again = make_problem(block)
+    residual, still = Normal(again, Loss()).look(again.start)
+    if not still:
+        return block, []
+    hopeless = _names_behind(again, np.isnan(residual[:, 0]))
+    keep = ~block.tie_points["point"].isin(hopeless)
+    block.tie_points = block.tie_points[keep].reset_index(drop=True)
+    block.tie_points["point"] = block.tie_points["point"].cat.remove_unused_categories()
+    shown = ", ".join(sorted(hopeless)[:5])
+    return block, [
+        f"{len(hopeless)} tie points lie behind a camera that measured them and are left out "
+        f"({shown}{', ...' if len(hopeless) > 5 else ''}): their matches are wrong."
+    ]
+
+
+def _names_behind(problem: Problem, behind: np.ndarray) -> set[str]:
+    point = np.repeat(np.arange(len(problem.ptr) - 1), np.diff(problem.ptr))
+    return set(problem.point_names[np.unique(point[behind])])

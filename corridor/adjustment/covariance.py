@@ -1,0 +1,221 @@
+"""Exact covariances of cameras, effects, lever arms, poses and points.
+
+The band's inverse is needed inside the band only: the recursion of Takahashi over its blocks
+gives it at the price of a few factorisations, and with it every pose and every point.
+
+Source: Takahashi et al. 1973; Triggs et al. 2000, section 9 (free networks: S-transformation).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from threadpoolctl import threadpool_limits
+
+from corridor.adjustment.datum import centred
+from corridor.adjustment.matrix import Band
+from corridor.adjustment.normal import Normal
+from corridor.adjustment.point_covariance import make_point_covariance
+from corridor.adjustment.problem import State
+
+point_covariance_for = lru_cache(make_point_covariance)
+
+
+class Covariance:
+    """Covariances at a state for unit weight; multiply by sigma naught squared.
+
+    open_motions: (n + q, k) of a free network (see `corridor.adjustment.datum`), else None.
+    """
+
+    def __init__(self, normal: Normal, state: State, open_motions: np.ndarray | None = None):
+        self.normal, self.state = normal, state
+        with threadpool_limits(1):
+            normal.assemble(state, 0.0)
+            self._system = normal.factor()
+        self._open = open_motions
+        if open_motions is not None:
+            n = normal.problem.image_count * normal.problem.d
+            self._poses, self._shared = open_motions[:n], open_motions[n:]
+            self._weights = centred(normal.problem, state, self._poses)
+            right = self._weights.T.copy()
+            part = self._system.solve(
+                right, np.zeros((normal.problem.shared_count, right.shape[1]))
+            )
+            self._part = np.concatenate(part)
+            self._inner = self._weights @ part[0]
+
+    def _datum(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """What the S-transformation adds to the entries (rows, columns)."""
+        if self._open is None:
+            return 0.0
+        g, a = self._open, self._part
+        return (
+            g[rows] @ self._inner @ g[columns].T - g[rows] @ a[columns].T - a[rows] @ g[columns].T
+        )
+
+    @cached_property
+    def shared(self) -> np.ndarray:
+        """Of the unknowns that images share (q, q): cameras, effects, lever arms."""
+        n, q = self._system.blocks.n, self._system.q
+        at = n + np.arange(q)
+        return self._system.shared_inverse() + self._datum(at, at)
+
+    @cached_property
+    def _across(self) -> np.ndarray:
+        """B^-1 E (n, q)."""
+        system = self._system
+        if isinstance(system.blocks, Band):
+            return system.blocks.other_half(system.z.copy())
+        return system.x
+
+    @cached_property
+    def poses_shared(self) -> np.ndarray:
+        """Between poses and shared unknowns (n, q)."""
+        n, q = self._system.blocks.n, self._system.q
+        cross = -self._across @ self._system.shared_inverse()
+        return cross + self._datum(np.arange(n), n + np.arange(q))
+
+    def poses(self, images: np.ndarray) -> np.ndarray:
+        """Of some images together (k * d, k * d), k positions in the problem's order."""
+        p = self.normal.problem
+        rows = (np.asarray(images)[:, None] * p.d + np.arange(p.d)).ravel()
+        right = np.zeros((p.image_count * p.d, len(rows)))
+        right[rows, np.arange(len(rows))] = 1.0
+        with threadpool_limits(1):
+            columns, _ = self._system.solve(right, np.zeros((p.shared_count, len(rows))))
+        return columns[rows] + self._datum(rows, rows)
+
+    @cached_property
+    def _near(self) -> np.ndarray:
+        """Entries between images that share a point, in the storage of the equations."""
+        system = self._system
+        blocks = system.blocks
+        with threadpool_limits(1):
+            if not isinstance(blocks, Band):
+                return self._near_sparse()
+            flat = selected_inverse(blocks.flat, blocks.n, blocks.ld)
+        left, right = self._low_rank()
+        table = flat.reshape(blocks.n, blocks.ld)
+        for r in range(blocks.ld):
+            table[: blocks.n - r, r] += np.einsum(
+                "nk,nk->n", left[r:], right[: blocks.n - r], optimize=True
+            )
+        return flat
+
+    def _low_rank(self) -> tuple[np.ndarray, np.ndarray]:
+        """Border and datum as a sum of products: entry (i, j) gets left[i] . right[j]."""
+        x = self._across
+        left, right = [x @ self._system.shared_inverse()], [x]
+        if self._open is not None:
+            g, a = self._poses, self._part[: len(self._poses)]
+            left += [g @ self._inner - a, -g]
+            right += [g, a]
+        return np.concatenate(left, axis=1), np.concatenate(right, axis=1)
+
+    def _near_sparse(self) -> np.ndarray:
+        blocks = self._system.blocks
+        d, out = blocks.d, np.empty_like(blocks.flat)
+        left, right = self._low_rank()
+        for i in range(blocks.images):
+            span = slice(i * d, (i + 1) * d)
+            unit = np.zeros((blocks.n, d))
+            unit[span] = np.eye(d)
+            column = blocks.solve(unit) + left @ right[span].T
+            start, stop = blocks.neighbour_start[i : i + 2]
+            rows = blocks.neighbour[start:stop, None] * d + np.arange(d)
+            out[start * d * d : stop * d * d] = column[rows].transpose(0, 2, 1).ravel()
+        return out
+
+    @cached_property
+    def each_pose(self) -> np.ndarray:
+        """Of every image (m, d, d)."""
+        p, blocks = self.normal.problem, self._system.blocks
+        d = p.d
+        out = np.empty((p.image_count, d, d))
+        for c in range(d):
+            for r in range(c, d):
+                if isinstance(blocks, Band):
+                    entry = self._near[c * blocks.ld + r - c :: d * blocks.ld][: p.image_count]
+                else:
+                    entry = self._near[blocks.neighbour_start[:-1] * d * d + c * d + r]
+                out[:, r, c] = out[:, c, r] = entry
+        return out
+
+    @cached_property
+    def _points(self) -> tuple[np.ndarray, np.ndarray]:
+        p, normal, blocks = self.normal.problem, self.normal, self._system.blocks
+        state = self.state
+        images, pose, interior, radials, d_interior, _, d_ground = normal.prepare(state)
+        count = len(p.ptr) - 1
+        out, cross = np.empty((count, 6)), np.empty((count, 3, p.shared_count))
+        kernel = point_covariance_for(p.d)
+        for first, last in normal.chunks(0, count):
+            shift, motion, d_image, d_motion = normal.shifts(state, images, first, last)
+            kernel(
+                first, last, p.ptr, p.img, p.xy, p.weight, state.points, pose, interior, radials,
+                normal.loss.kind, normal.loss.width, p.camera_column, p.slot_column, p.low, p.high,
+                shift, motion, d_interior, d_image, d_motion, p.ptr[first], p.control,
+                p.control_weight, d_ground, p.ground_column, p.wide, self._near, blocks.stride,
+                blocks.neighbour_start, blocks.neighbour, self.poses_shared, self.shared,
+                normal.longest, out, cross,
+            )  # fmt: skip
+        return out, cross
+
+    @property
+    def each_point(self) -> np.ndarray:
+        """Of every point (n, 6): xx, yx, yy, zx, zy, zz, metres squared."""
+        return self._points[0]
+
+    @property
+    def points_shared(self) -> np.ndarray:
+        """Between every point and the shared unknowns (n, 3, q)."""
+        return self._points[1]
+
+
+def selected_inverse(factor: np.ndarray, n: int, ld: int) -> np.ndarray:
+    """Entries of (L L')^-1 inside the band, in lower band storage as L itself (flat, n * ld).
+
+    Blocks of the bandwidth make the matrix block tridiagonal: with G = L21 L11^-1,
+    S21 = -S22 G and S11 = (L11 L11')^-1 + G' S22 G, from the end to the start.
+    """
+    band = factor[: n * ld].reshape(n, ld)
+    out = np.zeros(n * ld)
+    table = out.reshape(n, ld)
+    size = max(ld - 1, 1)
+    starts = list(range(0, n, size))
+    below = None
+    for start in reversed(starts):
+        stop = min(start + size, n)
+        k = stop - start
+        own = _dense(band, start, stop, start, stop)
+        inverse = solve_triangular(own, np.eye(k), lower=True)
+        here = inverse.T @ inverse
+        if below is not None:
+            after = min(stop + size, n)
+            link = _dense(band, stop, after, start, stop)
+            gain = link @ inverse
+            across = -below @ gain
+            here -= gain.T @ across
+            _store(table, across, stop, start)
+        _store(table, here, start, start)
+        below = here
+    return out
+
+
+def _dense(band: np.ndarray, r0: int, r1: int, c0: int, c1: int) -> np.ndarray:
+    """Rows r0..r1, columns c0..c1 of a lower band matrix, dense."""
+    rows, columns = np.arange(r0, r1)[:, None], np.arange(c0, c1)[None]
+    under = rows - columns
+    inside = (under >= 0) & (under < band.shape[1])
+    return np.where(inside, band[columns, np.where(inside, under, 0)], 0.0)
+
+
+def _store(table: np.ndarray, block: np.ndarray, r0: int, c0: int) -> None:
+    """Put a dense block into lower band storage, as far as it lies inside."""
+    rows = np.arange(block.shape[0])[:, None] + r0
+    columns = np.arange(block.shape[1])[None] + c0
+    under = rows - columns
+    inside = (under >= 0) & (under < table.shape[1])
+    table[np.broadcast_to(columns, block.shape)[inside], under[inside]] = block[inside]

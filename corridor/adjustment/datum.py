@@ -1,0 +1,202 @@
+"""What the measurements leave open: position, rotation and scale of the whole block.
+
+With neither control nor GNSS the block is a free network: a few unknowns are held while it is
+solved (which changes no residual), and the result is laid on the start poses as a whole.
+Covariances are those of the same datum. With some control or GNSS, but not enough, the input is
+wrong and the message says which quantity nothing determines.
+
+Source: Luhmann et al., "Close-range photogrammetry and 3D imaging", section 4.4.3 (free net);
+Baarda 1973 (S-transformation).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import eigh, qr
+
+from corridor.adjustment.matrix import Singular
+from corridor.adjustment.normal import Normal
+from corridor.adjustment.problem import Problem, State
+from corridor.camera import rotation_from_vector
+from corridor.errors import InputError
+
+QUANTITIES = (
+    "position along x",
+    "position along y",
+    "height",
+    "rotation about x",
+    "rotation about y",
+    "rotation about z",
+    "scale",
+)
+# Share of the information that is left when everything else adapts; rounding leaves 1e-15.
+OPEN = 1e-12
+
+
+def motions(state: State, d: int) -> np.ndarray:
+    """Change (images * d, 7) of the poses when the block as a whole moves, turns, grows."""
+    m = len(state.centre)
+    away = state.centre - state.centre.mean(axis=0)
+    out = np.zeros((m, d, 7))
+    for k in range(3):
+        axis = np.eye(3)[k]
+        out[:, k, k] = 1.0
+        out[:, :3, 3 + k] = np.cross(axis, away)
+        out[:, 3:6, 3 + k] = -state.rotation @ axis
+    out[:, :3, 6] = away
+    return out.reshape(m * d, 7)
+
+
+def open_motions(normal: Normal, state: State) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """What nothing determines at a state: by poses (n, k), by the border (q, k), and in words."""
+    p = normal.problem
+    pins, normal.pins = normal.pins, np.zeros((0, 2), np.int64)
+    normal.assemble(state, 0.0)
+    normal.pins = pins
+    m, q = p.image_count, p.shared_count
+    whole = motions(state, p.d)
+    image = normal.blocks.multiply(whole)
+    border = normal.border[:m].reshape(-1, p.wide)[:, :q]
+    across = border.T @ whole
+    corner = normal.corner + np.tril(normal.corner, -1).T
+    scale = np.sqrt(np.maximum(normal.shared_reference, np.finfo(float).tiny))
+    shared = -np.linalg.lstsq(corner / scale[:, None] / scale, across / scale[:, None], 1e-13)[0]
+    shared /= scale[:, None]
+    information = whole.T @ image + across.T @ shared
+    reference = normal.reference[:m].ravel()
+    total = whole.T @ (reference[:, None] * whole)
+    norm = np.sqrt(np.diag(total))
+    value, vector = eigh(information / norm[:, None] / norm, total / norm[:, None] / norm)
+    loose = vector[:, value < OPEN] / norm[:, None]
+    part = (vector[:, value < OPEN] ** 2).sum(axis=1)
+    words = [QUANTITIES[k] for k in np.flatnonzero(part > 0.3 * part.max(initial=1.0))]
+    return whole @ loose, shared @ loose, words
+
+
+def settle(normal: Normal, state: State) -> np.ndarray | None:
+    """Hold what a free network leaves open; None where control or GNSS determine everything.
+
+    Returns the open motions of the poses and the border (n + q, k). Raises InputError where there
+    is control or GNSS, but not enough.
+    """
+    p = normal.problem
+    few_controls = len(p.control_rows) < 3
+    few_antennas = len(p.gnss_image) < 3 or p.arms_free
+    if not (few_controls and few_antennas):
+        return None
+    poses, shared, words = open_motions(normal, state)
+    if not words:
+        return None
+    if len(p.control_rows) or len(p.gnss_image):
+        raise InputError(undetermined(p, words))
+    # Hold unknowns of two images far apart: the best determined choice by pivoting.
+    first = p.image_count // 2
+    away = np.linalg.norm(state.centre - state.centre[first], axis=1)
+    rows = np.concatenate([first * p.d + np.arange(6), np.argmax(away) * p.d + np.arange(3)])
+    weight = np.sqrt(normal.reference.ravel()[rows])
+    _, _, pivot = qr((poses[rows] * weight[:, None]).T, pivoting=True, mode="economic")
+    held = rows[pivot[: poses.shape[1]]]
+    normal.pins = np.stack(np.divmod(held, p.d), axis=1)
+    return np.concatenate([poses, shared])
+
+
+def undetermined(p: Problem, words: list[str]) -> str:
+    """The sentence for a block whose datum has a hole."""
+    what = " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    have = []
+    if len(p.control_rows):
+        have.append(f"{len(p.control_rows)} control point{'s' * (len(p.control_rows) > 1)}")
+    if len(p.gnss_image):
+        arms = " with free lever arms" if p.arms_free else ""
+        have.append(f"{len(p.gnss_image)} GNSS positions{arms}")
+    return (
+        f"{what[0].upper()}{what[1:]} of the block cannot be determined by {' and '.join(have)}: "
+        "add control points or GNSS (ground.csv, gnss.csv), state the lever arms, or take all "
+        "control away to adjust a free network"
+    )
+
+
+def explain(normal: Normal, state: State, singular: Singular) -> InputError:
+    """What a singular matrix means for the person who made the block."""
+    p = normal.problem
+    if singular.shared is not None:
+        label = p.unknowns[singular.shared].label
+        return InputError(
+            f"{label} cannot be determined from these measurements together with the other "
+            "unknowns: hold it, give it a prior, or leave the effect out"
+        )
+    try:
+        words = open_motions(normal, state)[2]
+    except np.linalg.LinAlgError:
+        words = []
+    if words and (len(p.control_rows) or len(p.gnss_image)):
+        return InputError(undetermined(p, words))
+    name = p.images.names[singular.image]
+    own = singular.own
+    if own is not None and own >= 6:
+        slug, number = p.own_unknowns[own - 6]
+        what = f"{p.stack.members[slug].parameters[number].name} of effect {slug}"
+    else:
+        what = "the pose"
+    return InputError(
+        f"images.csv: {what} of image {name} cannot be determined: its points lie on a line or "
+        "are linked to the other images by too few points; measure more or remove the image"
+    )
+
+
+def centred(p: Problem, state: State, poses: np.ndarray) -> np.ndarray:
+    """Weights M (k, n) with M G = I: the datum that is laid on the start poses as a whole."""
+    weight = np.zeros((p.image_count, p.d))
+    depth = typical_depth(state)
+    weight[:, :3], weight[:, 3:6] = 1.0, depth**2
+    heavy = weight.reshape(-1, 1) * poses
+    return np.linalg.solve(poses.T @ heavy, heavy.T)
+
+
+def typical_depth(state: State) -> float:
+    """Typical distance from camera to ground, m: turns angles into metres."""
+    middle = np.median(state.points, axis=0)
+    return float(np.median(np.linalg.norm(state.centre - middle, axis=1)))
+
+
+def laid_on(p: Problem, state: State, start: State) -> State:
+    """A free network turned, moved and scaled as a whole onto its start poses."""
+    for _ in range(20):
+        poses = motions(state, 6)
+        weight = np.ones((p.image_count, 6))
+        weight[:, 3:] = typical_depth(state) ** 2
+        turn = np.einsum("nij,nkj->nik", start.rotation, state.rotation)
+        small = 0.5 * np.stack(
+            [
+                turn[:, 2, 1] - turn[:, 1, 2],
+                turn[:, 0, 2] - turn[:, 2, 0],
+                turn[:, 1, 0] - turn[:, 0, 1],
+            ],
+            axis=1,
+        )
+        away = np.concatenate([start.centre - state.centre, small], axis=1)
+        heavy = weight.reshape(-1, 1) * poses
+        step = np.linalg.solve(poses.T @ heavy, heavy.T @ away.ravel())
+        state = moved(state, step)
+        if np.max(np.abs(poses @ step)) < 1e-12 * max(typical_depth(state), 1.0):
+            break
+    return state
+
+
+def moved(state: State, step: np.ndarray) -> State:
+    """The whole block moved by step (7): translation, rotation, growth about its camera centre."""
+    middle = state.centre.mean(axis=0)
+    turn = rotation_from_vector(step[3:6])
+    grow = np.exp(step[6])
+
+    def place(xyz: np.ndarray) -> np.ndarray:
+        return middle + step[:3] + grow * (xyz - middle) @ turn.T
+
+    return State(
+        place(state.centre),
+        state.rotation @ turn.T,
+        place(state.points),
+        state.interior,
+        state.effects,
+        state.arms,
+    )

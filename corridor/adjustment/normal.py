@@ -1,0 +1,362 @@
+"""Normal equations of a problem at a state: assembled in one pass, by one thread or two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from corridor.adjustment import kernels
+from corridor.adjustment.matrix import Band, Bordered, Sparse
+from corridor.adjustment.problem import Problem, State
+from corridor.camera import INTERIOR, radials_in_use, rotation_from_vector
+from corridor.effects.contract import Context, Images
+
+LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.CAUCHY}
+# Observations that effects look at in one go: small enough for the cache.
+CHUNK = 16_384
+_FIRST_RADIAL = INTERIOR.index("k1")
+
+assemble_for = lru_cache(kernels.make_assemble)
+substitute_for = lru_cache(kernels.make_substitute)
+
+
+@dataclass
+class Loss:
+    """A loss function on the length of an image residual in sigmas."""
+
+    kind: int = kernels.SQUARES
+    width: float = 2.0
+
+
+class Normal:
+    """The equations of one problem; storage is kept from one assembly to the next.
+
+    After `assemble`: cost (half the weighted sum of squares, priors included), behind (how many
+    observations lie behind their camera), gradient (n,) and shared_gradient (q,).
+    """
+
+    def __init__(self, problem: Problem, loss: Loss, threads: int = 1, storage: str = "auto"):
+        self.problem, self.loss = problem, loss
+        p = problem
+        if storage == "auto":
+            storage = "sparse" if _band_costs_more(p) else "band"
+        self.threads = threads if storage == "band" else 1
+        self.split, self.spare = p.image_count, 0
+        if self.threads > 1:
+            half = p.ptr[np.searchsorted(p.ptr, p.ptr[-1] // 2)]
+            self.half = int(np.searchsorted(p.ptr, half))
+            self.split = int(p.img[p.ptr[self.half]]) if self.half < len(p.ptr) - 1 else 0
+            # Points of one thread must not begin in an image of the other.
+            first = p.img[p.ptr[:-1]]
+            self.half = int(np.searchsorted(first, self.split))
+            self.spare = min(p.bandwidth, p.image_count - self.split)
+            if self.half in (0, len(first)):
+                self.threads, self.spare, self.split = 1, 0, p.image_count
+        self.blocks: Band | Sparse = (
+            Band(p.image_count, p.d, p.bandwidth, self.spare)
+            if storage == "band"
+            else Sparse(p.image_count, p.d, p.ptr, p.img)
+        )
+        self.longest = int(np.diff(p.ptr).max(initial=1))
+        rows = p.image_count + self.spare
+        self.gradient = np.zeros((rows, p.d))
+        self.reference = np.zeros((rows, p.d))
+        self.border = np.zeros((rows, p.d, p.wide))
+        self.looks = bool(p.stack.at("image") or p.stack.at("motion"))
+        # What effects look at: x, y, u, v as modelled last time (the shift is a contraction).
+        self.modelled = np.zeros((len(p.img) if self.looks else 0, 4))
+        self.pins = np.zeros((0, 2), dtype=np.int64)
+        self.pin_weight = np.zeros(0)
+
+    # --- what stays the same during one evaluation -----------------------------------------
+
+    def prepare(self, state: State):
+        """Images, flat poses, interior and its derivative, control residuals at a state."""
+        p = self.problem
+        images = p.images.with_poses(state.centre, state.rotation)
+        every = Context(images, np.arange(p.image_count))
+        interior = state.interior[images.camera]
+        shift, d_interior = p.stack.evaluate("camera", every, state.effects)
+        if p.stack.at("camera"):
+            interior = interior + shift
+        if len(p.control_rows):
+            names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
+            ground = Context(images, point=list(names), position=p.control_given)
+            moved, d_ground = p.stack.evaluate("ground", ground, state.effects)
+            rows = np.flatnonzero(p.control >= 0)
+            residual = np.empty((len(p.control_rows), 3))
+            residual[p.control[rows]] = state.points[rows]
+            residual = p.control_given - residual - moved
+        else:
+            residual, d_ground = np.zeros((0, 3)), np.zeros((0, 3, 0))
+        pose = np.concatenate([state.centre, state.rotation.reshape(-1, 9)], axis=1)
+        used = INTERIOR[_FIRST_RADIAL:]
+        radials = int(radials_in_use(interior))
+        for parameters in p.free.values():
+            for name in parameters:
+                if name in used:
+                    radials = max(radials, used.index(name) + 1)
+        return images, pose, np.ascontiguousarray(interior), radials, d_interior, residual, d_ground
+
+    def shifts(self, state: State, images: Images, first: int, last: int):
+        """Image and motion effects of the observations of points first..last, with derivatives.
+
+        Image shift (n, 2), motion (n, 6), derivatives (n, 2, k), (n, 6, k); n = 0 without effects.
+        """
+        if not self.looks:
+            return _NOTHING
+        p = self.problem
+        rows = slice(p.ptr[first], p.ptr[last])
+        seen = self.modelled[rows]
+        context = Context(images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:])
+        parts = []
+        for place, size in (("image", 2), ("motion", 6)):
+            if p.stack.at(place):
+                shift, derivative = p.stack.evaluate(place, context, state.effects)
+            else:
+                shift, derivative = np.zeros((0, size)), np.zeros((0, size, 0))
+            parts += [np.ascontiguousarray(shift), np.ascontiguousarray(derivative)]
+        return parts[0], parts[2], parts[1], parts[3]
+
+    def chunks(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """Ranges of points whose effects are evaluated together."""
+        if not self.looks:
+            yield first, last
+            return
+        ptr = self.problem.ptr
+        while first < last:
+            upto = int(np.searchsorted(ptr, ptr[first] + CHUNK, side="right")) - 1
+            upto = min(max(upto, first + 1), last)
+            yield first, upto
+            first = upto
+
+    def _run(self, work) -> None:
+        """Call work(thread, first, last) for the points of each thread."""
+        count = len(self.problem.ptr) - 1
+        if self.threads == 1:
+            work(0, 0, count)
+            return
+        with ThreadPoolExecutor(2) as pool:
+            jobs = [pool.submit(work, 0, 0, self.half), pool.submit(work, 1, self.half, count)]
+            for job in jobs:
+                job.result()
+
+    # --- residuals ---------------------------------------------------------------------------
+
+    def look(self, state: State, passes: int = 3) -> tuple[np.ndarray, int]:
+        """Image residuals (n, 2) px, sorted as the problem, and how many are behind a camera.
+
+        With effects that look at the modelled point, it is brought to rest first.
+        """
+        p = self.problem
+        images, pose, interior, radials, *_ = self.prepare(state)
+        out = np.empty((len(p.img), 2))
+        behind = 0
+        for turn in range(passes if self.looks else 1):
+            behind = 0
+            for first, last in self.chunks(0, len(p.ptr) - 1):
+                if self.looks and turn:
+                    shift, motion, _, _ = self.shifts(state, images, first, last)
+                else:
+                    shift, motion = np.zeros((0, 2)), np.zeros((0, 6))
+                behind += kernels.residuals(
+                    first, last, p.ptr, p.img, p.xy, state.points, pose, interior, radials, shift,
+                    motion, p.ptr[first], out, self.modelled,
+                )  # fmt: skip
+        return out, behind
+
+    # --- assembly ----------------------------------------------------------------------------
+
+    def assemble(self, state: State, damping: float) -> None:
+        """Fill the reduced equations at a state."""
+        p = self.problem
+        q, wide = p.shared_count, p.wide
+        images, pose, interior, radials, d_interior, residual, d_ground = self.prepare(state)
+        self.blocks.clear()
+        for array in (self.gradient, self.reference, self.border):
+            array[:] = 0.0
+        corner = np.zeros((self.threads, wide * wide))
+        shared = np.zeros((self.threads, 2, wide))
+        totals = np.zeros((self.threads, 3))
+        kernel = assemble_for(p.d)
+
+        def work(thread: int, start: int, stop: int) -> None:
+            split = self.split if thread == 0 else p.image_count
+            extra = p.image_count - self.split if thread == 0 else 0
+            for first, last in self.chunks(start, stop):
+                shift, motion, d_image, d_motion = self.shifts(state, images, first, last)
+                kernel(
+                    first, last, p.ptr, p.img, p.xy, p.weight, state.points, pose, interior,
+                    radials, self.loss.kind, self.loss.width, p.camera_column, p.slot_column,
+                    p.low, p.high, shift, motion, d_interior, d_image, d_motion, p.ptr[first],
+                    p.control, p.control_weight, residual, d_ground, p.ground_column, damping,
+                    split, extra, self.blocks.flat, self.blocks.stride,
+                    self.blocks.neighbour_start, self.blocks.neighbour, self.gradient.ravel(),
+                    self.reference.ravel(), self.border.ravel(), wide, corner[thread],
+                    shared[thread, 0], shared[thread, 1], self.modelled, totals[thread],
+                    self.longest,
+                )  # fmt: skip
+
+        self._run(work)
+        if self.threads > 1:
+            self.blocks.fold(self.split, self.spare)
+            n, s, k = p.image_count, self.split, self.spare
+            for array in (self.gradient, self.reference, self.border):
+                array[s : s + k] += array[n : n + k]
+        self.corner = np.tril(corner.sum(axis=0).reshape(wide, wide)[:q, :q])
+        self.shared_gradient, self.shared_reference = shared.sum(axis=0)[:, :q]
+        cost, behind, self.weak = totals.sum(axis=0)
+        cost += float(np.sum(p.control_weight * residual**2))
+        cost += self._add_gnss(state, images)
+        cost += self._add_priors(state)
+        self.cost, self.behind = 0.5 * cost, int(behind)
+        m = p.image_count
+        if damping:
+            self.blocks.add_diagonal(damping * self.reference[:m])
+            self.corner[np.diag_indices(q)] += damping * self.shared_reference
+        if len(self.pins):
+            pinned = np.zeros((m, p.d))
+            pinned[self.pins[:, 0], self.pins[:, 1]] = self.reference[
+                self.pins[:, 0], self.pins[:, 1]
+            ]
+            self.blocks.add_diagonal(pinned)
+
+    def antenna(self, state: State, images):
+        """Predicted antenna (k, 3), its derivative by rotation (k, 3, 3), by effects, and R'."""
+        p = self.problem
+        image = p.gnss_image
+        shift, d_antenna = p.stack.evaluate("antenna", Context(images, image), state.effects)
+        to_world = state.rotation[image].transpose(0, 2, 1)
+        arm = state.arms[images.flight[image]]
+        predicted = state.centre[image] + np.einsum("nij,nj->ni", to_world, arm) + shift
+        return predicted, to_world @ _cross(arm), d_antenna, to_world
+
+    def _add_gnss(self, state: State, images) -> float:
+        p = self.problem
+        if not len(p.gnss_image):
+            return 0.0
+        image, q = p.gnss_image, p.shared_count
+        predicted, d_rotation, d_antenna, to_world = self.antenna(state, images)
+        residual = p.gnss_given - predicted
+        weight = p.gnss_weight
+        own = np.zeros((len(image), 3, p.d))
+        own[:, :, :3] = np.eye(3)
+        own[:, :, 3:6] = d_rotation
+        shared = np.zeros((len(image), 3, q))
+        rows = np.arange(len(image))
+        for source, columns in (
+            (d_antenna, p.antenna_column[image]),
+            (to_world, p.arm_column[image]),
+        ):
+            for k in range(columns.shape[1]):
+                column = columns[:, k]
+                inside = column >= 0
+                shared[rows[inside], :, column[inside]] += source[inside, :, k]
+                mine = column <= -2
+                own[rows[mine], :, 4 - column[mine]] += source[mine, :, k]
+        weighted = own * weight[:, :, None]
+        blocks = np.einsum("nki,nkj->nij", weighted, own)
+        self.blocks.add_blocks(image, blocks)
+        self.gradient[image] += np.einsum("nki,nk->ni", weighted, residual)
+        self.reference[image] += np.einsum("nii->ni", blocks)
+        if q:
+            self.border[image, :, :q] += np.einsum("nki,nkj->nij", weighted, shared)
+            heavy = (shared * weight[:, :, None]).reshape(-1, q)
+            corner = heavy.T @ shared.reshape(-1, q)
+            self.corner += np.tril(corner)
+            self.shared_gradient += heavy.T @ residual.ravel()
+            self.shared_reference += np.diag(corner)
+        return float(np.sum(weight * residual**2))
+
+    def _add_priors(self, state: State) -> float:
+        p = self.problem
+        if not p.prior_weight.any():
+            return 0.0
+        away = p.prior_value - shared_values(p, state)
+        self.corner[np.diag_indices(p.shared_count)] += p.prior_weight
+        self.shared_reference += p.prior_weight
+        self.shared_gradient += p.prior_weight * away
+        return float(np.sum(p.prior_weight * away**2))
+
+    def factor(self) -> Bordered:
+        """Factorise in place. Raises Singular."""
+        p = self.problem
+        m = p.image_count
+        return Bordered(
+            self.blocks,
+            self.border[:m].reshape(-1, p.wide)[:, : p.shared_count],
+            self.corner,
+            self.shared_reference,
+            self.reference[:m],
+        )
+
+    def substitute(
+        self, state: State, damping: float, step: np.ndarray, shared: np.ndarray
+    ) -> tuple[np.ndarray, float, float]:
+        """New points (n, 3), and of their step: step . gradient, step . diagonal . step."""
+        p = self.problem
+        images, pose, interior, radials, d_interior, residual, d_ground = self.prepare(state)
+        moved = np.empty_like(state.points)
+        totals = np.zeros((self.threads, 2))
+        padded = np.zeros(p.wide)
+        padded[: len(shared)] = shared
+        kernel = substitute_for(p.d)
+
+        def work(thread: int, start: int, stop: int) -> None:
+            for first, last in self.chunks(start, stop):
+                shift, motion, d_image, d_motion = self.shifts(state, images, first, last)
+                kernel(
+                    first, last, p.ptr, p.img, p.xy, p.weight, state.points, pose, interior,
+                    radials, self.loss.kind, self.loss.width, p.camera_column, p.slot_column,
+                    p.low, p.high, shift, motion, d_interior, d_image, d_motion, p.ptr[first],
+                    p.control, p.control_weight, residual, d_ground, p.ground_column, damping,
+                    p.wide, step.ravel(), padded, moved, totals[thread],
+                )  # fmt: skip
+
+        self._run(work)
+        down, square = totals.sum(axis=0)
+        return moved, float(down), float(square)
+
+
+_NOTHING = (np.zeros((0, 2)), np.zeros((0, 6)), np.zeros((0, 2, 0)), np.zeros((0, 6, 0)))
+
+
+def _cross(vector: np.ndarray) -> np.ndarray:
+    """[v]x (n, 3, 3)."""
+    out = np.zeros((len(vector), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -vector[:, 2], vector[:, 1], -vector[:, 0]
+    return out - out.transpose(0, 2, 1)
+
+
+def _band_costs_more(p: Problem) -> bool:
+    """Whether a sparse factorisation is likely cheaper than the band."""
+    wide = p.bandwidth * p.d
+    flops = p.image_count * p.d * wide**2
+    return flops > 2e10 and p.bandwidth > 0.25 * p.image_count
+
+
+def shared_values(p: Problem, state: State) -> np.ndarray:
+    """Values (q,) of the border's unknowns."""
+    tables = {"camera": lambda u: state.interior, "lever_arm": lambda u: state.arms}
+    return np.array(
+        [tables.get(u.kind, lambda u: state.effects[u.owner])(u)[u.at] for u in p.unknowns]
+    )
+
+
+def moved_state(
+    p: Problem, state: State, step: np.ndarray, shared: np.ndarray, points: np.ndarray
+) -> State:
+    """The state after a step of the images (m, d) and the border (q,), at new points."""
+    interior, arms = state.interior.copy(), state.arms.copy()
+    effects = {slug: values.copy() for slug, values in state.effects.items()}
+    for unknown, change in zip(p.unknowns, shared.tolist(), strict=True):
+        table = {"camera": interior, "lever_arm": arms}.get(unknown.kind)
+        (effects[unknown.owner] if table is None else table)[unknown.at] += change
+    for number, (slug, parameter) in enumerate(p.own_unknowns):
+        effects[slug][:, parameter] += step[:, 6 + number]
+    turn = rotation_from_vector(step[:, 3:6])
+    return State(state.centre + step[:, :3], turn @ state.rotation, points, interior, effects, arms)

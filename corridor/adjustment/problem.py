@@ -1,0 +1,512 @@
+"""A block as arrays that the kernels can run over, and the list of its unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from corridor.adjustment.kernels import PANEL
+from corridor.adjustment.ordering import bandwidth, corridor_order
+from corridor.block import Block
+from corridor.camera import INTERIOR, parameters_named
+from corridor.effects.contract import Effect, Images, find, group_names, group_of_image
+from corridor.effects.forward import point_positions, stated_lever_arms
+from corridor.effects.stack import Stack, Values
+from corridor.errors import InputError
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One unknown that images share.
+
+    kind: `camera`, `effect` or `lever_arm`. owner: camera, slug or flight; group: group of an
+    effect; name: parameter. at: where the value lives (row, column of its table).
+    """
+
+    kind: str
+    owner: str
+    name: str
+    unit: str
+    at: tuple[int, int]
+    group: str = "block"
+
+    @property
+    def label(self) -> str:
+        """Public name: `camera.P1.f`, `rolling_shutter.readout`, `lever_arm.F1.z`."""
+        group = "" if self.group == "block" else f"{self.group}."
+        if self.kind == "effect":
+            return f"{self.owner}.{group}{self.name}"
+        return f"{self.kind}.{self.owner}.{self.name}"
+
+    def answers_to(self, label: str) -> bool:
+        """Whether a name given by a person means this unknown (a group may be left out)."""
+        return label in (self.label, f"{self.owner}.{self.name}" if self.kind == "effect" else "")
+
+
+@dataclass
+class State:
+    """Values of everything that is estimated; images in the order of the problem.
+
+    centre (m, 3), rotation (m, 3, 3); points (n, 3); interior (cameras, 15); effects: slug ->
+    (groups, parameters); arms (flights, 3).
+    """
+
+    centre: np.ndarray
+    rotation: np.ndarray
+    points: np.ndarray
+    interior: np.ndarray
+    effects: Values
+    arms: np.ndarray
+
+
+@dataclass
+class Problem:
+    """Everything that stays the same from one iteration to the next."""
+
+    block: Block
+    images: Images
+    order: np.ndarray  # image row of each position
+    ptr: np.ndarray
+    img: np.ndarray
+    xy: np.ndarray
+    weight: np.ndarray
+    row: np.ndarray  # observation row: ties first, then marks
+    tie_count: int
+    point_codes: np.ndarray  # of each point: category of tie_points, or of marks counted on
+    point_kinds: np.ndarray  # True where the point is a mark
+    roles: np.ndarray  # of the rows of ground.csv, as asked for
+    control: np.ndarray  # of each point: row of the control arrays, or -1
+    control_rows: np.ndarray  # rows of ground.csv
+    control_given: np.ndarray
+    control_weight: np.ndarray
+    gnss_image: np.ndarray
+    gnss_given: np.ndarray
+    gnss_weight: np.ndarray
+    stack: Stack
+    unknowns: list[Unknown]
+    free: dict[str, tuple[str, ...]]
+    arms_free: bool
+    d: int
+    bandwidth: int
+    camera_column: np.ndarray
+    slot_column: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    antenna_column: np.ndarray
+    arm_column: np.ndarray
+    ground_column: np.ndarray
+    own_unknowns: list[tuple[str, int]]  # (slug, parameter) of the unknowns 6.. of an image
+    prior_value: np.ndarray
+    prior_weight: np.ndarray
+    start: State
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def image_count(self) -> int:
+        return len(self.order)
+
+    @property
+    def shared_count(self) -> int:
+        """How many unknowns images share (the border)."""
+        return len(self.unknowns)
+
+    @property
+    def wide(self) -> int:
+        """Columns of the border in whole panels (at least one)."""
+        return max(-(-self.shared_count // PANEL), 1) * PANEL
+
+    @property
+    def observation_count(self) -> int:
+        """Single numbers measured, priors among them."""
+        return (
+            2 * len(self.img)
+            + 3 * len(self.control_rows)
+            + 3 * len(self.gnss_image)
+            + int(np.count_nonzero(self.prior_weight))
+        )
+
+    @property
+    def unknown_count(self) -> int:
+        """Single numbers estimated."""
+        return self.image_count * self.d + 3 * len(self.ptr[1:]) + self.shared_count
+
+    @property
+    def point_names(self) -> np.ndarray:
+        """Names of the points, ties and marks, in the order of the problem."""
+        ties = self.block.tie_points["point"].cat.categories.to_numpy(dtype=object)
+        marks = self.block.marks["point"].cat.categories.to_numpy(dtype=object)
+        return np.concatenate([ties, marks])[self.point_codes]
+
+
+def make_problem(
+    block: Block,
+    camera: str | Mapping[str, str] | None = None,
+    effects: Iterable[str | Effect] = (),
+    control: Iterable[str] | None = None,
+    check: Iterable[str] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    lever_arm: str | None = None,
+) -> Problem:
+    """The problem of adjusting a block whose poses and points all have start values.
+
+    See `corridor.adjust` for the meaning of the arguments. Raises InputError for wrong input.
+    """
+    images = Images.of(block)
+    roles = _roles(block, control, check)
+    control_rows = np.flatnonzero(roles == "control")
+    chosen = [effect if isinstance(effect, Effect) else find(effect) for effect in effects]
+    control_names = list(block.ground["point"].to_numpy(dtype=object)[control_rows])
+    stack = Stack(block, chosen, control_names)
+
+    ground_names = block.ground["point"].to_numpy(dtype=object)
+    network = _network(block, images, set(control_names), set(ground_names[roles == "unused"]))
+    order = network.order
+    images = images.reordered(order)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+
+    gnss_image = rank[block.image_rows("gnss")] if len(block.gnss) else np.zeros(0, np.int64)
+    arms_free = bool(len(gnss_image)) and (
+        lever_arm == "free" or (lever_arm is None and not block.lever_arm_fixed)
+    )
+    if lever_arm not in (None, "free", "fixed"):
+        raise InputError(f"lever arm {lever_arm!r} is unknown: use free or fixed")
+    free = _free_parameters(block, camera)
+    unknowns, columns = _unknowns(images, stack, free, arms_free, gnss_image, len(control_names))
+
+    position = {name: n for n, name in enumerate(control_names)}
+    names = network.names
+    control_of_point = (
+        np.array(
+            [
+                position.get(name, -1) if mark else -1
+                for name, mark in zip(names, network.kinds, strict=True)
+            ],
+            dtype=np.int64,
+        )
+        if len(control_names)
+        else np.full(len(names), -1, np.int64)
+    )
+    # Control that no image shows adds nothing and would count as observation.
+    measured = np.isin(np.arange(len(control_names)), control_of_point)
+    notes = list(network.notes)
+    if not measured.all():
+        left = [n for n, seen in zip(control_names, measured, strict=True) if not seen]
+        notes.append(
+            f"Control point{'s' if len(left) > 1 else ''} {', '.join(left[:10])} "
+            f"{'are' if len(left) > 1 else 'is'} not measured in any image and not used."
+        )
+        renumber = np.cumsum(measured) - 1
+        control_of_point = np.where(control_of_point >= 0, renumber[control_of_point], -1)
+        control_rows = control_rows[measured]
+        control_names = [n for n, seen in zip(control_names, measured, strict=True) if seen]
+        stack = Stack(block, chosen, control_names)
+        unknowns, columns = _unknowns(
+            images, stack, free, arms_free, gnss_image, len(control_names)
+        )
+
+    given = block.ground[["x", "y", "z"]].to_numpy(float)[control_rows]
+    sigma = block.ground_sigma()[control_rows]
+    gnss_given = block.gnss[["x", "y", "z"]].to_numpy(float).reshape(-1, 3)
+    if len(gnss_image):
+        known = np.isfinite(gnss_given).all(axis=1)
+        gnss_image, gnss_given = gnss_image[known], gnss_given[known]
+        gnss_weight = block.gnss_sigma()[known] ** -2.0
+    else:
+        gnss_weight = np.zeros((0, 3))
+    prior_value, prior_weight = _priors(unknowns, priors or {})
+
+    return Problem(
+        block=block,
+        images=images,
+        order=order,
+        ptr=network.ptr,
+        img=network.img,
+        xy=network.xy,
+        weight=network.weight,
+        row=network.row,
+        tie_count=len(block.tie_points),
+        point_codes=network.codes,
+        point_kinds=network.kinds,
+        roles=roles,
+        control=control_of_point,
+        control_rows=control_rows,
+        control_given=given,
+        control_weight=sigma**-2.0,
+        gnss_image=gnss_image,
+        gnss_given=gnss_given,
+        gnss_weight=gnss_weight,
+        stack=stack,
+        unknowns=unknowns,
+        free=free,
+        arms_free=arms_free,
+        bandwidth=network.bandwidth,
+        prior_value=prior_value,
+        prior_weight=prior_weight,
+        start=State(
+            centre=images.centre,
+            rotation=images.rotation,
+            points=network.points,
+            interior=np.array([c.interior for c in block.cameras.values()]),
+            effects=stack.start(),
+            arms=stated_lever_arms(block),
+        ),
+        notes=notes,
+        **columns,
+    )
+
+
+def _roles(block: Block, control, check) -> np.ndarray:
+    """Role of each row of ground.csv after --control and --check have had their say."""
+    roles = block.ground["role"].to_numpy(dtype=object).copy()
+    names = block.ground["point"].to_numpy(dtype=object)
+    for given, role in ((control, "control"), (check, "check")):
+        if given is None:
+            continue
+        given = list(given)
+        unknown = [name for name in given if name not in set(names)]
+        if unknown:
+            raise InputError(
+                f"ground.csv has no point {', '.join(unknown)}, which is to be a {role} point: "
+                f"it has {', '.join(names[:20]) or 'none'}"
+            )
+        chosen = np.isin(names, given)
+        # Who names the control points means that the others check, and the other way round.
+        other = "check" if role == "control" else "control"
+        if role == "control" or control is None:
+            roles[(roles == role) & ~chosen] = other if role == "control" else "unused"
+        roles[chosen] = role
+    both = set(control or ()) & set(check or ())
+    if both:
+        raise InputError(f"{', '.join(sorted(both))} cannot be control and check point at once")
+    return roles
+
+
+def _free_parameters(block: Block, camera) -> dict[str, tuple[str, ...]]:
+    """Free interior parameters of each camera."""
+    if isinstance(camera, Mapping):
+        unknown = [name for name in camera if name not in block.cameras]
+        if unknown:
+            raise InputError(
+                f"block.toml has no camera {', '.join(unknown)}: it has {', '.join(block.cameras)}"
+            )
+        return {name: parameters_named(camera.get(name, "fixed")) for name in block.cameras}
+    if camera is not None:
+        return {name: parameters_named(camera) for name in block.cameras}
+    return {
+        name: () if c.calibrated else parameters_named("fraser8")
+        for name, c in block.cameras.items()
+    }
+
+
+@dataclass
+class _Network:
+    order: np.ndarray
+    ptr: np.ndarray
+    img: np.ndarray
+    xy: np.ndarray
+    weight: np.ndarray
+    row: np.ndarray
+    codes: np.ndarray
+    kinds: np.ndarray
+    names: np.ndarray
+    points: np.ndarray
+    bandwidth: int
+    notes: list[str]
+
+
+def _network(block: Block, images: Images, control: set[str], unused: set[str]) -> _Network:
+    """Observations sorted by point and image, points by their first image, images by place."""
+    tie, mark = block.tie_points, block.marks
+    tie_names = tie["point"].cat.categories
+    mark_names = mark["point"].cat.categories
+    codes = [rows["point"].cat.codes.to_numpy().astype(np.int64) for rows in (tie, mark)]
+    point = np.concatenate([codes[0], codes[1] + len(tie_names)])
+    image = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
+    count = len(tie_names) + len(mark_names)
+    xyz = np.full((count, 3), np.nan)
+    xyz[point[: len(tie)]] = point_positions(block, "tie_points")
+    xyz[point[len(tie) :]] = point_positions(block, "marks")
+    skip = np.zeros(count, dtype=bool)
+    skip[len(tie_names) :] = [name in unused for name in mark_names]
+    rays = np.bincount(point, minlength=count)
+    _check_rays(block, rays, control, tie_names, mark_names, skip)
+    keep = np.flatnonzero(~skip[point])
+    point, image = point[keep], image[keep]
+    _check_images(block, image, images)
+
+    order = corridor_order(point, image, xyz, images)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    at = rank[image]
+    first = np.full(count, len(order), dtype=np.int64)
+    np.minimum.at(first, point, at)
+    by_first = np.argsort(first, kind="stable")
+    number = np.empty(count, dtype=np.int64)
+    number[by_first] = np.arange(count)
+    used = np.bincount(point, minlength=count)[by_first] > 0
+    sort = np.argsort(number[point] * len(order) + at, kind="stable")
+    codes = by_first[used]
+    ptr = np.concatenate(
+        [[0], np.cumsum(np.bincount(number[point], minlength=count)[: used.sum()])]
+    )
+    row = keep[sort]
+    img = at[sort].astype(np.int32)
+    xy = np.concatenate([tie[["x", "y"]].to_numpy(float), mark[["x", "y"]].to_numpy(float)])[row]
+    sigma = np.concatenate([block.tie_sigma(), block.mark_sigma()])[row]
+    weight = 1.0 / sigma
+    if len(weight) and np.all(weight == weight[0]):
+        weight = weight[:1].copy()
+    kinds = codes >= len(tie_names)
+    return _Network(
+        order=order,
+        ptr=ptr,
+        img=img,
+        xy=np.ascontiguousarray(xy),
+        weight=weight,
+        row=row,
+        codes=codes,
+        kinds=kinds,
+        names=np.concatenate([tie_names.to_numpy(object), mark_names.to_numpy(object)])[codes],
+        points=np.ascontiguousarray(xyz[codes]),
+        bandwidth=bandwidth(ptr, img),
+        notes=[],
+    )
+
+
+def _check_rays(block, rays, control, tie_names, mark_names, skip) -> None:
+    """Refuse points that one image alone shows, unless their coordinates are given."""
+    single = (rays == 1) & ~skip
+    for table, names, offset in (
+        ("tie_points", tie_names, 0),
+        ("marks", mark_names, len(tie_names)),
+    ):
+        alone = np.flatnonzero(single[offset : offset + len(names)])
+        if table == "marks":
+            alone = np.array([n for n in alone if names[n] not in control], dtype=int)
+        if len(alone) == 0:
+            continue
+        row = np.flatnonzero(np.isin(getattr(block, table)["point"].cat.codes, alone))[0]
+        name = getattr(block, table)["point"].iloc[row]
+        more = f" ({len(alone) - 1} more points too)" if len(alone) > 1 else ""
+        raise InputError(
+            f"{block.where(table, row)}: point {name} is seen in one image only{more}: measure it "
+            "in a second image or remove the row"
+        )
+
+
+def _check_images(block: Block, image: np.ndarray, images: Images) -> None:
+    """Refuse images with too few points to have a pose."""
+    count = np.bincount(image, minlength=len(images.names))
+    few = np.flatnonzero(count < 3)
+    if len(few):
+        more = f" ({len(few) - 1} more images have too few)" if len(few) > 1 else ""
+        raise InputError(
+            f"{block.where('images', few[0])}: image {images.names[few[0]]} has {count[few[0]]} "
+            f"measured points, a pose needs 3{more}: measure more or remove the image"
+        )
+
+
+def _unknowns(images, stack, free, arms_free, gnss_image, controls):
+    """The border's unknowns, and which columns each image, antenna and control point touches."""
+    unknowns: list[Unknown] = []
+    count = len(images.names)
+    wanted = [name for name in INTERIOR if any(name in f for f in free.values())]
+    index = {}
+    for c, name in enumerate(images.camera_names):
+        for parameter in wanted:
+            if parameter in free[name] and (images.camera == c).any():
+                index[c, parameter] = len(unknowns)
+                at = (c, INTERIOR.index(parameter))
+                unit = "px" if parameter in ("f", "cx", "cy") else ""
+                unknowns.append(Unknown("camera", name, parameter, unit, at))
+    camera_column = np.full((count, len(INTERIOR)), -1)
+    for (c, parameter), column in index.items():
+        camera_column[images.camera == c, INTERIOR.index(parameter)] = column
+
+    own: list[tuple[str, int]] = []
+    places: dict[str, list[np.ndarray]] = {p: [] for p in ("camera", "image", "motion", "antenna")}
+    ground: list[np.ndarray] = []
+    in_gnss = np.zeros(count, dtype=bool)
+    in_gnss[gnss_image] = True
+    for place in (*places, "ground"):
+        for member in stack.at(place):
+            kind, slug = member.effect.group, member.effect.slug
+            if place == "ground":
+                groups = member.groups
+                if kind not in ("block", "point"):
+                    raise InputError(f"effect {slug} acts on ground points, not on a {kind}")
+            else:
+                if kind == "point":
+                    raise InputError(f"effect {slug} acts on images and has no group point")
+                groups = group_names(images, kind)
+                of_image = group_of_image(images, kind)
+            for number, parameter in enumerate(member.parameters):
+                if place != "ground" and kind == "image":
+                    places[place].append(np.full(count, -2 - len(own)))
+                    own.append((slug, number))
+                    continue
+                column = np.full(len(groups), -1)
+                for g, group in enumerate(groups):
+                    here = in_gnss if place == "antenna" else np.ones(count, dtype=bool)
+                    if place != "ground" and not (here & (of_image == g)).any():
+                        continue
+                    column[g] = len(unknowns)
+                    unknowns.append(
+                        Unknown("effect", slug, parameter.name, parameter.unit, (g, number), group)
+                    )
+                if place == "ground":
+                    ground.append(column)
+                else:
+                    places[place].append(column[of_image])
+    arm_column = np.full((count, 3), -1)
+    if arms_free:
+        for g, flight in enumerate(images.flight_names):
+            mine = images.flight == g
+            if not (mine & in_gnss).any():
+                continue
+            for axis, name in enumerate("xyz"):
+                arm_column[mine, axis] = len(unknowns)
+                unknowns.append(Unknown("lever_arm", flight, name, "m", (g, axis)))
+
+    def stacked(parts, rows):
+        return np.stack(parts, 1).astype(np.int64) if parts else np.zeros((rows, 0), np.int64)
+
+    slot_column = stacked(places["camera"] + places["image"] + places["motion"], count)
+    touched = np.concatenate([camera_column, slot_column], axis=1)
+    high = touched.max(axis=1, initial=-1) + 1
+    low = np.where(touched >= 0, touched, np.iinfo(np.int64).max).min(axis=1)
+    # Whole panels, as the kernels take them; nothing at all where no column is touched.
+    low = np.where(high > 0, low // PANEL * PANEL, 0)
+    high = -(-high // PANEL) * PANEL
+
+    return unknowns, {
+        "d": 6 + len(own),
+        "own_unknowns": own,
+        "camera_column": camera_column,
+        "slot_column": slot_column,
+        "low": low,
+        "high": high,
+        "antenna_column": stacked(places["antenna"], count),
+        "arm_column": arm_column,
+        "ground_column": stacked([np.broadcast_to(c, controls) for c in ground], controls),
+    }
+
+
+def _priors(unknowns: list[Unknown], priors: Mapping) -> tuple[np.ndarray, np.ndarray]:
+    """Prior value and weight of every border unknown (weight 0: none)."""
+    value, weight = np.zeros(len(unknowns)), np.zeros(len(unknowns))
+    for label, given in priors.items():
+        hit = [n for n, unknown in enumerate(unknowns) if unknown.answers_to(label)]
+        if not hit:
+            raise InputError(
+                f"prior {label}: nothing of that name is estimated; estimated are "
+                f"{', '.join(unknown.label for unknown in unknowns) or 'poses and points only'}"
+            )
+        mean, sigma = given
+        if not (np.isfinite(mean) and np.isfinite(sigma) and sigma > 0):
+            raise InputError(f"prior {label}: its standard deviation must be a positive number")
+        value[hit], weight[hit] = mean, sigma**-2.0
+    return value, weight

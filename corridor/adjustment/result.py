@@ -1,0 +1,403 @@
+"""The result of an adjustment: tables, computed when they are first asked for."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from corridor.adjustment import report
+from corridor.adjustment.covariance import Covariance
+from corridor.adjustment.normal import Normal
+from corridor.adjustment.similarity import check_table
+from corridor.adjustment.solve import Solution
+from corridor.adjustment.warnings import warnings_of
+from corridor.block import Block
+from corridor.camera import INTERIOR, quaternion_from_rotation
+from corridor.effects.contract import Context
+
+# An image residual this many robust sigmas long is suspect, or no longer a measurement.
+OUTLIER, GROSS = 5.0, 15.0
+HIGH = 0.95
+
+
+class Adjustment:
+    """A block after adjustment, with everything one asks of it.
+
+    Standard deviations are scaled by sigma naught. Tables are pandas frames; see `print`.
+    """
+
+    def __init__(
+        self,
+        start: Block,
+        normal: Normal,
+        solution: Solution,
+        covariance: Covariance,
+        seconds: float,
+        notes: list[str],
+    ):
+        self.start, self.problem, self.normal = start, normal.problem, normal
+        self.state = solution.state
+        self.converged, self.iterations = solution.converged, solution.iterations
+        self.cost, self.history, self.seconds = solution.cost, solution.history, seconds
+        self.covariance = covariance
+        self.redundancy = (
+            self.problem.observation_count - self.problem.unknown_count + len(normal.pins)
+        )
+        # Without redundancy there is nothing to estimate sigma naught from.
+        self.sigma0 = float(np.sqrt(2 * self.cost / self.redundancy)) if self.redundancy else 1.0
+        self._notes = notes
+
+    __str__ = report.as_text
+    _repr_html_ = report.as_html
+    to_dict = report.as_dict
+    save = report.save
+
+    # --- the adjusted block ------------------------------------------------------------------
+
+    @cached_property
+    def block(self) -> Block:
+        """The block with adjusted poses, points, cameras and lever arms."""
+        p, state = self.problem, self.state
+        block = p.block.copy()
+        block.images = block.images.assign(**self._pose_columns())
+        block.cameras = {
+            name: camera.with_interior(interior)
+            for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
+        }
+        found = self.points[["point", "x", "y", "z"]]
+        old = block.points
+        at = pd.Index(found["point"]).get_indexer(old["point"])
+        hit = at >= 0
+        old.loc[hit, ["x", "y", "z"]] = found[["x", "y", "z"]].to_numpy()[at[hit]]
+        new = found[~found["point"].isin(old["point"])]
+        block.points = pd.concat([old, new], ignore_index=True) if len(new) else old
+        if p.arms_free:
+            block.lever_arm = {
+                name: tuple(arm) for name, arm in zip(block.flight_names, state.arms, strict=True)
+            }
+        return block
+
+    def _pose_columns(self) -> dict[str, np.ndarray]:
+        p, state = self.problem, self.state
+        pose = np.empty((p.image_count, 7))
+        pose[p.order, :3] = state.centre
+        pose[p.order, 3:] = quaternion_from_rotation(state.rotation)
+        return dict(zip(("x", "y", "z", "qw", "qx", "qy", "qz"), pose.T, strict=True))
+
+    # --- residuals ---------------------------------------------------------------------------
+
+    @cached_property
+    def residuals(self) -> dict[str, pd.DataFrame]:
+        """Measured minus modelled, by kind: `tie`, `mark` (px), `gnss`, `control` (m)."""
+        p = self.problem
+        found, _ = self.normal.look(self.state, passes=5)
+        pixels = np.full((len(p.block.tie_points) + len(p.block.marks), 2), np.nan)
+        pixels[p.row] = found
+        sigma = np.concatenate([p.block.tie_sigma(), p.block.mark_sigma()])
+        length = np.hypot(*pixels.T) / sigma
+        # The median of a Rayleigh variable is sigma sqrt(2 ln 2), whatever a few outliers do.
+        usual = np.nanmedian(length) / np.sqrt(2 * np.log(2)) if len(length) else 1.0
+        usual = max(float(usual), 1e-9)
+        loss = self.normal.loss
+        weight = np.ones(len(length)) if loss.kind == 0 else _weights(loss, length)
+        out = {}
+        for kind, rows, span in (
+            ("tie", p.block.tie_points, slice(0, p.tie_count)),
+            ("mark", p.block.marks, slice(p.tie_count, None)),
+        ):
+            frame = rows[["point", "image", "x", "y"]].assign(
+                vx=pixels[span, 0],
+                vy=pixels[span, 1],
+                sigma=sigma[span],
+                weight=weight[span],
+                outlier=length[span] > OUTLIER * usual,
+                gross=length[span] > GROSS * usual,
+            )
+            out[kind] = frame[np.isfinite(frame["vx"])].reset_index(drop=True)
+        out["gnss"] = self._gnss()
+        names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
+        at = np.full(len(p.control_rows), -1)
+        used = np.flatnonzero(p.control >= 0)
+        at[p.control[used]] = used
+        *_, residual, _ = self.normal.prepare(self.state)
+        out["control"] = _metres(names, "point", p.control_given, residual, p.control_weight)
+        return out
+
+    def _gnss(self) -> pd.DataFrame:
+        p = self.problem
+        images = p.images.with_poses(self.state.centre, self.state.rotation)
+        if not len(p.gnss_image):
+            return _metres([], "image", *(np.zeros((0, 3)),) * 3)
+        predicted, *_ = self.normal.antenna(self.state, images)
+        names = p.images.names[p.gnss_image]
+        return _metres(names, "image", p.gnss_given, p.gnss_given - predicted, p.gnss_weight)
+
+    @cached_property
+    def observations(self) -> dict[str, dict]:
+        """Count, RMS (without gross errors), sigma naught and outliers of each kind."""
+        out = {}
+        for kind in ("tie", "mark"):
+            frame = self.residuals[kind]
+            if not len(frame):
+                out[kind] = {}
+                continue
+            kept = frame[~frame["gross"]]
+            v = kept[["vx", "vy"]].to_numpy()
+            out[kind] = {
+                "count": len(frame),
+                "rms": float(np.sqrt(np.mean(v**2))),
+                "sigma0": float(np.sqrt(np.mean((v / kept[["sigma"]].to_numpy()) ** 2))),
+                "outliers": int(frame["outlier"].sum()),
+                "gross": int(frame["gross"].sum()),
+            }
+        for kind in ("gnss", "control"):
+            frame = self.residuals[kind]
+            if not len(frame):
+                out[kind] = {}
+                continue
+            v = frame[["vx", "vy", "vz"]].to_numpy()
+            s = frame[["sx", "sy", "sz"]].to_numpy()
+            out[kind] = {
+                "count": len(frame),
+                "rms": np.sqrt(np.mean(v**2, axis=0)).tolist(),
+                "sigma0": float(np.sqrt(np.mean((v / s) ** 2))),
+                "outliers": int(frame["outlier"].sum()),
+            }
+        return out
+
+    # --- what images share -------------------------------------------------------------------
+
+    @cached_property
+    def _shared_sigma(self) -> np.ndarray:
+        return self.sigma0 * np.sqrt(np.diag(self.covariance.shared))
+
+    def _sigma_of(self, kind: str, owner: str, at: tuple[int, int]) -> float:
+        for n, unknown in enumerate(self.problem.unknowns):
+            if (unknown.kind, unknown.owner, unknown.at) == (kind, owner, at):
+                return float(self._shared_sigma[n])
+        return 0.0
+
+    @cached_property
+    def camera(self) -> pd.DataFrame:
+        """Interior parameters of each camera; sigma 0 where held."""
+        rows = []
+        for c, name in enumerate(self.problem.images.camera_names):
+            free = self.problem.free[name]
+            for k, parameter in enumerate(INTERIOR):
+                value = float(self.state.interior[c, k])
+                sigma = self._sigma_of("camera", name, (c, k))
+                if parameter in free or value != 0.0 or k < 3:
+                    rows.append((name, parameter, value, sigma, parameter in free))
+        return pd.DataFrame(rows, columns=["camera", "parameter", "value", "sigma", "free"])
+
+    @cached_property
+    def effects(self) -> pd.DataFrame:
+        """Values of the effects that were estimated."""
+        p = self.problem
+        rows = []
+        for slug, member in p.stack.members.items():
+            own = [n for n, (other, _) in enumerate(p.own_unknowns) if other == slug]
+            for k, parameter in enumerate(member.parameters):
+                if own:
+                    sigma = self.sigma0 * np.sqrt(
+                        self.covariance.each_pose[:, 6 + own[k], 6 + own[k]]
+                    )
+                    names = p.images.names
+                    values = self.state.effects[slug][:, k]
+                    rows += [
+                        (slug, parameter.name, name, float(value), float(s), parameter.unit)
+                        for name, value, s in zip(names, values, sigma, strict=True)
+                    ]
+                    continue
+                for n, unknown in enumerate(p.unknowns):
+                    if unknown.kind == "effect" and unknown.owner == slug and unknown.at[1] == k:
+                        value = float(self.state.effects[slug][unknown.at])
+                        sigma = float(self._shared_sigma[n])
+                        rows.append(
+                            (slug, parameter.name, unknown.group, value, sigma, parameter.unit)
+                        )
+        columns = ["slug", "parameter", "group", "value", "sigma", "unit"]
+        return pd.DataFrame(rows, columns=columns)
+
+    @cached_property
+    def lever_arm(self) -> pd.DataFrame:
+        """Lever arm of each flight with GNSS, metres in the camera frame."""
+        p = self.problem
+        rows = []
+        flights = set(p.images.flight[p.gnss_image]) if len(p.gnss_image) else set()
+        for g, name in enumerate(p.images.flight_names):
+            if g in flights:
+                sigma = [self._sigma_of("lever_arm", name, (g, axis)) for axis in range(3)]
+                rows.append((name, *self.state.arms[g], *sigma, not p.arms_free))
+        return pd.DataFrame(rows, columns=["flight", "x", "y", "z", "sx", "sy", "sz", "fixed"])
+
+    @cached_property
+    def correlation_matrix(self) -> tuple[list[str], np.ndarray]:
+        """Names and correlations (q, q) of camera, effect and lever-arm parameters."""
+        names = [unknown.label for unknown in self.problem.unknowns]
+        if not names:
+            return [], np.zeros((0, 0))
+        sigma = np.sqrt(np.diag(self.covariance.shared))
+        return names, self.covariance.shared / sigma[:, None] / sigma
+
+    @cached_property
+    def high_correlations(self) -> list[dict]:
+        """Pairs of shared parameters that are correlated beyond 0.95."""
+        names, matrix = self.correlation_matrix
+        return [
+            {"a": names[i], "b": names[j], "value": float(matrix[i, j])}
+            for i in range(len(names))
+            for j in range(i + 1, len(names))
+            if abs(matrix[i, j]) > HIGH
+        ]
+
+    @cached_property
+    def correlations(self) -> list[dict]:
+        """Of focal lengths and lever arms (z) with camera and ground height, and each other.
+
+        The mean and standard deviation are over the cameras or ground points concerned (points
+        measured as marks where there are any, else tie points in three images or more).
+        Source: thesis, table 5.3.
+        """
+        p = self.problem
+        if not p.unknowns:
+            return []
+        sigma = np.sqrt(np.diag(self.covariance.shared))
+        height = np.sqrt(self.covariance.each_pose[:, 2, 2])
+        with_height = self.covariance.poses_shared[2 :: p.d]
+        picked = np.flatnonzero(p.point_kinds)
+        if not len(picked):
+            picked = np.flatnonzero(np.diff(p.ptr) >= 3)
+        ground = np.sqrt(self.covariance.each_point[picked, 5])
+        with_ground = self.covariance.points_shared[picked, 2]
+        out = []
+        chosen = [
+            (n, unknown)
+            for n, unknown in enumerate(p.unknowns)
+            if (unknown.kind, unknown.name) in (("camera", "f"), ("lever_arm", "z"))
+        ]
+        for n, unknown in chosen:
+            table = p.images.camera if unknown.kind == "camera" else p.images.flight
+            mine = table == unknown.at[0]
+            pairs = [("height", (with_height[:, n] / height)[mine])]
+            if unknown.kind == "camera":
+                pairs.append(("ground height", with_ground[:, n] / ground))
+            for other, values in pairs:
+                values = values / sigma[n]
+                out.append(_pair(unknown.label, other, values))
+        for n, a in chosen:
+            for m, b in chosen:
+                if a.kind == "camera" and b.kind == "lever_arm":
+                    value = self.covariance.shared[n, m] / sigma[n] / sigma[m]
+                    out.append(_pair(a.label, b.label, np.array([value])))
+        return out
+
+    # --- poses and points --------------------------------------------------------------------
+
+    @cached_property
+    def poses(self) -> pd.DataFrame:
+        """Centres (m) and their sigmas; s_rx.. are rotations about the camera's axes, rad."""
+        p = self.problem
+        variance = np.einsum("nii->ni", self.covariance.each_pose)[:, :6]
+        sigma = np.empty_like(variance)
+        sigma[p.order] = self.sigma0 * np.sqrt(variance)
+        columns = self._pose_columns()
+        names = p.block.images["image"].to_numpy(dtype=object)
+        frame = pd.DataFrame({"image": names} | {k: columns[k] for k in "xyz"})
+        return frame.assign(
+            **dict(zip(("sx", "sy", "sz", "s_rx", "s_ry", "s_rz"), sigma.T, strict=True))
+        )
+
+    @cached_property
+    def points(self) -> pd.DataFrame:
+        """Adjusted points, ties and marks; sigmas are in `point_sigma`, which takes longer."""
+        p = self.problem
+        x, y, z = self.state.points.T
+        return pd.DataFrame(
+            {
+                "point": p.point_names,
+                "x": x,
+                "y": y,
+                "z": z,
+                "rays": np.diff(p.ptr),
+                "kind": np.where(p.point_kinds, "mark", "tie"),
+            }
+        )
+
+    @cached_property
+    def point_sigma(self) -> np.ndarray:
+        """Standard deviations (n, 3), m, of the rows of `points`."""
+        return self.sigma0 * np.sqrt(self.covariance.each_point[:, [0, 2, 5]])
+
+    @cached_property
+    def check_points(self) -> pd.DataFrame:
+        """Adjusted minus given, metres, of the check points that images show."""
+        p = self.problem
+        ground = p.block.ground
+        rows = np.flatnonzero(p.roles == "check")
+        names = ground["point"].to_numpy(dtype=object)[rows]
+        given = ground[["x", "y", "z"]].to_numpy(float)[rows]
+        marks = np.flatnonzero(p.point_kinds)
+        at = {name: n for n, name in zip(marks, p.point_names[marks], strict=True)}
+        seen = np.array([name in at for name in names], dtype=bool)
+        columns = ["point", "dx", "dy", "dz", "sx", "sy", "sz", "rays"]
+        if not seen.any():
+            return pd.DataFrame(columns=columns).astype(dict.fromkeys(columns[1:], float))
+        index = np.array([at[name] for name in names[seen]])
+        difference = self.state.points[index] - given[seen]
+        table = pd.DataFrame({"point": names[seen]})
+        table[["dx", "dy", "dz"]] = difference
+        table[["sx", "sy", "sz"]] = self.point_sigma[index]
+        table["rays"] = np.diff(p.ptr)[index]
+        return table
+
+    @cached_property
+    def _check(self):
+        return check_table(self.check_points[["dx", "dy", "dz"]].to_numpy(float))
+
+    @property
+    def check_rms(self):
+        """RMS about zero of the check points: xy, z, d3, metres."""
+        return self._check.rms
+
+    @property
+    def check_mean(self):
+        """Mean of the check points: xy, z, d3, metres."""
+        return self._check.mean
+
+    @property
+    def check_std(self):
+        """Unbiased standard deviation of the check points about their mean: xy, z, d3, metres."""
+        return self._check.std
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """What a reader should know before trusting the numbers, a sentence each."""
+        return [*self._notes, *warnings_of(self)]
+
+
+def _weights(loss, length: np.ndarray) -> np.ndarray:
+    """IRLS weight of residuals of a length in sigmas."""
+    if loss.kind == 1:
+        return np.minimum(1.0, loss.width / np.maximum(length, 1e-300))
+    return 1.0 / (1.0 + (length / loss.width) ** 2)
+
+
+def _metres(names, key: str, given, residual, weight) -> pd.DataFrame:
+    """Table of residuals in metres; outliers are beyond five sigmas, or five usual ones."""
+    sigma = 1.0 / np.sqrt(weight) if len(weight) else np.zeros((0, 3))
+    frame = pd.DataFrame({key: list(names)})
+    frame[["x", "y", "z"]] = given
+    frame[["vx", "vy", "vz"]] = residual
+    frame[["sx", "sy", "sz"]] = sigma
+    scaled = np.abs(residual) / sigma
+    usual = 1.4826 * np.median(scaled) if len(scaled) > 6 else 1.0
+    frame["outlier"] = (scaled > OUTLIER * max(usual, 1e-6)).any(axis=1)
+    return frame
+
+
+def _pair(a: str, b: str, values: np.ndarray) -> dict:
+    spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
+    return {"a": a, "b": b, "mean": float(values.mean()), "std": spread}

@@ -1,0 +1,113 @@
+"""Levenberg-Marquardt: damping that vanishes, convergence judged on the step.
+
+Source: Marquardt 1963; the step is measured in standard deviations (sqrt of x' N x), so that one
+tolerance serves metres, radians and pixels alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from corridor.adjustment.matrix import Bordered, Singular
+from corridor.adjustment.normal import Normal, moved_state
+from corridor.adjustment.problem import State
+from corridor.errors import AdjustmentFailed
+
+FIRST_DAMPING = 1e-6
+RELEASE = 100.0
+NO_DAMPING = 1e-12
+
+
+@dataclass
+class Solution:
+    """Where the iterations ended."""
+
+    state: State
+    converged: bool
+    iterations: int
+    cost: float
+    history: list[dict] = field(default_factory=list)
+
+
+def solve(
+    normal: Normal,
+    max_iterations: int = 50,
+    tolerance: float = 1e-5,
+    progress: Callable[[dict], None] | None = None,
+) -> Solution:
+    """Minimise from the problem's start.
+
+    tolerance: RMS of the step over all unknowns, in standard deviations of unit weight.
+    Raises AdjustmentFailed where no step lowers the cost and the step is not small.
+    """
+    with threadpool_limits(1):
+        return _solve(normal, max_iterations, tolerance, progress)
+
+
+def _solve(normal, max_iterations, tolerance, progress) -> Solution:
+    p = normal.problem
+    state, damping = p.start, FIRST_DAMPING
+    normal.look(state)
+    normal.assemble(state, damping)
+    cost = normal.cost
+    history: list[dict] = []
+    m = p.image_count
+    for iteration in range(1, max_iterations + 1):
+        while True:
+            try:
+                step, shared, down, square = _step(normal.factor(), normal)
+            except Singular:
+                if damping >= 1e4:
+                    raise
+                damping = max(damping * 100.0, FIRST_DAMPING)
+                normal.assemble(state, damping)
+                continue
+            points, down_points, square_points = normal.substitute(state, damping, step, shared)
+            down, square = down + down_points, square + square_points
+            # x' N x without damping: the step in standard deviations, squared.
+            length = np.sqrt(max(down - damping * square, 0.0) / p.unknown_count)
+            trial = moved_state(p, state, step, shared, points)
+            relaxed = damping / RELEASE if damping / RELEASE > NO_DAMPING else 0.0
+            normal.assemble(trial, relaxed)
+            gain = cost - normal.cost
+            # Rounding of the cost may hide the gain of a last, tiny step.
+            better = gain >= -1e-12 * cost or length < tolerance
+            accepted = bool(normal.behind == 0 and np.isfinite(normal.cost) and better)
+            entry = {
+                "iteration": iteration,
+                "cost": normal.cost if accepted else cost,
+                "damping": damping,
+                "step": float(length),
+                "accepted": accepted,
+            }
+            history.append(entry)
+            if progress:
+                progress(entry)
+            if accepted:
+                break
+            damping = max(damping * 100.0, FIRST_DAMPING)
+            if damping > 1e8:
+                raise AdjustmentFailed(
+                    "no step lowers the residuals: the start values are too far off, check poses, "
+                    "camera and the unit of the coordinates"
+                )
+            normal.assemble(state, damping)
+        state, cost, damping = trial, normal.cost, relaxed
+        if length < tolerance:
+            return Solution(state, True, iteration, cost, history)
+    return Solution(state, False, max_iterations, cost, history)
+
+
+def _step(system: Bordered, normal: Normal):
+    p = normal.problem
+    m = p.image_count
+    right = normal.gradient[:m].reshape(-1, 1)
+    step, shared = system.solve(right, normal.shared_gradient[:, None])
+    step, shared = step[:, 0], shared[:, 0]
+    down = float(step @ right[:, 0] + shared @ normal.shared_gradient)
+    square = float(step**2 @ normal.reference[:m].ravel() + shared**2 @ normal.shared_reference)
+    return step.reshape(m, p.d), shared, down, square

@@ -1,0 +1,111 @@
+"""What is doubtful about an adjustment, in sentences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from corridor.adjustment.result import Adjustment
+
+# Beyond this a parameter and a height are one quantity for every practical purpose.
+INSEPARABLE = 0.995
+
+
+def warnings_of(adjustment: Adjustment) -> list[str]:
+    """Sentences, the gravest first."""
+    return [
+        *_convergence(adjustment),
+        *_inseparable(adjustment),
+        *_fit(adjustment),
+        *_outliers(adjustment),
+        *_insignificant(adjustment),
+    ]
+
+
+def _convergence(a):
+    if not a.converged:
+        yield (
+            f"The iterations did not converge in {a.iterations} steps: the numbers below are not "
+            "the optimum."
+        )
+
+
+def _inseparable(a):
+    p = a.problem
+    if not (len(p.gnss_image) or len(p.control_rows)):
+        return
+    with_what = "this GNSS" if len(p.gnss_image) else "this ground control"
+    for pair in a.correlations:
+        if not pair["a"].startswith("camera.") or pair["b"] not in ("height", "ground height"):
+            continue
+        if abs(pair["mean"]) < INSEPARABLE:
+            continue
+        name = pair["a"].split(".")[1]
+        focal = a.camera.query("camera == @name and parameter == 'f'").iloc[0]
+        if pair["b"] == "height":
+            sigma = float(np.median(a.poses["sz"]))
+            which = "camera heights"
+        else:
+            chosen = p.point_kinds if p.point_kinds.any() else np.diff(p.ptr) >= 3
+            sigma = float(np.median(a.point_sigma[chosen, 2]))
+            which = "ground heights"
+        yield (
+            f"Camera {name}: focal length and height cannot be separated by these images and "
+            f"{with_what} (correlation {pair['mean']:.4f}; sigma of f {focal['sigma']:.3g} px, of "
+            f"the {which} {sigma:.3g} m): add a ground control point, fly at two heights or with "
+            "oblique images, or hold a calibrated focal length."
+        )
+        return
+
+
+def _fit(a):
+    if a.redundancy > 30 and a.sigma0 > 1.5:
+        yield (
+            f"Sigma naught is {a.sigma0:.2f}: the residuals are larger than the stated standard "
+            "deviations, or the model lacks something."
+        )
+    if a.redundancy > 30 and 0 < a.sigma0 < 0.5:
+        yield (
+            f"Sigma naught is {a.sigma0:.3g}: the stated standard deviations are larger than the "
+            "residuals; GNSS and control weigh too much against the images, or too little."
+        )
+
+
+def _outliers(a):
+    for kind, what in (("tie", "tie point"), ("mark", "mark")):
+        found = a.observations[kind]
+        if not found or not found["outliers"]:
+            continue
+        share = 100.0 * found["outliers"] / found["count"]
+        gross = (
+            f"; {found['gross']} of them beyond 15 are left out of the RMS"
+            if found["gross"]
+            else ""
+        )
+        advice = ": a robust loss (huber:2) limits their weight" if a.normal.loss.kind == 0 else ""
+        yield (
+            f"{found['outliers']} of {found['count']} {what} observations ({share:.1f} %) lie "
+            f"beyond 5 robust sigmas{gross}{advice}."
+        )
+    for kind, what in (("gnss", "GNSS position"), ("control", "control point")):
+        found = a.observations[kind]
+        if found and found["outliers"]:
+            frame = a.residuals[kind]
+            names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()
+            yield (
+                f"{len(names)} {what}{'s' * (len(names) > 1)} beyond 5 sigmas: "
+                f"{', '.join(names[:10])}{', ...' if len(names) > 10 else ''}."
+            )
+
+
+def _insignificant(a):
+    weak = a.camera[
+        a.camera["free"]
+        & ~a.camera["parameter"].isin(["f", "cx", "cy"])
+        & (a.camera["value"].abs() < 2 * a.camera["sigma"])
+    ]
+    if len(weak):
+        names = [f"{row.parameter} of camera {row.camera}" for row in weak.itertuples()]
+        yield f"Not significantly different from zero: {', '.join(names)}."

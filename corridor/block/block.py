@@ -1,0 +1,323 @@
+"""The block in memory."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.block import checking, writing
+from corridor.block.reading import place, read_table
+from corridor.block.settings import FILE, SIGMA, read_settings
+from corridor.block.summary import Summary, summarise
+from corridor.block.tables import LAYOUTS, SIGMAS, is_among, tidy
+from corridor.camera import Camera
+from corridor.errors import InputError
+
+
+@dataclass(eq=False)
+class Block:
+    """One flight, or several: cameras, images, observations, ground points and GNSS.
+
+    The tables are the files of a block folder (design, section 4), rows in the order of the file;
+    a missing one is an empty table with its needed columns. Numbers are float64 (NaN: unknown),
+    names are text, also those that look like numbers. Columns that are not listed are passed on.
+    `point` and `image` of tie_points and marks are Categorical; the codes of `image` are rows of
+    `images`, as long as every image is known there.
+
+    sigma: "tie_px", "mark_px" (px), "gnss_m", "control_m" (3 numbers, m), defaults filled in.
+    lever_arm: metres in the camera frame for each flight, or "default".
+    offset: (3,) metres, world = coordinates + offset.
+    extra: keys of block.toml that the package does not know; passed on.
+    folder: where the block was read from.
+
+    Tables handed in are brought to these types; `check` says whether they make sense.
+    """
+
+    name: str
+    cameras: dict[str, Camera]
+    images: pd.DataFrame
+    tie_points: pd.DataFrame | None = None
+    points: pd.DataFrame | None = None
+    marks: pd.DataFrame | None = None
+    ground: pd.DataFrame | None = None
+    gnss: pd.DataFrame | None = None
+    rates: pd.DataFrame | None = None
+    track: pd.DataFrame | None = None
+    sigma: dict = field(default_factory=dict)
+    lever_arm: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    lever_arm_fixed: bool = False
+    offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    crs: str | None = None
+    description: str = ""
+    source: str = ""
+    licence: str = ""
+    extra: dict = field(default_factory=dict)
+    folder: Path | None = None
+    _files: dict[str, Path] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self):
+        self.images = tidy("images", self.images)
+        names = pd.Index(self.images["image"])
+        for table in LAYOUTS:
+            if table != "images":
+                setattr(self, table, tidy(table, getattr(self, table), names))
+        self.sigma = {
+            key: float(value) if key.endswith("_px") else np.broadcast_to(value, 3).astype(float)
+            for key, value in (SIGMA | self.sigma).items()
+        }
+        self.offset = np.array(self.offset, dtype=float)
+
+    # --- looking things up -------------------------------------------------------------------
+
+    def has(self, column: str) -> bool:
+        """Whether a column such as `images.time_s` is there with at least one known value.
+
+        `camera.readout_s`: whether a camera states it. `gnss`: whether the table has rows.
+        """
+        table, _, name = column.partition(".")
+        if table == "camera":
+            return any(
+                getattr(camera, name, camera.extra.get(name)) is not None
+                for camera in self.cameras.values()
+            )
+        if table not in LAYOUTS:
+            raise ValueError(f"a block has no table {table!r}")
+        frame = getattr(self, table)
+        if not name:
+            return len(frame) > 0
+        return name in frame and bool(frame[name].notna().any())
+
+    def column(self, table: str, column: str) -> np.ndarray:
+        """A column as float64, NaN where it is unknown or where the block has no such column.
+
+        Raises InputError where the column holds text that is no number.
+        """
+        frame = getattr(self, table)
+        if column not in frame:
+            return np.full(len(frame), np.nan)
+        values = frame[column]
+        if values.dtype == np.float64:
+            return values.to_numpy()
+        numbers = pd.to_numeric(values, errors="coerce")
+        wrong = (numbers.isna() & values.notna()).to_numpy()
+        if wrong.any():
+            row = int(wrong.argmax())
+            raise InputError(
+                f"{self.where(table, row)}: {column} = {values.iloc[row]!r} is not a number; "
+                "write a number with a decimal point, or leave the cell empty if it is unknown"
+            )
+        return numbers.to_numpy(dtype=np.float64)
+
+    @property
+    def image_flight(self) -> np.ndarray:
+        """(images,) int: index into `flight_names`."""
+        return self._flights[0]
+
+    @property
+    def flight_names(self) -> list[str]:
+        """Flights in order of appearance; images without a flight belong to flight "1"."""
+        return list(self._flights[1])
+
+    @property
+    def _flights(self) -> tuple[np.ndarray, pd.Index]:
+        if "flight" not in self.images:
+            return np.zeros(len(self.images), dtype=np.int64), pd.Index(["1"])
+        return pd.factorize(self.images["flight"].fillna("1"))
+
+    def image_rows(self, table: str) -> np.ndarray:
+        """(n,) int: the row of `images` that each row of a table belongs to, -1 where none."""
+        column = getattr(self, table)["image"]
+        names = pd.Index(self.images["image"])
+        if not isinstance(column.dtype, pd.CategoricalDtype):
+            return names.get_indexer(column)
+        place = names.get_indexer(column.cat.categories)
+        return np.append(place, -1)[column.cat.codes.to_numpy()]
+
+    def where(self, table: str, row: int) -> str:
+        """`images.csv, row 3` for row 1 of the table (rows from 0): the line of the file.
+
+        In a block that was made or selected in memory: the line it would be written to.
+        """
+        path = self._files.get(table, Path(f"{table}.csv"))
+        return place(path, int(row))
+
+    # --- standard deviations -----------------------------------------------------------------
+
+    def tie_sigma(self) -> np.ndarray:
+        """(n,) px of the tie observations, the default of block.toml where none is given."""
+        return self._filled("tie_points", ("sigma",), "tie_px")[:, 0]
+
+    def mark_sigma(self) -> np.ndarray:
+        """(n,) px of the marks, the default of block.toml where none is given."""
+        return self._filled("marks", ("sigma",), "mark_px")[:, 0]
+
+    def gnss_sigma(self) -> np.ndarray:
+        """(n, 3) m of the antenna positions, the default of block.toml where none is given."""
+        return self._filled("gnss", SIGMAS, "gnss_m")
+
+    def ground_sigma(self) -> np.ndarray:
+        """(n, 3) m of the ground points, the default of block.toml where none is given."""
+        return self._filled("ground", SIGMAS, "control_m")
+
+    def _filled(self, table: str, columns: tuple[str, ...], default: str) -> np.ndarray:
+        given = np.column_stack([self.column(table, name) for name in columns])
+        return np.where(np.isnan(given), self.sigma[default], given)
+
+    # --- other blocks ------------------------------------------------------------------------
+
+    def copy(self) -> Block:
+        """A block that shares nothing with this one."""
+        return replace(
+            self,
+            **{table: getattr(self, table).copy() for table in LAYOUTS},
+            cameras={
+                name: replace(
+                    camera, interior=camera.interior.copy(), extra=copy.deepcopy(camera.extra)
+                )
+                for name, camera in self.cameras.items()
+            },
+            lever_arm=dict(self.lever_arm),
+            extra=copy.deepcopy(self.extra),
+            _files=dict(self._files),
+        )
+
+    def select(
+        self,
+        images: Iterable[str] | None = None,
+        flights: Iterable[str] | None = None,
+        points: Iterable[str] | None = None,
+    ) -> Block:
+        """The part of the block with these images, of these flights, with these points.
+
+        Names; what is not given does not restrict. Cameras, points and lever arms that lose all
+        their images go, and so do epochs of flights that do.
+        Raises InputError where a name is unknown or no observation is left.
+        """
+        chosen = np.ones(len(self.images), dtype=bool)
+        if images is not None:
+            listed = _chosen(images, self.images["image"], "image")
+            chosen &= is_among(self.images["image"], listed)
+        codes, names = self._flights
+        if flights is not None:
+            chosen &= is_among(names, _chosen(flights, names, "flight"))[codes]
+        point_tables = ("tie_points", "marks", "points", "ground")
+        if points is not None:
+            known = pd.concat([pd.Series(self._points(table)) for table in point_tables])
+            points = _chosen(points, known, "point")
+
+        kept: dict = {"images": self.images[chosen]}
+        for table in ("tie_points", "marks", "gnss"):
+            kept[table] = getattr(self, table)[chosen[self.image_rows(table)]]
+        for table in point_tables:
+            frame = kept.get(table, getattr(self, table))
+            kept[table] = frame if points is None else frame[is_among(frame["point"], points)]
+        if not len(kept["tie_points"]) and not len(kept["marks"]):
+            raise InputError("the selection leaves no observation; choose more images or points")
+        for table in ("tie_points", "marks"):
+            observed = kept[table]["point"].cat.remove_unused_categories().cat.categories
+            lost = self._points(table).difference(observed, sort=False)
+            for other in ("points", "ground"):
+                kept[other] = kept[other][~is_among(kept[other]["point"], lost)]
+
+        lost = set(names) - set(names[np.unique(codes[chosen])])
+        for table in ("rates", "track"):
+            frame = getattr(self, table)
+            if "flight" in frame:
+                frame = frame[~is_among(frame["flight"], list(lost))]
+            if "image" in frame:
+                here = is_among(frame["image"], kept["images"]["image"])
+                frame = frame[frame["image"].isna() | here]
+            kept[table] = frame
+        unused = set(self.images["camera"]) - set(kept["images"]["camera"])
+        return replace(
+            self,
+            **kept,
+            cameras={name: c for name, c in self.cameras.items() if name not in unused},
+            lever_arm={name: arm for name, arm in self.lever_arm.items() if name not in lost},
+            folder=None,
+            _files={},
+        ).copy()
+
+    def _points(self, table: str) -> pd.Index:
+        column = getattr(self, table)["point"]
+        if isinstance(column.dtype, pd.CategoricalDtype):
+            return column.cat.categories
+        return pd.Index(column)
+
+    # --- in and out --------------------------------------------------------------------------
+
+    def check(self) -> None:
+        """Raise InputError for the first fault: one sentence with file, row and remedy."""
+        checking.check(self)
+
+    def write(self, folder: str | os.PathLike, form: str = "csv") -> None:
+        """Write the block folder, whole or not at all.
+
+        form: "csv", or "parquet" for large blocks. Reading it gives the same block bit for bit.
+        A block that is there already is replaced; files in its folder that are not of a block
+        (a README, a licence) stay.
+        Raises InputError where the block has a fault or the folder is something else.
+        """
+        if form not in ("csv", "parquet"):
+            raise InputError(f"a block is not written as {form!r}; choose csv or parquet")
+        self.check()
+        writing.write_block(self, folder, form)
+
+    def summary(self, needs: Mapping[str, Iterable[str]] | None = None) -> Summary:
+        """First look: counts, coverage, what is missing.
+
+        needs: columns that each effect needs, by its name; the summary then also says which of
+        them cannot be tested and why.
+        """
+        return summarise(self, needs or {})
+
+    def __repr__(self) -> str:
+        return (
+            f"Block {self.name}: {len(self.images)} images, {len(self.tie_points)} tie "
+            f"observations, {len(self.marks)} marks, {len(self.ground)} ground points, "
+            f"{len(self.gnss)} GNSS positions"
+        )
+
+    def _repr_html_(self) -> str:
+        return self.summary()._repr_html_()
+
+
+def read(folder: str | os.PathLike) -> Block:
+    """Block of a folder, checked.
+
+    Raises InputError, one sentence naming file, row and remedy, where the folder, a file or a
+    column is missing, or a file holds what a block must not.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder; give the folder of a block")
+    for needed in (FILE, "images.csv"):
+        if not (folder / needed).is_file() and not (
+            needed == "images.csv" and (folder / "images.parquet").is_file()
+        ):
+            raise InputError(f"{folder}: {needed} is missing; give the folder of a block")
+    settings = read_settings(folder)
+    tables = {table: read_table(folder, table) for table in LAYOUTS}
+    found = {table: pair for table, pair in tables.items() if pair is not None}
+    block = Block(
+        **settings,
+        **{table: frame for table, (frame, _) in found.items()},
+        folder=folder,
+        _files={table: path for table, (_, path) in found.items()},
+    )
+    block.check()
+    return block
+
+
+def _chosen(names: Iterable[str], known: pd.Series | pd.Index, what: str) -> list[str]:
+    names = [names] if isinstance(names, str) else [str(name) for name in names]
+    unknown = pd.Index(names).difference(pd.Index(known), sort=False)
+    if len(unknown):
+        raise InputError(f"the block has no {what} {unknown[0]!r}; correct the name")
+    return names

@@ -1,0 +1,256 @@
+"""From the files of a block folder to tables.
+
+A well-formed file takes the fast path. Only where something is wrong is it read again, as text,
+to find the row and say what stands there.
+"""
+
+import csv
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet
+
+from corridor.block.tables import LAYOUTS, NAMES, missing_columns
+from corridor.errors import InputError
+
+_CODED = pa.dictionary(pa.int32(), pa.string())
+_NUMBER = r"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*$"
+_UNNAMED = "\0unnamed "
+
+
+def read_table(folder: Path, table: str) -> tuple[pd.DataFrame, Path] | None:
+    """The table and the file it came from; None where the folder has no such file.
+
+    Unlisted columns come as text from a .csv, as they are from a .parquet.
+    Raises InputError naming file and row where the file cannot be understood.
+    """
+    files = [folder / f"{table}.csv", folder / f"{table}.parquet"]
+    found = [file for file in files if file.is_file()]
+    if len(found) > 1:
+        raise InputError(f"{files[0].name} and {files[1].name} are both there; keep one of them")
+    if not found:
+        return None
+    path = found[0]
+    try:
+        arrow = (_read_csv if path.suffix == ".csv" else _read_parquet)(path, table)
+    except OSError as error:
+        raise InputError(f"{path.name} cannot be read: {error.strerror or error}") from error
+    return arrow.replace_schema_metadata(None).to_pandas(), path
+
+
+def place(path: Path, row: int) -> str:
+    """`images.csv, row 3` for the data row `row` (from 0): the line in a .csv, header line 1.
+
+    A .parquet has no header: there the first data row is row 1.
+    """
+    if path.suffix == ".parquet":
+        return f"{path.name}, row {row + 1}"
+    line = row + 2
+    if path.is_file():
+        status = path.stat()
+        lines = _uneven_lines(path, status.st_mtime_ns, status.st_size)
+        if lines is not None and row < len(lines):
+            line = int(lines[row])
+    return f"{path.name}, row {line}"
+
+
+# --- .csv ------------------------------------------------------------------------------------
+
+
+def _read_csv(path: Path, table: str) -> pa.Table:
+    layout = LAYOUTS[table]
+    header, lines = _header(path)
+    missing = [name for name in layout.needed if name not in header]
+    if missing:
+        if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+            raise InputError(
+                f"{path.name}, row 1: the cells are not separated by commas; save the file "
+                "comma separated, with decimal points"
+            )
+        raise InputError(missing_columns(path.name, missing, header))
+    twice = [name for name in header if name and header.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"{path.name}, row 1: column {twice[0]} is there twice; rename or delete one"
+        )
+    names = [name or f"{_UNNAMED}{index}" for index, name in enumerate(header)]
+    numbers = [name for name in names if name in layout.numbers]
+    types = dict.fromkeys(names, pa.string())
+    types |= dict.fromkeys(layout.coded, _CODED) | dict.fromkeys(numbers, pa.float64())
+    try:
+        arrow = _parse(path, names, lines, types)
+        # "nan" and "inf" are numbers to the parser, not to us.
+        sound = all(pc.all(pc.is_finite(arrow[name])).as_py() is not False for name in numbers)
+    except pa.ArrowInvalid:
+        sound = False
+    if not sound:
+        arrow = _parse_carefully(path, table, names, lines, numbers)
+    for index, name in enumerate(names):
+        if name.startswith(_UNNAMED):
+            if arrow[name].null_count < len(arrow):
+                raise InputError(
+                    f"{path.name}, row 1: column {index + 1} has no name; name or delete it"
+                )
+            arrow = arrow.drop_columns([name])
+    return arrow
+
+
+def _header(path: Path) -> tuple[list[str], int]:
+    """Names of the columns, and how many lines of the file they take."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            for row in reader:
+                if row:
+                    return [name.strip() for name in row], reader.line_num
+    except UnicodeDecodeError:
+        raise _not_utf8(path) from None
+    except csv.Error as error:
+        raise InputError(f"{path.name} is not a table: {error}; save it comma separated") from None
+    raise InputError(f"{path.name} is empty; write a header line, or delete the file")
+
+
+def _parse(
+    path: Path, names: list[str], skip: int, types: dict, multiline: bool = False
+) -> pa.Table:
+    return pa.csv.read_csv(
+        path,
+        read_options=pa.csv.ReadOptions(column_names=names, skip_rows=skip),
+        parse_options=pa.csv.ParseOptions(newlines_in_values=multiline),
+        convert_options=pa.csv.ConvertOptions(
+            column_types=types, null_values=[""], strings_can_be_null=True
+        ),
+    )
+
+
+def _parse_carefully(
+    path: Path, table: str, names: list[str], skip: int, numbers: list[str]
+) -> pa.Table:
+    layout = LAYOUTS[table]
+    try:
+        arrow = _parse(path, names, skip, dict.fromkeys(names, pa.string()), multiline=True)
+    except pa.ArrowInvalid as error:
+        raise _not_a_table(path, len(names), error) from None
+    for name in numbers:
+        text = arrow[name].combine_chunks()
+        wrong = pc.invert(pc.match_substring_regex(text, _NUMBER))
+        if pc.any(wrong).as_py():
+            raise _not_a_number(path, layout, name, text, pc.index(wrong, True).as_py())
+        values = pc.cast(pc.utf8_ltrim(pc.utf8_trim_whitespace(text), "+"), pa.float64())
+        endless = pc.is_inf(values)
+        if pc.any(endless).as_py():
+            raise _not_a_number(path, layout, name, text, pc.index(endless, True).as_py())
+        arrow = arrow.set_column(names.index(name), name, values)
+    for name in layout.coded:
+        coded = arrow[name].combine_chunks().dictionary_encode()
+        arrow = arrow.set_column(names.index(name), name, coded)
+    return arrow
+
+
+def _not_a_number(path: Path, layout, name: str, text: pa.Array, row: int) -> InputError:
+    value = text[row].as_py()
+    if name in layout.needed and name not in layout.empty:
+        remedy = "write a number with a decimal point, or delete the row"
+    else:
+        remedy = "write a number with a decimal point, or leave the cell empty if it is unknown"
+    return InputError(f"{place(path, row)}: {name} = {value!r} is not a number; {remedy}")
+
+
+def _not_a_table(path: Path, width: int, error: Exception) -> InputError:
+    """Why the file is no table: not UTF-8, or a row with more or fewer cells than the header."""
+    try:
+        path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return _not_utf8(path)
+    try:
+        for line, row in _rows(path):
+            if len(row) != width:
+                return InputError(
+                    f"{path.name}, row {line}: {len(row)} cell{'s' * (len(row) != 1)} where "
+                    f"the header has {width}; "
+                    "separate cells by commas, and write numbers with a decimal point"
+                )
+    except csv.Error:
+        pass
+    reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
+    return InputError(f"{path.name} is not a table ({reason}); save it comma separated")
+
+
+def _not_utf8(path: Path) -> InputError:
+    data = path.read_bytes()
+    try:
+        data.decode("utf-8-sig")
+        line = 1
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+    return InputError(f"{path.name}, row {line}: the text is not UTF-8; save the file as UTF-8")
+
+
+def _rows(path: Path):
+    """Line number and cells of every row that is not blank, the header first."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.reader(file)
+        before = 0
+        for row in reader:
+            if row:
+                yield before + 1, row
+            before = reader.line_num
+
+
+@lru_cache(maxsize=16)
+def _uneven_lines(path: Path, _modified: int, _size: int) -> np.ndarray | None:
+    """Line of every data row, where blank lines or line breaks in cells make it uneven."""
+    data = path.read_bytes().replace(b"\r\n", b"\n").removeprefix(b"\xef\xbb\xbf")
+    if b"\n\n" not in data and b'"' not in data and not data.startswith(b"\n"):
+        return None
+    del data
+    try:
+        return np.array([line for line, _ in _rows(path)][1:])
+    except csv.Error:
+        return None
+
+
+# --- .parquet --------------------------------------------------------------------------------
+
+
+def _read_parquet(path: Path, table: str) -> pa.Table:
+    layout = LAYOUTS[table]
+    try:
+        arrow = pa.parquet.read_table(path, memory_map=False, partitioning=None)
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
+        raise InputError(f"{path.name} is not a Parquet file ({reason}); write it again") from None
+    missing = [name for name in layout.needed if name not in arrow.column_names]
+    if missing:
+        raise InputError(missing_columns(path.name, missing, arrow.column_names))
+    for index, name in enumerate(arrow.column_names):
+        if name not in layout.listed:
+            continue
+        column, kind = arrow[name], arrow[name].type
+        if pa.types.is_dictionary(kind):
+            column, kind = pc.cast(column, kind.value_type), kind.value_type
+        text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+        if name in NAMES:
+            if not (text or pa.types.is_integer(kind) or pa.types.is_null(kind)):
+                raise InputError(f"{path.name}: column {name} holds {kind}; store names as text")
+            column = pc.cast(column, pa.string())
+            if name in layout.coded:
+                column = column.combine_chunks().dictionary_encode()
+        else:
+            if not (
+                pa.types.is_floating(kind)
+                or pa.types.is_integer(kind)
+                or pa.types.is_decimal(kind)
+                or pa.types.is_null(kind)
+            ):
+                raise InputError(
+                    f"{path.name}: column {name} holds {kind}; store it as floating-point numbers"
+                )
+            column = pc.cast(column, pa.float64(), safe=False)
+        arrow = arrow.set_column(index, name, column)
+    return arrow

@@ -1,0 +1,194 @@
+"""Which columns the tables of a block have, and the types they take in memory.
+
+Source: design, section 4.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from corridor.errors import InputError
+
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+QUATERNION = POSE[3:]
+VELOCITY = ("vx", "vy", "vz")
+RATES = ("wx", "wy", "wz")
+SIGMAS = ("sx", "sy", "sz")
+NAMES = frozenset(("image", "camera", "flight", "strip", "point", "role"))
+ROLES = ("control", "check", "unused")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Columns of one table.
+
+    needed: the column must be there. empty: needed columns whose cells may be unknown.
+    coded: names that repeat so often that they are held as pandas Categorical.
+    """
+
+    needed: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+    empty: tuple[str, ...] = ()
+    coded: tuple[str, ...] = ()
+
+    @property
+    def listed(self) -> tuple[str, ...]:
+        return self.needed + self.optional
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        return tuple(name for name in self.listed if name not in NAMES)
+
+
+_OBSERVATIONS = Layout(("point", "image", "x", "y"), optional=("sigma",), coded=("point", "image"))
+LAYOUTS = {
+    "images": Layout(
+        ("image", "camera"),
+        optional=("flight", "strip", "time_s", "temperature_c", *POSE, *VELOCITY, *RATES),
+    ),
+    "tie_points": _OBSERVATIONS,
+    "points": Layout(("point", "x", "y", "z"), optional=SIGMAS, empty=("x", "y", "z")),
+    "marks": _OBSERVATIONS,
+    "ground": Layout(("point", "x", "y", "z", "role"), optional=SIGMAS),
+    "gnss": Layout(("image", "x", "y", "z"), optional=SIGMAS),
+    "rates": Layout(("time_s", *RATES), optional=("flight", "image")),
+    "track": Layout(("time_s", "x", "y", "z"), optional=("flight", *SIGMAS, "quality", *VELOCITY)),
+}
+
+
+def tidy(table: str, frame: pd.DataFrame | None, images: pd.Index | None = None) -> pd.DataFrame:
+    """The table with the types of a block: names text, numbers float64, rows from 0.
+
+    frame: None gives an empty table with the needed columns.
+    images: names in the order of images.csv. Codes of the column `image` of tie_points and marks
+        are then rows of images.csv (where all are known: the check names those that are not).
+    Raises InputError where a needed column is missing or a number is text.
+    """
+    layout = LAYOUTS[table]
+    if frame is None:
+        frame = pd.DataFrame({name: [] for name in layout.needed})
+    missing = [name for name in layout.needed if name not in frame.columns]
+    if missing:
+        raise InputError(missing_columns(f"{table}.csv", missing, list(frame.columns)))
+    columns = {}
+    for name in frame.columns:
+        column = frame[name]
+        if name in layout.coded:
+            column = _coded(column, images if name == "image" else None)
+        elif name in NAMES and name in layout.listed:
+            column = _text(column)
+        elif name in layout.listed:
+            column = _number(table, name, column)
+        columns[name] = column
+    tidied = pd.DataFrame(columns, copy=False).reset_index(drop=True)
+    if table == "images" and set(QUATERNION) <= set(columns):
+        tidied = _unit_quaternions(tidied)
+    return tidied
+
+
+def is_among(names: pd.Series | pd.Index, known: pd.Series | pd.Index | list) -> np.ndarray:
+    """(n,) bool: which names are among the known ones; an empty cell is not.
+
+    A hundred times faster than `isin` on a million names.
+    """
+    if isinstance(names.dtype, pd.CategoricalDtype):
+        found = is_among(names.cat.categories, known)
+        return np.append(found, False)[names.cat.codes.to_numpy()]
+    found = pc.is_in(
+        pa.array(names, type=pa.large_string(), from_pandas=True),
+        value_set=pa.array(known, type=pa.large_string(), from_pandas=True),
+        skip_nulls=True,
+    )
+    return found.to_numpy(zero_copy_only=False)
+
+
+def missing_columns(file: str, missing: list[str], header: list[str]) -> str:
+    """The sentence for needed columns that a file lacks."""
+    plural = len(missing) > 1
+    return (
+        f"{file}, row 1: {'columns' if plural else 'column'} {', '.join(missing)} "
+        f"{'are' if plural else 'is'} missing; add {'them' if plural else 'it'} to the header "
+        f"(it has {some(header) or 'nothing'})"
+    )
+
+
+def some(names: Iterable[str], most: int = 8) -> str:
+    """The first names, for a sentence."""
+    names = list(names)
+    return ", ".join(names[:most]) + (", ..." if len(names) > most else "")
+
+
+def _text(column: pd.Series) -> pd.Series:
+    if isinstance(column.dtype, pd.StringDtype):
+        return column
+    return column.astype("str")
+
+
+def _number(table: str, name: str, column: pd.Series) -> pd.Series:
+    if column.dtype == np.float64:
+        return column
+    try:
+        return column.astype(np.float64)
+    except (TypeError, ValueError):
+        numbers = pd.to_numeric(column, errors="coerce")
+        row = int(np.argmax((numbers.isna() & column.notna()).to_numpy()))
+        raise InputError(
+            f"{table}.csv, row {row + 2}: {name} = {column.iloc[row]!r} is not a number; "
+            "write a number with a decimal point"
+        ) from None
+
+
+def _coded(column: pd.Series, order: pd.Index | None) -> pd.Series:
+    """Categorical of text; categories in `order`, else as they first appear."""
+    if not isinstance(column.dtype, pd.CategoricalDtype):
+        codes, names = pd.factorize(_text(column))
+    else:
+        codes, names = column.cat.codes.to_numpy(), column.cat.categories
+    names = pd.Index(names)
+    if not isinstance(names.dtype, pd.StringDtype):
+        names = names.astype("str")
+    used = pd.unique(codes)
+    used = used[used >= 0]
+    known = False
+    if order is not None:
+        if names.equals(order):
+            return _categorical(column, codes, order)
+        place = order.get_indexer(names) if order.is_unique else np.full(len(names), -1)
+        known = bool((place[used] >= 0).all())
+    if not known:  # order of first appearance, so that reading what was written changes nothing
+        place = np.full(len(names), -1)
+        place[used] = np.arange(len(used))
+        if len(used) == len(names) and np.array_equal(used, np.arange(len(used))):
+            return _categorical(column, codes, names)
+        order = names[used]
+    # The last place is that of code -1, the empty cell.
+    return _categorical(column, np.append(place, -1)[codes], order)
+
+
+def _categorical(column: pd.Series, codes: np.ndarray, names: pd.Index) -> pd.Series:
+    dtype = column.dtype
+    if isinstance(dtype, pd.CategoricalDtype) and not dtype.ordered and dtype.categories is names:
+        return column
+    values = pd.Categorical.from_codes(codes, categories=names)
+    return pd.Series(values, index=column.index, name=column.name)
+
+
+def _unit_quaternions(images: pd.DataFrame) -> pd.DataFrame:
+    """Quaternions written with a few digits made unit; those far from unit are left to the check.
+
+    One that is unit to the last bit but two is not touched: reading what was written is exact.
+    """
+    quaternion = images[list(QUATERNION)].to_numpy()
+    length = np.linalg.norm(quaternion, axis=1)
+    off = np.abs(length - 1.0)
+    rows = (off > 2e-15) & (off <= 0.01)
+    if not rows.any():
+        return images
+    quaternion = np.where(
+        rows[:, None], quaternion / np.where(rows, length, 1.0)[:, None], quaternion
+    )
+    return images.assign(**dict(zip(QUATERNION, quaternion.T, strict=True)))

@@ -1,0 +1,447 @@
+"""The camera: ray to image and back, with derivatives.
+
+    u = X/Z, v = Y/Z, r2 = u u + v v, radial = 1 + k1 r2 + k2 r2^2 + ...
+    x = cx + f (u radial + p1 (r2 + 2 u u) + 2 p2 u v + b1 u + b2 v)
+    y = cy + f (v radial + p2 (r2 + 2 v v) + 2 p1 u v)
+
+Pixels, (0, 0) is the centre of the top-left pixel; camera frame x right, y down, z forward.
+Distortion goes from the ray to the image. OpenCV's p1, p2 are our p2, p1; DBAT and some files
+of MicMac go from the image to the ray: `from_image_to_ray` converts them.
+
+Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numba import njit
+
+from corridor.errors import InputError
+
+# Order of the interior vector. Slots 7.. are the radial polynomial.
+INTERIOR = ("f", "cx", "cy", "p1", "p2", "b1", "b2") + tuple(f"k{n}" for n in range(1, 9))
+FRASER8 = ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
+FRASER10 = (*FRASER8, "b1", "b2")
+UNITS = {name: "px" if name in ("f", "cx", "cy") else "1" for name in INTERIOR}
+ROW_DIRECTIONS = ("down", "up", "right", "left")
+_FIRST_RADIAL = 7
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One camera of a block.
+
+    interior: (15,) float64 in the order of `INTERIOR`; f, cx, cy in pixels, the rest without unit.
+    readout_s: seconds from the first to the last row, None where unknown.
+    calibrated: the values are a calibration and stay fixed unless asked otherwise.
+    extra: keys of the table in block.toml that the package does not know; passed on.
+    """
+
+    name: str
+    width: int
+    height: int
+    interior: np.ndarray
+    pixel_um: float | None = None
+    readout_s: float | None = None
+    row_direction: str = "down"
+    calibrated: bool = False
+    extra: dict = field(default_factory=dict)
+
+    @classmethod
+    def from_table(cls, name: str, table: Mapping) -> Camera:
+        """Camera from its `[camera.NAME]` table.
+
+        Raises InputError, without the name of the file, where the table cannot be a camera.
+        """
+        table = dict(table)
+        where = f"[camera.{name}]"
+        missing = [key for key in ("width", "height", "f") if key not in table]
+        if missing:
+            raise InputError(f"{where} has no {' and no '.join(missing)}: add it")
+
+        def number(key: str, default: float | None = None) -> float | None:
+            value = table.pop(key, default)
+            if value is None:
+                return None
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise InputError(f"{where} {key} = {value!r} is not a number: write a number")
+            if not np.isfinite(value):
+                raise InputError(f"{where} {key} = {value!r} is not finite: write a number")
+            return float(value)
+
+        size = {key: number(key) for key in ("width", "height")}
+        for key, value in size.items():
+            if value < 2 or value != int(value):
+                raise InputError(f"{where} {key} = {value:g} is not a picture size: give pixels")
+        width, height = int(size["width"]), int(size["height"])
+        focal = number("f")
+        if focal <= 0:
+            raise InputError(f"{where} f = {focal:g} is not positive: give f in pixels")
+        interior = np.zeros(len(INTERIOR))
+        interior[:3] = focal, number("cx", (width - 1) / 2), number("cy", (height - 1) / 2)
+        for index in range(3, len(INTERIOR)):
+            interior[index] = number(INTERIOR[index], 0.0)
+        pixel, readout = number("pixel_um"), number("readout_s")
+        if pixel is not None and pixel <= 0:
+            raise InputError(f"{where} pixel_um = {pixel:g} is not positive: give micrometres")
+        if readout is not None and readout < 0:
+            raise InputError(
+                f"{where} readout_s = {readout:g} is negative: give seconds from the "
+                "first row to the last, and their sense as row_direction"
+            )
+        direction = table.pop("row_direction", "down")
+        if direction not in ROW_DIRECTIONS:
+            raise InputError(
+                f"{where} row_direction = {direction!r} is unknown: use one of "
+                f"{', '.join(ROW_DIRECTIONS)}"
+            )
+        calibrated = table.pop("calibrated", False)
+        if not isinstance(calibrated, bool):
+            raise InputError(f"{where} calibrated = {calibrated!r} is not true or false")
+        return cls(name, width, height, interior, pixel, readout, direction, calibrated, table)
+
+    def to_table(self) -> dict:
+        """The `[camera.NAME]` table; distortion that is zero is left out."""
+        table = {"width": self.width, "height": self.height}
+        for name, value in zip(INTERIOR, self.interior.tolist(), strict=True):
+            if name in ("f", "cx", "cy") or value != 0.0:
+                table[name] = value
+        for key in ("pixel_um", "readout_s"):
+            if getattr(self, key) is not None:
+                table[key] = getattr(self, key)
+        if self.row_direction != "down":
+            table["row_direction"] = self.row_direction
+        if self.calibrated:
+            table["calibrated"] = True
+        return table | self.extra
+
+    def __getitem__(self, parameter: str) -> float:
+        return float(self.interior[INTERIOR.index(parameter)])
+
+    def with_interior(self, interior: np.ndarray) -> Camera:
+        """The same camera with another interior vector (15,)."""
+        return replace(self, interior=np.array(interior, dtype=float))
+
+    def with_values(self, **values: float) -> Camera:
+        """The same camera with some interior parameters replaced: `with_values(f=5500.0)`."""
+        interior = self.interior.copy()
+        for name, value in values.items():
+            interior[INTERIOR.index(name)] = value
+        return self.with_interior(interior)
+
+
+def parameters_named(text: str) -> tuple[str, ...]:
+    """Interior parameters from `fraser8`, `fraser10`, `fixed` or a list such as `f,cx,cy,k1`.
+
+    Raises InputError where a name is unknown.
+    """
+    ready = {"fixed": (), "fraser8": FRASER8, "fraser10": FRASER10}
+    if text in ready:
+        return ready[text]
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    unknown = [name for name in names if name not in INTERIOR]
+    if unknown or not names:
+        raise InputError(
+            f"camera parameter {', '.join(unknown) or repr(text)} is unknown: use fixed, fraser8, "
+            f"fraser10 or a list of {', '.join(INTERIOR)}"
+        )
+    return tuple(name for name in INTERIOR if name in names)
+
+
+# --- scalar kernels, shared by everything that projects -------------------------------------
+
+
+@njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
+def distort(u, v, interior, row, radials):
+    """x, y in pixels of the ray (u, v, 1), and their derivative by u and v.
+
+    interior: (m, 15), of which `row` counts; radials: how many radial coefficients to look at.
+    Returns x, y, xu, xv, yu, yv, with x = cx + f * (...).
+    """
+    r2 = u * u + v * v
+    radial = 0.0
+    slope = 0.0  # d radial / d r2
+    for n in range(radials - 1, -1, -1):
+        slope = slope * r2 + radial
+        radial = radial * r2 + interior[row, np.uint64(7 + n)]
+    slope = slope * r2 + radial
+    radial = radial * r2 + 1.0
+    f = interior[row, np.uint64(0)]
+    p1, p2 = interior[row, np.uint64(3)], interior[row, np.uint64(4)]
+    b1, b2 = interior[row, np.uint64(5)], interior[row, np.uint64(6)]
+    x = interior[row, np.uint64(1)] + f * (
+        u * radial + p1 * (r2 + 2.0 * u * u) + 2.0 * p2 * u * v + b1 * u + b2 * v
+    )
+    y = interior[row, np.uint64(2)] + f * (v * radial + p2 * (r2 + 2.0 * v * v) + 2.0 * p1 * u * v)
+    cross = 2.0 * u * v * slope
+    xu = f * (radial + 2.0 * u * u * slope + 6.0 * p1 * u + 2.0 * p2 * v + b1)
+    xv = f * (cross + 2.0 * p1 * v + 2.0 * p2 * u + b2)
+    yu = f * (cross + 2.0 * p2 * u + 2.0 * p1 * v)
+    yv = f * (radial + 2.0 * v * v * slope + 6.0 * p2 * v + 2.0 * p1 * u)
+    return x, y, xu, xv, yu, yv
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def interior_derivative(u, v, x, y, interior, row, parameter):
+    """dx, dy by one interior parameter (index into `INTERIOR`) at the ray (u, v), image (x, y)."""
+    f = interior[row, np.uint64(0)]
+    r2 = u * u + v * v
+    if parameter == 0:
+        return (x - interior[row, np.uint64(1)]) / f, (y - interior[row, np.uint64(2)]) / f
+    if parameter == 1:
+        return 1.0, 0.0
+    if parameter == 2:
+        return 0.0, 1.0
+    if parameter == 3:
+        return f * (r2 + 2.0 * u * u), f * 2.0 * u * v
+    if parameter == 4:
+        return f * 2.0 * u * v, f * (r2 + 2.0 * v * v)
+    if parameter == 5:
+        return f * u, 0.0
+    if parameter == 6:
+        return f * v, 0.0
+    power = f * r2
+    for _ in range(parameter - 7):
+        power *= r2
+    return power * u, power * v
+
+
+@njit(cache=True)
+def radials_in_use(interior):
+    """How many radial coefficients of the vectors (n, 15) are needed: up to the last non-zero."""
+    most = 0
+    for row in range(interior.shape[0]):
+        for n in range(8):
+            if interior[row, 7 + n] != 0.0 and n + 1 > most:
+                most = n + 1
+    return most
+
+
+@njit(cache=True)
+def _project_rays(rays, interior, image, radial):
+    out = np.empty((rays.shape[0], 2))
+    for n in range(rays.shape[0]):
+        row = np.uint64(image[n])
+        out[n, 0], out[n, 1], _, _, _, _ = distort(rays[n, 0], rays[n, 1], interior, row, radial)
+    return out
+
+
+@njit(cache=True)
+def _undistort(pixels, interior, image, radials):
+    out = np.empty((pixels.shape[0], 2))
+    for n in range(pixels.shape[0]):
+        row = np.uint64(image[n])
+        f = interior[row, 0]
+        u = (pixels[n, 0] - interior[row, 1]) / f
+        v = (pixels[n, 1] - interior[row, 2]) / f
+        done = False
+        for _ in range(50):
+            x, y, xu, xv, yu, yv = distort(u, v, interior, row, radials)
+            ex, ey = pixels[n, 0] - x, pixels[n, 1] - y
+            det = xu * yv - xv * yu
+            if det <= 0.0:  # beyond the fold of the distortion: no ray belongs to this pixel
+                break
+            du = (yv * ex - xv * ey) / det
+            dv = (xu * ey - yu * ex) / det
+            longest = max(abs(du), abs(dv))
+            damp = min(1.0, 0.5 / longest) if longest > 0.0 else 1.0
+            u += damp * du
+            v += damp * dv
+            if longest * f < 1e-11 * max(1.0, abs(pixels[n, 0]) + abs(pixels[n, 1])):
+                done = True
+                break
+        out[n, 0] = u if done else np.nan
+        out[n, 1] = v if done else np.nan
+    return out
+
+
+def _rows(interior: np.ndarray, row: np.ndarray | None, count: int):
+    table = np.atleast_2d(np.asarray(interior, dtype=float))
+    rows = np.zeros(count, dtype=np.int64) if row is None else np.asarray(row, dtype=np.int64)
+    return table, rows, radials_in_use(table)
+
+
+def project_rays(
+    rays: np.ndarray, interior: np.ndarray, row: np.ndarray | None = None
+) -> np.ndarray:
+    """Pixels (n, 2) of rays u, v (n, 2).
+
+    interior: (15,) for all rays, or (m, 15) with row (n,) saying which belongs to each ray.
+    Source: Fraser 1997 in normalised units (top of this file).
+    """
+    rays = np.ascontiguousarray(rays, dtype=float)
+    table, rows, radials = _rows(interior, row, len(rays))
+    return _project_rays(rays, table, rows, radials)
+
+
+def project(
+    points: np.ndarray,
+    centre: np.ndarray,
+    rotation: np.ndarray,
+    interior: np.ndarray,
+    row: np.ndarray | None = None,
+) -> np.ndarray:
+    """Pixels (n, 2) of ground points; NaN where a point is not in front of the camera.
+
+    points: (n, 3) metres, world.
+    centre, rotation: (3,) and (3, 3) for one image, or (n, 3) and (n, 3, 3), world to camera.
+    interior: (15,), or (m, 15) with row (n,).
+    """
+    points = np.asarray(points, dtype=float)
+    seen = np.einsum("...ij,...j->...i", rotation, points - centre)
+    ahead = seen[:, 2] > 0
+    depth = np.where(ahead, seen[:, 2], np.nan)
+    return project_rays(seen[:, :2] / depth[:, None], interior, row)
+
+
+def undistort(
+    pixels: np.ndarray, interior: np.ndarray, row: np.ndarray | None = None
+) -> np.ndarray:
+    """Rays u, v (n, 2) of pixels (n, 2), to better than 1e-9 px: the inverse of `project_rays`.
+
+    NaN where no ray belongs to the pixel (beyond the fold of a strong distortion).
+    """
+    pixels = np.ascontiguousarray(pixels, dtype=float)
+    table, rows, radials = _rows(interior, row, len(pixels))
+    return _undistort(pixels, table, rows, radials)
+
+
+# --- the other direction of distortion -------------------------------------------------------
+
+
+def image_to_ray(pixels: np.ndarray, interior: np.ndarray) -> np.ndarray:
+    """Rays u, v (n, 2) where the polynomial takes the image to the ray (DBAT, some MicMac files).
+
+    um = (x - cx) / f, vm = (y - cy) / f, r2 of these; the same polynomial with the same names,
+    without b1, b2, gives the corrected u, v.
+    """
+    c = np.asarray(interior, dtype=float)
+    u, v = ((np.asarray(pixels, dtype=float) - c[1:3]) / c[0]).T
+    r2 = u * u + v * v
+    radial = 1.0 + r2 * np.polynomial.polynomial.polyval(r2, c[_FIRST_RADIAL:])
+    return np.stack(
+        [
+            u * radial + c[3] * (r2 + 2 * u * u) + 2 * c[4] * u * v,
+            v * radial + c[4] * (r2 + 2 * v * v) + 2 * c[3] * u * v,
+        ],
+        axis=1,
+    )
+
+
+def from_image_to_ray(
+    camera: Camera, parameters: Iterable[str] | None = None, grid: int = 41
+) -> tuple[Camera, float]:
+    """The ray-to-image camera that stands for an image-to-ray one, and what is lost.
+
+    camera: interior read as image to ray (see `image_to_ray`), b1 = b2 = 0.
+    parameters: interior parameters to fit; default k1.. k5, p1, p2 and f, cx, cy held.
+    Returns the camera and the largest difference over the picture, pixels.
+    Raises InputError where the polynomial folds inside the picture: no camera stands for it.
+    """
+    names = tuple(parameters or ("k1", "k2", "k3", "k4", "k5", "p1", "p2"))
+    x, y = np.meshgrid(
+        np.linspace(0, camera.width - 1, grid), np.linspace(0, camera.height - 1, grid)
+    )
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    rays = image_to_ray(pixels, camera.interior)
+    radius = np.linspace(0, 1, 200)[:, None] * (pixels[0] - camera.interior[1:3])
+    length = np.linalg.norm(image_to_ray(camera.interior[1:3] + radius, camera.interior), axis=1)
+    if np.any(np.diff(length) <= 0):
+        raise InputError(
+            f"camera {camera.name}: its image-to-ray distortion folds inside the picture, "
+            "no ray-to-image camera stands for it: check the direction of the coefficients"
+        )
+    start = camera.interior.copy()
+    start[3:] = 0.0
+    index = [INTERIOR.index(name) for name in names]
+    # Ray to image is linear in everything but f, cx, cy; three steps settle those too.
+    interior = start
+    for _ in range(6):
+        modelled = project_rays(rays, interior)
+        design = np.stack(
+            [interior_derivatives(rays, interior)[:, :, k].ravel() for k in index], axis=1
+        )
+        scale = np.linalg.norm(design, axis=0)
+        step, *_ = np.linalg.lstsq(design / scale, (pixels - modelled).ravel(), rcond=None)
+        interior = interior.copy()
+        interior[index] += step / scale
+    worst = np.linalg.norm(pixels - project_rays(rays, interior), axis=1).max()
+    return camera.with_interior(interior), float(worst)
+
+
+@njit(cache=True)
+def _interior_derivatives(rays, interior):
+    out = np.zeros((rays.shape[0], 2, 15))
+    for n in range(rays.shape[0]):
+        u, v = rays[n, 0], rays[n, 1]
+        x, y, _, _, _, _ = distort(u, v, interior, np.uint64(0), 8)
+        for k in range(15):
+            gx, gy = interior_derivative(u, v, x, y, interior, np.uint64(0), k)
+            out[n, 0, k], out[n, 1, k] = gx, gy
+    return out
+
+
+def interior_derivatives(rays: np.ndarray, interior: np.ndarray) -> np.ndarray:
+    """Derivative (n, 2, 15) of the pixels by the interior vector, at rays u, v (n, 2)."""
+    return _interior_derivatives(np.ascontiguousarray(rays, dtype=float), np.atleast_2d(interior))
+
+
+# --- rotations -------------------------------------------------------------------------------
+
+
+def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
+    """Rotations (n, 3, 3), world to camera, of quaternions qw qx qy qz (n, 4) of any length > 0.
+
+    COLMAP's order and sense.
+    """
+    q = np.asarray(quaternion, dtype=float)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        axis=-2,
+    )
+
+
+def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
+    """Unit quaternions qw qx qy qz (n, 4) with qw >= 0 of rotations (n, 3, 3)."""
+    r = np.asarray(rotation, dtype=float)
+    d = np.einsum("...ii->...i", r)
+    trace = d.sum(-1)
+    # Four times the squares of w, x, y, z; the largest gives the others without cancellation.
+    squares = np.stack([1 + trace, *(1 + 2 * d[..., k] - trace for k in range(3))], -1)
+    off = {
+        (0, 1): r[..., 2, 1] - r[..., 1, 2],
+        (0, 2): r[..., 0, 2] - r[..., 2, 0],
+        (0, 3): r[..., 1, 0] - r[..., 0, 1],
+        (1, 2): r[..., 1, 0] + r[..., 0, 1],
+        (1, 3): r[..., 0, 2] + r[..., 2, 0],
+        (2, 3): r[..., 2, 1] + r[..., 1, 2],
+    }
+    products = np.empty((*squares.shape, 4))
+    for i in range(4):
+        for j in range(4):
+            products[..., i, j] = squares[..., i] if i == j else off[min(i, j), max(i, j)]
+    best = np.argmax(squares, -1)
+    q = np.take_along_axis(products, best[..., None, None], -2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., :1] < 0, -q, q)
+
+
+def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
+    """Rotations (n, 3, 3) about the vectors (n, 3), radians (Rodrigues)."""
+    v = np.asarray(vector, dtype=float)
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    cross = np.zeros((*v.shape, 3))
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    cross = cross - np.swapaxes(cross, -1, -2)
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.eye(3) + first * cross + second * (cross @ cross)

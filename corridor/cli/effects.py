@@ -1,0 +1,58 @@
+"""List the effects that can be estimated, or describe one of them in full.
+
+examples:
+  corridor effects                     the catalogue
+  corridor effects rolling_shutter     what it models, its parameters, what it needs, its source
+"""
+
+import argparse
+import inspect
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `corridor effects`."""
+    parser.add_argument("slug", metavar="SLUG", nargs="?", help="name of one effect")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the catalogue or one effect."""
+    from corridor.effects import catalogue, find
+
+    if options.slug is None:
+        print("\n\n".join(_short(effect) for effect in catalogue()))
+        print(
+            "\n`corridor effects SLUG` describes one; `corridor adjust --effect SLUG` estimates it."
+        )
+    else:
+        print(_full(find(options.slug)))
+
+
+def _short(effect):
+    parameters = ", ".join(f"{p.name} ({p.unit})" for p in _parameters(effect))
+    needs = ", ".join(effect.needs) or "nothing more than the images"
+    generic = ", generic" if effect.generic else ""
+    shared = "the block" if effect.group == "block" else f"each {effect.group}"
+    return (
+        f"{effect.slug}\n"
+        f"  {effect.title}\n"
+        f"  acts on    {effect.place}{generic}\n"
+        f"  estimates  {parameters} for {shared}\n"
+        f"  needs      {needs}"
+    )
+
+
+def _full(effect):
+    told = [inspect.getmodule(type(effect)).__doc__, type(effect).shift.__doc__]
+    return "\n\n".join([_short(effect), *(inspect.cleandoc(text) for text in told if text)])
+
+
+def _parameters(effect):
+    import pandas as pd
+
+    from corridor.block import Block
+    from corridor.camera import Camera
+
+    # What an effect estimates may depend on the block; a picture of a usual size stands for it.
+    camera = Camera.from_table("camera", {"width": 6000, "height": 4000, "f": 6000.0})
+    images = pd.DataFrame({"image": ["1"], "camera": ["camera"]})
+    return effect.parameters(Block(name="any", cameras={"camera": camera}, images=images))

@@ -1,0 +1,42 @@
+"""Show what is in a block, and what cannot be done for lack of data.
+
+examples:
+  corridor summary data_synthetic/dike
+  corridor summary BLOCK -o out/look      also saves a first-look picture there
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `corridor summary`."""
+    parser.add_argument("block", metavar="BLOCK", type=Path, help="folder of the block")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT", type=Path, help="folder for the first-look picture"
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the summary and the effects that want more data; draw the block if asked."""
+    import corridor
+
+    block = corridor.read(options.block)
+    print(block.summary(needs={effect.slug: effect.needs for effect in corridor.catalogue()}))
+    if options.output is not None:
+        print(f"\nWrote {_draw(block, options.output)}")
+
+
+def _draw(block, folder):
+    from corridor import figures
+
+    picture = figures.first_look(block)
+    folder.mkdir(parents=True, exist_ok=True)
+    path, half = folder / "first_look.png", folder / ".first_look.png"
+    try:
+        picture.savefig(half, format="png")
+        os.replace(half, path)
+    finally:
+        half.unlink(missing_ok=True)
+    return path

@@ -1,0 +1,281 @@
+"""What an effect is: one class in one file, found by looking in this folder.
+
+A class says where it acts (`place`), with which parameters, and by how much it moves what, with
+the derivative. Simulating, adjusting, correcting, diagnosing and documenting all follow from it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from corridor.block import Block
+from corridor.camera import INTERIOR, rotation_from_quaternion
+from corridor.errors import InputError
+
+# Shape of one row's shift, by place (design, section 3).
+PLACES = {"camera": len(INTERIOR), "image": 2, "motion": 6, "antenna": 3, "ground": 3}
+GROUPS = ("block", "camera", "flight", "image", "point")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown of an effect.
+
+    start: value it starts from; scale: standard deviation one would expect before looking.
+    """
+
+    name: str
+    unit: str
+    scale: float
+    start: float = 0.0
+
+
+class Effect(ABC):
+    """One physical effect.
+
+    slug: public name. title: one line. place: one of `PLACES`.
+    needs: columns that must be known, `table.column`, or `camera.key`.
+    group: who shares a set of values: the block, a camera, a flight, an image or a ground point.
+    generic: a mathematical shape that stands for the unknown, not a physical cause.
+    """
+
+    slug: str
+    title: str
+    place: str
+    needs: tuple[str, ...] = ()
+    group: str = "block"
+    generic: bool = False
+
+    def __init__(self, group: str | None = None):
+        if group is not None:
+            if group not in GROUPS:
+                raise InputError(f"group {group!r} is unknown: use one of {', '.join(GROUPS)}")
+            self.group = group
+
+    @abstractmethod
+    def parameters(self, block: Block) -> list[Parameter]:
+        """The unknowns of one group."""
+
+    @abstractmethod
+    def shift(self, context: Context, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far everything moves, and the derivative.
+
+        values: (rows, parameters), the values of each row's own group.
+        Returns (rows, dimension) in the unit of the place (camera: `INTERIOR`; image: px; motion:
+        centre m and rotation of the camera rad, in the camera frame; antenna, ground: m), and
+        its derivative (rows, dimension, parameters) by the values of the row's group.
+        """
+
+    def missing(self, block: Block) -> list[str]:
+        """Those of `needs` that the block does not have."""
+        return [column for column in self.needs if not block.has(column)]
+
+
+@dataclass
+class Images:
+    """What is known of each image of a block, row for row.
+
+    names, cameras, flights: text. centre (m, 3) and rotation (m, 3, 3) are the current pose;
+    the rest comes from images.csv, NaN where unknown. ground: mean height of the points, m.
+    """
+
+    names: np.ndarray
+    camera: np.ndarray
+    camera_names: list[str]
+    flight: np.ndarray
+    flight_names: list[str]
+    size: np.ndarray
+    row_axis: np.ndarray
+    row_sign: np.ndarray
+    interior: np.ndarray
+    centre: np.ndarray
+    rotation: np.ndarray
+    time: np.ndarray
+    temperature: np.ndarray
+    velocity: np.ndarray
+    angular_rate: np.ndarray
+    ground: float
+
+    @classmethod
+    def of(cls, block: Block) -> Images:
+        """The images of a block in the order of images.csv."""
+        table = block.images
+        names = list(block.cameras)
+        camera = np.array([names.index(name) for name in table["camera"]], dtype=np.int64)
+        cameras = [block.cameras[name] for name in names]
+        sense = {"down": (1, 1.0), "up": (1, -1.0), "right": (0, 1.0), "left": (0, -1.0)}
+        reading = np.array([sense[c.row_direction] for c in cameras])[camera]
+
+        def columns(*names: str) -> np.ndarray:
+            return np.stack([block.column("images", name) for name in names], axis=-1)
+
+        return cls(
+            names=table["image"].to_numpy(dtype=object),
+            camera=camera,
+            camera_names=names,
+            flight=np.asarray(block.image_flight, dtype=np.int64),
+            flight_names=list(block.flight_names),
+            size=np.array([(c.width, c.height) for c in cameras], dtype=float)[camera],
+            row_axis=reading[:, 0].astype(int),
+            row_sign=reading[:, 1],
+            interior=np.array([c.interior for c in cameras])[camera],
+            centre=columns("x", "y", "z"),
+            rotation=rotation_from_quaternion(columns("qw", "qx", "qy", "qz")),
+            time=columns("time_s")[:, 0],
+            temperature=columns("temperature_c")[:, 0],
+            velocity=columns("vx", "vy", "vz"),
+            angular_rate=columns("wx", "wy", "wz"),
+            ground=float(np.mean(block.points["z"])) if len(block.points) else 0.0,
+        )
+
+    def reordered(self, order: np.ndarray) -> Images:
+        """The same images in another order."""
+        fields = vars(self).items()
+        return replace(self, **{k: v[order] for k, v in fields if isinstance(v, np.ndarray)})
+
+    def with_poses(self, centre: np.ndarray, rotation: np.ndarray) -> Images:
+        """The same images at other poses."""
+        return replace(self, centre=centre, rotation=rotation)
+
+    @cached_property
+    def turns(self) -> bool:
+        """Whether any angular rate is known and not zero."""
+        return bool(np.nanmax(np.abs(self.angular_rate), initial=0.0) > 0)
+
+    @cached_property
+    def mid_time(self) -> float:
+        """Middle of the block's times, s: the epoch of drifts."""
+        known = self.time[np.isfinite(self.time)]
+        return float((known.min() + known.max()) / 2) if len(known) else 0.0
+
+
+class Context:
+    """What an effect may look at: one row for each thing that it moves.
+
+    image: (rows,) image of each row; None at the place `ground`.
+    pixel, ray: (rows, 2) modelled image point, px, and normalised u, v (places image, motion).
+    point, position: names and given coordinates (rows, 3) of ground control (place ground).
+    """
+
+    def __init__(self, images: Images, image=None, pixel=None, ray=None, point=None, position=None):
+        self.images, self.image = images, image
+        self.pixel, self.ray = pixel, ray
+        self.point, self.position = point, position
+
+    def __len__(self) -> int:
+        return len(self.point) if self.image is None else len(self.image)
+
+    @cached_property
+    def row(self) -> np.ndarray:
+        """Row fraction (rows,): -1/2 in the row that is read first, 1/2 in the last."""
+        axis = self.images.row_axis[self.image]
+        along = np.where(axis == 1, self.pixel[:, 1], self.pixel[:, 0])
+        last = np.take_along_axis(self.images.size[self.image], axis[:, None], 1)[:, 0] - 1
+        return (along / last - 0.5) * self.images.row_sign[self.image]
+
+    @property
+    def size(self) -> np.ndarray:
+        """Width and height (rows, 2) of the picture, px."""
+        return self.images.size[self.image]
+
+    @property
+    def interior(self) -> np.ndarray:
+        """Interior vector (rows, 15) of the image's camera."""
+        return self.images.interior[self.image]
+
+    @property
+    def time(self) -> np.ndarray:
+        """Seconds (rows,) since the middle of the block."""
+        return self.images.time[self.image] - self.images.mid_time
+
+    @property
+    def temperature(self) -> np.ndarray:
+        """Degrees Celsius (rows,)."""
+        return self.images.temperature[self.image]
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity of the camera centre (rows, 3), m/s, world."""
+        return self.images.velocity[self.image]
+
+    @property
+    def angular_rate(self) -> np.ndarray:
+        """Angular rate of the camera (rows, 3), rad/s, camera frame."""
+        return self.images.angular_rate[self.image]
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Rotation (rows, 3, 3), world to camera."""
+        return self.images.rotation[self.image]
+
+    @property
+    def centre(self) -> np.ndarray:
+        """Camera centre (rows, 3), m, world."""
+        return self.images.centre[self.image]
+
+    @property
+    def height(self) -> np.ndarray:
+        """Height of the camera above the mean ground (rows,), m."""
+        return self.images.centre[self.image, 2] - self.images.ground
+
+    def group(self, kind: str) -> np.ndarray:
+        """Which group (rows,) of a kind each row belongs to."""
+        if kind == "block":
+            return np.zeros(len(self), dtype=np.int64)
+        if kind == "point":
+            return np.arange(len(self))
+        return group_of_image(self.images, kind)[self.image]
+
+
+def group_of_image(images: Images, kind: str) -> np.ndarray:
+    """Group (images,) of a kind to which each image belongs."""
+    count = len(images.names)
+    return {
+        "block": np.zeros(count, dtype=np.int64),
+        "camera": images.camera,
+        "flight": images.flight,
+        "image": np.arange(count),
+    }[kind]
+
+
+def group_names(images: Images, kind: str, points: list[str] = ()) -> list[str]:
+    """Names of the groups of a kind, in the order of their values."""
+    return {
+        "block": ["block"],
+        "camera": images.camera_names,
+        "flight": images.flight_names,
+        "image": list(images.names),
+        "point": list(points),
+    }[kind]
+
+
+def catalogue() -> list[Effect]:
+    """Every effect of this folder, by slug."""
+    package = importlib.import_module("corridor.effects")
+    found = {}
+    for module in pkgutil.iter_modules(package.__path__):
+        for value in vars(importlib.import_module(f"corridor.effects.{module.name}")).values():
+            if isinstance(value, type) and issubclass(value, Effect) and "slug" in vars(value):
+                found[value.slug] = value
+    return [found[slug]() for slug in sorted(found)]
+
+
+def find(name: str) -> Effect:
+    """The effect with a slug; `slug@flight` asks for one set of values a flight.
+
+    Raises InputError where there is none.
+    """
+    slug, _, group = name.partition("@")
+    for effect in catalogue():
+        if effect.slug == slug:
+            return type(effect)(group or None)
+    raise InputError(
+        f"effect {slug!r} is unknown: `corridor effects` lists them: "
+        f"{', '.join(effect.slug for effect in catalogue())}"
+    )

@@ -1,0 +1,32 @@
+"""The focal length drifts while the flight goes on.
+
+What follows temperature is another effect; this one knows the clock only.
+
+Source: thesis, section 4.3 (a drift of 0.0275 px an image).
+"""
+
+import numpy as np
+
+from corridor.camera import INTERIOR
+from corridor.effects.contract import Effect, Parameter
+
+
+class FocalDrift(Effect):
+    slug = "focal_drift"
+    title = "Focal length that drifts with time, linear and quadratic"
+    place = "camera"
+    needs = ("images.time_s",)
+
+    def parameters(self, block):
+        # 2 px in 10 minutes; the bend is as large over a flight of 20 minutes.
+        return [
+            Parameter("rate", "px/s", scale=2.0 / 600.0),
+            Parameter("bend", "px/s^2", scale=2.0 / 600.0**2),
+        ]
+
+    def shift(self, context, values):
+        """f moves by rate t + bend t^2, t in seconds from the middle of the block."""
+        t = context.time
+        derivative = np.zeros((len(context), len(INTERIOR), 2))
+        derivative[:, INTERIOR.index("f")] = np.stack([t, t * t], axis=-1)
+        return np.einsum("nij,nj->ni", derivative, np.broadcast_to(values, (len(t), 2))), derivative

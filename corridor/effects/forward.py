@@ -1,0 +1,190 @@
+"""What a block's measurements should be: the whole model, forward.
+
+From this follow simulating an effect (add its difference to the measurements) and correcting it
+(take the same difference out).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from corridor.block import Block
+from corridor.camera import project_rays, rotation_from_vector
+from corridor.effects.contract import Context, Images, find
+from corridor.effects.stack import Stack, Values
+from corridor.errors import InputError
+
+
+@dataclass
+class Prediction:
+    """Modelled observations, row for row of the block's tables.
+
+    tie, mark: (n, 2) px, NaN where the point is not in front of the camera; gnss: (n, 3) antenna,
+    m; control: (n, 3) coordinates as they would be given, m, for the rows of ground.csv with the
+    role control.
+    """
+
+    tie: np.ndarray
+    mark: np.ndarray
+    gnss: np.ndarray
+    control: np.ndarray
+
+
+def gather(block: Block, values: Mapping[str, Mapping | np.ndarray]) -> tuple[Stack, Values]:
+    """A stack of effects and its values from `{"rolling_shutter": {"readout": 0.0248}}`.
+
+    A value is a number for all groups, or `{group: number}`; an array (groups, parameters) in
+    place of the inner mapping is taken as it is. Raises InputError for unknown names.
+    """
+    control = block.ground[block.ground["role"] == "control"]
+    stack = Stack(block, [find(name) for name in values], list(control["point"]))
+    filled = stack.start()
+    for name, given in values.items():
+        slug = name.partition("@")[0]
+        member = stack.members[slug]
+        if not isinstance(given, Mapping):
+            filled[slug] = np.broadcast_to(np.asarray(given, float), member.shape).copy()
+            continue
+        names = [p.name for p in member.parameters]
+        for parameter, value in given.items():
+            if parameter not in names:
+                raise InputError(
+                    f"effect {slug} has no parameter {parameter!r}: it has {', '.join(names)}"
+                )
+            column = filled[slug][:, names.index(parameter)]
+            if isinstance(value, Mapping):
+                for group, number in value.items():
+                    if group not in member.groups:
+                        raise InputError(
+                            f"effect {slug} has no {member.effect.group} {group!r}: it has "
+                            f"{', '.join(member.groups[:10])}"
+                        )
+                    column[member.groups.index(group)] = number
+            else:
+                column[:] = value
+    return stack, filled
+
+
+def predict(block: Block, values: Mapping = {}) -> Prediction:  # noqa: B006
+    """What the block's own poses, cameras, points and the effects say should be measured.
+
+    values: see `gather`. Poses, points (points.csv; marks: ground.csv, else points.csv) and
+    cameras are those of the block; a lever arm is the stated one.
+    """
+    stack, filled = gather(block, values)
+    images = Images.of(block)
+    index = {name: n for n, name in enumerate(images.names)}
+    return Prediction(
+        tie=_seen(block, "tie_points", images, index, stack, filled),
+        mark=_seen(block, "marks", images, index, stack, filled),
+        gnss=antenna(block, images, index, stack, filled),
+        control=_given(block, stack, filled, images),
+    )
+
+
+def point_positions(block: Block, table: str) -> np.ndarray:
+    """Coordinates (n, 3) of the point of each row of tie_points or marks, NaN where unknown."""
+    rows = getattr(block, table)
+    sources = [block.points] if table == "tie_points" else [block.ground, block.points]
+    categories = rows["point"].cat.categories
+    out = np.full((len(categories), 3), np.nan)
+    for source in reversed(sources):
+        at = categories.get_indexer(source["point"])
+        xyz = source[["x", "y", "z"]].to_numpy(float)
+        known = (at >= 0) & np.isfinite(xyz).all(axis=1)
+        out[at[known]] = xyz[known]
+    return out[rows["point"].cat.codes.to_numpy()]
+
+
+def _seen(block, table, images, index, stack, values):
+    rows = getattr(block, table)
+    codes = np.array([index[n] for n in rows["image"].cat.categories], dtype=np.int64)
+    image = codes[rows["image"].cat.codes.to_numpy()] if len(rows) else np.zeros(0, np.int64)
+    position = point_positions(block, table)
+    every = np.arange(len(images.names))
+    shift, _ = stack.evaluate("camera", Context(images, every), values)
+    interior = images.interior + shift
+    motion = np.zeros((len(rows), 6))
+    moved = np.zeros((len(rows), 2))
+    steady = not (stack.at("motion") or stack.at("image"))
+    pixel = None
+    # An effect looks at the modelled image point, which it moves: a contraction, soon at rest.
+    for _ in range(40):
+        away = position - images.centre[image] - motion[:, :3]
+        seen = np.einsum("nij,nj->ni", images.rotation[image], away)
+        if motion[:, 3:].any():
+            seen = np.einsum("nij,nj->ni", rotation_from_vector(-motion[:, 3:]), seen)
+        depth = np.where(seen[:, 2] > 0, seen[:, 2], np.nan)
+        ray = seen[:, :2] / depth[:, None]
+        before, pixel = pixel, project_rays(ray, interior, image) + moved
+        if steady or (
+            before is not None and np.nanmax(np.abs(pixel - before), initial=0.0) < 1e-10
+        ):
+            break
+        safe = np.nan_to_num(pixel)
+        context = Context(images, image, pixel=safe, ray=np.nan_to_num(ray))
+        motion, _ = stack.evaluate("motion", context, values)
+        moved, _ = stack.evaluate("image", context, values)
+    return pixel
+
+
+def antenna(
+    block: Block, images: Images, index: Mapping[str, int], stack: Stack, values: Values
+) -> np.ndarray:
+    """Predicted antenna (n, 3), m, for the rows of gnss.csv, with the stated lever arm."""
+    image = np.array([index[name] for name in block.gnss["image"]], dtype=np.int64)
+    shift, _ = stack.evaluate("antenna", Context(images, image), values)
+    arm = stated_lever_arms(block)[images.flight[image]]
+    to_world = images.rotation[image].transpose(0, 2, 1)
+    return images.centre[image] + np.einsum("nij,nj->ni", to_world, arm) + shift
+
+
+def stated_lever_arms(block: Block) -> np.ndarray:
+    """Lever arm (flights, 3) that block.toml states, zero where it states none; camera frame, m."""
+    default = block.lever_arm.get("default", (0.0, 0.0, 0.0))
+    return np.array([block.lever_arm.get(name, default) for name in block.flight_names], float)
+
+
+def _given(block, stack, values, images):
+    control = block.ground[block.ground["role"] == "control"]
+    position = control[["x", "y", "z"]].to_numpy(float)
+    context = Context(images, point=list(control["point"]), position=position)
+    shift, _ = stack.evaluate("ground", context, values)
+    return position + shift
+
+
+def add(block: Block, values: Mapping) -> Block:
+    """The block as it would have been measured with the effects on top. See `gather`."""
+    return _moved(block, values, 1.0)
+
+
+def take_out(block: Block, values: Mapping) -> Block:
+    """The block with the effects taken out of its measurements: undoes `add`."""
+    return _moved(block, values, -1.0)
+
+
+def _moved(block: Block, values: Mapping, sign: float) -> Block:
+    neutral = {name: np.zeros((1, 1)) for name in values}
+    stack, _ = gather(block, values)
+    for name in neutral:
+        neutral[name] = np.zeros(stack.members[name.partition("@")[0]].shape)
+    there, here = predict(block, values), predict(block, neutral)
+    out = block.copy()
+    for table, kind, columns in (
+        ("tie_points", "tie", ["x", "y"]),
+        ("marks", "mark", ["x", "y"]),
+        ("gnss", "gnss", ["x", "y", "z"]),
+    ):
+        difference = sign * (getattr(there, kind) - getattr(here, kind))
+        rows = getattr(out, table)
+        if len(rows) and np.nanmax(np.abs(difference), initial=0.0) > 0:
+            rows[columns] = rows[columns].to_numpy(float) + np.nan_to_num(difference)
+    control = out.ground["role"].to_numpy() == "control"
+    if control.any():
+        rows = out.ground.loc[control, ["x", "y", "z"]].to_numpy(float)
+        moved = rows + sign * (there.control - here.control)
+        out.ground.loc[control, ["x", "y", "z"]] = moved
+    return out

@@ -1,0 +1,25 @@
+"""The GNSS positions are all wrong by the same vector (measured minus true).
+
+A base station with wrong coordinates, another realisation of the datum, a wrong antenna height.
+
+Source: thesis, section 5.6 (height bias of GNSS-assisted blocks).
+"""
+
+import numpy as np
+
+from corridor.effects.contract import Effect, Parameter
+
+
+class GnssBias(Effect):
+    slug = "gnss_bias"
+    title = "Constant error of the GNSS positions"
+    place = "antenna"
+    needs = ("gnss.x", "gnss.y", "gnss.z")
+
+    def parameters(self, block):
+        return [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]
+
+    def shift(self, context, values):
+        """The predicted antenna moves by the bias itself."""
+        shift = np.zeros((len(context), 3)) + values
+        return shift, np.broadcast_to(np.eye(3), (len(context), 3, 3))

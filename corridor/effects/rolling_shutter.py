@@ -1,0 +1,32 @@
+"""The shutter reads its rows one after the other while the camera moves on.
+
+Exact in the row: the centre moves with the velocity and the camera turns with its angular rate
+(where the block knows it) for the time between the middle row and the row of the point.
+
+Source: thesis, chapter 7; Zhou et al. 2020, two-step correction.
+"""
+
+import numpy as np
+
+from corridor.effects.contract import Effect, Parameter
+
+
+class RollingShutter(Effect):
+    slug = "rolling_shutter"
+    title = "Rolling shutter: rows read one after the other while the camera moves"
+    place = "motion"
+    needs = ("images.vx", "images.vy", "images.vz")
+    group = "block"
+
+    def parameters(self, block):
+        return [Parameter("readout", "s", scale=0.030)]
+
+    def shift(self, context, values):
+        """Centre v t and rotation w t, with t = readout (row - middle row) / (rows - 1)."""
+        derivative = np.zeros((len(context), 6, 1))
+        row = context.row[:, None]
+        np.multiply(context.velocity, row, out=derivative[:, :3, 0])
+        if context.images.turns:
+            # An unknown rate leaves the translation, which matters more.
+            np.multiply(np.nan_to_num(context.angular_rate), row, out=derivative[:, 3:, 0])
+        return derivative[:, :, 0] * values, derivative

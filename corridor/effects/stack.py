@@ -1,0 +1,129 @@
+"""Several effects at once: their values side by side, their shifts added up, by place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from corridor.block import Block
+from corridor.effects.contract import (
+    PLACES,
+    Context,
+    Effect,
+    Images,
+    Parameter,
+    group_names,
+    group_of_image,
+)
+from corridor.errors import InputError
+
+Values = dict[str, np.ndarray]
+
+
+@dataclass
+class Member:
+    """One effect of a stack: its unknowns and the names of its groups."""
+
+    effect: Effect
+    parameters: list[Parameter]
+    groups: list[str]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Groups, parameters: the shape of this effect's values."""
+        return len(self.groups), len(self.parameters)
+
+
+class Stack:
+    """The effects of one block.
+
+    points: names of the ground control that effects of the place `ground` move.
+    Raises InputError where a column that an effect needs is missing, or an effect is there twice.
+    """
+
+    def __init__(self, block: Block, effects: list[Effect], points: list[str] = ()):
+        images = Images.of(block)
+        slugs = [effect.slug for effect in effects]
+        for slug in slugs:
+            if slugs.count(slug) > 1:
+                raise InputError(f"effect {slug} is given twice: give it once")
+        for effect in effects:
+            missing = effect.missing(block)
+            if missing:
+                table, _, column = missing[0].partition(".")
+                file = "block.toml" if table == "camera" else f"{table}.csv"
+                raise InputError(
+                    f"{file} has no {column}, which effect {effect.slug} needs: add the column "
+                    f"or leave the effect out"
+                )
+        self.members = {
+            effect.slug: Member(
+                effect, effect.parameters(block), group_names(images, effect.group, points)
+            )
+            for effect in effects
+        }
+
+    def start(self) -> Values:
+        """Start values, slug -> (groups, parameters)."""
+        return {
+            slug: np.tile([p.start for p in member.parameters], (len(member.groups), 1))
+            for slug, member in self.members.items()
+        }
+
+    def at(self, place: str) -> list[Member]:
+        """The members that act at a place."""
+        return [m for m in self.members.values() if m.effect.place == place]
+
+    def evaluate(
+        self, place: str, context: Context, values: Values
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Sum of the shifts (rows, dimension) at a place and their derivatives side by side.
+
+        The derivative (rows, dimension, parameters of all members at the place) is by the values
+        of each row's own group. Raises InputError where an image lacks what an effect needs.
+        """
+        members = self.at(place)
+        if len(members) == 1:
+            return self._one(members[0], context, values)
+        total = np.zeros((len(context), PLACES[place]))
+        parts = [np.zeros((len(context), PLACES[place], 0))]
+        for member in members:
+            shift, derivative = self._one(member, context, values)
+            total += shift
+            parts.append(derivative)
+        return total, np.concatenate(parts, axis=2)
+
+    def _one(self, member: Member, context: Context, values: Values):
+        effect, mine = member.effect, values[member.effect.slug]
+        if effect.group == "block":
+            rows = np.broadcast_to(mine, (len(context), mine.shape[1]))
+        else:
+            rows = mine[context.group(effect.group)]
+        shift, derivative = effect.shift(context, rows)
+        # One reduction tells of any NaN; looking for the row is worth it only then.
+        if np.isnan(derivative.sum()):
+            bad = np.flatnonzero(np.isnan(derivative).any(axis=(1, 2)))[0]
+            name = context.images.names[context.image[bad]] if context.image is not None else bad
+            raise InputError(
+                f"images.csv: image {name} lacks one of {', '.join(effect.needs)}, which effect "
+                f"{effect.slug} needs: fill the cell or leave the effect out"
+            )
+        return shift, derivative
+
+    def names(self, place: str) -> list[tuple[str, str]]:
+        """(slug, parameter) of the columns of a derivative at a place."""
+        return [(m.effect.slug, p.name) for m in self.at(place) for p in m.parameters]
+
+
+def check_groups(stack: Stack, images: Images) -> None:
+    """Refuse a group that a place does not have (an effect of ground points shared by images)."""
+    for member in stack.members.values():
+        ground = member.effect.place == "ground"
+        if (member.effect.group == "point") != ground and member.effect.group != "block":
+            raise InputError(
+                f"effect {member.effect.slug} acts on {member.effect.place} and cannot have one "
+                f"set of values a {member.effect.group}: use another group"
+            )
+        if not ground:
+            group_of_image(images, member.effect.group)

@@ -1,0 +1,169 @@
+"""How far the adjusted check points lie from where they were surveyed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from corridor.figures import maps, style
+from corridor.figures.residual_vectors import arrows, stated_arrow
+
+if TYPE_CHECKING:
+    from corridor.adjustment.result import Adjustment
+
+NONE = "No check points: nothing independent of the adjustment tests it."
+MOST_NAMES = 40
+
+
+def check_points(adjustment: Adjustment) -> Figure:
+    """Map of the check-point differences, adjusted minus given.
+
+    Plan as arrows, height as a bar up (too high) or down (too low), both at one stated scale.
+    """
+    title = f"{style.short(adjustment.block.name, 50)}: check points, adjusted minus given"
+    if not len(adjustment.check_points):
+        return style.sentence(NONE, title)
+    return _maps([adjustment], [""], title)
+
+
+def compare_check_points(
+    a: Adjustment, b: Adjustment, labels: tuple[str, str] = ("first", "second")
+) -> Figure:
+    """The check-point differences of two adjustments of one block, at one stated scale."""
+    title = f"{style.short(a.block.name, 50)}: check points, adjusted minus given"
+    if not len(a.check_points) and not len(b.check_points):
+        return style.sentence(NONE, title)
+    return _maps([a, b], list(labels), title)
+
+
+def _maps(results: list[Adjustment], labels: list[str], title: str) -> Figure:
+    frame = maps.frame_of(results[0].block)
+    tables = [_table(result, frame) for result in results]
+    places = [maps.centres(r.block) for r in results] + [
+        maps.columns(r.block.ground) for r in results
+    ]
+    inner = maps.extent(*(frame.place(p) for p in places))
+    long = (inner[1] - inner[0]) > maps.WIDE * (inner[3] - inner[2])
+    beside = len(results) > 1 and not long
+    width = 8.5 if not beside else 4.0
+    # The longest difference takes an eighth of the sheet's width, whatever the block's.
+    longest = max(
+        float(np.nanmax(np.abs(t[["px", "py", "dz"]].to_numpy()), initial=0.0)) for t in tables
+    )
+    metres_per_inch = (inner[1] - inner[0]) / width
+    exaggeration = style.nice(1.1 * metres_per_inch / max(longest, 1e-9))
+    tips = [t[["x", "y"]].to_numpy() + exaggeration * t[["px", "py"]].to_numpy() for t in tables]
+    bars = [np.column_stack([t["x"], t["y"] + exaggeration * t["dz"]]) for t in tables]
+    limits = maps.extent(np.array(inner).reshape(2, 2).T, *tips, *bars, margin=0.02)
+    height = maps.map_height(limits, width, 4.2 if beside else 5.5)
+
+    head, gap = 1.5, 0.85
+    rows = 1 if beside else len(results)
+    figure = style.sheet(
+        head + rows * (height + gap) - 0.15,
+        title,
+        f"plan and height exaggerated {style.plain(exaggeration)} times",
+    )
+    keys: list = []
+    for number, (result, table, label) in enumerate(zip(results, tables, labels, strict=True)):
+        left = 0.8 + (number * 4.8 if beside else 0.0)
+        top = head + (0.0 if beside else number * (height + gap))
+        axes = maps.map_panel(figure, frame, limits, left, top, width, height)
+        keys = _draw(axes, frame, result, table, exaggeration, keys)
+        text = ": ".join(
+            part for part in (style.short(label, 30), _numbers(result, beside)) if part
+        )
+        style.caption(axes, text)
+    span = np.ptp(axes.get_xlim())
+    length = style.nice(1.0 * span / width / exaggeration)
+    style.legend(figure, 0.87, keys)
+    inches = length * exaggeration * width / span
+    stated_arrow(figure, 9.7 - inches - 0.75, 0.52, inches, f"{style.plain(length)} m")
+    return figure
+
+
+def _table(result: Adjustment, frame: maps.MapFrame) -> pd.DataFrame:
+    """Place and differences of each check point on the sheet, metres."""
+    ground = pd.DataFrame(
+        maps.columns(result.block.ground), index=result.block.ground["point"].astype(str)
+    )
+    ground = ground[~ground.index.duplicated()]
+    names = result.check_points["point"].astype(str).to_numpy() if len(result.check_points) else []
+    place = frame.place(ground.reindex(names).to_numpy())
+    moved = frame.turn(maps.columns(result.check_points, ("dx", "dy")))
+    return pd.DataFrame(
+        {
+            "point": names,
+            "x": place[:, 0],
+            "y": place[:, 1],
+            "px": moved[:, 0],
+            "py": moved[:, 1],
+            "dz": maps.columns(result.check_points, ("dz",))[:, 0],
+        }
+    )
+
+
+def _draw(axes, frame, result, table, exaggeration, keys) -> list:
+    keys = list(keys) or _keys(result)
+    maps.draw_cameras(axes, frame, result.block, faint=True)
+    ground = result.block.ground
+    control = ground["role"].astype(str).to_numpy() == "control"
+    places = frame.place(maps.columns(ground))[control]
+    axes.plot(*places.T, ls="", marker="^", ms=6.5, mfc=style.INK, mec=style.INK, zorder=5)
+    if not len(table):
+        axes.text(
+            0.5,
+            0.5,
+            "no check points",
+            transform=axes.transAxes,
+            ha="center",
+            color=style.QUIET,
+            size=style.TEXT,
+        )
+        return keys
+    x, y = table["x"].to_numpy(), table["y"].to_numpy()
+    rise = exaggeration * table["dz"].to_numpy()
+    axes.vlines(x, y, y + rise, color=style.LIGHT, lw=4.0, zorder=4)
+    axes.plot(x, y, ls="", marker="o", ms=4.5, mfc="white", mec=style.INK, mew=0.9, zorder=5)
+    arrows(axes, x, y, table["px"], table["py"], exaggeration, style.DARK, 6)
+    if len(table) + control.sum() <= MOST_NAMES:
+        steps = np.linspace(0.0, 1.0, 12)[:, None]
+        clear = np.vstack(
+            [
+                np.column_stack(
+                    [(x + exaggeration * s * table["px"]), (y + exaggeration * s * table["py"])]
+                )
+                for s in steps
+            ]
+            + [np.column_stack([x, y + s * rise]) for s in steps]
+        )
+        names = [*table["point"], *ground["point"].astype(str).to_numpy()[control]]
+        style.name_points(axes, np.vstack([np.column_stack([x, y]), places]), names, clear)
+    return keys
+
+
+def _keys(result: Adjustment) -> list:
+    keys = [
+        Line2D([], [], color=style.DARK, marker=">", ms=5, lw=1.2, label="in plan"),
+        Line2D([], [], color=style.LIGHT, lw=4, label="in height (up: too high)"),
+        Line2D([], [], ls="", marker="o", mfc="white", mec=style.INK, ms=5, label="check point"),
+    ]
+    if (result.block.ground["role"].astype(str) == "control").any():
+        keys.append(Line2D([], [], ls="", marker="^", color=style.INK, ms=6, label="control point"))
+    keys.append(Line2D([], [], ls="", marker=".", color=style.FAINT, ms=5, label="image"))
+    return keys
+
+
+def _numbers(result: Adjustment, brief: bool) -> str:
+    """RMS of the check points, as the table has it."""
+    if not len(result.check_points):
+        return ""
+    rms = result.check_rms
+    text = f"RMS plan {rms.xy:.3f} m, height {rms.z:.3f} m"
+    if not brief:
+        text += f", 3D {rms.d3:.3f} m at {style.counted(len(result.check_points), 'check point')}"
+    return text

@@ -1,0 +1,192 @@
+"""What a block holds, before anything is computed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from corridor.figures import maps, style
+
+if TYPE_CHECKING:
+    from corridor.block import Block
+
+MOST_POINTS = 6000
+MOST_RAYS = 20
+
+
+def first_look(block: Block, camera: str | None = None) -> Figure:
+    """Plan view of images and points, rays a point, and where in the image points were measured.
+
+    block: any block, poses and points known or not.
+    camera: whose image is shown; default the camera with most observations.
+    Source of the layout: none; a long corridor lies across the sheet, north arrow beside it.
+    """
+    frame = maps.frame_of(block)
+    cameras = frame.place(maps.centres(block))
+    points = frame.place(maps.columns(block.points))
+    ground = frame.place(maps.columns(block.ground))
+    limits = maps.extent(cameras, maps.body(points), ground)
+    long = (limits[1] - limits[0]) > 1.4 * (limits[3] - limits[2])
+    title = f"{style.short(block.name, 60)}: first look"
+    if long:
+        height = maps.map_height(limits, 8.5, 4.5)
+        figure = style.sheet(1.15 + height + 0.95 + 2.3 + 0.55, title, _counts(block))
+        plan = maps.map_panel(figure, frame, limits, 0.8, 1.15, 8.5, height)
+        top = 1.15 + height + 0.95
+        _rays(style.panel(figure, 0.8, top, 3.7, 2.3), block)
+        _coverage(figure, block, camera, 5.35, top, 3.75, 2.3)
+    else:
+        figure = style.sheet(7.35, title, _counts(block))
+        height = maps.map_height(limits, 4.7, 5.55)
+        plan = maps.map_panel(figure, frame, limits, 0.8, 1.15, 4.7, height)
+        _rays(style.panel(figure, 6.75, 1.25, 2.95, 2.0), block)
+        _coverage(figure, block, camera, 6.75, 4.15, 2.35, 2.4)
+    style.legend(figure, 0.87, _plan(plan, frame, block, points))
+    return figure
+
+
+def _counts(block: Block) -> str:
+    parts = [style.counted(len(block.images), "image")]
+    flights = len(block.flight_names)
+    if flights > 1:
+        parts.append(style.counted(flights, "flight"))
+    if len(block.cameras) > 1:
+        parts.append(style.counted(len(block.cameras), "camera"))
+    if len(block.tie_points):
+        number = int(np.count_nonzero(_multiplicity(block.tie_points)))
+        parts.append(style.counted(number, "tie point"))
+        parts.append(style.counted(len(block.tie_points), "tie observation"))
+    if len(block.marks):
+        parts.append(style.counted(len(block.marks), "mark"))
+    parts.append(
+        f"GNSS at {style.counted(len(block.gnss), 'image')}" if len(block.gnss) else "no GNSS"
+    )
+    return " \u00b7 ".join(parts)
+
+
+def _multiplicity(observations: pd.DataFrame) -> np.ndarray:
+    """Number of images in which each point was measured, in the order of the point's code."""
+    codes = observations["point"].astype("category").cat.codes.to_numpy()
+    return np.bincount(codes)
+
+
+def _plan(axes: Axes, frame: maps.MapFrame, block: Block, points: np.ndarray) -> list:
+    keys = maps.draw_cameras(axes, frame, block)
+    known = points[np.isfinite(points).all(axis=1)]
+    if len(known):
+        step = -(-len(known) // MOST_POINTS)
+        axes.plot(
+            *known[::step].T, ls="", marker="o", ms=1.7, color="#b0b0b0", mec="none", zorder=1
+        )
+        text = "tie points" + (f" (one in {step:,})" if step > 1 else "")
+        keys.append(
+            Line2D([], [], ls="", marker="o", ms=2.5, color="#b0b0b0", mec="none", label=text)
+        )
+    keys += maps.draw_ground(axes, frame, block)
+    if not np.isfinite(maps.centres(block)).any() and not len(known):
+        axes.text(
+            0.5,
+            0.5,
+            "no position is known yet: the adjustment finds start values",
+            transform=axes.transAxes,
+            ha="center",
+            va="center",
+            size=style.TEXT,
+            color=style.QUIET,
+        )
+    return keys
+
+
+def _rays(axes: Axes, block: Block) -> None:
+    style.open_frame(axes)
+    style.caption(axes, "images a tie point was measured in")
+    style.label(axes, "images", "points")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+    axes.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
+    if not len(block.tie_points):
+        style.caption(axes, "no tie points")
+        axes.set(xticks=[], yticks=[])
+        return
+    rays = _multiplicity(block.tie_points)
+    rays = rays[rays > 0]
+    most = int(min(rays.max(), MOST_RAYS))
+    count = np.bincount(np.minimum(rays, MOST_RAYS), minlength=most + 1)
+    number = np.arange(len(count))
+    axes.bar(
+        number[1:],
+        count[1:],
+        width=0.8,
+        color=np.where(number[1:] == 1, style.LIGHT, style.DARK),
+        linewidth=0,
+    )
+    axes.set_xlim(0.4 if count[1] else 1.4, max(len(count) - 0.4, 4.6))
+    axes.set_ylim(0, 1.08 * count.max())
+    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, steps=[1, 2, 5, 10]))
+    if rays.max() > MOST_RAYS:
+        axes.xaxis.set_major_formatter(
+            FuncFormatter(
+                lambda value, _: f"\u2265{MOST_RAYS}" if value == MOST_RAYS else f"{value:.0f}"
+            )
+        )
+
+
+def _coverage(
+    figure: Figure,
+    block: Block,
+    camera: str | None,
+    left: float,
+    top: float,
+    width: float,
+    height: float,
+) -> None:
+    """Counts of observations over the image; the panel is at most width by height inches."""
+    tables = [t[["image", "x", "y"]] for t in (block.tie_points, block.marks) if len(t)]
+    of_image = pd.Series(
+        block.images["camera"].astype(str).to_numpy(), index=block.images["image"].astype(str)
+    )
+    x, y, name = [], [], []
+    for table in tables:
+        category = table["image"].astype("category")
+        names = of_image.reindex(category.cat.categories.astype(str)).to_numpy(dtype=object)
+        name.append(names[category.cat.codes.to_numpy()])
+        x.append(table["x"].to_numpy(dtype=float))
+        y.append(table["y"].to_numpy(dtype=float))
+    name, x, y = np.concatenate(name), np.concatenate(x), np.concatenate(y)
+    if camera is None:
+        camera = max(block.cameras, key=lambda key: np.count_nonzero(name == key))
+    chosen = name == camera
+    size = block.cameras[camera]
+    scale = min(width / size.width, height / size.height)
+    wide, high = scale * size.width, scale * size.height
+    axes = style.panel(figure, left, top, wide, high)
+    edges_x, edges_y = cells(size.width, size.height, int(chosen.sum()), most=32)
+    count, _, _ = np.histogram2d(y[chosen], x[chosen], bins=(edges_y, edges_x))
+    image = axes.pcolormesh(
+        edges_x, edges_y, count, cmap=style.COUNTS, vmin=0, vmax=max(count.max(), 1)
+    )
+    axes.set(xlim=(-0.5, size.width - 0.5), ylim=(size.height - 0.5, -0.5))
+    axes.set_aspect("equal", adjustable="box")
+    axes.xaxis.set_major_locator(MaxNLocator(max(2, int(wide / 0.55)), steps=[1, 2, 4, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(max(2, int(high / 0.45)), steps=[1, 2, 4, 5, 10]))
+    text = "where in the image"
+    if len(block.cameras) > 1:
+        text += f", camera {style.short(camera, 14)}"
+    style.caption(axes, text)
+    style.label(axes, "x (px)", "y (px)")
+    style.count_bar(figure, image, left + wide + 0.12, top, 0.1, high, "observations a cell")
+
+
+def cells(
+    width: float, height: float, count: int, most: int, wanted: float = 20.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Edges in x and in y (px) of square cells over an image, about `wanted` observations each."""
+    across = np.sqrt(max(count, 1) / wanted * width / height)
+    columns = int(np.clip(round(across), 4, most))
+    rows = max(3, round(columns * height / width))
+    return np.linspace(-0.5, width - 0.5, columns + 1), np.linspace(-0.5, height - 0.5, rows + 1)

@@ -1,0 +1,257 @@
+"""One look for every picture of the package.
+
+Pictures are laid out in inches from the top left corner and drawn without pyplot, so that they
+are the same in a notebook, in a thread and on a machine without a display, whatever style the
+reader has set.
+
+Colours: P. Tol's "high-contrast" scheme, told apart by readers with any colour vision and,
+because its lightness is graded, in grey print. A marker or a line style always says the same.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+INK = "#222222"
+QUIET = "#6f6f6f"
+FAINT = "#c4c4c4"
+DARK = "#004488"
+MIDDLE = "#bb5566"
+LIGHT = "#ddaa33"
+SERIES = ((DARK, "o"), (LIGHT, "^"), (MIDDLE, "s"), (INK, "D"))
+COUNTS = LinearSegmentedColormap.from_list("corridor_counts", ["#ffffff", "#9fb8d1", "#00305f"])
+SHADES = LinearSegmentedColormap.from_list("corridor_shades", ["#ffffff", "#d3d3d3"])
+
+TITLE, TEXT, SMALL = 11.0, 8.5, 7.5
+WIDTH = 10.0
+
+
+class Picture(Figure):
+    """A matplotlib figure that shows itself in a notebook without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return png(self, dpi=96)
+
+
+def png(figure: Figure, dpi: float = 144) -> bytes:
+    """The picture as the bytes of a PNG file, without date or program version."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def sheet(height: float, title: str, note: str = "", width: float = WIDTH) -> Picture:
+    """An empty sheet, inches, with its title and one quiet line under it (0.75 inch together)."""
+    figure = Picture(figsize=(width, height), dpi=100, facecolor="white")
+    FigureCanvasAgg(figure)
+    write(figure, 0.25, 0.33, short(title, int((width - 0.5) / 0.105)), size=TITLE, weight="bold")
+    if note:
+        write(figure, 0.25, 0.56, note, size=TEXT, colour=QUIET)
+    return figure
+
+
+def write(
+    figure: Figure,
+    left: float,
+    top: float,
+    text: str,
+    size: float = TEXT,
+    colour: str = INK,
+    weight: str = "normal",
+    align: str = "left",
+) -> None:
+    """Text on the sheet with its baseline at (left, top) inches from the top left corner."""
+    width, height = figure.get_size_inches()
+    figure.text(
+        left / width,
+        1 - top / height,
+        text,
+        size=size,
+        color=colour,
+        weight=weight,
+        ha=align,
+        va="baseline",
+        parse_math=False,
+    )
+
+
+def panel(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
+    """Axes with their upper left corner at (left, top) inches from the top left corner."""
+    total_width, total_height = figure.get_size_inches()
+    axes = figure.add_axes(
+        (
+            left / total_width,
+            1 - (top + height) / total_height,
+            width / total_width,
+            height / total_height,
+        ),
+        facecolor="white",
+    )
+    axes.grid(False)
+    for spine in axes.spines.values():
+        spine.set(color=QUIET, linewidth=0.6)
+    axes.tick_params(
+        which="both", labelsize=SMALL, colors=INK, color=QUIET, length=3, width=0.6, direction="out"
+    )
+    axes.xaxis.set_major_locator(MaxNLocator(max(2, int(width / 0.75)), steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(max(2, int(height / 0.4)), steps=[1, 2, 5, 10]))
+    return axes
+
+
+def caption(axes: Axes, text: str) -> None:
+    """Name of one panel, above its upper left corner."""
+    axes.set_title(text, loc="left", size=TEXT, color=INK, weight="bold", pad=5, parse_math=False)
+
+
+def label(axes: Axes, x: str | None = None, y: str | None = None) -> None:
+    """Names of the axes, with their units."""
+    if x is not None:
+        axes.set_xlabel(x, size=TEXT, color=INK, labelpad=3)
+    if y is not None:
+        axes.set_ylabel(y, size=TEXT, color=INK, labelpad=4)
+
+
+def open_frame(axes: Axes) -> None:
+    """Only the left and lower edge of a panel: for curves and bars, not for maps."""
+    axes.spines["top"].set_visible(False)
+    axes.spines["right"].set_visible(False)
+
+
+def legend(figure: Figure, top: float, handles: Sequence, left: float = 0.25) -> None:
+    """One row of keys, its middle `top` inches below the upper edge."""
+    if not handles:
+        return
+    width, height = figure.get_size_inches()
+    made = figure.legend(
+        handles=list(handles),
+        loc="center left",
+        bbox_to_anchor=(left / width, 1 - top / height),
+        ncols=len(handles),
+        frameon=False,
+        fontsize=TEXT,
+        labelcolor=INK,
+        borderpad=0,
+        borderaxespad=0,
+        columnspacing=1.6,
+        handletextpad=0.5,
+    )
+    for text in made.get_texts():
+        text.set_parse_math(False)
+
+
+def count_bar(
+    figure: Figure, image, left: float, top: float, width: float, height: float, text: str
+) -> None:
+    """Slim upright key of a shaded panel, with whole numbers."""
+    axes = panel(figure, left, top, width, height)
+    figure.colorbar(image, cax=axes)
+    axes.yaxis.set_major_locator(MaxNLocator(max(2, int(height / 0.5)), integer=True))
+    axes.tick_params(labelsize=SMALL, colors=INK, color=QUIET, length=2, width=0.6)
+    for spine in axes.spines.values():
+        spine.set(color=QUIET, linewidth=0.6)
+    label(axes, y=text)
+
+
+def sentence(text: str, title: str) -> Picture:
+    """A small picture that says why there is nothing to draw."""
+    figure = sheet(1.1, title)
+    write(figure, 0.25, 0.72, text, colour=QUIET)
+    return figure
+
+
+def nice(value: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above `value` (1 for zero)."""
+    if not (value > 0 and math.isfinite(value)):
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value) + 1e-12)
+    return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= value * (1 + 1e-9))
+
+
+def plain(value: float) -> str:
+    """A number as a person writes it: 2,000, 0.05, 12."""
+    if value and not 1e-6 <= abs(value) < 1e12:
+        return f"{value:.3g}"
+    text = f"{value:,.10f}".rstrip("0").rstrip(".")
+    return text or "0"
+
+
+def counted(number: int, noun: str, plural: str | None = None) -> str:
+    """ "1 image", "88 images"."""
+    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
+
+
+def short(name: object, most: int = 18) -> str:
+    """A name cut in its middle where it is longer than `most` characters."""
+    text = str(name)
+    if len(text) <= most:
+        return text
+    tail = (most - 1) // 2
+    return text[: most - 1 - tail] + "\u2026" + text[len(text) - tail :]
+
+
+def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=None) -> None:
+    """Writes names beside points (n, 2); a name that finds no free place is left out.
+
+    keep_clear: (m, 2) data coordinates of further places no name may cover.
+    """
+    figure = axes.figure
+    renderer = figure.canvas.get_renderer()
+    inside = axes.get_window_extent(renderer)
+    taken: list = []
+    marks = axes.transData.transform(np.asarray(xy, dtype=float).reshape(-1, 2))
+    closed = marks
+    if keep_clear is not None and len(keep_clear):
+        closed = np.vstack([marks, axes.transData.transform(np.asarray(keep_clear, dtype=float))])
+    places = [
+        (6, 0, "left", "center"),
+        (-6, 0, "right", "center"),
+        (0, 6, "center", "bottom"),
+        (0, -6, "center", "top"),
+        (5, 5, "left", "bottom"),
+        (5, -5, "left", "top"),
+        (-5, 5, "right", "bottom"),
+        (-5, -5, "right", "top"),
+    ]
+    for point, name in zip(np.asarray(xy, dtype=float), names, strict=True):
+        for dx, dy, across, upright in places:
+            text = axes.annotate(
+                short(name),
+                point,
+                (dx, dy),
+                textcoords="offset points",
+                size=SMALL,
+                color=INK,
+                ha=across,
+                va=upright,
+                parse_math=False,
+                zorder=9,
+            )
+            box = text.get_window_extent(renderer).padded(1.5)
+            others = closed[np.hypot(*(closed - axes.transData.transform(point)).T) > 1e-6]
+            wide = box.padded(4.0)
+            free = (
+                inside.x0 <= box.x0
+                and box.x1 <= inside.x1
+                and inside.y0 <= box.y0
+                and box.y1 <= inside.y1
+                and not any(box.overlaps(other) for other in taken)
+                and not np.any(
+                    (others[:, 0] > wide.x0)
+                    & (others[:, 0] < wide.x1)
+                    & (others[:, 1] > wide.y0)
+                    & (others[:, 1] < wide.y1)
+                )
+            )
+            if free:
+                taken.append(box)
+                break
+            text.remove()

@@ -1,0 +1,78 @@
+"""Random errors of the measurements of a block."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from corridor.block import Block
+from corridor.errors import InputError
+
+_OUTLIER_PX = (5.0, 50.0)
+
+
+def add_noise(
+    block: Block,
+    tie_px: float = 0.0,
+    mark_px: float = 0.0,
+    gnss_m: float | Sequence[float] = 0.0,
+    control_m: float | Sequence[float] = 0.0,
+    outliers: float = 0.0,
+    seed: int = 0,
+) -> Block:
+    """A copy of the block with Gaussian errors on its measurements.
+
+    tie_px, mark_px: standard deviation of an image coordinate, pixels.
+    gnss_m, control_m: of an antenna position and of a surveyed ground point (control and check
+    points alike), metres, one number or three (x, y, z).
+    outliers: share of the tie observations that are moved by 5 to 50 px in any direction on top;
+    an outlier stays inside its picture.
+    The default sigmas of the block become the ones drawn, wherever those are not zero.
+    Each kind of measurement has its own stream of the seed: adding one does not change another.
+    Raises InputError for negative sigmas and a share outside 0 to 1.
+    """
+    gnss = np.broadcast_to(np.asarray(gnss_m, dtype=float), 3)
+    control = np.broadcast_to(np.asarray(control_m, dtype=float), 3)
+    if min(tie_px, mark_px, gnss.min(), control.min()) < 0:
+        raise InputError("noise has a negative standard deviation: give sigmas of 0 or more")
+    if not 0 <= outliers <= 1:
+        raise InputError(f"a share of outliers of {outliers:g} is impossible: give 0 to 1")
+    block = block.copy()
+    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
+
+    def shake(table: str, columns: list[str], sigma: float | np.ndarray, rng) -> None:
+        frame = getattr(block, table)
+        if len(frame):
+            values = frame[columns].to_numpy(dtype=float)
+            values = values + sigma * rng.standard_normal(values.shape)
+            setattr(block, table, frame.assign(**dict(zip(columns, values.T, strict=True))))
+
+    shake("tie_points", ["x", "y"], tie_px, draw[0])
+    shake("marks", ["x", "y"], mark_px, draw[1])
+    shake("gnss", ["x", "y", "z"], gnss, draw[2])
+    shake("ground", ["x", "y", "z"], control, draw[3])
+    if outliers:
+        _displace(block, outliers, draw[4])
+
+    block.sigma = dict(block.sigma)
+    for key, sigma in (("tie_px", tie_px), ("mark_px", mark_px)):
+        if sigma > 0:
+            block.sigma[key] = float(sigma)
+    for key, sigma in (("gnss_m", gnss), ("control_m", control)):
+        if np.all(sigma > 0):
+            block.sigma[key] = sigma.copy()
+    return block
+
+
+def _displace(block: Block, share: float, rng: np.random.Generator) -> None:
+    count = len(block.tie_points)
+    rows = np.sort(rng.choice(count, round(share * count), replace=False))
+    length = rng.uniform(*_OUTLIER_PX, len(rows))
+    angle = rng.uniform(0, 2 * np.pi, len(rows))
+    name = block.tie_points["image"].iloc[rows].astype(str)
+    camera = block.images.set_index("image")["camera"].loc[name]
+    limit = {key: (value.width - 1, value.height - 1) for key, value in block.cameras.items()}
+    limits = np.array([limit[key] for key in camera], dtype=float).reshape(-1, 2)
+    values = block.tie_points[["x", "y"]].to_numpy(dtype=float)
+    moved = values[rows] + length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    values[rows] = np.clip(moved, 0.0, limits)
+    block.tie_points = block.tie_points.assign(x=values[:, 0], y=values[:, 1])

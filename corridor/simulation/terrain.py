@@ -1,0 +1,69 @@
+"""Ground of a corridor: a dike along the axis, with smooth roughness."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+# Cross-section over the relief: distance from the axis in crest heights, height in crest heights.
+# Water on the left of the axis (slope 1:2.5 to below the plain), berm on the right.
+_SECTION = np.array(
+    [
+        (-9.0, -0.25),
+        (-3.8, -0.25),
+        (-0.7, 1.0),
+        (0.7, 1.0),
+        (2.2, 0.4),
+        (3.6, 0.4),
+        (4.8, 0.0),
+        (9.0, 0.0),
+    ]
+)
+_WAVES = 24
+
+
+@dataclass(frozen=True)
+class Dike:
+    """A dike that follows the axis of a corridor.
+
+    relief: crest above the plain, metres; 0 gives a plane. level: height of the plain, metres.
+    seed: of the roughness, plane waves of 8 to 200 m whose sum has an RMS of relief / 12.
+    """
+
+    relief: float = 3.0
+    level: float = 0.0
+    seed: int = 0
+    _section: PchipInterpolator = field(init=False, repr=False, compare=False)
+    _waves: np.ndarray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self):
+        section = PchipInterpolator(*_SECTION.T)
+        draw = np.random.default_rng([self.seed, 1])
+        length = np.geomspace(8.0, 200.0, _WAVES)
+        direction, phase = draw.uniform(0, 2 * np.pi, (2, _WAVES))
+        amplitude = np.sqrt(length)
+        amplitude *= np.sqrt(2) / 12 / np.linalg.norm(amplitude)
+        waves = np.stack(
+            [
+                2 * np.pi / length * np.cos(direction),
+                2 * np.pi / length * np.sin(direction),
+                phase,
+                amplitude,
+            ]
+        )
+        object.__setattr__(self, "_section", section)
+        object.__setattr__(self, "_waves", waves)
+
+    def height(self, along: np.ndarray, across: np.ndarray) -> np.ndarray:
+        """Height (n,) of the ground, metres, at distances along and to the right of the axis (n,).
+
+        Crest half-width, slopes and berm grow with the relief.
+        """
+        along, across = np.broadcast_arrays(np.asarray(along, float), np.asarray(across, float))
+        if self.relief == 0:
+            return np.full(along.shape, float(self.level))
+        reach = _SECTION[-1, 0]
+        height = self._section(np.clip(across / self.relief, -reach, reach))
+        for a, c, phase, amplitude in self._waves.T:
+            height = height + amplitude * np.sin(a * along + c * across + phase)
+        return self.level + self.relief * height

@@ -1,0 +1,32 @@
+"""The result as a folder, with every picture the package has for it."""
+
+import json
+import re
+
+from made_up import adjustment, corridor
+
+from corridor.figures import save_adjustment
+from corridor.figures.report import CAPTIONS, pictures
+
+
+def test_every_picture_has_a_caption_and_every_caption_a_picture():
+    assert set(pictures(adjustment(corridor(images=8)))) == set(CAPTIONS)
+
+
+def test_the_folder_holds_every_picture_alone_and_in_the_page(tmp_path):
+    written = save_adjustment(adjustment(corridor(images=8)), tmp_path / "out")
+    names = {path.name for path in written}
+    assert {f"{name}.png" for name in CAPTIONS} <= names
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert len(re.findall(r'src="data:image/png;base64,', page)) == len(CAPTIONS)
+    content = json.loads((tmp_path / "out" / "adjustment.json").read_text())
+    assert content["pictures"] == [f"{name}.png" for name in CAPTIONS]
+
+
+def test_the_same_adjustment_gives_the_same_page(tmp_path):
+    made = adjustment(corridor(images=8))
+    for name in ("a", "b"):
+        save_adjustment(made, tmp_path / name)
+    one, two = ((tmp_path / name / "report.html").read_bytes() for name in ("a", "b"))
+    assert one == two
+    assert str(tmp_path).encode() not in one

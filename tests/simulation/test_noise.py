@@ -1,0 +1,80 @@
+"""Noise: the distribution that comes out, not the draws."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from corridor.errors import InputError
+from corridor.simulation import add_noise, corridor_block
+
+TABLES = {
+    "tie_points": ["x", "y"],
+    "marks": ["x", "y"],
+    "gnss": ["x", "y", "z"],
+    "ground": ["x", "y", "z"],
+}
+
+
+@pytest.fixture(scope="module")
+def perfect():
+    return corridor_block(images=120, control=40, check=40, seed=1)
+
+
+def off(noisy, perfect, table):
+    columns = TABLES[table]
+    return (getattr(noisy, table)[columns] - getattr(perfect, table)[columns]).to_numpy()
+
+
+def test_errors_have_the_sigma_asked_for_on_every_axis(perfect):
+    noisy = add_noise(
+        perfect, tie_px=0.4, mark_px=0.7, gnss_m=(0.02, 0.03, 0.06), control_m=0.005, seed=7
+    )
+    asked = {
+        "tie_points": [0.4, 0.4],
+        "marks": [0.7, 0.7],
+        "gnss": [0.02, 0.03, 0.06],
+        "ground": [0.005] * 3,
+    }
+    for table, sigma in asked.items():
+        errors = off(noisy, perfect, table)
+        # Four standard errors of a standard deviation, and of a mean.
+        assert errors.std(axis=0) == pytest.approx(sigma, rel=4 / np.sqrt(2 * len(errors)))
+        assert np.abs(errors.mean(axis=0) / sigma).max() < 4 / np.sqrt(len(errors))
+    assert noisy.sigma["tie_px"] == 0.4
+    assert noisy.sigma["gnss_m"].tolist() == [0.02, 0.03, 0.06]
+
+
+def test_no_noise_changes_nothing_and_the_perfect_block_stays_as_it_is(perfect):
+    before = perfect.copy()
+    same = add_noise(perfect)
+    add_noise(perfect, tie_px=1.0, gnss_m=1.0, outliers=0.1)
+    for table in TABLES:
+        pd.testing.assert_frame_equal(getattr(same, table), getattr(before, table))
+        pd.testing.assert_frame_equal(getattr(perfect, table), getattr(before, table))
+    assert same.sigma["tie_px"] == before.sigma["tie_px"]
+
+
+def test_noise_of_one_kind_does_not_change_another(perfect):
+    alone = add_noise(perfect, gnss_m=0.02, seed=2)
+    together = add_noise(perfect, tie_px=0.5, mark_px=0.5, gnss_m=0.02, outliers=0.01, seed=2)
+    pd.testing.assert_frame_equal(alone.gnss, together.gnss)
+
+
+def test_outliers_are_the_share_asked_for_and_stay_in_the_picture(perfect):
+    noisy = add_noise(perfect, outliers=0.02, seed=4)
+    length = np.linalg.norm(off(noisy, perfect, "tie_points"), axis=1)
+    assert (length > 0).sum() == round(0.02 * len(length))
+    assert length.max() <= 50
+    values = noisy.tie_points[["x", "y"]].to_numpy()
+    assert values.min() >= 0 and (values <= [5119, 3839]).all()
+
+
+@pytest.mark.parametrize("wrong", [{"tie_px": -1.0}, {"gnss_m": (0.1, -0.1, 0.1)}])
+def test_a_negative_sigma_is_refused(perfect, wrong):
+    with pytest.raises(InputError, match="negative"):
+        add_noise(perfect, **wrong)
+
+
+def test_a_share_above_one_is_refused(perfect):
+    with pytest.raises(InputError, match="share of outliers"):
+        add_noise(perfect, outliers=2.0)

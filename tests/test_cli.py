@@ -1,0 +1,248 @@
+"""The command: what it prints, writes and returns."""
+
+import errno
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import corridor
+from corridor.cli import main
+from corridor.errors import AdjustmentFailed
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A small block with noise of known size, as a folder."""
+    from corridor.simulation import add_noise, corridor_block
+
+    block = corridor_block(images=9, strips=3, observations_per_image=60, seed=4)
+    noise = dict(tie_px=0.5, mark_px=0.3, gnss_m=0.02, control_m=0.01)
+    path = tmp_path_factory.mktemp("blocks") / "small"
+    add_noise(block, **noise, seed=4).write(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def done(folder, tmp_path_factory):
+    """The command as a user types it, in a process of its own."""
+    out = tmp_path_factory.mktemp("results") / "small"
+    command = [sys.executable, "-m", "corridor", "adjust", str(folder), "-o", str(out)]
+    return out, subprocess.run(command, capture_output=True, text=True, encoding="utf-8")
+
+
+class TestAdjust:
+    def test_it_ends_with_status_0_and_names_what_it_wrote(self, done):
+        out, process = done
+        assert process.returncode == 0, process.stderr
+        named = {Path(line.strip()) for line in process.stdout.partition("Wrote")[2].splitlines()}
+        assert {path for path in out.iterdir() if path.is_file()} <= named
+        assert out / "adjustment.json" in named
+
+    def test_a_line_on_stderr_for_every_iteration(self, done):
+        out, process = done
+        result = json.loads((out / "adjustment.json").read_text(encoding="utf-8"))
+        lines = [line for line in process.stderr.splitlines() if line.startswith("iteration")]
+        assert len(lines) >= result["iterations"] >= 1
+
+    def test_the_result_holds_what_the_design_promises(self, done):
+        result = json.loads((done[0] / "adjustment.json").read_text(encoding="utf-8"))
+        promised = (
+            "converged iterations seconds sigma0 redundancy observations camera effects "
+            "lever_arm check_points correlations warnings"
+        )
+        assert set(promised.split()) <= set(result)
+        # The noise is as large as the sigmas say: sigma0 is 1 within a few sigma / sqrt(2 r).
+        assert result["sigma0"] == pytest.approx(1.0, abs=5 / (2 * result["redundancy"]) ** 0.5)
+
+    def test_the_adjusted_block_is_a_block(self, done, folder):
+        adjusted = corridor.read(done[0] / "block")
+        assert list(adjusted.images["image"]) == list(corridor.read(folder).images["image"])
+
+    def test_the_pictures_are_there(self, done):
+        assert {"check_points.png", "residual_vectors.png"} <= {p.name for p in done[0].iterdir()}
+
+    def test_without_an_output_folder_it_says_that_nothing_is_kept(self, folder, capsys):
+        assert main(["adjust", str(folder)]) == 0
+        assert "Nothing was written" in capsys.readouterr().out
+
+    def test_options_reach_the_call(self, folder, monkeypatch):
+        called = _stand_in(monkeypatch)
+        words = (
+            "--camera f,cx,cy --effect gnss_bias --effect rolling_shutter --control P1,P2 "
+            "--check none --loss huber:2 --prior camera.P1.f=8190+-5 --prior gnss_bias.z=0±0.05 "
+            "--lever-arm fixed --threads 2"
+        )
+        main(["adjust", str(folder), *words.split()])
+        called.pop("progress")
+        assert called == {
+            "camera": "f,cx,cy",
+            "effects": ["gnss_bias", "rolling_shutter"],
+            "control": ["P1", "P2"],
+            "check": [],
+            "loss": "huber:2",
+            "priors": {"camera.P1.f": (8190.0, 5.0), "gnss_bias.z": (0.0, 0.05)},
+            "lever_arm": "fixed",
+            "threads": 2,
+        }
+
+    def test_what_is_not_asked_for_is_left_to_the_block(self, folder, monkeypatch):
+        called = _stand_in(monkeypatch)
+        main(["adjust", str(folder)])
+        asked = {k: called[k] for k in ("camera", "control", "check", "priors", "lever_arm")}
+        assert asked == dict.fromkeys(asked)
+
+    @pytest.mark.parametrize(
+        "words",
+        [
+            "--prior camera.P1.f=8190",
+            "--prior camera.P1.f=8190+-0",
+            "--prior camera.P1.f=8190+-nan",
+            "--prior =1+-1",
+            "--control ,",
+            "--threads 0",
+            "--lever-arm loose",
+        ],
+    )
+    def test_an_option_that_makes_no_sense_is_status_2(self, folder, capsys, words):
+        with pytest.raises(SystemExit) as stop:
+            main(["adjust", str(folder), *words.split()])
+        assert stop.value.code == 2
+        assert words.split()[0] in capsys.readouterr().err.splitlines()[-1]
+
+
+class TestEndings:
+    """Wrong input 2, failed work 1, interrupted 130: one sentence, nothing half-written."""
+
+    def _ended(self, capsys, status, *words):
+        assert main(list(words)) == status
+        error = capsys.readouterr().err
+        assert "Traceback" not in error
+        return error.splitlines()[-1]
+
+    @pytest.mark.parametrize("verb", ["adjust", "summary"])
+    def test_a_folder_that_is_not_there(self, tmp_path, capsys, verb):
+        nowhere, out = tmp_path / "nowhere", tmp_path / "out"
+        last = self._ended(capsys, 2, verb, str(nowhere), "-o", str(out))
+        assert "nowhere" in last
+        assert not out.exists()
+
+    def test_an_effect_that_is_not_there(self, folder, tmp_path, capsys):
+        out = tmp_path / "out"
+        words = ("adjust", str(folder), "--effect", "gremlins", "-o", str(out))
+        assert "gremlins" in self._ended(capsys, 2, *words)
+        assert not out.exists()
+
+    def test_describing_an_effect_that_is_not_there(self, capsys):
+        assert "gremlins" in self._ended(capsys, 2, "effects", "gremlins")
+
+    def test_work_that_fails_says_why(self, folder, capsys, monkeypatch):
+        def fails(*_, **__):
+            raise AdjustmentFailed("the block falls apart between A and B.")
+
+        monkeypatch.setattr(corridor, "adjust", fails)
+        last = self._ended(capsys, 1, "adjust", str(folder))
+        assert last == "failed: the block falls apart between A and B."
+
+    def test_ctrl_c_during_the_iterations(self, folder, tmp_path, capsys, monkeypatch):
+        def pressed(step):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("corridor.cli.adjust._progress", pressed)
+        out = tmp_path / "out"
+        last = self._ended(capsys, 130, "adjust", str(folder), "-o", str(out))
+        assert last == "interrupted: nothing was written."
+        assert list(tmp_path.iterdir()) == []
+
+    @pytest.mark.parametrize("ending", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
+    def test_ctrl_c_or_a_full_disk_during_writing(
+        self, folder, tmp_path, capsys, monkeypatch, ending
+    ):
+        def stop(self, *_, **__):
+            raise ending
+
+        monkeypatch.setattr(corridor.Block, "write", stop)
+        out = tmp_path / "out"
+        status = 130 if ending is KeyboardInterrupt else 1
+        assert "nothing was written" in self._ended(
+            capsys, status, "adjust", str(folder), "-o", str(out)
+        )
+        assert list(tmp_path.iterdir()) == []
+
+
+class TestSummary:
+    def test_it_says_what_each_effect_lacks(self, folder, tmp_path, capsys):
+        block = corridor.read(folder)
+        block.gnss = block.gnss.iloc[:0]
+        block.write(tmp_path / "no_gnss")
+        assert main(["summary", str(tmp_path / "no_gnss")]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        row = next(line for line in lines if "gnss_bias" in line)
+        assert "gnss" in row.replace("gnss_bias", "")
+        assert not [line for line in lines if "focal_drift" in line]
+
+    def test_it_saves_the_first_look_when_asked(self, folder, tmp_path, capsys):
+        out = tmp_path / "look"
+        assert main(["summary", str(folder), "-o", str(out)]) == 0
+        assert [path.name for path in out.iterdir()] == ["first_look.png"]
+        assert str(out / "first_look.png") in capsys.readouterr().out
+        assert (out / "first_look.png").read_bytes().startswith(b"\x89PNG")
+
+
+class TestEffects:
+    def test_the_catalogue_names_every_effect_with_place_parameters_units_and_needs(self, capsys):
+        assert main(["effects"]) == 0
+        blocks = capsys.readouterr().out.split("\n\n")
+        told = {block.splitlines()[0]: block for block in blocks}
+        for effect in corridor.catalogue():
+            text = told[effect.slug]
+            for word in (effect.title, effect.place, *effect.needs):
+                assert word in text
+        assert "readout (s)" in told["rolling_shutter"]
+
+    def test_one_effect_in_full_gives_its_source(self, capsys):
+        """Every effect's file names the work it comes from."""
+        for effect in corridor.catalogue():
+            assert main(["effects", effect.slug]) == 0
+            assert "Source:" in capsys.readouterr().out, effect.slug
+
+
+class TestHelp:
+    def test_it_starts_a_newcomer(self, capsys):
+        with pytest.raises(SystemExit) as stop:
+            main(["--help"])
+        text = capsys.readouterr().out
+        assert stop.value.code == 0
+        for verb in ("adjust", "summary", "effects"):
+            assert f"corridor {verb}" in text
+
+    @pytest.mark.parametrize("verb", ["adjust", "summary", "effects"])
+    def test_every_verb_has_examples(self, capsys, verb):
+        with pytest.raises(SystemExit):
+            main([verb, "--help"])
+        assert f"  corridor {verb}" in capsys.readouterr().out.partition("examples:")[2]
+
+    def test_it_does_not_wait_for_the_numerical_libraries(self):
+        """`corridor --help` loads neither numpy nor numba."""
+        program = (
+            "import sys, corridor.cli\n"
+            "try: corridor.cli.main(['adjust', '--help'])\n"
+            "except SystemExit: pass\n"
+            "sys.exit(', '.join({'numpy', 'numba', 'pandas', 'matplotlib'} & set(sys.modules)))\n"
+        )
+        process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+        assert process.stderr.strip() == ""
+
+
+def _stand_in(monkeypatch):
+    """Put a recorder in the place of corridor.adjust; the dictionary of what it was given."""
+    called = {}
+
+    def record(block, **options):
+        called.update(options)
+        return "a report"
+
+    monkeypatch.setattr(corridor, "adjust", record)
+    return called

@@ -1,0 +1,69 @@
+"""The notebooks: paired, executed in order, and running from beginning to end."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
+CHAPTERS = sorted(FOLDER.glob("*.py"))
+
+
+def test_there_are_chapters():
+    assert [path.stem for path in CHAPTERS][:1] == ["00_quickstart"]
+
+
+@pytest.mark.parametrize("chapter", CHAPTERS, ids=lambda path: path.stem)
+class TestEveryChapter:
+    def test_both_files_of_the_pair_say_the_same(self, chapter):
+        """If this fails: jupytext --sync notebooks/NAME.py, then execute the notebook again."""
+        jupytext = pytest.importorskip("jupytext", reason="the extra 'notebooks' is not installed")
+        script, notebook = jupytext.read(chapter), jupytext.read(chapter.with_suffix(".ipynb"))
+        assert _told(script) == _told(notebook)
+
+    def test_its_outputs_are_of_one_run_from_top_to_bottom(self, chapter):
+        notebook = json.loads(chapter.with_suffix(".ipynb").read_text(encoding="utf-8"))
+        counts = [c["execution_count"] for c in notebook["cells"] if c["cell_type"] == "code"]
+        assert counts == list(range(1, len(counts) + 1))
+
+    def test_its_outputs_name_no_path_of_this_machine_and_no_warning(self, chapter):
+        notebook = json.loads(chapter.with_suffix(".ipynb").read_text(encoding="utf-8"))
+        outputs = [output for c in notebook["cells"] for output in c.get("outputs", [])]
+        assert not [o for o in outputs if o.get("name") == "stderr"]
+        text = json.dumps(
+            [
+                {k: v for k, v in o.get("data", {}).items() if not k.startswith("image/")}
+                | {"text": o.get("text")}
+                for o in outputs
+            ]
+        )
+        assert str(Path.home()) not in text and str(FOLDER.parent) not in text
+
+    def test_it_has_the_parameters_that_every_chapter_has(self, chapter):
+        notebook = json.loads(chapter.with_suffix(".ipynb").read_text(encoding="utf-8"))
+        tagged = [
+            "".join(c["source"])
+            for c in notebook["cells"]
+            if "parameters" in c["metadata"].get("tags", [])
+        ]
+        assert len(tagged) == 1
+        for name in ("fast", "seed", "out"):
+            assert f"{name} = " in tagged[0]
+
+    @pytest.mark.notebook
+    def test_it_runs_in_its_fast_form(self, chapter, tmp_path):
+        papermill = pytest.importorskip(
+            "papermill", reason="the extra 'notebooks' is not installed"
+        )
+        papermill.execute_notebook(
+            chapter.with_suffix(".ipynb"),
+            tmp_path / f"{chapter.stem}.ipynb",
+            parameters={"fast": True, "out": str(tmp_path / "out")},
+            cwd=str(FOLDER),
+            kernel_name="python3",
+            progress_bar=False,
+        )
+
+
+def _told(notebook):
+    return [(cell.cell_type, cell.source.strip()) for cell in notebook.cells]

@@ -1,0 +1,216 @@
+"""The register of published numbers, the verdicts on ours, and the page that lists them."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from corridor import published
+from corridor.errors import InputError
+
+REGISTER = """
+[alpha]
+source = "A. Author 2020"
+where = "table 2"
+chapter = "00_quickstart"
+
+[alpha.height]
+row = "height"
+value = 0.040
+unit = "m"
+tolerance = 0.002
+note = "their scale is another"
+
+[alpha.shift]
+row = "shift"
+value = [1.0, -2.0, 3.5]
+unit = "px"
+tolerance = "1 %"
+"""
+
+
+@pytest.fixture
+def register(tmp_path):
+    return published.read(_written(tmp_path, REGISTER))
+
+
+def _written(folder, text):
+    path = folder / "published.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+class TestRegister:
+    def test_entries_inherit_what_stands_above_them(self, register):
+        entry = register["alpha.height"]
+        assert (entry.source, entry.where, entry.chapter) == (
+            "A. Author 2020",
+            "table 2",
+            "00_quickstart",
+        )
+
+    def test_printed_digits_are_kept(self, register):
+        """0.040 says more than 0.04."""
+        entry = register["alpha.height"]
+        assert entry.text(entry.values) == "0.040 m"
+
+    def test_numbers_that_belong_together_are_an_array(self, register):
+        np.testing.assert_array_equal(register["alpha.shift"].value, [1.0, -2.0, 3.5])
+
+    def test_a_percentage_is_a_share_of_each_value(self, register):
+        np.testing.assert_allclose(register["alpha.shift"].allowed, [0.01, 0.02, 0.035])
+
+    @pytest.mark.parametrize(
+        ("old", "new", "named"),
+        [
+            ('row = "height"\n', "", "lacks row"),
+            ('unit = "m"', 'unit = "m"\nunits = "m"', "unknown units"),
+            ("value = 0.040", 'value = "small"', "value is a number"),
+            ('tolerance = "1 %"', 'tolerance = "1 px"', "tolerance a number"),
+        ],
+    )
+    def test_a_wrong_entry_is_named(self, tmp_path, old, new, named):
+        assert old in REGISTER
+        path = _written(tmp_path, REGISTER.replace(old, new))
+        with pytest.raises(InputError, match=named) as error:
+            published.read(path)
+        assert "[alpha." in str(error.value)
+
+    def test_a_missing_register_is_wrong_input(self, tmp_path):
+        with pytest.raises(InputError, match=r"nowhere\.toml"):
+            published.read(tmp_path / "nowhere.toml")
+
+
+class TestProjectRegister:
+    """The one in notebooks/: read whole, as every chapter reads it."""
+
+    def test_it_holds_the_published_adjustment_of_strasbourg(self):
+        """DBAT, data/script/sxb/result/report.txt: sigma0 1.1786, redundancy 1261."""
+        register = published.read()
+        assert register["strasbourg.sigma0"].value == 1.1786
+        assert register["strasbourg.redundancy"].value == 1261
+
+    def test_every_tolerance_is_wide_enough_for_the_rounding_of_the_print(self):
+        """A number printed with d decimals is known to half a unit of the last one."""
+        for entry in published.read().values():
+            half = 0.0 if entry.digits == 0 else 0.5 * 10.0**-entry.digits
+            assert np.all(entry.allowed >= half), entry.id
+
+    def test_it_agrees_with_the_data_it_is_about(self, real_data):
+        """Two independent copies of the same printed figures must not drift apart."""
+        register = published.read()
+        expected = json.loads((real_data / "strasbourg" / "expected.json").read_text("utf-8"))
+        theirs = expected["published"]
+        photo = theirs["photos"]["8811.jpg"]
+        pairs = {
+            "strasbourg.sigma0": theirs["sigma0"],
+            "strasbourg.redundancy": theirs["redundancy"],
+            "strasbourg.residual_norm": theirs["last_error"],
+            "strasbourg.image_rms": theirs["image_rms_px"],
+            "strasbourg.largest_residual": theirs["max_residual_px"],
+            "strasbourg.check_largest": [theirs["check_max_abs_difference_m"][a] for a in "xyz"],
+            "strasbourg.check_rms_3d": theirs["check_rms_3d_m"],
+            "strasbourg.check_351.difference": theirs["check"]["351"]["difference_m"],
+            "strasbourg.check_410.difference": theirs["check"]["410"]["difference_m"],
+            "strasbourg.check_351.sigma": theirs["check"]["351"]["sigma_m"],
+            "strasbourg.check_410.sigma": theirs["check"]["410"]["sigma_m"],
+            "strasbourg.control_largest": [theirs["control_max_difference_m"][a] for a in "xyz"],
+            "strasbourg.control_rms_3d": theirs["control_rms_3d_m"],
+            "strasbourg.photo_1.angles": [photo[f"{a}_deg"] for a in ("omega", "phi", "kappa")],
+            "strasbourg.photo_1.angle_sigma": [
+                photo["sigma"][f"{a}_deg"] for a in ("omega", "phi", "kappa")
+            ],
+            "strasbourg.photo_1.position": [photo[a] for a in "xyz"],
+            "strasbourg.photo_1.position_sigma": [photo["sigma"][a] for a in "xyz"],
+            "strasbourg.photo_1.correlation": [
+                photo["correlation"]["omega_y"],
+                photo["correlation"]["phi_x"],
+            ],
+        }
+        assert set(pairs) == {name for name in register if name.startswith("strasbourg.")}
+        for name, value in pairs.items():
+            np.testing.assert_array_equal(register[name].value, value, err_msg=name)
+
+
+class TestVerdicts:
+    def test_within_the_tolerance_it_holds(self, register):
+        verdicts = published.compare({"alpha.height": 0.0419}, register=register)
+        assert verdicts["alpha.height"].word == "holds"
+        assert verdicts.hold
+
+    def test_on_the_tolerance_it_holds(self, register):
+        """0.042 - 0.040 is a little more than 0.002 in binary."""
+        assert 0.042 - 0.040 > 0.002
+        assert published.compare({"alpha.height": 0.042}, register=register).hold
+
+    def test_beyond_it_the_row_says_by_how_much_and_the_registered_reason(self, register):
+        verdict = published.compare({"alpha.height": 0.0441}, register=register)["alpha.height"]
+        assert verdict.word == "does not hold"
+        assert verdict.why == "differs by 0.0041 m, allowed 0.002 m; their scale is another"
+
+    def test_one_of_three_numbers_off_is_enough(self, register):
+        good = published.compare({"alpha.shift": [1.009, -2.0, 3.5]}, register=register)
+        bad = published.compare({"alpha.shift": [1.011, -2.0, 3.5]}, register=register)
+        assert good.hold and not bad.hold
+
+    @pytest.mark.parametrize("value", [None, float("nan")])
+    def test_what_was_not_measured_cannot_be_told(self, register, value):
+        verdicts = published.compare({"alpha.height": value}, absent="no data", register=register)
+        assert verdicts["alpha.height"].word == "cannot tell"
+        assert verdicts["alpha.height"].why == "no data"
+        assert not verdicts.hold
+
+    def test_judged_on_all_digits_shown_rounded(self, register):
+        """0.0379996 is off by 0.0020004: shown like 0.038, but it does not hold."""
+        verdict = published.compare({"alpha.height": 0.0379996}, register=register)["alpha.height"]
+        assert verdict.cells()["ours"] == "0.038 m"
+        assert verdict.word == "does not hold"
+
+    def test_an_id_without_entry_is_wrong_input(self, register):
+        with pytest.raises(InputError, match=r"alpha\.depth"):
+            published.compare({"alpha.depth": 1.0}, register=register)
+
+    def test_a_wrong_count_of_numbers_is_wrong_input(self, register):
+        with pytest.raises(InputError, match=r"alpha\.shift"):
+            published.compare({"alpha.shift": [1.0, 2.0]}, register=register)
+
+    def test_text_html_and_table_show_the_same(self, register):
+        verdicts = published.compare(
+            {"alpha.height": 0.041, "alpha.shift": None}, register=register
+        )
+        cells = verdicts.table.iloc[0].to_dict()
+        assert cells["published"] == "0.040 m" and cells["ours"] == "0.041 m"
+        html, text = verdicts._repr_html_(), str(verdicts)
+        for word in cells.values():
+            assert word in text and word in html
+        assert text.endswith("1 holds, 0 does not hold, 1 cannot tell.")
+
+    def test_a_table_says_nothing_of_time_or_memory(self, register):
+        """Notebook outputs are compared word by word."""
+        verdicts = published.compare({"alpha.height": 0.041}, register=register)
+        assert not re.search(r"0x[0-9a-f]{6}", verdicts._repr_html_() + repr(verdicts))
+
+
+class TestPage:
+    def test_it_lists_what_the_executed_notebooks_show(self, tmp_path, register):
+        verdicts = published.compare(
+            {"alpha.height": 0.041, "alpha.shift": [0, 0, 0]}, register=register
+        )
+        _notebook(tmp_path / "05_thing.ipynb", verdicts._repr_mimebundle_())
+        _notebook(tmp_path / "06_other.ipynb", {"text/plain": "nothing to compare"})
+        text = published.page(tmp_path)
+        assert "[05_thing](05_thing.ipynb)" in text and "06_other" not in text
+        row = "| height | A. Author 2020, table 2 | 0.040 m | 0.041 m | holds |  |"
+        assert row in text.splitlines()
+        assert "1 holds, 1 does not hold, 0 cannot tell." in text
+
+    def test_the_committed_page_is_current(self):
+        """If this fails: python -m corridor.published"""
+        committed = (published.NOTEBOOKS / "verdicts.md").read_text(encoding="utf-8")
+        assert committed == published.page()
+
+
+def _notebook(path, data):
+    cell = {"cell_type": "code", "outputs": [{"output_type": "display_data", "data": data}]}
+    path.write_text(json.dumps({"cells": [{"cell_type": "markdown"}, cell]}), encoding="utf-8")

@@ -1,0 +1,115 @@
+"""run.py: what it decides before it installs or starts anything."""
+
+import ast
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path):
+    """run.py as a module whose .venv is in a temporary folder."""
+    specification = importlib.util.spec_from_file_location("run_py", ROOT / "run.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    monkeypatch.setattr(module, "VENV", tmp_path / ".venv")
+    monkeypatch.setattr(module, "STAMP", tmp_path / ".venv" / "corridor-installed.json")
+    return module
+
+
+def test_it_needs_nothing_but_the_standard_library():
+    tree = ast.parse((ROOT / "run.py").read_text(encoding="utf-8"))
+    names = {
+        (node.module if isinstance(node, ast.ImportFrom) else alias.name).split(".")[0]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+    }
+    assert names <= sys.stdlib_module_names
+
+
+def test_an_old_python_can_read_it_and_is_told_what_to_do(run, capsys, monkeypatch):
+    """Python 3.8 must get as far as the message."""
+    ast.parse((ROOT / "run.py").read_text(encoding="utf-8"), feature_version=(3, 8))
+    monkeypatch.setattr(run.sys, "version_info", (3, 10, 4))
+    assert run.main([]) == 1
+    message = capsys.readouterr().err
+    assert "needs Python 3.11 or newer and this is 3.10" in message
+
+
+def test_a_python_without_venv_is_told_the_package(run, capsys, monkeypatch):
+    """Debian and Ubuntu ship ensurepip apart, in python3-venv."""
+    monkeypatch.setattr(run.importlib.util, "find_spec", lambda name: None)
+    assert run.main([]) == 1
+    assert "sudo apt install python3-venv" in capsys.readouterr().err
+
+
+class TestEnvironmentIsUsedAgain:
+    @pytest.fixture
+    def project(self, tmp_path):
+        for name in ("pyproject.toml", "constraints.txt"):
+            (tmp_path / name).write_text("a\nb\n", encoding="utf-8")
+        return tmp_path
+
+    def _stamp(self, run, project, extras):
+        path = project / "stamp.json"
+        text = run.json.dumps({"fingerprint": run.fingerprint(project), "extras": extras})
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def test_while_nothing_changed(self, run, project):
+        stamp = self._stamp(run, project, ["dev"])
+        assert run.installed_extras(stamp, project) == {"dev"}
+
+    @pytest.mark.parametrize("name", ["pyproject.toml", "constraints.txt"])
+    def test_but_not_after_a_change(self, run, project, name):
+        stamp = self._stamp(run, project, [])
+        (project / name).write_text("a\nc\n", encoding="utf-8")
+        assert run.installed_extras(stamp, project) is None
+
+    def test_line_endings_are_no_change(self, run, project):
+        stamp = self._stamp(run, project, [])
+        (project / "constraints.txt").write_bytes(b"a\r\nb\r\n")
+        assert run.installed_extras(stamp, project) == set()
+
+    @pytest.mark.parametrize("text", ["", "{", '{"fingerprint": "x"}'])
+    def test_a_half_written_record_counts_as_none(self, run, project, text):
+        stamp = project / "stamp.json"
+        stamp.write_text(text, encoding="utf-8")
+        assert run.installed_extras(stamp, project) is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], ["data_synthetic/dike", "-o", "out/dike"]),
+        (["--camera", "fixed"], ["data_synthetic/dike", "--camera", "fixed", "-o", "out/dike"]),
+        (["mine"], ["mine", "-o", "out/mine"]),
+        (["mine", "-o", "there"], ["mine", "-o", "there"]),
+        (["mine", "--output=there"], ["mine", "--output=there"]),
+    ],
+)
+def test_the_main_job_is_corridor_adjust(run, monkeypatch, arguments, expected):
+    started = []
+    monkeypatch.setattr(run, "set_up", lambda extras=(): Path("python"))
+    monkeypatch.setattr(
+        run.subprocess,
+        "run",
+        lambda command, **_: started.append(command) or subprocess.CompletedProcess(command, 0),
+    )
+    assert run.main(arguments) == 0
+    words = [word.replace(str(ROOT), "").lstrip("\\/").replace("\\", "/") for word in started[0]]
+    assert words == ["python", "-m", "corridor", "adjust", *expected]
+
+
+def test_the_exit_status_is_that_of_the_adjustment(run, monkeypatch):
+    monkeypatch.setattr(run, "set_up", lambda extras=(): Path("python"))
+    monkeypatch.setattr(
+        run.subprocess, "run", lambda command, **_: subprocess.CompletedProcess(command, 2)
+    )
+    assert run.main(["no_such_block"]) == 2
