@@ -15,7 +15,6 @@ from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
 from corridor.block import Block
 from corridor.camera import INTERIOR, quaternion_from_rotation
-from corridor.effects.contract import Context
 
 # An image residual this many robust sigmas long is suspect, or no longer a measurement.
 OUTLIER, GROSS = 5.0, 15.0

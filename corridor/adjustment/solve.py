@@ -55,7 +55,6 @@ def _solve(normal, max_iterations, tolerance, progress) -> Solution:
     normal.assemble(state, damping)
     cost = normal.cost
     history: list[dict] = []
-    m = p.image_count
     for iteration in range(1, max_iterations + 1):
         while True:
             try:
@@ -96,8 +95,10 @@ def _solve(normal, max_iterations, tolerance, progress) -> Solution:
                     "camera and the unit of the coordinates"
                 )
             normal.assemble(state, damping)
+        # A damped step is short along what is badly determined: it proves nothing.
+        done = length < tolerance and damping == 0.0
         state, cost, damping = trial, normal.cost, relaxed
-        if length < tolerance:
+        if done:
             return Solution(state, True, iteration, cost, history)
     return Solution(state, False, max_iterations, cost, history)
 
