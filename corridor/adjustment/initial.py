@@ -21,7 +21,7 @@ from scipy.spatial import KDTree
 from corridor.adjustment.similarity import Similarity, similarity
 from corridor.block import Block
 from corridor.camera import quaternion_from_rotation, rotation_from_quaternion, undistort
-from corridor.errors import InputError
+from corridor.errors import AdjustmentFailed, InputError
 
 _CENTRE, _QUATERNION = ["x", "y", "z"], ["qw", "qx", "qy", "qz"]
 
@@ -31,8 +31,10 @@ _AGREEING = 0.6
 _FEWEST_MARKS, _FEWEST_POINTS = 4, 6
 # Rays that meet at less than this fix no distance to chain from, or none at all.
 _CHAIN_ANGLE, _NO_ANGLE = np.radians(0.5), np.radians(0.05)
-# The chain is settled (poses, then points, all over again) whenever it has grown by this.
+# The chain is settled (adjusted on the way) whenever it has grown by this.
 _GROWTH, _SWEEPS = 1.25, 4
+# What a lens that is not calibrated may bend, as a start: k1 and k2 with this standard deviation.
+_LENS = {"k1": 0.1, "k2": 0.1}
 # A frame of its own goes over to the antenna positions when it has so many images and they
 # spread to a side by this share of their length, or when it has grown too long.
 _ISLAND, _ISLAND_WIDTH, _LONG_ISLAND = 6, 0.1, 40
@@ -51,7 +53,7 @@ def complete(block: Block, progress: Callable[[str], None] | None = None) -> Blo
     Raises InputError naming the images that cannot be oriented, and the remedy.
     """
     network = _Network(block)
-    if network.posed.all() and network.known.all():
+    if network.posed.all() and (network.known | network.spare).all():
         return block
     if not network.posed.all():
         _orient(network, progress or (lambda line: None))
@@ -140,7 +142,9 @@ def _raise_island(network: _Network, say: Callable[[str], None]) -> None:
     fresh = island.known & ~network.known
     network.place[fresh] = frame.apply(island.place[fresh])
     network.known |= fresh
+    network.look_through(island.interior)
     network.carry(gained & positions)
+    network.settle()
 
 
 def _frame(network: _Network, island: _Network) -> Similarity | None:
@@ -269,10 +273,12 @@ class _Network:
     the order of rows in the files does not count.
     posed, known: images and points that have a place so far; pose_given, point_given: those whose
     place is not ours to change. antenna: GNSS positions, NaN where none, arm: their stated lever
-    arms. held: images whose centre GNSS gives.
+    arms. held: images whose centre GNSS gives; trusted: those whose antenna agrees with the rest.
+    spare: measured ground points that are set aside.
     """
 
     def __init__(self, block: Block):
+        self.block = block
         tables = [table for table in (block.tie_points, block.marks) if len(table)]
         self.images = block.images["image"].to_numpy(dtype=object)
         image = np.concatenate([block.image_rows(n) for n in ("tie_points", "marks")])
@@ -290,16 +296,10 @@ class _Network:
         self.points = ranked.to_numpy(dtype=object)
         self.image = image[order].astype(np.int32)
         self.point = point[order].astype(np.int32)
-        pixels = np.concatenate([t[["x", "y"]].to_numpy(dtype=float) for t in tables])[order]
-
-        cameras = pd.Index(list(block.cameras))
-        camera = cameras.get_indexer(block.images["camera"])
-        interior = np.array([block.cameras[name].interior for name in cameras])
-        self.pixel = 1.0 / interior[camera, 0]
-        self.ray = undistort(pixels, interior, camera[self.image])
-        lost = np.isnan(self.ray[:, 0])  # beyond the fold of the stated distortion
-        plain = interior[camera[self.image[lost]]]
-        self.ray[lost] = (pixels[lost] - plain[:, 1:3]) / plain[:, :1]
+        pixels = np.concatenate([t[["x", "y"]].to_numpy(dtype=float) for t in tables])
+        self.measured = pixels[order]
+        self.camera = pd.Index(list(block.cameras)).get_indexer(block.images["camera"])
+        self.look_through(np.array([camera.interior for camera in block.cameras.values()]))
 
         pose = np.column_stack([block.column("images", name) for name in _CENTRE + _QUATERNION])
         self.posed = np.isfinite(pose).all(1)
@@ -329,8 +329,18 @@ class _Network:
         spare[row[(row >= 0) & unused]] = True
         self.point_given = np.isfinite(self.place).all(1) | ~seen
         self.known = self.point_given & ~spare
-        self._spare = spare
+        self.spare = spare
         self._index()
+
+    def look_through(self, interior: np.ndarray) -> None:
+        """Rays of all measurements through cameras with these interior vectors (m, 15)."""
+        self.interior = interior
+        self.pixel = 1.0 / interior[self.camera, 0]
+        row = self.camera[self.image]
+        self.ray = undistort(self.measured, interior, row)
+        lost = np.isnan(self.ray[:, 0])  # beyond the fold of the stated distortion
+        plain = interior[row[lost]]
+        self.ray[lost] = (self.measured[lost] - plain[:, 1:3]) / plain[:, :1]
 
     def _index(self) -> None:
         self.by_point = np.argsort(self.point, kind="stable")
@@ -338,18 +348,22 @@ class _Network:
         self.image_start = _starts(self.image, len(self.images))
         self.gate = _GATES_PX[0]
         self.held = np.zeros(len(self.images), dtype=bool)
+        self.trusted = self.held.copy()
 
     def island(self, members: np.ndarray) -> _Network:
         """The same network seen from some images only, with nothing known of it yet."""
         island = object.__new__(_Network)
-        island.images, island.points, island.pixel = self.images, self.points, self.pixel
+        island.block, island.camera = self.block, self.camera
+        island.images, island.points = self.images, self.points
         rows = members[self.image]
-        island.image, island.point, island.ray = self.image[rows], self.point[rows], self.ray[rows]
+        island.image, island.point = self.image[rows], self.point[rows]
+        island.measured = self.measured[rows]
+        island.look_through(self.interior)
         island.posed = np.zeros_like(self.posed)
         island.pose_given = island.posed.copy()
         island.known = np.zeros_like(self.known)
         island.point_given, island.ground = island.known.copy(), island.known.copy()
-        island._spare = island.known.copy()
+        island.spare = island.known.copy()
         island.centre = np.full_like(self.centre, np.nan)
         island.rotation = np.full_like(self.rotation, np.nan)
         island.place = np.full_like(self.place, np.nan)
@@ -370,7 +384,7 @@ class _Network:
         if not len(rows):
             return
         free = self.rotation.copy(), self.centre.copy()
-        self.held[rows] = True
+        self.held[rows] = self.trusted[rows] = True
         for wide in (_GATES_PX[-1], _GATES_PX[-1], self.gate):
             gate, self.gate = self.gate, wide
             for _ in range(_SWEEPS):
@@ -378,7 +392,7 @@ class _Network:
                 self.intersect_new(again=True)
             self.gate = gate
         wrong = [i for i in rows if self.agreement(i, _GATES_PX[-1]) < _AGREEING]
-        self.held[wrong] = False
+        self.held[wrong] = self.trusted[wrong] = False
         for mine, before in zip((self.rotation, self.centre), free, strict=True):
             mine[wrong] = before[wrong]
         if wrong:
@@ -410,14 +424,14 @@ class _Network:
 
         again: those placed before as well. within: only these points.
         """
-        wanted = ~self.point_given & ~self._spare
+        wanted = ~self.point_given & ~self.spare
         if not again:
             wanted &= ~self.known
         points = np.flatnonzero(wanted) if within is None else within[wanted[within]]
         place, angle, good, rays, ahead = self._intersect(points)
         fine = ahead & (angle > _CHAIN_ANGLE) & (good >= 2) & (good >= _AGREEING * rays)
         self.place[points[fine]] = place[fine]
-        self.known[points[fine]] = True
+        self.known[points] = fine
 
     def intersect_all(self) -> None:
         """Place every point that is not given, those too that the rays hardly fix."""
@@ -464,20 +478,116 @@ class _Network:
             total = int(self.posed.sum())
             if total % 100 == 0:
                 say(f"start values: {total} of {len(self.images)} images oriented")
-            if total > _GROWTH * settled and not self._carried():
+            if total > _GROWTH * settled:
                 self.settle()
                 settled = total
 
-    def _carried(self) -> bool:
-        """Whether GNSS holds the chain, so that it cannot bend."""
-        return bool(self.held[self.posed & ~self.pose_given].all())
-
     def settle(self) -> None:
-        """All own poses from the points, then all own points from the poses, a few times."""
+        """Straighten what is oriented so far: by an adjustment, or where that cannot be, own poses
+        from the points and own points from the poses, a few times."""
+        if self._adjust():
+            self.intersect_new(again=True)
+            return
         own = np.flatnonzero(self.posed & ~self.pose_given)
         for _ in range(_SWEEPS):
             self.refine(own)
             self.intersect_new(again=True)
+
+    def _adjust(self) -> bool:
+        """Adjust the oriented part, with k1 and k2 of lenses that are not calibrated.
+
+        Without those a chain bends: an unknown k1 of 0.04 tilts each image by a degree against
+        its neighbour. False where given poses or points must stay, or the part has no datum yet.
+        """
+        # The adjustment completes blocks itself: the two know each other only when called.
+        from corridor.adjustment.adjust import adjust
+
+        posed = np.flatnonzero(self.posed)
+        if self.pose_given.any() or (self.point_given & self.known & ~self.ground).any():
+            return False
+        cameras = {
+            name: camera.with_interior(interior)
+            for (name, camera), interior in zip(
+                self.block.cameras.items(), self.interior, strict=True
+            )
+        }
+        lens = {
+            name: "fixed" if camera.calibrated else ",".join(_LENS)
+            for name, camera in cameras.items()
+        }
+        priors = {
+            f"camera.{name}.{term}": (camera[term], sigma)
+            for name, camera in cameras.items()
+            for term, sigma in _LENS.items()
+            if lens[name] != "fixed" and np.isin(self.camera[posed], [*cameras].index(name)).any()
+        }
+        try:
+            result = adjust(
+                self._part(cameras, posed), camera=lens, loss="huber:3", priors=priors,
+                max_iterations=10,
+            )  # fmt: skip
+        except (InputError, AdjustmentFailed):
+            return False
+        block = result.block
+        pose = block.images[_CENTRE + _QUATERNION].to_numpy()
+        self.centre[posed], self.rotation[posed] = (
+            pose[:, :3],
+            rotation_from_quaternion(pose[:, 3:]),
+        )
+        row = pd.Index(self.points).get_indexer(block.points["point"])
+        mine = ~self.point_given[row]
+        self.place[row[mine]] = block.points[_CENTRE].to_numpy()[mine]
+        self.held[:] = False
+        interior = self.interior.copy()
+        for name, camera in block.cameras.items():
+            interior[[*cameras].index(name)] = camera.interior
+        self.look_through(interior)
+        return True
+
+    def _part(self, cameras: dict, posed: np.ndarray) -> Block:
+        """The oriented images with the points that are known, as a block."""
+        rows = np.flatnonzero(self.posed[self.image] & self.known[self.point])
+        marked = self.ground[self.point[rows]]
+        whole = self.block
+
+        def seen(rows: np.ndarray) -> pd.DataFrame:
+            return pd.DataFrame(
+                {
+                    "point": self.points[self.point[rows]],
+                    "image": self.images[self.image[rows]],
+                    "x": self.measured[rows, 0],
+                    "y": self.measured[rows, 1],
+                }
+            )
+
+        images = whole.images.iloc[posed][
+            [name for name in ("image", "camera", "flight") if name in whole.images]
+        ].reset_index(drop=True)
+        pose = np.column_stack([self.centre[posed], quaternion_from_rotation(self.rotation[posed])])
+        images[_CENTRE + _QUATERNION] = pose
+        tied = np.unique(self.point[rows[~marked]])
+        held = np.flatnonzero(self.trusted & self.posed)
+        used = set(images["camera"])
+        flights = set(images["flight"]) if "flight" in images else set()
+        return Block(
+            name=whole.name,
+            cameras={name: camera for name, camera in cameras.items() if name in used},
+            images=images,
+            tie_points=seen(rows[~marked]),
+            points=pd.DataFrame({"point": self.points[tied]}).assign(
+                **dict(zip(_CENTRE, self.place[tied].T, strict=True))
+            ),
+            marks=seen(rows[marked]),
+            ground=whole.ground[whole.ground["point"].isin(self.points[self.point[rows[marked]]])],
+            gnss=whole.gnss[whole.gnss["image"].isin(self.images[held])],
+            sigma=whole.sigma,
+            lever_arm={
+                flight: arm
+                for flight, arm in whole.lever_arm.items()
+                if flight == "default" or flight in flights
+            },
+            lever_arm_fixed=whole.lever_arm_fixed,
+        )
 
     def refine(self, images: np.ndarray) -> None:
         """Poses of oriented images from the known points they see; a GNSS position stays."""
@@ -532,10 +642,10 @@ class _Network:
         here = np.array([image])
         free = self.rotation[image].copy(), self.centre[image].copy()
         before = self.agreement(image, _GATES_PX[-1])
-        self.held[image] = True
+        self.held[image] = self.trusted[image] = True
         self.refine(here)
         if self.agreement(image, _GATES_PX[-1]) < _AGREEING * before:
-            self.held[image] = False
+            self.held[image] = self.trusted[image] = False
             self.rotation[image], self.centre[image] = free
 
     def start_from_pair(self) -> bool:

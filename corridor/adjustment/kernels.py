@@ -27,9 +27,6 @@ from corridor.camera import distort, interior_derivative
 numba.config.SLP_VECTORIZE = 1
 
 SQUARES, HUBER, CAUCHY = 0, 1, 2
-# A robust observation keeps this share of curvature along its residual: with none (the exact
-# second derivative of Huber's loss) a point with two outlying rays could not be intersected.
-KEPT_CURVATURE = 0.1
 # Border columns are handled in panels of this many; the number of columns is rounded up to it.
 PANEL = 4
 U = np.uint64
@@ -37,17 +34,20 @@ U = np.uint64
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _robust(loss, width, s):
-    """Cost rho(s), weight rho'(s) and share of curvature along the residual; s = |r|^2."""
+    """Cost rho(s) and weight rho'(s); s = |r|^2.
+
+    The weight alone makes the step (iteratively reweighted least squares): slower than with the
+    second derivative, but it never overshoots, and a point with two outlying rays stays put.
+    """
     if loss == SQUARES:
-        return s, 1.0, 1.0
+        return s, 1.0
     k2 = width * width
     if loss == HUBER:
         if s <= k2:
-            return s, 1.0, 1.0
+            return s, 1.0
         length = np.sqrt(s)
-        return 2.0 * width * length - k2, width / length, KEPT_CURVATURE
-    weight = 1.0 / (1.0 + s / k2)
-    return k2 * np.log1p(s / k2), weight, max(KEPT_CURVATURE, 2.0 * weight - 1.0)
+        return 2.0 * width * length - k2, width / length
+    return k2 * np.log1p(s / k2), 1.0 / (1.0 + s / k2)
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -153,7 +153,7 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
     w = weight[o if weight.shape[0] > 1 else U(0)]
     rx, ry = w * (xy[o, U(0)] - bx), w * (xy[o, U(1)] - by)
     s = rx * rx + ry * ry
-    cost, rho1, curvature = _robust(loss, width, s)
+    cost, rho1 = _robust(loss, width, s)
     soft = np.sqrt(rho1)
     root = w * soft
     scale = root * iz
@@ -276,21 +276,6 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
 
     rx *= soft
     ry *= soft
-    if curvature != 1.0 and s > 0.0:
-        # Less curvature along the residual; the gradient stays what it is.
-        keep = np.sqrt(curvature)
-        length = np.sqrt(rx * rx + ry * ry)
-        ex, ey = rx / length, ry / length
-        for n in range(d):
-            along = (1.0 - keep) * (ex * jc[j0 + U(n)] + ey * jc[j1 + U(n)])
-            jc[j0 + U(n)] -= along * ex
-            jc[j1 + U(n)] -= along * ey
-        for n in range(low, high):
-            along = (1.0 - keep) * (ex * jb[b0 + U(n)] + ey * jb[b1 + U(n)])
-            jb[b0 + U(n)] -= along * ex
-            jb[b1 + U(n)] -= along * ey
-        rx /= keep
-        ry /= keep
     return True, rx, ry, cost
 
 
@@ -635,8 +620,8 @@ def make_substitute(d):
                    ground_column, damping, wide, step, shared, moved, totals):  # fmt: skip
         """Move points first..last by the step of the images (flat) and the border (wide,).
 
-        moved: (points, 3) receives the new points. totals: step . gradient and
-        step . diagonal . step of the points.
+        moved: (points, 3) receives the new points. totals: the points' part of step . gradient and
+        of step . diagonal . step.
         """
         jc = np.zeros(2 * d)
         jb = np.zeros(2 * wide)
@@ -726,7 +711,11 @@ def make_substitute(d):
             moved[p, 0] = px + s0
             moved[p, 1] = py + s1
             moved[p, 2] = pz + s2
-            down += s0 * g0 + s1 * g1 + s2 * g2
+            # With the reduced gradients this adds up to step . gradient of the whole system.
+            n0 = i0 * g0
+            n1 = i1 * g0 + i2 * g1
+            n2 = i3 * g0 + i4 * g1 + i5 * g2
+            down += n0 * n0 + n1 * n1 + n2 * n2
             square += s0 * v0 * s0 + s1 * v2 * s1 + s2 * v5 * s2
         totals[0] += down
         totals[1] += square

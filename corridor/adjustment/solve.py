@@ -12,14 +12,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from corridor.adjustment.kernels import SQUARES
 from corridor.adjustment.matrix import Bordered, Singular
-from corridor.adjustment.normal import Normal, moved_state
+from corridor.adjustment.normal import Loss, Normal, moved_state
 from corridor.adjustment.problem import State
 from corridor.errors import AdjustmentFailed
 
 FIRST_DAMPING = 1e-6
 RELEASE = 100.0
+# Step at which the squares are good enough for a robust loss to start from.
+ROUGH = 1.0
 NO_DAMPING = 1e-12
+AT_REST = 1e-3
 
 
 @dataclass
@@ -36,29 +40,37 @@ class Solution:
 def solve(
     normal: Normal,
     max_iterations: int = 50,
-    tolerance: float = 1e-5,
+    tolerance: float = 5e-5,
     progress: Callable[[dict], None] | None = None,
 ) -> Solution:
     """Minimise from the problem's start.
 
-    tolerance: RMS of the step over all unknowns, in standard deviations of unit weight.
+    tolerance: RMS of the step over all unknowns, in standard deviations of unit weight; besides,
+    none that images share may move by more than `AT_REST` of its own standard deviation.
+    A robust loss starts from the least squares solution: far from it every residual is an outlier.
     Raises AdjustmentFailed where no step lowers the cost and the step is not small.
     """
     with threadpool_limits(1):
-        return _solve(normal, max_iterations, tolerance, progress)
+        if normal.loss.kind == SQUARES:
+            return _solve(normal, normal.problem.start, max_iterations, tolerance, progress, [])
+        loss, normal.loss = normal.loss, Loss()
+        first = _solve(normal, normal.problem.start, max_iterations, ROUGH, progress, [])
+        normal.loss = loss
+        # Reweighting creeps along a few weak points long after everything else is at rest.
+        return _solve(normal, first.state, max_iterations, 20 * tolerance, progress, first.history)
 
 
-def _solve(normal, max_iterations, tolerance, progress) -> Solution:
+def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solution:
     p = normal.problem
-    state, damping = p.start, FIRST_DAMPING
+    damping = FIRST_DAMPING
     normal.look(state)
     normal.assemble(state, damping)
     cost = normal.cost
-    history: list[dict] = []
-    for iteration in range(1, max_iterations + 1):
+    for iteration in range(len(history) + 1, max_iterations + 1):
         while True:
             try:
-                step, shared, down, square = _step(normal.factor(), normal)
+                system = normal.factor()
+                step, shared, down, square = _step(system, normal)
             except Singular:
                 if damping >= 1e4:
                     raise
@@ -96,11 +108,19 @@ def _solve(normal, max_iterations, tolerance, progress) -> Solution:
                 )
             normal.assemble(state, damping)
         # A damped step is short along what is badly determined: it proves nothing.
-        done = length < tolerance and damping == 0.0
+        done = length < tolerance and (
+            tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, shared, AT_REST))
+        )
         state, cost, damping = trial, normal.cost, relaxed
         if done:
             return Solution(state, True, iteration, cost, history)
     return Solution(state, False, max_iterations, cost, history)
+
+
+def _at_rest(system: Bordered, shared: np.ndarray, tolerance: float) -> bool:
+    """Whether no shared unknown moved by more than this share of its standard deviation."""
+    sigma = np.sqrt(np.diag(system.shared_inverse()))
+    return bool(np.all(np.abs(shared) <= tolerance * sigma))
 
 
 def _step(system: Bordered, normal: Normal):

@@ -5,7 +5,6 @@ The GNSS position was taken at the stated time; at the true one the antenna is v
 Source: thesis, section 5.2 (synchronisation of camera and receiver).
 """
 
-
 from corridor.effects.contract import Effect, Parameter
 
 
