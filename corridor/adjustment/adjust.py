@@ -16,8 +16,7 @@ from corridor.adjustment.problem import Problem, make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
 from corridor.block import Block
-from corridor.effects.contract import Effect
-from corridor.effects.forward import point_positions
+from corridor.effects import Effect, point_positions
 from corridor.errors import InputError
 
 
@@ -44,7 +43,8 @@ def adjust(
     priors: value and standard deviation by name: `{"camera.P1.f": (8190.0, 5.0)}`.
     lever_arm: `free` or `fixed`; default: free unless block.toml fixes it.
     threads: 1 or 2.
-    progress: called after each iteration with iteration, cost, damping, step, accepted.
+    progress: called with a dictionary: after each iteration iteration, cost, damping, step and
+        accepted; while start values are made, message.
 
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
     nor GNSS is adjusted as a free network, laid on its start poses as a whole.
@@ -54,7 +54,7 @@ def adjust(
     began = time.perf_counter()
     start, notes = block, []
     if _incomplete(block):
-        block = complete(block)
+        block = complete(block, progress and (lambda line: progress({"message": line})))
 
     def problem_of(block: Block) -> Problem:
         return make_problem(block, camera, effects, control, check, priors, lever_arm)

@@ -13,7 +13,7 @@ from corridor.adjustment import kernels
 from corridor.adjustment.matrix import Band, Bordered, Sparse
 from corridor.adjustment.problem import Problem, State
 from corridor.camera import INTERIOR, radials_in_use, rotation_from_vector
-from corridor.effects.contract import Context, Images
+from corridor.effects import Context, Images
 
 LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.CAUCHY}
 # Observations that effects look at in one go: small enough for the cache.

@@ -7,7 +7,7 @@ from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from corridor.effects.contract import Images
+from corridor.effects import Images
 
 
 def corridor_order(

@@ -11,9 +11,17 @@ from corridor.adjustment.kernels import PANEL
 from corridor.adjustment.ordering import bandwidth, corridor_order
 from corridor.block import Block
 from corridor.camera import INTERIOR, parameters_named
-from corridor.effects.contract import Effect, Images, find, group_names, group_of_image
-from corridor.effects.forward import point_positions, stated_lever_arms
-from corridor.effects.stack import Stack, Values
+from corridor.effects import (
+    Effect,
+    Images,
+    Stack,
+    Values,
+    find,
+    group_names,
+    group_of_image,
+    point_positions,
+    stated_lever_arms,
+)
 from corridor.errors import InputError
 
 

@@ -65,11 +65,13 @@ class Adjustment:
             name: camera.with_interior(interior)
             for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
         }
-        found = self.points[["point", "x", "y", "z"]]
-        old = block.points
+        columns = ["x", "y", "z", "sx", "sy", "sz"]
+        found = self.points[["point", "x", "y", "z"]].copy()
+        found[columns[3:]] = self.point_sigma
+        old = block.points.reindex(columns=[*dict.fromkeys([*block.points.columns, *columns])])
         at = pd.Index(found["point"]).get_indexer(old["point"])
         hit = at >= 0
-        old.loc[hit, ["x", "y", "z"]] = found[["x", "y", "z"]].to_numpy()[at[hit]]
+        old.loc[hit, columns] = found[columns].to_numpy()[at[hit]]
         new = found[~found["point"].isin(old["point"])]
         block.points = pd.concat([old, new], ignore_index=True) if len(new) else old
         if p.arms_free:

@@ -81,6 +81,7 @@ def run(options: argparse.Namespace) -> None:
     """Adjust, print the report, save what was asked for."""
     import corridor
 
+    _announce_compilation()
     block = corridor.read(options.block)
     adjustment = corridor.adjust(
         block,
@@ -104,7 +105,31 @@ def run(options: argparse.Namespace) -> None:
     print("\nWrote", *written, sep="\n  ")
 
 
+def _announce_compilation():
+    """Say so once where the kernels are not compiled yet: half a minute of silence looks broken."""
+    from numba.core import event
+
+    class Once(event.Listener):
+        said = False
+
+        def on_start(self, compilation):
+            kernel = compilation.data["dispatcher"].py_func
+            if not self.said and kernel.__name__ == "assemble":
+                self.said = True
+                print(
+                    "compiling for this machine, once (half a minute)", file=sys.stderr, flush=True
+                )
+
+        def on_end(self, compilation):
+            pass
+
+    event.register("numba:compile", Once())
+
+
 def _progress(step):
+    if "message" in step:
+        print(step["message"], file=sys.stderr, flush=True)
+        return
     word = "" if step["accepted"] else "  rejected"
     print(
         f"iteration {step['iteration']:3d}  cost {step['cost']:.6e}  damping {step['damping']:.0e}"

@@ -5,9 +5,25 @@ corrects them, `predict` is the whole forward model. A new effect is a new file 
 (`corridor.effects.contract.Effect`).
 """
 
-from corridor.effects.contract import Context, Effect, Images, Parameter, catalogue, find
-from corridor.effects.forward import Prediction, add, predict, take_out
-from corridor.effects.stack import Stack
+from corridor.effects.contract import (
+    Context,
+    Effect,
+    Images,
+    Parameter,
+    catalogue,
+    find,
+    group_names,
+    group_of_image,
+)
+from corridor.effects.forward import (
+    Prediction,
+    add,
+    point_positions,
+    predict,
+    stated_lever_arms,
+    take_out,
+)
+from corridor.effects.stack import Stack, Values
 
 __all__ = [
     "Context",
@@ -16,9 +32,14 @@ __all__ = [
     "Parameter",
     "Prediction",
     "Stack",
+    "Values",
     "add",
     "catalogue",
     "find",
+    "group_names",
+    "group_of_image",
+    "point_positions",
     "predict",
+    "stated_lever_arms",
     "take_out",
 ]

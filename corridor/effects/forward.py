@@ -157,7 +157,11 @@ def _given(block, stack, values, images):
 
 
 def add(block: Block, values: Mapping) -> Block:
-    """The block as it would have been measured with the effects on top. See `gather`."""
+    """The block as it would have been measured with the effects on top.
+
+    values: `{slug: {parameter: number}}`, see `gather`. The shifts are those at the poses, points
+    and cameras of the block: adjust it first where they are rough.
+    """
     return _moved(block, values, 1.0)
 
 

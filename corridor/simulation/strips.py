@@ -21,7 +21,7 @@ from corridor.errors import InputError
 from corridor.simulation.terrain import Dike
 
 # IGN's CamLight with a 35 mm lens (thesis, tables 4.1 and 5.1: 5120 x 3840 px, f 5489 px); its
-# distortion is not published: these coefficients move a corner by some 30 px, as such a lens does.
+# distortion is not published: these coefficients move a corner by some 35 px, as such a lens does.
 CAMLIGHT = Camera(
     name="camlight",
     width=5120,

@@ -64,6 +64,14 @@ class TestWithoutNoise:
         found = complete(without(perfect, every(perfect), gnss=True))
         assert max(misses(found, perfect)) < 1e-6
 
+    def test_marks_alone_are_enough(self):
+        """No tie point at all, and at least four marks in every image."""
+        block = corridor_block(control=80, check=0, seed=2)
+        start = without(block, every(block), gnss=True)
+        start.tie_points = start.tie_points[:0]
+        # A pose is refined until a step gains less than 1e-9: 1e-4 px, which few marks magnify.
+        assert max(misses(complete(start), block)) < 1e-3
+
     def test_poses_come_from_known_tie_points(self, perfect):
         found = complete(without(perfect, every(perfect), points=False, ground=True, gnss=True))
         assert max(misses(found, perfect)) < 1e-6
@@ -238,6 +246,14 @@ class TestPointsThatHardlyIntersect:
 
 
 class TestWhatCannotBeOriented:
+    def test_an_image_without_a_measurement_is_named(self, noisy):
+        blind = without(noisy, np.arange(42) == 20)
+        for table in ("tie_points", "marks"):
+            rows = getattr(blind, table)
+            setattr(blind, table, rows[rows["image"] != "F1_0021.tif"])
+        with pytest.raises(InputError, match="image F1_0021.tif cannot be oriented"):
+            complete(blind)
+
     def test_images_that_hang_together_with_nothing_are_named(self, noisy):
         lost = without(noisy, np.arange(42) == 20, ground=True, gnss=True)
         rows = lost.tie_points["image"] != "F1_0021.tif"
@@ -284,9 +300,28 @@ class TestRealBlocks:
         assert metres < 10.0
         assert radians < np.radians(5.0)
 
+    @pytest.mark.parametrize("kept", [{"ground": True}, {}], ids=["gnss", "gnss and ground"])
+    def test_saraburi_from_its_antennas(self, real_data, kept):
+        """Given start values are of the maker's program, with another camera (README)."""
+        given = corridor.read(real_data / "saraburi" / "block")
+        found = complete(without(given, every(given), **kept))
+        metres, radians = misses(found, given)
+        assert metres < 1.0
+        assert radians < np.radians(1.0)
+
+    def test_roma_from_nothing_reaches_the_published_optimum(self, real_data):
+        """Free network, distortion started at zero; optimum of COLMAP and Ceres (README)."""
+        given = corridor.read(real_data / "roma")
+        found = complete(without(given, every(given)))
+        result = corridor.adjust(found, camera="f,cx,cy,k1,k2")
+        assert result.converged and result.iterations <= 10
+        assert result.sigma0 == pytest.approx(0.57587, abs=1e-4)
+        camera = result.camera.set_index("parameter")["value"]
+        assert camera["f"] == pytest.approx(3824.73, abs=0.05)
+
 
 def test_a_camera_without_distortion_known_still_gives_a_start():
-    """The lens bends rays by up to 27 px of which the block knows nothing."""
+    """The lens moves the corners by some 35 px, of which the block knows nothing."""
     true = corridor_block(seed=2)
     plain = Camera("camlight", 5120, 3840, np.array([5489.0, 2559.5, 1919.5] + [0.0] * 12))
     start = without(true, every(true))
