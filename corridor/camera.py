@@ -230,6 +230,24 @@ def _project_rays(rays, interior, image, radial):
 
 
 @njit(cache=True)
+def _reached(u, v, interior, row, radials):
+    """Whether no fold of the distortion lies between the principal point and the ray."""
+    r2 = u * u + v * v
+    most = 6.0 * (abs(interior[row, 3]) + abs(interior[row, 4])) * np.sqrt(r2)
+    power = 1.0
+    for n in range(radials):
+        power *= r2
+        most += (2 * n + 3) * abs(interior[row, 7 + n]) * power
+    if most < 0.9:  # The terms of the derivative cannot add up to a fold.
+        return True
+    for n in range(1, 33):
+        _, _, xu, xv, yu, yv = distort(u * n / 32, v * n / 32, interior, row, radials)
+        if xu * yv - xv * yu <= 0.0:
+            return False
+    return True
+
+
+@njit(cache=True)
 def _undistort(pixels, interior, image, radials):
     out = np.empty((pixels.shape[0], 2))
     for n in range(pixels.shape[0]):
@@ -251,7 +269,7 @@ def _undistort(pixels, interior, image, radials):
             u += damp * du
             v += damp * dv
             if longest * f < 1e-11 * max(1.0, abs(pixels[n, 0]) + abs(pixels[n, 1])):
-                done = True
+                done = _reached(u, v, interior, row, radials)
                 break
         out[n, 0] = u if done else np.nan
         out[n, 1] = v if done else np.nan
@@ -347,9 +365,11 @@ def from_image_to_ray(
     )
     pixels = np.column_stack([x.ravel(), y.ravel()])
     rays = image_to_ray(pixels, camera.interior)
-    radius = np.linspace(0, 1, 200)[:, None] * (pixels[0] - camera.interior[1:3])
-    length = np.linalg.norm(image_to_ray(camera.interior[1:3] + radius, camera.interior), axis=1)
-    if np.any(np.diff(length) <= 0):
+    centre = camera.interior[1:3]
+    corners = pixels[[0, grid - 1, -grid, -1]]
+    spokes = centre + np.linspace(0, 1, 200)[:, None, None] * (corners - centre)
+    length = np.linalg.norm(image_to_ray(spokes.reshape(-1, 2), camera.interior), axis=1)
+    if np.any(np.diff(length.reshape(200, 4), axis=0) <= 0):
         raise InputError(
             f"camera {camera.name}: its image-to-ray distortion folds inside the picture, "
             "no ray-to-image camera stands for it: check the direction of the coefficients"

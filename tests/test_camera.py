@@ -48,7 +48,9 @@ every_camera = pytest.mark.parametrize("lens", CAMERAS.values(), ids=CAMERAS)
 
 def picture(lens, columns=57, rows=43):
     """Pixels over the whole picture, corners and edges included."""
-    x, y = np.meshgrid(np.linspace(0, lens.width - 1, columns), np.linspace(0, lens.height - 1, rows))
+    x, y = np.meshgrid(
+        np.linspace(0, lens.width - 1, columns), np.linspace(0, lens.height - 1, rows)
+    )
     return np.column_stack([x.ravel(), y.ravel()])
 
 
@@ -156,9 +158,7 @@ class TestDerivatives:
             rays = np.array([[u + h, v], [u - h, v], [u, v + h], [u, v - h]])
             at = project_rays(rays, lens.interior)
             numeric = np.column_stack([at[0] - at[1], at[2] - at[3]]) / (2 * h)
-            assert np.array([[xu, xv], [yu, yv]]) == pytest.approx(
-                numeric, abs=1e-6 * lens["f"]
-            )
+            assert np.array([[xu, xv], [yu, yv]]) == pytest.approx(numeric, abs=1e-6 * lens["f"])
 
 
 class TestTheWayBack:
@@ -181,9 +181,7 @@ class TestTheWayBack:
 
     def test_a_pixel_beyond_the_fold_has_no_ray(self):
         """k1 = -1/3: u (1 - u^2 / 3) folds at u = 1, where it is 2/3."""
-        lens = Camera.from_table(
-            "c", {"width": 2001, "height": 2001, "f": 1000.0, "k1": -1 / 3}
-        )
+        lens = Camera.from_table("c", {"width": 2001, "height": 2001, "f": 1000.0, "k1": -1 / 3})
         ahead = 1000 + 1000 * np.array([0.5, 0.66, 2 / 3 - 1e-6, 2 / 3 + 1e-6, 0.7, 0.99])
         rays = undistort(np.column_stack([ahead, np.full(6, 1000.0)]), lens.interior)
         assert np.isfinite(rays).all(axis=1).tolist() == [True] * 3 + [False] * 3
@@ -268,26 +266,24 @@ class TestImageToRay:
         assert ray[0] == pytest.approx([0.3075, 0.41], abs=1e-15)
 
     @pytest.mark.parametrize(
-        "lens, limit",
-        [
-            (camera(k1=0.05), 2e-3),
-            (camera(**DECENTRING, k1=0.05, k2=-0.02, k3=0.01), 0.02),
-        ],
+        "lens",
+        [camera(k1=0.05), camera(**DECENTRING, k1=0.05, k2=-0.02, k3=0.01)],
         ids=["one radial", "8 parameters"],
     )
-    def test_the_largest_difference_that_is_stated_is_the_largest_there_is(self, lens, limit):
-        """limit: px, generous for a series of five terms; both ways are asked pixel for pixel."""
+    def test_the_largest_difference_that_is_stated_is_the_largest_there_is(self, lens):
         ours, worst = from_image_to_ray(lens)
         pixels = picture(lens, 101, 81)
-        off = project_rays(image_to_ray(pixels, lens.interior), ours.interior) - pixels
-        assert 0 < worst < limit
-        # The finer grid may find a little more between the nodes of the coarser one.
+        rays = image_to_ray(pixels, lens.interior)
+        off = project_rays(rays, ours.interior) - pixels
+        # A finer grid may find a little more between the nodes of the coarser one.
         assert np.linalg.norm(off, axis=1).max() == pytest.approx(worst, rel=0.05)
+        bare = project_rays(rays, np.r_[ours.interior[:3], np.zeros(12)]) - pixels
+        assert 0 < worst < 0.01 * np.linalg.norm(bare, axis=1).max()
 
     def test_no_distortion_stays_none(self):
         ours, worst = from_image_to_ray(camera())
         assert worst < 1e-9
-        assert np.abs(ours.interior[3:]).max() < 1e-12
+        assert np.abs(ours.interior[3:]).max() < 1e-9
 
     def test_dbats_published_roma_camera_converts_to_a_fifth_of_a_pixel(self, real_data):
         """DBAT, romabundledemo/result/report.txt: K1, K2 in 1/mm^2, 1/mm^4, f 24.5425 mm.

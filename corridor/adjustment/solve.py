@@ -19,7 +19,11 @@ from corridor.adjustment.problem import State
 from corridor.errors import AdjustmentFailed
 
 FIRST_DAMPING = 1e-6
+# Damping is divided by this after a good step; after a bad one it is raised ever faster and
+# released with caution, or it would swing between too much and too little.
 RELEASE = 100.0
+CAUTION = 3.0
+LEAST = 1e-10
 # Step at which the squares are good enough for a robust loss to start from.
 ROUGH = 1.0
 NO_DAMPING = 1e-12
@@ -62,11 +66,12 @@ def solve(
 
 def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solution:
     p = normal.problem
-    damping = FIRST_DAMPING
+    damping, release = FIRST_DAMPING, RELEASE
     normal.look(state)
     normal.assemble(state, damping)
     cost = normal.cost
     for iteration in range(len(history) + 1, max_iterations + 1):
+        raising = 4.0
         while True:
             try:
                 system = normal.factor()
@@ -74,7 +79,7 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             except Singular:
                 if damping >= 1e4:
                     raise
-                damping = max(damping * 100.0, FIRST_DAMPING)
+                damping = max(damping * 100.0, LEAST)
                 normal.assemble(state, damping)
                 continue
             points, down_points, square_points = normal.substitute(state, damping, step, shared)
@@ -82,7 +87,7 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             # x' N x without damping: the step in standard deviations, squared.
             length = np.sqrt(max(down - damping * square, 0.0) / p.unknown_count)
             trial = moved_state(p, state, step, shared, points)
-            relaxed = damping / RELEASE if damping / RELEASE > NO_DAMPING else 0.0
+            relaxed = damping / release if damping / release > NO_DAMPING else 0.0
             normal.assemble(trial, relaxed)
             gain = cost - normal.cost
             # Rounding of the cost may hide the gain of a last, tiny step.
@@ -99,8 +104,9 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             if progress:
                 progress(entry)
             if accepted:
+                release = min(release * CAUTION, RELEASE)
                 break
-            damping = max(damping * 100.0, FIRST_DAMPING)
+            damping, raising, release = max(damping * raising, LEAST), 2.0 * raising, CAUTION
             if damping > 1e8:
                 raise AdjustmentFailed(
                     "no step lowers the residuals: the start values are too far off, check poses, "
