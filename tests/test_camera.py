@@ -1,6 +1,7 @@
 """The camera: values worked out by hand, OpenCV's own projection, and the way back."""
 
 import itertools
+import json
 
 import cv2
 import numpy as np
@@ -286,22 +287,21 @@ class TestImageToRay:
         assert np.abs(ours.interior[3:]).max() < 1e-9
 
     def test_dbats_published_roma_camera_converts_to_a_fifth_of_a_pixel(self, real_data):
-        """DBAT, romabundledemo/result/report.txt: K1, K2 in 1/mm^2, 1/mm^4, f 24.5425 mm.
-
-        The pixel size and principal point are those of ../shared/data/roma/README.md. Its
-        answer for our direction of distortion has k1 -0.1218, k2 0.0671 with another f.
-        """
-        f_mm = 24.5425
+        """DBAT, romabundledemo/result/report.txt: f in mm, K1, K2 in 1/mm^2, 1/mm^4."""
+        known = json.loads((real_data / "roma" / "expected.json").read_text())
+        dbat = known["published"]["script"]
         lens = Camera.from_table(
             "EOS 5D",
-            {"width": 5616, "height": 3744, "f": 3828.630, "cx": 2820.2342, "cy": 1874.0658}
-            | {"k1": 0.000221523 * f_mm**2, "k2": -1.86985e-07 * f_mm**4},
+            {"width": 5616, "height": 3744}
+            | {name: dbat[f"{name}_px"] for name in ("f", "cx", "cy")}
+            | {"k1": dbat["K1_per_mm2"] * dbat["f_mm"] ** 2}
+            | {"k2": dbat["K2_per_mm4"] * dbat["f_mm"] ** 4},
         )
         _, two = from_image_to_ray(lens, parameters=("k1", "k2"))
         ours, worst = from_image_to_ray(lens)
         assert worst < 0.2
         assert worst < two
-        # The first term of the inverse series has the opposite sign and nearly the same size.
+        # The first term of the inverse series is the first term with the other sign.
         assert ours["k1"] == pytest.approx(-lens["k1"], rel=0.1)
 
     def test_a_polynomial_that_folds_in_any_corner_is_refused(self):

@@ -1,0 +1,286 @@
+"""Every effect of the folder keeps the contract; nobody is excused."""
+
+import inspect
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import corridor
+from corridor.effects import add, catalogue, find, predict, take_out
+from corridor.effects.contract import GROUPS, PLACES, Context, Effect, Images
+from corridor.effects.forward import gather
+from corridor.errors import InputError
+from corridor.simulation import add_noise, corridor_block
+from corridor.simulation.strips import CAMLIGHT
+
+FOLDER = Path(inspect.getfile(Effect)).parent
+MECHANISM = {"__init__", "contract", "stack", "forward"}
+# Small enough that nothing hides in the noise, and that GNSS and control hold the block.
+NOISE = {"tie_px": 0.1, "mark_px": 0.1, "gnss_m": 0.002, "control_m": 0.002}
+
+
+@pytest.fixture(scope="module")
+def strip():
+    """20 images in two flights that head opposite ways, with all that an effect may need."""
+    block = corridor_block(
+        images=20,
+        strips=2,
+        flights=2,
+        camera=replace(CAMLIGHT, readout_s=0.030, calibrated=True),
+        observations_per_image=120,
+        relief=6.0,
+        control=5,
+        check=3,
+        seed=4,
+    )
+    block.check()
+    return block
+
+
+def drawn(effect, block, seed=0):
+    """Values (groups, parameters) of the size an effect states, different in every group."""
+    rng = np.random.default_rng(seed)
+    stack, start = gather(block, {effect.slug: {}})
+    scale = [parameter.scale for parameter in stack.members[effect.slug].parameters]
+    size = rng.uniform(0.7, 1.3, start[effect.slug].shape)
+    return size * np.where(rng.random(size.shape) < 0.5, -1, 1) * scale
+
+
+def context_of(effect, block):
+    """What the effect looks at in the block, a row for each thing that it moves."""
+    images = Images.of(block)
+    if effect.place == "camera":
+        return Context(images, np.arange(len(images.names)))
+    if effect.place == "antenna":
+        return Context(images, block.image_rows("gnss"))
+    if effect.place == "ground":
+        control = block.ground[block.ground["role"] == "control"]
+        given = control[["x", "y", "z"]].to_numpy(float)
+        return Context(images, point=list(control["point"]), position=given)
+    image = block.image_rows("tie_points")
+    pixel = predict(block).tie
+    ray = (pixel - images.interior[image, 1:3]) / images.interior[image, :1]
+    return Context(images, image, pixel=pixel, ray=ray)
+
+
+def same_bits(a, b):
+    return all(
+        np.array_equal(x, y, equal_nan=True) for x, y in zip(vars(a).values(), vars(b).values())
+    )
+
+
+def without(block, column):
+    """The block without one needed column."""
+    out = block.copy()
+    table, _, name = column.partition(".")
+    if table == "camera":
+        out.cameras = {k: replace(c, **{name: None}) for k, c in out.cameras.items()}
+    else:
+        setattr(out, table, getattr(out, table).drop(columns=name))
+    return out
+
+
+@pytest.mark.parametrize("effect", catalogue(), ids=lambda effect: effect.slug)
+class TestEveryEffect:
+    def test_derivative_agrees_with_central_differences(self, effect, strip):
+        context = context_of(effect, strip)
+        values = drawn(effect, strip)[context.group(effect.group)]
+        shift, derivative = effect.shift(context, values)
+        assert shift.shape == (len(context), PLACES[effect.place])
+        assert derivative.shape == (*shift.shape, values.shape[1])
+        for k, parameter in enumerate(effect.parameters(strip)):
+            step = np.zeros(values.shape[1])
+            step[k] = 1e-3 * parameter.scale
+            high, low = (effect.shift(context, values + s)[0] for s in (step, -step))
+            numeric = (high - low) / (2 * step[k])
+            largest = np.abs(derivative[:, :, k]).max()
+            assert largest > 0, "a parameter that moves nothing"
+            assert np.abs(derivative[:, :, k] - numeric).max() < 1e-6 * largest
+
+    def test_zero_parameters_move_nothing_bit_for_bit(self, effect, strip):
+        context = context_of(effect, strip)
+        zero = np.zeros_like(drawn(effect, strip))
+        shift, derivative = effect.shift(context, zero[context.group(effect.group)])
+        assert not shift.any() and np.isfinite(derivative).all()
+        assert same_bits(predict(strip, {effect.slug: zero}), predict(strip))
+        assert not same_bits(predict(strip, {effect.slug: drawn(effect, strip)}), predict(strip))
+
+    def test_what_is_simulated_is_estimated_within_its_sigma(self, effect, strip):
+        """Camera and stated lever arm held, control and GNSS good to 2 mm, 0.1 px in the image.
+
+        Four sigmas each; together (chi squared over all values) within four of its own.
+        """
+        truth = drawn(effect, strip)
+        block = add_noise(add(strip, {effect.slug: truth}), **NOISE, seed=11)
+        found = corridor.adjust(block, camera="fixed", effects=[effect.slug], lever_arm="fixed")
+        assert found.converged
+        # All effects are linear in what they move to one per cent, so the noise is all there is.
+        assert found.sigma0 == pytest.approx(1, abs=4 / np.sqrt(2 * found.redundancy))
+        table = found.effects
+        assert len(table) == truth.size
+        stack, _ = gather(strip, {effect.slug: {}})
+        member = stack.members[effect.slug]
+        groups = [member.groups.index(group) for group in table["group"]]
+        names = [parameter.name for parameter in member.parameters]
+        columns = [names.index(name) for name in table["parameter"]]
+        expected = truth[groups, columns]
+        off = (table["value"] - expected) / table["sigma"]
+        assert np.abs(off).max() < 4
+        assert np.sum(off**2) < truth.size + 4 * np.sqrt(2 * truth.size)
+        # Significant, or being within the sigma would say nothing.
+        assert (np.abs(expected) > 4 * table["sigma"]).mean() > 0.8
+
+    def test_correcting_undoes_simulating(self, effect, strip):
+        values = {effect.slug: drawn(effect, strip)}
+        moved = add(strip, values)
+        back = take_out(moved, values)
+        assert not same_tables(moved, strip, 1e-6)
+        assert same_tables(back, strip, 1e-9)
+
+    def test_what_it_needs_is_named_when_it_is_missing(self, effect, strip):
+        assert effect.missing(strip) == []
+        for column in effect.needs:
+            table, _, name = column.partition(".")
+            file = "block.toml" if table == "camera" else f"{table}.csv"
+            block = without(strip, column)
+            assert column in effect.missing(block)
+            for call in (
+                lambda block=block: predict(block, {effect.slug: {}}),
+                lambda block=block: corridor.adjust(block, effects=[effect.slug]),
+            ):
+                with pytest.raises(InputError) as error:
+                    call()
+                for word in (file, name, effect.slug):
+                    assert word in str(error.value)
+
+    def test_nothing_is_looked_at_that_is_not_declared(self, effect, strip):
+        """All optional columns that are not among its needs are dropped: it still works."""
+        block = strip.copy()
+        optional = "time_s temperature_c vx vy vz wx wy wz strip".split()
+        spare = [name for name in optional if f"images.{name}" not in effect.needs]
+        block.images = block.images.drop(columns=spare)
+        block.cameras = {
+            name: replace(c, pixel_um=None, readout_s=None)
+            for name, c in block.cameras.items()
+            if not any(need.startswith("camera.") for need in effect.needs)
+        } or block.cameras
+        assert not same_bits(predict(block, {effect.slug: drawn(effect, block)}), predict(block))
+
+    def test_unit_scale_and_start_are_stated(self, effect, strip):
+        parameters = effect.parameters(strip)
+        assert parameters
+        assert len({parameter.name for parameter in parameters}) == len(parameters)
+        for parameter in parameters:
+            assert parameter.name.isidentifier()
+            assert parameter.unit
+            assert np.isfinite(parameter.scale) and parameter.scale > 0
+            assert np.isfinite(parameter.start)
+
+    def test_it_says_what_it_is_and_where_it_acts(self, effect):
+        assert effect.title and effect.title == effect.title.strip()
+        assert effect.place in PLACES
+        assert effect.group in GROUPS
+        assert (effect.group == "point") <= (effect.place == "ground")
+        for need in effect.needs:
+            table, _, column = need.partition(".")
+            assert table in ("images", "gnss", "rates", "track", "ground", "camera") and column
+        assert find(effect.slug).slug == effect.slug
+
+    def test_the_file_bears_its_name_and_names_its_source(self, effect):
+        module = inspect.getmodule(type(effect))
+        assert Path(module.__file__) == FOLDER / f"{effect.slug}.py"
+        assert "Source:" in module.__doc__
+
+
+def same_tables(a, b, tolerance):
+    """Whether all measurements of two blocks agree, px and m."""
+    for table, columns in (
+        ("tie_points", ["x", "y"]),
+        ("marks", ["x", "y"]),
+        ("gnss", ["x", "y", "z"]),
+        ("ground", ["x", "y", "z"]),
+    ):
+        one, other = (getattr(block, table)[columns].to_numpy(float) for block in (a, b))
+        if np.abs(one - other).max() > tolerance:
+            return False
+    return True
+
+
+def test_every_file_holds_exactly_one_effect_and_the_catalogue_has_them_all():
+    files = {path.stem for path in FOLDER.glob("*.py")} - MECHANISM
+    assert files == {effect.slug for effect in catalogue()}
+    for name in files:
+        module = import_module(f"corridor.effects.{name}")
+        own = [
+            value
+            for value in vars(module).values()
+            if inspect.isclass(value)
+            and issubclass(value, Effect)
+            and value.__module__ == module.__name__
+        ]
+        assert len(own) == 1
+
+
+def test_nothing_outside_its_file_knows_an_effect_by_name():
+    """Design, section 1: adding an effect is adding a file."""
+    for path in FOLDER.parent.rglob("*.py"):
+        if "adjustment" in path.parts or path.stem in MECHANISM:
+            text = path.read_text()
+            for effect in catalogue():
+                if effect.slug == "lever_arm":
+                    continue  # Also a quantity of its own, in block.toml.
+                assert f'"{effect.slug}"' not in text, f"{path.name} knows {effect.slug}"
+
+
+@pytest.mark.parametrize("name", ["rolling_shuter", "", "lever_arm "])
+def test_an_unknown_effect_is_refused_with_the_list(name):
+    with pytest.raises(InputError, match="is unknown.*rolling_shutter"):
+        find(name)
+
+
+def test_an_unknown_group_parameter_or_member_is_refused(strip):
+    with pytest.raises(InputError, match="group 'week' is unknown"):
+        find("lever_arm@week")
+    with pytest.raises(InputError, match="rolling_shutter has no parameter 'speed'"):
+        predict(strip, {"rolling_shutter": {"speed": 1.0}})
+    with pytest.raises(InputError, match="lever_arm has no flight 'F9': it has F1, F2"):
+        predict(strip, {"lever_arm": {"x": {"F9": 1.0}}})
+    with pytest.raises(InputError, match="given twice"):
+        corridor.adjust(strip, effects=["gnss_bias", "gnss_bias@flight"])
+
+
+def test_an_image_that_lacks_what_the_effect_needs_is_named(strip):
+    block = strip.copy()
+    name = block.images["image"].iloc[7]
+    block.images.loc[7, "time_s"] = np.nan
+    with pytest.raises(InputError, match=f"images.csv: image {name} lacks .*images.time_s"):
+        corridor.adjust(block, camera="fixed", effects=["focal_drift"])
+
+
+def test_without_angular_rates_a_rolling_shutter_only_translates(strip):
+    block = strip.copy()
+    block.images[["wx", "wy", "wz"]] = 0.0
+    still = predict(block, {"rolling_shutter": {"readout": 0.03}})
+    block.images = block.images.drop(columns=["wx", "wy", "wz"])
+    assert same_bits(still, predict(block, {"rolling_shutter": {"readout": 0.03}}))
+
+
+def test_one_set_of_values_a_flight_is_simulated_and_estimated(strip):
+    """`slug@flight`: the flights of one camera need not share a readout time."""
+    truth = {"F1": 0.020, "F2": 0.035}
+    slug = "rolling_shutter@flight"
+    block = add_noise(add(strip, {slug: {"readout": truth}}), **NOISE, seed=2)
+    found = corridor.adjust(block, camera="fixed", effects=[slug], lever_arm="fixed")
+    table = found.effects.set_index("group")
+    assert table.index.tolist() == ["F1", "F2"]
+    off = (table["value"] - pd.Series(truth)) / table["sigma"]
+    assert np.abs(off).max() < 4
+    assert table["sigma"].max() < 0.1 * 0.015
+    # One value for both is the block's readout, between the two and with worse residuals.
+    shared = corridor.adjust(block, camera="fixed", effects=["rolling_shutter"], lever_arm="fixed")
+    assert 0.020 < shared.effects["value"].iloc[0] < 0.035
+    assert shared.sigma0 > 1.2 * found.sigma0
