@@ -50,5 +50,8 @@ def pictures(adjustment: Adjustment) -> dict[str, Figure]:
 
 
 def save_adjustment(adjustment: Adjustment, folder: str | os.PathLike) -> list[Path]:
-    """Writes the result with its pictures into `folder`; see `Adjustment.save`."""
-    return adjustment.save(folder, pictures(adjustment), CAPTIONS)
+    """Writes the result with its pictures into `folder`; see `corridor.adjustment.save`."""
+    # Only here, so that a picture of a block does not wait for the numerical libraries.
+    from corridor.adjustment import save
+
+    return save(adjustment, folder, pictures(adjustment), CAPTIONS)

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 import corridor
+from corridor.camera import undistort
 from corridor.effects import add, catalogue, find, predict, take_out
 from corridor.effects.contract import GROUPS, PLACES, Context, Effect, Images
 from corridor.effects.forward import gather
@@ -64,7 +65,7 @@ def context_of(effect, block):
         return Context(images, point=list(control["point"]), position=given)
     image = block.image_rows("tie_points")
     pixel = predict(block).tie
-    ray = (pixel - images.interior[image, 1:3]) / images.interior[image, :1]
+    ray = undistort(pixel, images.interior, image)
     return Context(images, image, pixel=pixel, ray=ray)
 
 
