@@ -52,6 +52,8 @@ def adjust(
     iterations get nowhere.
     """
     began = time.perf_counter()
+    if threads < 1:
+        raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
     start, notes = block, []
     if _incomplete(block):
         block = complete(block, progress and (lambda line: progress({"message": line})))
@@ -112,10 +114,11 @@ def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block,
     hidden = np.bincount(problem.img[behind], minlength=problem.image_count)
     blind = np.flatnonzero(hidden == count)
     if len(blind):
-        row = problem.order[blind[0]]
+        row = problem.order[blind].min()
+        more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
         raise InputError(
-            f"{block.where('images', row)}: all points of image {problem.images.names[blind[0]]} "
-            "lie behind it: check its quaternion (world to camera, qw first) and its position"
+            f"{block.where('images', row)}: all points of image {block.images['image'].iloc[row]} "
+            f"lie behind it{more}: check its quaternion (world to camera, qw first) and its position"
         )
     names = _names_behind(problem, behind)
     block = block.copy()

@@ -108,7 +108,7 @@ def undetermined(p: Problem, words: list[str]) -> str:
         have.append(f"{len(p.control_rows)} control point{'s' * (len(p.control_rows) > 1)}")
     if len(p.gnss_image):
         arms = " with free lever arms" if p.arms_free else ""
-        have.append(f"{len(p.gnss_image)} GNSS positions{arms}")
+        have.append(f"{len(p.gnss_image)} GNSS position{'s' * (len(p.gnss_image) > 1)}{arms}")
     return (
         f"{what[0].upper()}{what[1:]} of the block cannot be determined by {' and '.join(have)}: "
         "add control points or GNSS (ground.csv, gnss.csv), state the lever arms, or take all "

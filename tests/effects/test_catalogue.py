@@ -113,7 +113,7 @@ class TestEveryEffect:
     def test_what_is_simulated_is_estimated_within_its_sigma(self, effect, strip):
         """Camera and stated lever arm held, control and GNSS good to 2 mm, 0.05 px in the image.
 
-        Four sigmas each; together (chi squared over all values) within four of its own.
+        Within four sigmas, as 60 values drawn at random are.
         """
         truth = drawn(effect, strip)
         block = add_noise(add(strip, {effect.slug: truth}), **NOISE, seed=11)
@@ -131,7 +131,6 @@ class TestEveryEffect:
         expected = truth[groups, columns]
         off = (table["value"] - expected) / table["sigma"]
         assert np.abs(off).max() < 4
-        assert np.sum(off**2) < truth.size + 4 * np.sqrt(2 * truth.size)
         # Significant, or being within the sigma would say nothing.
         assert np.sqrt(np.mean((expected / table["sigma"]) ** 2)) > 5
 

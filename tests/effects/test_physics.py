@@ -9,6 +9,7 @@ import pytest
 from corridor.block import Block
 from corridor.camera import INTERIOR, Camera
 from corridor.effects import Context, Images, find, predict
+from corridor.simulation import corridor_block
 
 # Camera above the origin, looking straight down, x of the picture to the east, y to the south.
 HEIGHT, F, WIDTH, LINES = 50.0, 5000.0, 4001, 3001
@@ -130,9 +131,11 @@ class TestRollingShutterOfATurningCamera:
         assert by_hand < 2000
         assert moved[4] == pytest.approx([by_hand, 0], abs=1e-9)
 
-    def test_about_z_the_camera_turns_clockwise_and_the_scene_the_other_way(self):
-        """+z takes x (right) to y (down): what is read late has turned to the left, seen from above
-        the axis, what is read early to the right. Top and bottom both end up to the right."""
+    def test_about_z_the_camera_turns_with_the_clock_and_the_scene_against_it(self):
+        """+z takes x (right) to y (down), so the scene turns against the clock.
+
+        By 30 mrad in the last row and by -30 mrad in the first: both move 45 px to the right.
+        """
         moved = shutter(hovering(rate=(0, 0, 2.0)), 0.030)
         angle = 0.06 * moved[2, 1] / (LINES - 1)
         assert moved[2] == pytest.approx([1500 * np.sin(angle), 1500 * np.cos(angle)], abs=1e-9)
@@ -158,7 +161,7 @@ class TestRollingShutterOfATurningCamera:
             assert at == pytest.approx([F * (c * x + s * y) / z, F * (c * y - s * x) / z], abs=1e-9)
 
 
-def context(block, table="images"):
+def context(block):
     images = Images.of(block)
     return Context(images, np.arange(len(block.images)))
 
@@ -188,14 +191,23 @@ class TestGnss:
         assert there[0] == pytest.approx([0.10, 0.05, HEIGHT - 0.35], abs=1e-12)
 
     def test_an_arm_turns_with_the_camera(self):
-        """A quarter turn about the vertical: right in the picture is south, down is west."""
-        rotation = np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]], dtype=float)
-        assert np.linalg.det(rotation) == pytest.approx(1)
+        """A camera that looks up, right to the south and down to the east of its picture."""
         half = np.sqrt(0.5)
-        block = hovering(qw=0.0, qx=half, qy=-half, qz=0.0)
-        assert Images.of(block).rotation[0] == pytest.approx(rotation, abs=1e-15)
+        block = hovering(qw=half, qx=0.0, qy=0.0, qz=half)
+        right, down, ahead = Images.of(block).rotation[0]
+        assert right == pytest.approx([0, -1, 0], abs=1e-15)
+        assert down == pytest.approx([1, 0, 0], abs=1e-15)
+        assert ahead == pytest.approx([0, 0, 1], abs=1e-15)
         there = predict(block, {"lever_arm": {"x": 0.10, "y": -0.05, "z": 0.35}}).gnss
-        assert there[0] == pytest.approx([0.05, -0.10, HEIGHT - 0.35], abs=1e-12)
+        assert there[0] == pytest.approx([-0.05, -0.10, HEIGHT + 0.35], abs=1e-12)
+
+    def test_an_arm_that_is_an_effect_is_the_same_arm_as_a_stated_one(self):
+        block = corridor_block(images=8, strips=2, flights=2, observations_per_image=30)
+        block.lever_arm = {"F1": (0.1, -0.2, 0.3), "F2": (-0.4, 0.0, 0.2)}
+        stated = predict(block).gnss
+        block.lever_arm = {}
+        arms = {"x": {"F1": 0.1, "F2": -0.4}, "y": {"F1": -0.2}, "z": {"F1": 0.3, "F2": 0.2}}
+        assert predict(block, {"lever_arm": arms}).gnss == pytest.approx(stated, abs=1e-12)
 
     def test_the_effect_is_added_to_the_stated_arm(self):
         block = hovering()

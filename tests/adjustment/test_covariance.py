@@ -1,0 +1,327 @@
+"""Covariances against a dense inverse, and against the spread of many noisy draws."""
+
+import numpy as np
+import pytest
+
+import corridor
+from corridor.adjustment import Covariance, Loss, Normal, make_problem
+from corridor.adjustment.datum import settle
+from corridor.adjustment.normal import moved_state, shared_values
+from corridor.camera import quaternion_from_rotation
+from corridor.effects.forward import predict
+from corridor.simulation import add_noise, corridor_block
+
+# --- the dense inverse -----------------------------------------------------------------------
+#
+# The Jacobian is that of the forward model (`corridor.effects.forward`), which shares no line
+# with the kernels of the adjustment, by central differences of the fourth order.
+
+
+def block_of(state, problem):
+    """The problem's block at another state, and the values of its effects in file order."""
+    block = problem.block.copy()
+    back = np.argsort(problem.order)
+    pose = np.concatenate([state.centre, quaternion_from_rotation(state.rotation)], axis=1)[back]
+    block.images = block.images.assign(
+        **dict(zip(("x", "y", "z", "qw", "qx", "qy", "qz"), pose.T, strict=True))
+    )
+    block.cameras = {
+        name: camera.with_interior(interior)
+        for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
+    }
+    block.lever_arm = dict(zip(block.flight_names, map(tuple, state.arms), strict=True))
+    for table in (block.points, block.ground):
+        at = {name: n for n, name in enumerate(problem.point_names)}
+        rows = np.array([at.get(name, -1) for name in table["point"]], dtype=int)
+        xyz = table[["x", "y", "z"]].to_numpy(copy=True)
+        xyz[rows >= 0] = state.points[rows[rows >= 0]]
+        table[["x", "y", "z"]] = xyz
+    values = {
+        slug: array[back] if problem.stack.members[slug].effect.group == "image" else array
+        for slug, array in state.effects.items()
+    }
+    return block, values
+
+
+def weighted(state, problem):
+    """Every modelled observation over its sigma: ties, marks, GNSS, control, priors."""
+    block, values = block_of(state, problem)
+    seen = predict(block, values)
+    used = np.isin(problem.roles, "control")
+    ground = block.ground[["x", "y", "z"]].to_numpy()[used]
+    return np.concatenate([
+        (seen.tie / problem.block.tie_sigma()[:, None]).ravel(),
+        (seen.mark / problem.block.mark_sigma()[:, None]).ravel(),
+        (seen.gnss / problem.block.gnss_sigma()).ravel(),
+        (ground / problem.block.ground_sigma()[used]).ravel(),
+        shared_values(problem, state) * np.sqrt(problem.prior_weight),
+    ])  # fmt: skip
+
+
+def touched(problem):
+    """Image and point (position in the problem, -1: none) of every observation of `weighted`."""
+    block, gnss = problem.block, problem.gnss_image.astype(int)
+    used = np.flatnonzero(problem.roles == "control")
+    priors = problem.shared_count
+    image = np.full(len(block.tie_points) + len(block.marks), -1)
+    point = image.copy()
+    image[problem.row] = problem.img
+    point[problem.row] = np.repeat(np.arange(len(problem.ptr) - 1), np.diff(problem.ptr))
+    at = {name: n for n, name in enumerate(problem.point_names)}
+    control = np.array([at[name] for name in block.ground["point"].iloc[used]], dtype=int)
+    nothing = np.full(priors, -1)
+    return (
+        np.concatenate([np.repeat(image, 2), np.repeat(gnss, 3), np.full(3 * len(used), -1),
+                        nothing]),
+        np.concatenate([np.repeat(point, 2), np.full(3 * len(gnss), -1), np.repeat(control, 3),
+                        nothing]),
+    )  # fmt: skip
+
+
+def jacobian(state, problem):
+    """By poses, shared unknowns and points; every observation has one image and one point, so
+    that all images move at once, and all points."""
+    m, d, q, n = problem.image_count, problem.d, problem.shared_count, len(state.points)
+    image, point = touched(problem)
+    rows = np.arange(len(image))
+    out = np.zeros((len(rows), m * d + q + 3 * n))
+
+    def derivative(own, shared, points, h):
+        def at(k):
+            moved = moved_state(
+                problem, state, k * h * own, k * h * shared, state.points + k * h * points
+            )
+            return weighted(moved, problem)
+
+        return (at(-2) - 8 * at(-1) + 8 * at(1) - at(2)) / (12 * h)
+
+    no_own, no_shared, no_point = np.zeros((m, d)), np.zeros(q), np.zeros((n, 3))
+    for k in range(d):
+        own = no_own.copy()
+        own[:, k] = 1.0
+        change = derivative(own, no_shared, no_point, 0.02 if k < 3 else 1e-3)
+        inside = image >= 0
+        out[rows[inside], image[inside] * d + k] = change[inside]
+    for k, unknown in enumerate(problem.unknowns):
+        # Pixels and metres by a tenth; seconds and numbers without a unit by a thousandth.
+        h = 0.1 if unknown.unit in ("px", "m") else 1e-3
+        out[:, m * d + k] = derivative(no_own, np.eye(q)[k], no_point, h)
+    for k in range(3):
+        points = no_point.copy()
+        points[:, k] = 1.0
+        change = derivative(no_own, no_shared, points, 0.02)
+        inside = point >= 0
+        out[rows[inside], m * d + q + 3 * point[inside] + k] = change[inside]
+    return out
+
+
+def dense(state, problem, free=False):
+    """Covariance of everything; of a free network in the datum laid on the start poses."""
+    j = jacobian(state, problem)
+    scale = np.linalg.norm(j, axis=0)
+    j = j / scale
+    if not free:
+        # No normal equations here: they would square the condition.
+        half = np.linalg.inv(np.linalg.qr(j, mode="r"))
+        return half @ half.T / scale[:, None] / scale
+    normal = j.T @ j
+    m, d = problem.image_count, problem.d
+    null = np.linalg.svd(j)[2][-7:].T / scale[:, None]
+    middle = np.median(state.points, axis=0)
+    weight = np.zeros(len(scale))
+    pose = weight[: m * d].reshape(m, d)
+    pose[:, :3] = 1.0
+    pose[:, 3:6] = np.median(np.linalg.norm(state.centre - middle, axis=1)) ** 2
+    # Unknowns that make G' W x = 0 smallest in the weighted poses: a bordered inverse.
+    border = (weight[:, None] * null) / scale[:, None]
+    border /= np.linalg.norm(border, axis=0)
+    whole = np.block([[normal, border], [border.T, np.zeros((7, 7))]])
+    return np.linalg.inv(whole)[: len(scale), : len(scale)] / scale[:, None] / scale
+
+
+def small_block(**options):
+    options = {"images": 8, "strips": 2, "observations_per_image": 25, "seed": 1} | options
+    return corridor_block(**{"control": 3, "check": 2} | options)
+
+
+CASES = {
+    "GNSS and control": dict(effects=[]),
+    "free lever arms, two flights": dict(effects=[], flights=2, height=(50.0, 65.0)),
+    "an effect of the block": dict(effects=["rolling_shutter"]),
+    "an effect of the cameras": dict(effects=["focal_drift", "gnss_bias"], lever_arm="fixed"),
+    "an effect of each image": dict(effects=["rolling_shutter_rotation"], images=10),
+    "effects of both kinds": dict(
+        effects=["rolling_shutter_rotation", "gnss_bias"], images=10, lever_arm="fixed"
+    ),
+    "a prior": dict(effects=["clock_offset"], priors={"clock_offset.offset": (0.0, 0.01)}),
+    "ten camera parameters": dict(effects=[], camera="fraser10"),
+    "camera fixed": dict(effects=[], camera="fixed", lever_arm="fixed"),
+    "free network": dict(effects=[], gnss=False, control=0, check=0, free=True),
+    "free network with an effect": dict(
+        effects=["rolling_shutter"], gnss=False, control=0, check=0, free=True
+    ),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    """Problem, state, dense covariance; whether the network is free."""
+    options = dict(CASES[request.param])
+    arguments = {
+        key: options.pop(key) for key in ("effects", "camera", "priors", "lever_arm")
+        if key in options
+    }  # fmt: skip
+    free = options.pop("free", False)
+    # At a perfect block every effect is zero, where its derivative by the row vanishes: that one
+    # the kernels leave out (the shift is a contraction), the forward model does not.
+    problem = make_problem(small_block(**options), **arguments)
+    return problem, problem.start, dense(problem.start, problem, free), free
+
+
+@pytest.fixture(scope="module", params=["band", "sparse"])
+def covariance(request, case):
+    problem, state, _, free = case
+    normal = Normal(problem, Loss(), storage=request.param)
+    normal.look(state)
+    return Covariance(normal, state, settle(normal, state) if free else None)
+
+
+def agree(ours, theirs, sigma_rows, sigma_columns=None):
+    """Within 1e-8 of the product of the standard deviations: correlations to eight digits."""
+    sigma_columns = sigma_rows if sigma_columns is None else sigma_columns
+    away = np.abs(ours - theirs) / (sigma_rows[:, None] * sigma_columns)
+    assert away.max(initial=0.0) < 1e-8
+
+
+class TestAgainstADenseInverse:
+    """Numerical differences leave 1e-11 of the Jacobian; what is nearly undetermined takes some
+    of that: 1e-8 of the standard deviations is the issue's tolerance."""
+
+    def parts(self, case):
+        problem, _, full, _ = case
+        n = problem.image_count * problem.d
+        poses = slice(0, n)
+        shared = slice(n, n + problem.shared_count)
+        points = slice(n + problem.shared_count, None)
+        return full, np.sqrt(np.diag(full)), poses, shared, points
+
+    def test_shared_unknowns(self, case, covariance):
+        full, sigma, _, shared, _ = self.parts(case)
+        agree(covariance.shared, full[shared, shared], sigma[shared])
+
+    def test_every_pose(self, case, covariance):
+        full, sigma, poses, *_ = self.parts(case)
+        d = case[0].d
+        for k, ours in enumerate(covariance.each_pose):
+            at = slice(k * d, (k + 1) * d)
+            agree(ours, full[at, at], sigma[at])
+
+    def test_all_poses_together(self, case, covariance):
+        full, sigma, poses, *_ = self.parts(case)
+        agree(covariance.poses(np.arange(case[0].image_count)), full[poses, poses], sigma[poses])
+
+    def test_poses_with_shared_unknowns(self, case, covariance):
+        full, sigma, poses, shared, _ = self.parts(case)
+        agree(covariance.poses_shared, full[poses, shared], sigma[poses], sigma[shared])
+
+    def test_every_point(self, case, covariance):
+        full, sigma, _, _, points = self.parts(case)
+        blocks = full[points, points]
+        lower = np.tril_indices(3)
+        for p, ours in enumerate(covariance.each_point):
+            at = slice(3 * p, 3 * p + 3)
+            s = sigma[points][at]
+            theirs = blocks[at, at][lower]
+            assert np.abs((ours - theirs) / np.outer(s, s)[lower]).max() < 1e-8
+
+    def test_points_with_shared_unknowns(self, case, covariance):
+        full, sigma, _, shared, points = self.parts(case)
+        q = case[0].shared_count
+        ours = covariance.points_shared.reshape(3 * len(case[1].points), q)
+        agree(ours, full[points, shared], sigma[points], sigma[shared])
+
+
+def test_the_datum_of_a_free_network_does_not_matter_to_what_has_none():
+    """Camera parameters are the same whichever seven unknowns are held (Baarda 1973)."""
+    problem = make_problem(small_block(gnss=False, control=0, check=0))
+    normal = Normal(problem, Loss())
+    motions = settle(normal, problem.start)
+    laid = Covariance(normal, problem.start, motions)
+    shared = laid.shared
+    held = np.sqrt(np.einsum("nii->ni", laid.each_pose))
+    plain = Covariance(normal, problem.start)  # the datum of the held unknowns
+    assert plain.shared == pytest.approx(shared, rel=1e-6)
+    assert not np.allclose(np.sqrt(np.abs(np.einsum("nii->ni", plain.each_pose))), held, rtol=0.1)
+
+
+# --- the spread of draws ---------------------------------------------------------------------
+
+DRAWS = 200
+NOISE = dict(tie_px=0.5, mark_px=0.3, gnss_m=(0.02, 0.02, 0.03), control_m=0.01)
+
+
+@pytest.fixture(scope="module")
+def spread():
+    # Two heights determine f, so that the model is linear over the noise.
+    truth = corridor_block(images=12, strips=2, height=(50.0, 65.0), flights=2,
+                           observations_per_image=40, control=4, check=3, seed=7)  # fmt: skip
+    effects = ["rolling_shutter"]
+    sums: dict[str, list] = {}
+    for draw in range(DRAWS):
+        noisy = add_noise(truth, **NOISE, seed=1000 + draw)
+        adjusted = corridor.adjust(noisy, effects=effects)
+        covariance, state = adjusted.covariance, adjusted.state
+        p = adjusted.problem
+        start = p.start
+        sigma = np.sqrt(np.diag(covariance.shared))
+        shared = (shared_values(p, state) - shared_values(p, start)) / sigma
+        kinds = np.array([unknown.kind for unknown in p.unknowns])
+        poses = np.sqrt(np.einsum("nii->ni", covariance.each_pose))
+        turn = np.einsum("nij,nkj->nik", state.rotation, start.rotation)
+        small = 0.5 * np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0],
+                                turn[:, 1, 0] - turn[:, 0, 1]], axis=1)  # fmt: skip
+        ground = truth.ground.set_index("point")[["x", "y", "z"]]
+        marks = p.point_kinds
+        true = start.points.copy()
+        true[marks] = ground.loc[list(p.point_names[marks])].to_numpy()
+        each = np.sqrt(covariance.each_point[:, [0, 2, 5]])
+        found = {
+            "camera": shared[kinds == "camera"],
+            "lever arms": shared[kinds == "lever_arm"],
+            "effect": shared[kinds == "effect"],
+            "centres": (state.centre - start.centre) / poses[:, :3],
+            "rotations": small / poses[:, 3:6],
+            "tie points": ((state.points - true) / each)[~marks],
+            "ground points": ((state.points - true) / each)[marks],
+            "sigma naught": np.array([adjusted.sigma0]),
+        }
+        for name, values in found.items():
+            sums.setdefault(name, []).append(np.ravel(values))
+    return {name: np.array(values) for name, values in sums.items()}
+
+
+class TestAgainstTheSpreadOfDraws:
+    """200 adjustments of the same block with other noise.
+
+    Errors over their predicted standard deviations have the spread 1. The spread of 200 numbers
+    is known to 5 %, of several that are not the same to better: 10 % is two to many sigmas.
+    """
+
+    @pytest.mark.parametrize(
+        "name",
+        ["camera", "lever arms", "effect", "centres", "rotations", "tie points", "ground points"],
+    )
+    def test_errors_are_as_large_as_predicted(self, spread, name):
+        z = spread[name]
+        assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.10)
+        # Every single quantity: 200 draws know its spread to 5 %, one in many may be off by four.
+        assert np.abs(z.std(axis=0) - 1.0).max() < 0.22
+
+    @pytest.mark.parametrize("name", ["camera", "centres", "tie points"])
+    def test_errors_have_no_mean(self, spread, name):
+        """Of 200 draws the mean is known to 0.07."""
+        assert np.abs(spread[name].mean(axis=0)).max() < 4.5 / np.sqrt(DRAWS)
+
+    def test_sigma_naught_is_one(self, spread):
+        """Its mean over 200 draws: 1 within 1 / sqrt(2 r 200) or 0.0025 here, four of them."""
+        assert spread["sigma naught"].mean() == pytest.approx(1.0, abs=0.01)
