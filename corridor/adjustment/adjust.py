@@ -117,8 +117,9 @@ def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block,
         row = problem.order[blind].min()
         more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
         raise InputError(
-            f"{block.where('images', row)}: all points of image {block.images['image'].iloc[row]} "
-            f"lie behind it{more}: check its quaternion (world to camera, qw first) and its position"
+            f"{block.where('images', row)}: all points of image "
+            f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
+            "to camera, qw first) and its position"
         )
     names = _names_behind(problem, behind)
     block = block.copy()

@@ -80,8 +80,8 @@ def settle(normal: Normal, state: State) -> np.ndarray | None:
     is control or GNSS, but not enough.
     """
     p = normal.problem
-    few_controls = len(p.control_rows) < 3
-    few_antennas = len(p.gnss_image) < 3 or p.arms_free
+    few_controls = _on_a_line(p.control_given)
+    few_antennas = _on_a_line(p.gnss_given) or p.arms_free or bool(p.stack.at("antenna"))
     if not (few_controls and few_antennas):
         return None
     poses, shared, words = open_motions(normal, state)
@@ -100,6 +100,15 @@ def settle(normal: Normal, state: State) -> np.ndarray | None:
     return np.concatenate([poses, shared])
 
 
+def _on_a_line(xyz: np.ndarray) -> bool:
+    """Whether points (n, 3) leave a rotation open: fewer than three, or on one line."""
+    if len(xyz) < 3:
+        return True
+    spread = np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)
+    # Information goes with the square of the width.
+    return bool(spread[1] <= np.sqrt(OPEN) * spread[0])
+
+
 def undetermined(p: Problem, words: list[str]) -> str:
     """The sentence for a block whose datum has a hole."""
     what = " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
@@ -107,12 +116,14 @@ def undetermined(p: Problem, words: list[str]) -> str:
     if len(p.control_rows):
         have.append(f"{len(p.control_rows)} control point{'s' * (len(p.control_rows) > 1)}")
     if len(p.gnss_image):
-        arms = " with free lever arms" if p.arms_free else ""
-        have.append(f"{len(p.gnss_image)} GNSS position{'s' * (len(p.gnss_image) > 1)}{arms}")
+        loose = ["free lever arms"] * p.arms_free
+        loose += [f"effect {member.effect.slug}" for member in p.stack.at("antenna")]
+        with_what = f" with {' and '.join(loose)}" if loose else ""
+        have.append(f"{len(p.gnss_image)} GNSS position{'s' * (len(p.gnss_image) > 1)}{with_what}")
     return (
         f"{what[0].upper()}{what[1:]} of the block cannot be determined by {' and '.join(have)}: "
-        "add control points or GNSS (ground.csv, gnss.csv), state the lever arms, or take all "
-        "control away to adjust a free network"
+        "add control points or GNSS (ground.csv, gnss.csv), hold lever arms and effects of the "
+        "GNSS, or take control and GNSS away to adjust a free network"
     )
 
 
@@ -135,11 +146,12 @@ def explain(normal: Normal, state: State, singular: Singular) -> InputError:
     own = singular.own
     if own is not None and own >= 6:
         slug, number = p.own_unknowns[own - 6]
-        what = f"{p.stack.members[slug].parameters[number].name} of effect {slug}"
-    else:
-        what = "the pose"
+        return InputError(
+            f"images.csv: {p.stack.members[slug].parameters[number].name} of effect {slug} cannot "
+            f"be determined for image {name}: share the effect ({slug}@flight) or leave it out"
+        )
     return InputError(
-        f"images.csv: {what} of image {name} cannot be determined: its points lie on a line or "
+        f"images.csv: the pose of image {name} cannot be determined: its points lie on a line or "
         "are linked to the other images by too few points; measure more or remove the image"
     )
 

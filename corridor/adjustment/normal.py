@@ -156,13 +156,10 @@ class Normal:
         images, pose, interior, radials, *_ = self.prepare(state)
         out = np.empty((len(p.img), 2))
         behind = 0
-        for turn in range(passes if self.looks else 1):
+        for _ in range(passes if self.looks else 1):
             behind = 0
             for first, last in self.chunks(0, len(p.ptr) - 1):
-                if self.looks and turn:
-                    shift, motion, _, _ = self.shifts(state, images, first, last)
-                else:
-                    shift, motion = np.zeros((0, 2)), np.zeros((0, 6))
+                shift, motion, _, _ = self.shifts(state, images, first, last)
                 behind += kernels.residuals(
                     first, last, p.ptr, p.img, p.xy, state.points, pose, interior, radials, shift,
                     motion, p.ptr[first], out, self.modelled,
@@ -225,27 +222,48 @@ class Normal:
             ]
             self.blocks.add_diagonal(pinned)
 
-    def antenna(self, state: State, images):
-        """Predicted antenna (k, 3), its derivative by rotation (k, 3, 3), by effects, and R'."""
+    def antenna(self, state: State, images: Images):
+        """Predicted antenna (k, 3), m, and its derivatives.
+
+        By centre and rotation of the image (k, 3, 6), by the effects (k, 3, parameters) and by
+        the lever arm (k, 3, 3).
+        """
         p = self.problem
         image = p.gnss_image
-        shift, d_antenna = p.stack.evaluate("antenna", Context(images, image), state.effects)
+
+        def shift_at(centre, rotation):
+            moved = Context(images.with_poses(centre, rotation), image)
+            return p.stack.evaluate("antenna", moved, state.effects)
+
+        shift, d_antenna = shift_at(state.centre, state.rotation)
         to_world = state.rotation[image].transpose(0, 2, 1)
         arm = state.arms[images.flight[image]]
         predicted = state.centre[image] + np.einsum("nij,nj->ni", to_world, arm) + shift
-        return predicted, to_world @ _cross(arm), d_antenna, to_world
+        d_pose = np.zeros((len(image), 3, 6))
+        d_pose[:, :, :3] = np.eye(3)
+        d_pose[:, :, 3:] = to_world @ _cross(arm)
+        if p.stack.at("antenna"):
+            # An effect states its derivative by its own values only; images are few.
+            for k, h in enumerate([1e-3] * 3 + [1e-5] * 3):
+                for sign in (1.0, -1.0):
+                    centre, rotation = state.centre.copy(), state.rotation
+                    if k < 3:
+                        centre[:, k] += sign * h
+                    else:
+                        rotation = rotation_from_vector(sign * h * np.eye(3)[k - 3]) @ rotation
+                    d_pose[:, :, k] += sign * shift_at(centre, rotation)[0] / (2 * h)
+        return predicted, d_pose, d_antenna, to_world
 
     def _add_gnss(self, state: State, images) -> float:
         p = self.problem
         if not len(p.gnss_image):
             return 0.0
         image, q = p.gnss_image, p.shared_count
-        predicted, d_rotation, d_antenna, to_world = self.antenna(state, images)
+        predicted, d_pose, d_antenna, to_world = self.antenna(state, images)
         residual = p.gnss_given - predicted
         weight = p.gnss_weight
         own = np.zeros((len(image), 3, p.d))
-        own[:, :, :3] = np.eye(3)
-        own[:, :, 3:6] = d_rotation
+        own[:, :, :6] = d_pose
         shared = np.zeros((len(image), 3, q))
         rows = np.arange(len(image))
         for source, columns in (

@@ -28,6 +28,10 @@ LEAST = 1e-10
 ROUGH = 1.0
 NO_DAMPING = 1e-12
 AT_REST = 1e-3
+TINY = 5e-5
+# After a longer step effects have to look again where the points now lie, or the cost of the
+# trial would be that of other rows.
+LONG = 0.1
 
 
 @dataclass
@@ -54,6 +58,9 @@ def solve(
     A robust loss starts from the least squares solution: far from it every residual is an outlier.
     Raises AdjustmentFailed where no step lowers the cost and the step is not small.
     """
+    if normal.looks:
+        # Their shifts lag one step behind: what is left is as long as the last step itself.
+        tolerance /= 100
     with threadpool_limits(1):
         if normal.loss.kind == SQUARES:
             return _solve(normal, normal.problem.start, max_iterations, tolerance, progress, [])
@@ -88,10 +95,13 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             length = np.sqrt(max(down - damping * square, 0.0) / p.unknown_count)
             trial = moved_state(p, state, step, shared, points)
             relaxed = damping / release if damping / release > NO_DAMPING else 0.0
+            if normal.looks and length > LONG:
+                normal.look(trial, passes=1)
             normal.assemble(trial, relaxed)
             gain = cost - normal.cost
-            # Rounding of the cost may hide the gain of a last, tiny step.
-            better = gain >= -1e-12 * cost or length < tolerance
+            # Rounding of the cost, or effects that look one step behind, may hide the gain of a
+            # last, tiny step.
+            better = gain >= -1e-12 * cost or length < max(tolerance, TINY)
             accepted = bool(normal.behind == 0 and np.isfinite(normal.cost) and better)
             entry = {
                 "iteration": iteration,

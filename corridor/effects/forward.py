@@ -76,11 +76,10 @@ def predict(block: Block, values: Mapping = {}) -> Prediction:  # noqa: B006
     """
     stack, filled = gather(block, values)
     images = Images.of(block)
-    index = {name: n for n, name in enumerate(images.names)}
     return Prediction(
-        tie=_seen(block, "tie_points", images, index, stack, filled),
-        mark=_seen(block, "marks", images, index, stack, filled),
-        gnss=antenna(block, images, index, stack, filled),
+        tie=_seen(block, "tie_points", images, stack, filled),
+        mark=_seen(block, "marks", images, stack, filled),
+        gnss=_antenna(block, images, stack, filled),
         control=_given(block, stack, filled, images),
     )
 
@@ -99,10 +98,9 @@ def point_positions(block: Block, table: str) -> np.ndarray:
     return out[rows["point"].cat.codes.to_numpy()]
 
 
-def _seen(block, table, images, index, stack, values):
+def _seen(block, table, images, stack, values):
     rows = getattr(block, table)
-    codes = np.array([index[n] for n in rows["image"].cat.categories], dtype=np.int64)
-    image = codes[rows["image"].cat.codes.to_numpy()] if len(rows) else np.zeros(0, np.int64)
+    image = block.image_rows(table)
     position = point_positions(block, table)
     every = np.arange(len(images.names))
     shift, _ = stack.evaluate("camera", Context(images, every), values)
@@ -131,11 +129,8 @@ def _seen(block, table, images, index, stack, values):
     return pixel
 
 
-def antenna(
-    block: Block, images: Images, index: Mapping[str, int], stack: Stack, values: Values
-) -> np.ndarray:
-    """Predicted antenna (n, 3), m, for the rows of gnss.csv, with the stated lever arm."""
-    image = np.array([index[name] for name in block.gnss["image"]], dtype=np.int64)
+def _antenna(block, images, stack, values):
+    image = block.image_rows("gnss")
     shift, _ = stack.evaluate("antenna", Context(images, image), values)
     arm = stated_lever_arms(block)[images.flight[image]]
     to_world = images.rotation[image].transpose(0, 2, 1)

@@ -123,6 +123,15 @@ class TestText:
         assert table.rows[0] == ("f", "8192", "held", "px") and not table.notes
         assert [row[0] for row in table.rows] == ["f", "cx", "cy", "k1"]  # the zeros say nothing
 
+    def test_gross_errors_left_out_of_the_rms_are_said_and_nothing_else_is(self, block):
+        """Outliers stay in the RMS; only what lies beyond 15 robust sigmas is left out."""
+        made = adjustment(block)
+        table = report.tables(made)[0]
+        assert made.observations["tie"]["outliers"] and "RMS" in table.header
+        assert not [note for note in table.notes if "gross" in note]
+        made.observations["mark"]["gross"] = 3
+        assert report.tables(made)[0].notes[0].endswith("beyond 15 robust sigmas: 3 of marks")
+
     def test_correlations_left_out_are_counted(self, block):
         pairs = [{"a": f"a{k}", "b": f"b{k}", "value": -0.951 - 0.001 * k} for k in range(30)]
         text = report.as_text(adjustment(block, high_correlations=pairs))

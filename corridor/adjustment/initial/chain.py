@@ -1,0 +1,51 @@
+"""From image to image, as far as known points reach."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+
+from corridor.adjustment.initial.intersection import place_new
+from corridor.adjustment.initial.network import Network
+from corridor.adjustment.initial.resection import FEWEST_MARKS, resect
+from corridor.adjustment.initial.settling import settle
+
+# The chain is settled (adjusted on the way) whenever it has grown by this.
+_GROWTH = 1.25
+
+
+def chain(
+    network: Network, say: Callable[[str], None], enough: Callable[[], bool] = lambda: False
+) -> None:
+    """Resect images from known points, the best supported first, until none is left or enough."""
+    count = len(network.images)
+    seen_known = np.bincount(network.image, weights=network.known[network.point], minlength=count)
+    tried = np.full(count, -1.0)
+    settled = network.posed.sum()
+    while not enough():
+        support = np.where(network.posed | (seen_known <= 1.2 * tried), -1, seen_known)
+        image = int(np.argmax(support))
+        if support[image] < FEWEST_MARKS:
+            return
+        tried[image] = support[image]
+        if not resect(network, image):
+            continue
+        points = network.point[network.rows(image)]
+        before = network.known[points].copy()
+        place_new(network, again=True, within=points)
+        fresh = points[network.known[points] & ~before]
+        _count(fresh, network.point_start, network.by_point, network.image, seen_known)
+        total = int(network.posed.sum())
+        if total % 100 == 0:
+            say(f"start values: {total} of {count} images oriented")
+        if total > _GROWTH * settled:
+            settle(network)
+            settled = total
+
+
+@njit(cache=True)
+def _count(points, point_start, by_point, image, counts):
+    """Adds the rays of points to the counts of the images they come from."""
+    for p in points:
+        for n in range(point_start[p], point_start[p + 1]):
+            counts[image[by_point[n]]] += 1
