@@ -146,18 +146,13 @@ class Covariance:
     @cached_property
     def _points(self) -> tuple[np.ndarray, np.ndarray]:
         p, normal, blocks = self.normal.problem, self.normal, self._system.blocks
-        state = self.state
-        images, pose, interior, radials, d_interior, _, d_ground = normal.prepare(state)
+        view = normal.view(self.state)
         count = len(p.ptr) - 1
         out, cross = np.empty((count, 6)), np.empty((count, 3, p.shared_count))
         kernel = point_covariance_for(p.d)
         for first, last in normal.chunks(0, count):
-            shift, motion, d_image, d_motion = normal.shifts(state, images, first, last)
             kernel(
-                first, last, p.ptr, p.img, p.xy, p.weight, state.points, pose, interior, radials,
-                normal.loss.kind, normal.loss.width, p.camera_column, p.slot_column, p.low, p.high,
-                shift, motion, d_interior, d_image, d_motion, p.ptr[first], p.control,
-                p.control_weight, d_ground, p.ground_column, p.wide, self._near, blocks.stride,
+                *normal.arguments(view, first, last), self._near, blocks.stride,
                 blocks.neighbour_start, blocks.neighbour, self.poses_shared, self.shared,
                 normal.longest, out, cross,
             )  # fmt: skip

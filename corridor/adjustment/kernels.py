@@ -34,20 +34,18 @@ U = np.uint64
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _robust(loss, width, s):
-    """Cost rho(s) and weight rho'(s); s = |r|^2.
+    """Cost rho(s) and root of the weight rho'(s); s = |r|^2.
 
     The weight alone makes the step (iteratively reweighted least squares): slower than with the
     second derivative, but it never overshoots, and a point with two outlying rays stays put.
     """
-    if loss == SQUARES:
-        return s, 1.0
     k2 = width * width
     if loss == HUBER:
         if s <= k2:
             return s, 1.0
         length = np.sqrt(s)
-        return 2.0 * width * length - k2, width / length
-    return k2 * np.log1p(s / k2), 1.0 / (1.0 + s / k2)
+        return 2.0 * width * length - k2, np.sqrt(width / length)
+    return k2 * np.log1p(s / k2), 1.0 / np.sqrt(1.0 + s / k2)
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -69,51 +67,116 @@ def _turn(t0, t1, t2, x, y, z):
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _camera_coordinates(pose, i, moves, motion, e, px, py, pz):
-    """X, Y, Z of a point in the camera frame of image i at the row of observation e."""
+def _model(o, e, i, px, py, pz, xy, pose, interior, radials, row_of, motion, image_shift):
+    """The modelled pixel of one observation, with what its derivatives need.
+
+    o: observation, e: its row in image_shift, i: image. With motion the row of the modelled pixel
+    decides where the camera is, and the camera where the pixel is: Newton, from the row of the
+    measured pixel, needs two turns (the rest is of third order in the residual).
+
+    Returns whether the point is ahead; X, Y, Z; u, v; the pixel without and with the image shift;
+    its derivative by X, Y, Z (6); rotation (9) and its turn (3) at that row, the place s of the
+    row in the motion's polynomial, the pixel's slope g by the row (2).
+    """
     wx, wy, wz = px - pose[i, U(0)], py - pose[i, U(1)], pz - pose[i, U(2)]
-    if moves:
-        wx -= motion[e, U(0)]
-        wy -= motion[e, U(1)]
-        wz -= motion[e, U(2)]
-    x = pose[i, U(3)] * wx + pose[i, U(4)] * wy + pose[i, U(5)] * wz
-    y = pose[i, U(6)] * wx + pose[i, U(7)] * wy + pose[i, U(8)] * wz
-    z = pose[i, U(9)] * wx + pose[i, U(10)] * wy + pose[i, U(11)] * wz
-    if moves:
-        x, y, z = _turn(motion[e, U(3)], motion[e, U(4)], motion[e, U(5)], x, y, z)
-    return x, y, z
+    r0, r1, r2 = pose[i, U(3)], pose[i, U(4)], pose[i, U(5)]
+    r3, r4, r5 = pose[i, U(6)], pose[i, U(7)], pose[i, U(8)]
+    r6, r7, r8 = pose[i, U(9)], pose[i, U(10)], pose[i, U(11)]
+    sx = 0.0
+    sy = 0.0
+    if image_shift.shape[0] > 0:
+        sx, sy = image_shift[e, U(0)], image_shift[e, U(1)]
+    degree = motion.shape[1] - 1
+    t0 = 0.0
+    t1 = 0.0
+    t2 = 0.0
+    s = 0.0
+    g0 = 0.0
+    g1 = 0.0
+    missed = 0.0
+    row = 0.0
+    downwards = True
+    if degree >= 0:
+        downwards = row_of[i, U(0)] > 0.0
+        row = xy[o, U(1)] if downwards else xy[o, U(0)]
+    x, y, z = 0.0, 0.0, 0.0
+    u, v, qx, qy = 0.0, 0.0, 0.0, 0.0
+    a0, a1, a2, a3, a4, a5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for _ in range(2 if degree >= 0 else 1):
+        dx, dy, dz = wx, wy, wz
+        c0, c1, c2, c3, c4, c5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if degree >= 0:
+            s = row_of[i, U(1)] * row + row_of[i, U(2)]
+            m0, m1, m2 = 0.0, 0.0, 0.0
+            t0, t1, t2 = 0.0, 0.0, 0.0
+            for n in range(degree, -1, -1):
+                c0, c1, c2 = c0 * s + m0, c1 * s + m1, c2 * s + m2
+                c3, c4, c5 = c3 * s + t0, c4 * s + t1, c5 * s + t2
+                m0 = m0 * s + motion[i, U(n), U(0)]
+                m1 = m1 * s + motion[i, U(n), U(1)]
+                m2 = m2 * s + motion[i, U(n), U(2)]
+                t0 = t0 * s + motion[i, U(n), U(3)]
+                t1 = t1 * s + motion[i, U(n), U(4)]
+                t2 = t2 * s + motion[i, U(n), U(5)]
+            dx, dy, dz = wx - m0, wy - m1, wz - m2
+            if t0 != 0.0 or t1 != 0.0 or t2 != 0.0:
+                r0, r3, r6 = _turn(t0, t1, t2, pose[i, U(3)], pose[i, U(6)], pose[i, U(9)])
+                r1, r4, r7 = _turn(t0, t1, t2, pose[i, U(4)], pose[i, U(7)], pose[i, U(10)])
+                r2, r5, r8 = _turn(t0, t1, t2, pose[i, U(5)], pose[i, U(8)], pose[i, U(11)])
+        x = r0 * dx + r1 * dy + r2 * dz
+        y = r3 * dx + r4 * dy + r5 * dz
+        z = r6 * dx + r7 * dy + r8 * dz
+        if not z > 0.0:
+            break
+        iz = 1.0 / z
+        u, v = x * iz, y * iz
+        qx, qy, xu, xv, yu, yv = distort(u, v, interior, i, radials)
+        a0, a1, a3, a4 = xu * iz, xv * iz, yu * iz, yv * iz
+        a2, a5 = -(a0 * u + a1 * v), -(a3 * u + a4 * v)
+        if degree >= 0:
+            k = row_of[i, U(1)]
+            fx = k * (-(r0 * c0 + r1 * c1 + r2 * c2) + c5 * y - c4 * z)
+            fy = k * (-(r3 * c0 + r4 * c1 + r5 * c2) + c3 * z - c5 * x)
+            fz = k * (-(r6 * c0 + r7 * c1 + r8 * c2) + c4 * x - c3 * y)
+            g0 = a0 * fx + a1 * fy + a2 * fz
+            g1 = a3 * fx + a4 * fy + a5 * fz
+            if downwards:
+                missed = (qy + sy - row) / (1.0 - g1)
+            else:
+                missed = (qx + sx - row) / (1.0 - g0)
+            row += missed
+    qx += g0 * missed
+    qy += g1 * missed
+    return (
+        z > 0.0, x, y, z, u, v, qx, qy, qx + sx, qy + sy, a0, a1, a2, a3, a4, a5,
+        r0, r1, r2, r3, r4, r5, r6, r7, r8, t0, t1, t2, s, g0, g1,
+    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def residuals(first, last, ptr, img, xy, points, pose, interior, radials,
-              image_shift, motion, base, out, modelled):  # fmt: skip
+def residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, motion,
+              image_shift, base, out, modelled):  # fmt: skip
     """Residuals (pixels, measured minus modelled) of the observations of points first..last.
 
     modelled: (n, 4) or (0, 4); receives x, y, u, v of each. Returns how many are behind a camera
     (their residual is NaN).
     """
     behind = 0
-    shifts, moves = image_shift.shape[0] > 0, motion.shape[0] > 0
     for p in range(first, last):
         for o in range(ptr[p], ptr[p + 1]):
-            i, e = U(img[o]), U(o - base)
-            x, y, z = _camera_coordinates(
-                pose, i, moves, motion, e, points[p, 0], points[p, 1], points[p, 2]
-            )
-            if not z > 0.0:
+            ahead, _, _, _, u, v, _, _, bx, by = _model(
+                U(o), U(o - base), U(img[o]), points[p, 0], points[p, 1], points[p, 2], xy, pose,
+                interior, radials, row_of, motion, image_shift,
+            )[:10]  # fmt: skip
+            if not ahead:
                 behind += 1
                 out[o, 0] = np.nan
                 out[o, 1] = np.nan
                 continue
-            u, v = x / z, y / z
-            qx, qy, _, _, _, _ = distort(u, v, interior, i, radials)
-            if shifts:
-                qx += image_shift[e, U(0)]
-                qy += image_shift[e, U(1)]
-            out[o, 0] = xy[o, 0] - qx
-            out[o, 1] = xy[o, 1] - qy
+            out[o, 0] = xy[o, 0] - bx
+            out[o, 1] = xy[o, 1] - by
             if modelled.shape[0] > 0:
-                modelled[o, 0], modelled[o, 1], modelled[o, 2], modelled[o, 3] = qx, qy, u, v
+                modelled[o, 0], modelled[o, 1], modelled[o, 2], modelled[o, 3] = bx, by, u, v
     return behind
 
 
@@ -130,7 +193,7 @@ def _put(column, gx, gy, jb, b0, b1, jc, j0, j1):
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, width, camera_column,
-         slot_column, shifts, moves, image_shift, motion, d_interior, d_image, d_motion, low, high,
+         slot_column, row_of, image_shift, motion, d_interior, d_image, d_motion, low, high,
          wide, modelled, jc, jb, d):  # fmt: skip
     """Weighted Jacobian rows and residual of one observation, the k-th of its point.
 
@@ -138,49 +201,34 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
     jb[k] (2, wide): by the border, in the panels low..high. By the point: -jc[k][:, :3].
     Returns whether the point is ahead, the two weighted residuals and the cost.
     """
-    x, y, z = _camera_coordinates(pose, i, moves, motion, e, px, py, pz)
-    if not z > 0.0:
+    (
+        ahead, x, y, z, u, v, qx, qy, bx, by, g0, g1, g2, h0, h1, h2,
+        r0, r1, r2, r3, r4, r5, r6, r7, r8, t0, t1, t2, place, slope0, slope1,
+    ) = _model(
+        o, e, i, px, py, pz, xy, pose, interior, radials, row_of, motion, image_shift
+    )  # fmt: skip
+    if not ahead:
         return False, 0.0, 0.0, 0.0
-    iz = 1.0 / z
-    u, v = x * iz, y * iz
-    qx, qy, xu, xv, yu, yv = distort(u, v, interior, i, radials)
-    bx, by = qx, qy
-    if shifts:
-        bx += image_shift[e, U(0)]
-        by += image_shift[e, U(1)]
     if modelled.shape[0] > 0:
         modelled[o, U(0)], modelled[o, U(1)], modelled[o, U(2)], modelled[o, U(3)] = bx, by, u, v
     w = weight[o if weight.shape[0] > 1 else U(0)]
     rx, ry = w * (xy[o, U(0)] - bx), w * (xy[o, U(1)] - by)
-    s = rx * rx + ry * ry
-    cost, rho1 = _robust(loss, width, s)
-    soft = np.sqrt(rho1)
-    root = w * soft
-    scale = root * iz
-    g0, g1 = xu * scale, xv * scale
-    g2 = -(g0 * u + g1 * v)
-    h0, h1 = yu * scale, yv * scale
-    h2 = -(h0 * u + h1 * v)
-    r0, r1, r2 = pose[i, U(3)], pose[i, U(4)], pose[i, U(5)]
-    r3, r4, r5 = pose[i, U(6)], pose[i, U(7)], pose[i, U(8)]
-    r6, r7, r8 = pose[i, U(9)], pose[i, U(10)], pose[i, U(11)]
+    cost = rx * rx + ry * ry
+    root = w
+    if loss != SQUARES:
+        cost, soft = _robust(loss, width, cost)
+        root *= soft
+        rx *= soft
+        ry *= soft
+    g0, g1, g2 = g0 * root, g1 * root, g2 * root
+    h0, h1, h2 = h0 * root, h1 * root, h2 * root
     # g . (dr x X) = dr . (X x g)
     a0, a1, a2 = y * g2 - z * g1, z * g0 - x * g2, x * g1 - y * g0
     c0, c1, c2 = y * h2 - z * h1, z * h0 - x * h2, x * h1 - y * h0
-    t0 = 0.0
-    t1 = 0.0
-    t2 = 0.0
-    spins = False
-    if moves:
-        t0, t1, t2 = motion[e, U(3)], motion[e, U(4)], motion[e, U(5)]
-        spins = t0 != 0.0 or t1 != 0.0 or t2 != 0.0
-        if spins:
-            r0, r3, r6 = _turn(t0, t1, t2, r0, r3, r6)
-            r1, r4, r7 = _turn(t0, t1, t2, r1, r4, r7)
-            r2, r5, r8 = _turn(t0, t1, t2, r2, r5, r8)
-            # X turns with Exp(-theta) dr.
-            a0, a1, a2 = _turn(-t0, -t1, -t2, a0, a1, a2)
-            c0, c1, c2 = _turn(-t0, -t1, -t2, c0, c1, c2)
+    spins = t0 != 0.0 or t1 != 0.0 or t2 != 0.0
+    if spins:  # X turns with Exp(-theta) dr
+        a0, a1, a2 = _turn(-t0, -t1, -t2, a0, a1, a2)
+        c0, c1, c2 = _turn(-t0, -t1, -t2, c0, c1, c2)
     j0 = k * U(2 * d)
     j1 = j0 + U(d)
     jc[j0] = -(g0 * r0 + g1 * r3 + g2 * r6)
@@ -206,11 +254,12 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
         jb[b1 + U(c)] = 0.0
     if high > low:
         f = root * interior[i, U(0)]
-        r2 = u * u + v * v
+        square = u * u + v * v
         column = camera_column[i, U(0)]
         if column >= 0:
-            jb[b0 + U(column)] = root * (qx - interior[i, U(1)]) / interior[i, U(0)]
-            jb[b1 + U(column)] = root * (qy - interior[i, U(2)]) / interior[i, U(0)]
+            share = root / interior[i, U(0)]
+            jb[b0 + U(column)] = share * (qx - interior[i, U(1)])
+            jb[b1 + U(column)] = share * (qy - interior[i, U(2)])
         column = camera_column[i, U(1)]
         if column >= 0:
             jb[b0 + U(column)] = root
@@ -219,12 +268,12 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
             jb[b1 + U(column)] = root
         column = camera_column[i, U(3)]
         if column >= 0:
-            jb[b0 + U(column)] = f * (r2 + 2.0 * u * u)
+            jb[b0 + U(column)] = f * (square + 2.0 * u * u)
             jb[b1 + U(column)] = f * 2.0 * u * v
         column = camera_column[i, U(4)]
         if column >= 0:
             jb[b0 + U(column)] = f * 2.0 * u * v
-            jb[b1 + U(column)] = f * (r2 + 2.0 * v * v)
+            jb[b1 + U(column)] = f * (square + 2.0 * v * v)
         column = camera_column[i, U(5)]
         if column >= 0:
             jb[b0 + U(column)] = f * u
@@ -232,7 +281,7 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
         if column >= 0:
             jb[b0 + U(column)] = f * v
         for n in range(radials):
-            f *= r2
+            f *= square
             column = camera_column[i, U(7 + n)]
             if column >= 0:
                 jb[b0 + U(column)] = f * u
@@ -255,13 +304,19 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
         slot += 1
         gx, gy = root * d_image[e, U(0), U(n)], root * d_image[e, U(1), U(n)]
         _put(column, gx, gy, jb, b0, b1, jc, j0, j1)
-    for n in range(d_motion.shape[2]):
+    for n in range(d_motion.shape[3]):
         column = slot_column[i, U(slot)]
         slot += 1
-        m0, m1, m2 = d_motion[e, U(0), U(n)], d_motion[e, U(1), U(n)], d_motion[e, U(2), U(n)]
+        m0, m1, m2, q0, q1, q2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for m in range(d_motion.shape[1] - 1, -1, -1):
+            m0 = m0 * place + d_motion[i, U(m), U(0), U(n)]
+            m1 = m1 * place + d_motion[i, U(m), U(1), U(n)]
+            m2 = m2 * place + d_motion[i, U(m), U(2), U(n)]
+            q0 = q0 * place + d_motion[i, U(m), U(3), U(n)]
+            q1 = q1 * place + d_motion[i, U(m), U(4), U(n)]
+            q2 = q2 * place + d_motion[i, U(m), U(5), U(n)]
         gx = jc[j0] * m0 + jc[j0 + U(1)] * m1 + jc[j0 + U(2)] * m2
         gy = jc[j1] * m0 + jc[j1 + U(1)] * m1 + jc[j1 + U(2)] * m2
-        q0, q1, q2 = d_motion[e, U(3), U(n)], d_motion[e, U(4), U(n)], d_motion[e, U(5), U(n)]
         if q0 != 0.0 or q1 != 0.0 or q2 != 0.0:
             if spins:  # left Jacobian of Exp(-theta), to second order
                 e0, e1, e2 = t1 * q2 - t2 * q1, t2 * q0 - t0 * q2, t0 * q1 - t1 * q0
@@ -273,9 +328,26 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
             gx += g0 * dx + g1 * dy + g2 * dz
             gy += h0 * dx + h1 * dy + h2 * dz
         _put(column, gx, gy, jb, b0, b1, jc, j0, j1)
-
-    rx *= soft
-    ry *= soft
+    if slope0 != 0.0 or slope1 != 0.0:
+        # What moves the pixel moves its row, and the row moves the camera.
+        if row_of[i, U(0)] > 0.0:
+            own = 1.0 / (1.0 - slope1)
+            other = slope0 * own
+            for n in range(d):
+                jc[j0 + U(n)] += other * jc[j1 + U(n)]
+                jc[j1 + U(n)] *= own
+            for n in range(low, high):
+                jb[b0 + U(n)] += other * jb[b1 + U(n)]
+                jb[b1 + U(n)] *= own
+        else:
+            own = 1.0 / (1.0 - slope0)
+            other = slope1 * own
+            for n in range(d):
+                jc[j1 + U(n)] += other * jc[j0 + U(n)]
+                jc[j0 + U(n)] *= own
+            for n in range(low, high):
+                jb[b1 + U(n)] += other * jb[b0 + U(n)]
+                jb[b0 + U(n)] *= own
     return True, rx, ry, cost
 
 
@@ -394,10 +466,10 @@ def make_assemble(d):
 
     @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
     def assemble(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
-                 camera_column, slot_column, low, high, image_shift, motion, d_interior, d_image,
-                 d_motion, base, control, control_weight, control_residual, d_ground,
-                 ground_column, damping, split, extra, matrix, stride, neighbour_start, neighbour,
-                 gradient, diagonal, border, wide, corner, corner_gradient, corner_diagonal,
+                 camera_column, slot_column, low, high, row_of, image_shift, motion, d_interior,
+                 d_image, d_motion, base, control, control_weight, control_residual, d_ground,
+                 ground_column, wide, damping, split, extra, matrix, stride, neighbour_start,
+                 neighbour, gradient, diagonal, border, corner, corner_gradient, corner_diagonal,
                  modelled, totals, longest):  # fmt: skip
         """Add the reduced normal equations of points first..last.
 
@@ -416,7 +488,6 @@ def make_assemble(d):
         y = np.zeros(longest * 3 * d)
         wb = np.zeros(3 * wide)
         yb = np.zeros(3 * wide)
-        shifts, moves = image_shift.shape[0] > 0, motion.shape[0] > 0
         q = U(wide)
         for p in range(first, last):
             px, py, pz = points[p, 0], points[p, 1], points[p, 2]
@@ -451,7 +522,7 @@ def make_assemble(d):
                 i = U(img[o])
                 ahead, e0, e1, cost = _ray(
                     o, o - U(base), i, U(k), px, py, pz, xy, weight, pose, interior, radials, loss,
-                    width, camera_column, slot_column, shifts, moves, image_shift, motion,
+                    width, camera_column, slot_column, row_of, image_shift, motion,
                     d_interior, d_image, d_motion, lo, hi, q, modelled, jc, jb, d,
                 )  # fmt: skip
                 seen[k] = ahead
@@ -615,9 +686,9 @@ def make_substitute(d):
 
     @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
     def substitute(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
-                   camera_column, slot_column, low, high, image_shift, motion, d_interior,
+                   camera_column, slot_column, low, high, row_of, image_shift, motion, d_interior,
                    d_image, d_motion, base, control, control_weight, control_residual, d_ground,
-                   ground_column, damping, wide, step, shared, moved, totals):  # fmt: skip
+                   ground_column, wide, damping, step, shared, moved, totals):  # fmt: skip
         """Move points first..last by the step of the images (flat) and the border (wide,).
 
         moved: (points, 3) receives the new points. totals: the points' part of step . gradient and
@@ -626,7 +697,6 @@ def make_substitute(d):
         jc = np.zeros(2 * d)
         jb = np.zeros(2 * wide)
         modelled = np.zeros((0, 4))
-        shifts, moves = image_shift.shape[0] > 0, motion.shape[0] > 0
         q = U(wide)
         down = 0.0
         square = 0.0
@@ -649,7 +719,7 @@ def make_substitute(d):
                 lo, hi = low[i], high[i]
                 ahead, e0, e1, _ = _ray(
                     U(o), U(o - base), i, U(0), px, py, pz, xy, weight, pose, interior, radials,
-                    loss, width, camera_column, slot_column, shifts, moves, image_shift, motion,
+                    loss, width, camera_column, slot_column, row_of, image_shift, motion,
                     d_interior, d_image, d_motion, lo, hi, q, modelled, jc, jb, d,
                 )  # fmt: skip
                 if not ahead:

@@ -13,7 +13,7 @@ from corridor.adjustment import kernels
 from corridor.adjustment.matrix import Band, Bordered, Sparse
 from corridor.adjustment.problem import Problem, State
 from corridor.camera import INTERIOR, radials_in_use, rotation_from_vector
-from corridor.effects import Context, Images
+from corridor.effects import ROW_REACH, Context, Images
 
 LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.CAUCHY}
 # Observations that effects look at in one go: small enough for the cache.
@@ -30,6 +30,28 @@ class Loss:
 
     kind: int = kernels.SQUARES
     width: float = 2.0
+
+
+@dataclass
+class View:
+    """A state as the kernels take it.
+
+    pose (m, 12): centre and rotation; interior (m, 15) with the effects on it, radials of them in
+    use; row_of (m, 3) and motion (m, degree + 1, 6) as in `Images.row_of`, `Stack.motion_by_row`;
+    d_: derivatives by the effects; control_residual (c, 3): given minus modelled, m.
+    """
+
+    state: State
+    images: Images
+    pose: np.ndarray
+    interior: np.ndarray
+    radials: int
+    row_of: np.ndarray
+    motion: np.ndarray
+    d_interior: np.ndarray
+    d_motion: np.ndarray
+    control_residual: np.ndarray
+    d_ground: np.ndarray
 
 
 class Normal:
@@ -66,7 +88,7 @@ class Normal:
         self.gradient = np.zeros((rows, p.d))
         self.reference = np.zeros((rows, p.d))
         self.border = np.zeros((rows, p.d, p.wide))
-        self.looks = bool(p.stack.at("image") or p.stack.at("motion"))
+        self.looks = bool(p.stack.at("image"))
         # What effects look at: x, y, u, v as modelled last time (the shift is a contraction).
         self.modelled = np.zeros((len(p.img) if self.looks else 0, 4))
         self.pins = np.zeros((0, 2), dtype=np.int64)
@@ -74,8 +96,8 @@ class Normal:
 
     # --- what stays the same during one evaluation -----------------------------------------
 
-    def prepare(self, state: State):
-        """Images, flat poses, interior and its derivative, control residuals at a state."""
+    def view(self, state: State) -> View:
+        """What all observations have in common at a state."""
         p = self.problem
         images = p.images.with_poses(state.centre, state.rotation)
         every = Context(images, np.arange(p.image_count))
@@ -83,6 +105,7 @@ class Normal:
         shift, d_interior = p.stack.evaluate("camera", every, state.effects)
         if p.stack.at("camera"):
             interior = interior + shift
+        motion, d_motion = p.stack.motion_by_row(images, state.effects)
         if len(p.control_rows):
             names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
             ground = Context(images, point=list(names), position=p.control_given)
@@ -93,34 +116,42 @@ class Normal:
             residual = p.control_given - residual - moved
         else:
             residual, d_ground = np.zeros((0, 3)), np.zeros((0, 3, 0))
-        pose = np.concatenate([state.centre, state.rotation.reshape(-1, 9)], axis=1)
-        used = INTERIOR[_FIRST_RADIAL:]
         radials = int(radials_in_use(interior))
-        for parameters in p.free.values():
-            for name in parameters:
-                if name in used:
-                    radials = max(radials, used.index(name) + 1)
-        return images, pose, np.ascontiguousarray(interior), radials, d_interior, residual, d_ground
+        for name in {name for free in p.free.values() for name in free}:
+            radials = max(radials, INTERIOR.index(name) - _FIRST_RADIAL + 1)
+        row_of = images.row_of.copy()
+        row_of[:, 1:] /= ROW_REACH
+        pose = np.concatenate([state.centre, state.rotation.reshape(-1, 9)], axis=1)
+        return View(
+            state, images, pose, np.ascontiguousarray(interior), radials, row_of, motion,
+            d_interior, d_motion, residual, d_ground,
+        )  # fmt: skip
 
-    def shifts(self, state: State, images: Images, first: int, last: int):
-        """Image and motion effects of the observations of points first..last, with derivatives.
+    def arguments(self, view: View, first: int, last: int) -> tuple:
+        """What every kernel that goes over points first..last with derivatives begins with."""
+        p = self.problem
+        shift, d_image = self.shifts(view, first, last)
+        return (
+            first, last, p.ptr, p.img, p.xy, p.weight, view.state.points, view.pose, view.interior,
+            view.radials, self.loss.kind, self.loss.width, p.camera_column, p.slot_column, p.low,
+            p.high, view.row_of, shift, view.motion, view.d_interior, d_image, view.d_motion,
+            p.ptr[first], p.control, p.control_weight, view.control_residual, view.d_ground,
+            p.ground_column, p.wide,
+        )  # fmt: skip
 
-        Image shift (n, 2), motion (n, 6), derivatives (n, 2, k), (n, 6, k); n = 0 without effects.
+    def shifts(self, view: View, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Image effects (n, 2) of the observations of points first..last, and their derivative.
+
+        The derivative is (n, 2, parameters); n = 0 without effects on the image.
         """
         if not self.looks:
-            return _NOTHING
+            return np.zeros((0, 2)), np.zeros((0, 2, 0))
         p = self.problem
         rows = slice(p.ptr[first], p.ptr[last])
         seen = self.modelled[rows]
-        context = Context(images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:])
-        parts = []
-        for place, size in (("image", 2), ("motion", 6)):
-            if p.stack.at(place):
-                shift, derivative = p.stack.evaluate(place, context, state.effects)
-            else:
-                shift, derivative = np.zeros((0, size)), np.zeros((0, size, 0))
-            parts += [np.ascontiguousarray(shift), np.ascontiguousarray(derivative)]
-        return parts[0], parts[2], parts[1], parts[3]
+        context = Context(view.images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:])
+        shift, derivative = p.stack.evaluate("image", context, view.state.effects)
+        return np.ascontiguousarray(shift), np.ascontiguousarray(derivative)
 
     def chunks(self, first: int, last: int) -> Iterator[tuple[int, int]]:
         """Ranges of points whose effects are evaluated together."""
@@ -153,16 +184,17 @@ class Normal:
         With effects that look at the modelled point, it is brought to rest first.
         """
         p = self.problem
-        images, pose, interior, radials, *_ = self.prepare(state)
+        view = self.view(state)
         out = np.empty((len(p.img), 2))
         behind = 0
         for _ in range(passes if self.looks else 1):
             behind = 0
             for first, last in self.chunks(0, len(p.ptr) - 1):
-                shift, motion, _, _ = self.shifts(state, images, first, last)
+                shift, _ = self.shifts(view, first, last)
                 behind += kernels.residuals(
-                    first, last, p.ptr, p.img, p.xy, state.points, pose, interior, radials, shift,
-                    motion, p.ptr[first], out, self.modelled,
+                    first, last, p.ptr, p.img, p.xy, state.points, view.pose, view.interior,
+                    view.radials, view.row_of, view.motion, shift, p.ptr[first], out,
+                    self.modelled,
                 )  # fmt: skip
         return out, behind
 
@@ -172,7 +204,7 @@ class Normal:
         """Fill the reduced equations at a state."""
         p = self.problem
         q, wide = p.shared_count, p.wide
-        images, pose, interior, radials, d_interior, residual, d_ground = self.prepare(state)
+        view = self.view(state)
         self.blocks.clear()
         for array in (self.gradient, self.reference, self.border):
             array[:] = 0.0
@@ -185,17 +217,12 @@ class Normal:
             split = self.split if thread == 0 else p.image_count
             extra = p.image_count - self.split if thread == 0 else 0
             for first, last in self.chunks(start, stop):
-                shift, motion, d_image, d_motion = self.shifts(state, images, first, last)
                 kernel(
-                    first, last, p.ptr, p.img, p.xy, p.weight, state.points, pose, interior,
-                    radials, self.loss.kind, self.loss.width, p.camera_column, p.slot_column,
-                    p.low, p.high, shift, motion, d_interior, d_image, d_motion, p.ptr[first],
-                    p.control, p.control_weight, residual, d_ground, p.ground_column, damping,
-                    split, extra, self.blocks.flat, self.blocks.stride,
-                    self.blocks.neighbour_start, self.blocks.neighbour, self.gradient.ravel(),
-                    self.reference.ravel(), self.border.ravel(), wide, corner[thread],
-                    shared[thread, 0], shared[thread, 1], self.modelled, totals[thread],
-                    self.longest,
+                    *self.arguments(view, first, last), damping, split, extra, self.blocks.flat,
+                    self.blocks.stride, self.blocks.neighbour_start, self.blocks.neighbour,
+                    self.gradient.ravel(), self.reference.ravel(), self.border.ravel(),
+                    corner[thread], shared[thread, 0], shared[thread, 1], self.modelled,
+                    totals[thread], self.longest,
                 )  # fmt: skip
 
         self._run(work)
@@ -207,8 +234,8 @@ class Normal:
         self.corner = np.tril(corner.sum(axis=0).reshape(wide, wide)[:q, :q])
         self.shared_gradient, self.shared_reference = shared.sum(axis=0)[:, :q]
         cost, behind, self.weak = totals.sum(axis=0)
-        cost += float(np.sum(p.control_weight * residual**2))
-        cost += self._add_gnss(state, images)
+        cost += float(np.sum(p.control_weight * view.control_residual**2))
+        cost += self._add_gnss(state, view.images)
         cost += self._add_priors(state)
         self.cost, self.behind = 0.5 * cost, int(behind)
         m = p.image_count
@@ -317,7 +344,7 @@ class Normal:
     ) -> tuple[np.ndarray, float, float]:
         """New points (n, 3), and of their step: step . gradient, step . diagonal . step."""
         p = self.problem
-        images, pose, interior, radials, d_interior, residual, d_ground = self.prepare(state)
+        view = self.view(state)
         moved = np.empty_like(state.points)
         totals = np.zeros((self.threads, 2))
         padded = np.zeros(p.wide)
@@ -326,21 +353,14 @@ class Normal:
 
         def work(thread: int, start: int, stop: int) -> None:
             for first, last in self.chunks(start, stop):
-                shift, motion, d_image, d_motion = self.shifts(state, images, first, last)
                 kernel(
-                    first, last, p.ptr, p.img, p.xy, p.weight, state.points, pose, interior,
-                    radials, self.loss.kind, self.loss.width, p.camera_column, p.slot_column,
-                    p.low, p.high, shift, motion, d_interior, d_image, d_motion, p.ptr[first],
-                    p.control, p.control_weight, residual, d_ground, p.ground_column, damping,
-                    p.wide, step.ravel(), padded, moved, totals[thread],
+                    *self.arguments(view, first, last), damping, step.ravel(), padded, moved,
+                    totals[thread],
                 )  # fmt: skip
 
         self._run(work)
         down, square = totals.sum(axis=0)
         return moved, float(down), float(square)
-
-
-_NOTHING = (np.zeros((0, 2)), np.zeros((0, 6)), np.zeros((0, 2, 0)), np.zeros((0, 6, 0)))
 
 
 def _cross(vector: np.ndarray) -> np.ndarray:

@@ -122,7 +122,7 @@ class Adjustment:
         at = np.full(len(p.control_rows), -1)
         used = np.flatnonzero(p.control >= 0)
         at[p.control[used]] = used
-        *_, residual, _ = self.normal.prepare(self.state)
+        residual = self.normal.view(self.state).control_residual
         out["control"] = _metres(names, "point", p.control_given, residual, p.control_weight)
         return out
 

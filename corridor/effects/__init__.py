@@ -23,9 +23,10 @@ from corridor.effects.forward import (
     stated_lever_arms,
     take_out,
 )
-from corridor.effects.stack import Stack, Values
+from corridor.effects.stack import ROW_REACH, Stack, Values
 
 __all__ = [
+    "ROW_REACH",
     "Context",
     "Effect",
     "Images",

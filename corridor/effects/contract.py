@@ -43,6 +43,7 @@ class Effect(ABC):
     needs: columns that must be known, `table.column`, or `camera.key`.
     group: who shares a set of values: the block, a camera, a flight, an image or a ground point.
     generic: a mathematical shape that stands for the unknown, not a physical cause.
+    row_degree: of the place motion: degree of the polynomial in the row that holds the shift.
     """
 
     slug: str
@@ -51,6 +52,7 @@ class Effect(ABC):
     needs: tuple[str, ...] = ()
     group: str = "block"
     generic: bool = False
+    row_degree: int = 1
 
     def __init__(self, group: str | None = None):
         if group is not None:
@@ -91,8 +93,8 @@ class Images:
     flight: np.ndarray
     flight_names: list[str]
     size: np.ndarray
-    row_axis: np.ndarray
-    row_sign: np.ndarray
+    row_axis: np.ndarray  # 1 where rows follow each other along y, 0 along x
+    row_sign: np.ndarray  # 1 down and right, -1 up and left
     interior: np.ndarray
     centre: np.ndarray
     rotation: np.ndarray
@@ -144,6 +146,12 @@ class Images:
         return replace(self, centre=centre, rotation=rotation)
 
     @cached_property
+    def row_of(self) -> np.ndarray:
+        """Row fraction from pixels (m, 3): 1 for y or 0 for x, factor, offset."""
+        last = self.size[np.arange(len(self.size)), self.row_axis] - 1
+        return np.stack([self.row_axis, self.row_sign / last, -0.5 * self.row_sign], axis=1)
+
+    @cached_property
     def turns(self) -> bool:
         """Whether any angular rate is known and not zero."""
         return bool(np.nanmax(np.abs(self.angular_rate), initial=0.0) > 0)
@@ -159,25 +167,27 @@ class Context:
     """What an effect may look at: one row for each thing that it moves.
 
     image: (rows,) image of each row; None at the place `ground`.
-    pixel, ray: (rows, 2) modelled image point, px, and normalised u, v (places image, motion).
+    pixel, ray: (rows, 2) modelled image point, px, and normalised u, v (place image).
+    row: (rows,) row fraction: -1/2 in the row that is read first, 1/2 in the last (place motion).
     point, position: names and given coordinates (rows, 3) of ground control (place ground).
     """
 
-    def __init__(self, images: Images, image=None, pixel=None, ray=None, point=None, position=None):
+    def __init__(
+        self,
+        images: Images,
+        image: np.ndarray | None = None,
+        pixel: np.ndarray | None = None,
+        ray: np.ndarray | None = None,
+        row: np.ndarray | None = None,
+        point: list[str] | None = None,
+        position: np.ndarray | None = None,
+    ):
         self.images, self.image = images, image
-        self.pixel, self.ray = pixel, ray
+        self.pixel, self.ray, self.row = pixel, ray, row
         self.point, self.position = point, position
 
     def __len__(self) -> int:
         return len(self.point) if self.image is None else len(self.image)
-
-    @cached_property
-    def row(self) -> np.ndarray:
-        """Row fraction (rows,): -1/2 in the row that is read first, 1/2 in the last."""
-        axis = self.images.row_axis[self.image]
-        along = np.where(axis == 1, self.pixel[:, 1], self.pixel[:, 0])
-        last = np.take_along_axis(self.images.size[self.image], axis[:, None], 1)[:, 0] - 1
-        return (along / last - 0.5) * self.images.row_sign[self.image]
 
     @property
     def size(self) -> np.ndarray:

@@ -123,9 +123,11 @@ def _seen(block, table, images, stack, values):
         ):
             break
         safe = np.nan_to_num(pixel)
-        context = Context(images, image, pixel=safe, ray=np.nan_to_num(ray))
-        motion, _ = stack.evaluate("motion", context, values)
-        moved, _ = stack.evaluate("image", context, values)
+        axis, factor, offset = images.row_of[image].T
+        row = factor * np.where(axis == 1, safe[:, 1], safe[:, 0]) + offset
+        motion, _ = stack.evaluate("motion", Context(images, image, row=row), values)
+        seen = Context(images, image, pixel=safe, ray=np.nan_to_num(ray))
+        moved, _ = stack.evaluate("image", seen, values)
     return pixel
 
 

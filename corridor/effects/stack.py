@@ -19,6 +19,8 @@ from corridor.effects.contract import (
 from corridor.errors import InputError
 
 Values = dict[str, np.ndarray]
+# Motion is fitted a little beyond the first and last row: modelled points may lie outside.
+ROW_REACH = 0.55
 
 
 @dataclass
@@ -93,6 +95,29 @@ class Stack:
             total += shift
             parts.append(derivative)
         return total, np.concatenate(parts, axis=2)
+
+    def motion_by_row(self, images: Images, values: Values) -> tuple[np.ndarray, np.ndarray]:
+        """Motion of every image as a polynomial in s = row fraction / `ROW_REACH`.
+
+        Returns coefficients (images, degree + 1, 6), of s^0 first, and those of the derivative
+        (images, degree + 1, 6, parameters). Without effects of motion: no coefficients.
+        """
+        members = self.at("motion")
+        count = len(images.names)
+        if not members:
+            return np.zeros((count, 0, 6)), np.zeros((count, 0, 6, 0))
+        degree = max(member.effect.row_degree for member in members)
+        nodes = np.cos(np.pi * np.arange(degree + 1) / degree) if degree else np.zeros(1)
+        image = np.repeat(np.arange(count), degree + 1)
+        context = Context(images, image, row=ROW_REACH * np.tile(nodes, count))
+        shift, derivative = self.evaluate("motion", context, values)
+        fit = np.linalg.inv(np.vander(nodes, increasing=True))
+        shift = shift.reshape(count, degree + 1, 6)
+        derivative = derivative.reshape(count, degree + 1, 6, -1)
+        return (
+            np.ascontiguousarray(np.einsum("qn,inc->iqc", fit, shift)),
+            np.ascontiguousarray(np.einsum("qn,inck->iqck", fit, derivative)),
+        )
 
     def _one(self, member: Member, context: Context, values: Values):
         effect, mine = member.effect, values[member.effect.slug]

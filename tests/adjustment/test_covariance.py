@@ -47,13 +47,12 @@ def weighted(state, problem):
     """Every modelled observation over its sigma: ties, marks, GNSS, control, priors."""
     block, values = block_of(state, problem)
     seen = predict(block, values)
-    used = np.isin(problem.roles, "control")
-    ground = block.ground[["x", "y", "z"]].to_numpy()[used]
+    used = problem.roles == "control"
     return np.concatenate([
         (seen.tie / problem.block.tie_sigma()[:, None]).ravel(),
         (seen.mark / problem.block.mark_sigma()[:, None]).ravel(),
         (seen.gnss / problem.block.gnss_sigma()).ravel(),
-        (ground / problem.block.ground_sigma()[used]).ravel(),
+        (seen.control / problem.block.ground_sigma()[used]).ravel(),
         shared_values(problem, state) * np.sqrt(problem.prior_weight),
     ])  # fmt: skip
 
@@ -149,9 +148,14 @@ CASES = {
     "free lever arms, two flights": dict(effects=[], flights=2, height=(50.0, 65.0)),
     "an effect of the block": dict(effects=["rolling_shutter"]),
     "an effect of the cameras": dict(effects=["focal_drift", "gnss_bias"], lever_arm="fixed"),
-    "an effect of each image": dict(effects=["rolling_shutter_rotation"], images=10),
+    "an effect of each image": dict(
+        effects=["rolling_shutter_rotation"], images=10, observations_per_image=80
+    ),
     "effects of both kinds": dict(
-        effects=["rolling_shutter_rotation", "gnss_bias"], images=10, lever_arm="fixed"
+        effects=["rolling_shutter_rotation", "gnss_bias"],
+        images=10,
+        observations_per_image=80,
+        lever_arm="fixed",
     ),
     "a prior": dict(effects=["clock_offset"], priors={"clock_offset.offset": (0.0, 0.01)}),
     "ten camera parameters": dict(effects=[], camera="fraser10"),
@@ -260,44 +264,49 @@ DRAWS = 200
 NOISE = dict(tie_px=0.5, mark_px=0.3, gnss_m=(0.02, 0.02, 0.03), control_m=0.01)
 
 
+def errors_in_sigmas(truth, adjusted):
+    """Adjusted minus true over the predicted standard deviation for unit weight, by kind."""
+    covariance, state, p = adjusted.covariance, adjusted.state, adjusted.problem
+    start = p.start  # the draws change measurements only: start values are the truth
+    sigma = np.sqrt(np.diag(covariance.shared))
+    shared = (shared_values(p, state) - shared_values(p, start)) / sigma
+    kinds = np.array([unknown.kind for unknown in p.unknowns])
+    poses = np.sqrt(np.einsum("nii->ni", covariance.each_pose))
+    turn = np.einsum("nij,nkj->nik", state.rotation, start.rotation)
+    angles = 0.5 * np.stack(
+        [turn[:, k - 1, k - 2] - turn[:, k - 2, k - 1] for k in range(3)], axis=1
+    )
+    marks = p.point_kinds
+    true = start.points.copy()
+    ground = truth.ground.set_index("point")[["x", "y", "z"]]
+    true[marks] = ground.loc[list(p.point_names[marks])].to_numpy()
+    points = (state.points - true) / np.sqrt(covariance.each_point[:, [0, 2, 5]])
+    return {
+        "camera": shared[kinds == "camera"],
+        "lever arms": shared[kinds == "lever_arm"],
+        "effect": shared[kinds == "effect"],
+        "centres": (state.centre - start.centre) / poses[:, :3],
+        "rotations": angles / poses[:, 3:6],
+        "tie points": points[~marks],
+        "ground points": points[marks],
+        "sigma naught": np.array([adjusted.sigma0]),
+    }
+
+
 @pytest.fixture(scope="module")
 def spread():
+    """Errors (draws, quantities) by kind."""
     # Two heights determine f, so that the model is linear over the noise.
-    truth = corridor_block(images=12, strips=2, height=(50.0, 65.0), flights=2,
-                           observations_per_image=40, control=4, check=3, seed=7)  # fmt: skip
-    effects = ["rolling_shutter"]
-    sums: dict[str, list] = {}
+    truth = corridor_block(
+        images=12, strips=2, height=(50.0, 65.0), flights=2, observations_per_image=40, control=4,
+        check=3, seed=7,
+    )  # fmt: skip
+    draws = []
     for draw in range(DRAWS):
         noisy = add_noise(truth, **NOISE, seed=1000 + draw)
-        adjusted = corridor.adjust(noisy, effects=effects)
-        covariance, state = adjusted.covariance, adjusted.state
-        p = adjusted.problem
-        start = p.start
-        sigma = np.sqrt(np.diag(covariance.shared))
-        shared = (shared_values(p, state) - shared_values(p, start)) / sigma
-        kinds = np.array([unknown.kind for unknown in p.unknowns])
-        poses = np.sqrt(np.einsum("nii->ni", covariance.each_pose))
-        turn = np.einsum("nij,nkj->nik", state.rotation, start.rotation)
-        small = 0.5 * np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0],
-                                turn[:, 1, 0] - turn[:, 0, 1]], axis=1)  # fmt: skip
-        ground = truth.ground.set_index("point")[["x", "y", "z"]]
-        marks = p.point_kinds
-        true = start.points.copy()
-        true[marks] = ground.loc[list(p.point_names[marks])].to_numpy()
-        each = np.sqrt(covariance.each_point[:, [0, 2, 5]])
-        found = {
-            "camera": shared[kinds == "camera"],
-            "lever arms": shared[kinds == "lever_arm"],
-            "effect": shared[kinds == "effect"],
-            "centres": (state.centre - start.centre) / poses[:, :3],
-            "rotations": small / poses[:, 3:6],
-            "tie points": ((state.points - true) / each)[~marks],
-            "ground points": ((state.points - true) / each)[marks],
-            "sigma naught": np.array([adjusted.sigma0]),
-        }
-        for name, values in found.items():
-            sums.setdefault(name, []).append(np.ravel(values))
-    return {name: np.array(values) for name, values in sums.items()}
+        adjusted = corridor.adjust(noisy, effects=["rolling_shutter"])
+        draws.append(errors_in_sigmas(truth, adjusted))
+    return {kind: np.array([np.ravel(draw[kind]) for draw in draws]) for kind in draws[0]}
 
 
 class TestAgainstTheSpreadOfDraws:

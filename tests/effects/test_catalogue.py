@@ -65,6 +65,10 @@ def context_of(effect, block):
         return Context(images, point=list(control["point"]), position=given)
     image = block.image_rows("tie_points")
     pixel = predict(block).tie
+    if effect.place == "motion":
+        axis, factor, offset = images.row_of[image].T
+        along = np.where(axis == 1, pixel[:, 1], pixel[:, 0])
+        return Context(images, image, row=factor * along + offset)
     ray = undistort(pixel, images.interior, image)
     return Context(images, image, pixel=pixel, ray=ray)
 

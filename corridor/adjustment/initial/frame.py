@@ -111,7 +111,7 @@ def _turn_to(
     if cosine < -0.999999:
         return rotation
     cross = np.cross(np.eye(3), axis)
-    return (np.eye(3) - cross + cross @ cross / (1 + cosine)) @ rotation
+    return (np.eye(3) + cross + cross @ cross / (1 + cosine)) @ rotation
 
 
 def _neighbour(centres: np.ndarray) -> float:
