@@ -24,8 +24,7 @@ for Ceres `pyceres.solve`, runs in turn, after one of ours that compiles or load
 builds either problem is not timed but printed. Ceres finds for itself that the points are to be
 eliminated first (its report says so), because the packages do not let Python state the order; that
 is part of its preprocessor, which counts as ours counts the making of `Normal`. The column "no
-prep" leaves Ceres' whole preprocessor out and is thus the least that any order given beforehand
-could reach.
+prep" leaves Ceres' whole preprocessor out: a bound that no order given beforehand can beat.
 """
 
 from __future__ import annotations
@@ -520,15 +519,16 @@ def main() -> int:
     report["growth"] = growth(report["sizes"])
     report["everything_on"] = everything_on(min(OFTEN_UPTO, report["sizes"][-1]["images"]))
     print()
+    versions = {row["ceres_version"] for row in report["sizes"] if "ceres_version" in row}
+    print("\n".join(f"Ceres {version}" for version in versions))
     for row in report["sizes"]:
         if "ceres_solver" in row:
-            tried = ", ".join(
-                f"{name} {value:.2f} s" for name, value in row["ceres_tried_s"].items()
-            )
+            tried = ", ".join(f"{name} {cpu:.2f}" for name, cpu in row["ceres_tried_s"].items())
             print(
                 f"Ceres at {row['images']}: {row['ceres_solver']}, {row['ceres_library']}, "
-                f"eliminated {row['ceres_order']}; built in {row['ceres_built_s']:.1f} s "
-                f"(ours {row['ours_built_s']:.1f} s)" + (f"\n    tried: {tried}" if tried else "")
+                f"eliminated {row['ceres_order']}\n"
+                f"    tried, CPU s: {tried}\n"
+                f"    built, CPU s: {row['ceres_built_s']:.2f}, ours {row['ours_built_s']:.2f}"
             )
     print()
     print("\n".join(summary(report)))

@@ -319,13 +319,24 @@ class Normal:
 
     def _add_priors(self, state: State) -> float:
         p = self.problem
-        if not p.prior_weight.any():
-            return 0.0
-        away = p.prior_value - shared_values(p, state)
-        self.corner[np.diag_indices(p.shared_count)] += p.prior_weight
-        self.shared_reference += p.prior_weight
-        self.shared_gradient += p.prior_weight * away
-        return float(np.sum(p.prior_weight * away**2))
+        cost = 0.0
+        if p.prior_weight.any():
+            away = p.prior_value - shared_values(p, state)
+            self.corner[np.diag_indices(p.shared_count)] += p.prior_weight
+            self.shared_reference += p.prior_weight
+            self.shared_gradient += p.prior_weight * away
+            cost += float(np.sum(p.prior_weight * away**2))
+        if p.own_prior[1].any():
+            mean, weight = p.own_prior
+            values = [state.effects[slug][:, number] for slug, number in p.own_unknowns]
+            away = mean - np.stack(values, axis=1)
+            diagonal = np.zeros((p.image_count, p.d))
+            diagonal[:, 6:] = weight
+            self.blocks.add_diagonal(diagonal)
+            self.reference[: p.image_count] += diagonal
+            self.gradient[: p.image_count, 6:] += weight * away
+            cost += float(np.sum(weight * away**2))
+        return cost
 
     def factor(self) -> Bordered:
         """Factorise in place. Raises Singular."""

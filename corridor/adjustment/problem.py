@@ -108,6 +108,7 @@ class Problem:
     own_unknowns: list[tuple[str, int]]  # (slug, parameter) of the unknowns 6.. of an image
     prior_value: np.ndarray
     prior_weight: np.ndarray
+    own_prior: np.ndarray  # (2, own unknowns): value and weight, the same for every image
     start: State
     notes: list[str] = field(default_factory=list)
 
@@ -133,6 +134,7 @@ class Problem:
             + 3 * len(self.control_rows)
             + 3 * len(self.gnss_image)
             + int(np.count_nonzero(self.prior_weight))
+            + self.image_count * int(np.count_nonzero(self.own_prior[1]))
         )
 
     @property
@@ -224,7 +226,11 @@ def make_problem(
         gnss_weight = block.gnss_sigma()[known] ** -2.0
     else:
         gnss_weight = np.zeros((0, 3))
-    prior_value, prior_weight = _priors(unknowns, priors or {})
+    own = [
+        f"{slug}.{stack.members[slug].parameters[number].name}"
+        for slug, number in columns["own_unknowns"]
+    ]
+    prior_value, prior_weight, own_prior = _priors(unknowns, own, priors or {})
 
     return Problem(
         block=block,
@@ -253,6 +259,7 @@ def make_problem(
         bandwidth=network.bandwidth,
         prior_value=prior_value,
         prior_weight=prior_weight,
+        own_prior=own_prior,
         start=State(
             centre=images.centre,
             rotation=images.rotation,
@@ -503,18 +510,24 @@ def _unknowns(images, stack, free, arms_free, gnss_image, controls):
     }
 
 
-def _priors(unknowns: list[Unknown], priors: Mapping) -> tuple[np.ndarray, np.ndarray]:
-    """Prior value and weight of every border unknown (weight 0: none)."""
+def _priors(
+    unknowns: list[Unknown], own: list[str], priors: Mapping
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Prior value and weight (0: none) of the border's unknowns and of those of every image."""
     value, weight = np.zeros(len(unknowns)), np.zeros(len(unknowns))
+    of_images = np.zeros((2, len(own)))
     for label, given in priors.items():
         hit = [n for n, unknown in enumerate(unknowns) if unknown.answers_to(label)]
-        if not hit:
+        mine = [n for n, name in enumerate(own) if name == label]
+        if not hit and not mine:
+            names = [unknown.label for unknown in unknowns] + own
             raise InputError(
                 f"prior {label}: nothing of that name is estimated; estimated are "
-                f"{', '.join(unknown.label for unknown in unknowns) or 'poses and points only'}"
+                f"{', '.join(names) or 'poses and points only'}"
             )
         mean, sigma = given
         if not (np.isfinite(mean) and np.isfinite(sigma) and sigma > 0):
             raise InputError(f"prior {label}: its standard deviation must be a positive number")
         value[hit], weight[hit] = mean, sigma**-2.0
-    return value, weight
+        of_images[:, mine] = [[mean], [sigma**-2.0]]
+    return value, weight, of_images

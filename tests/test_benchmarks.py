@@ -1,0 +1,42 @@
+"""The benchmarks still run, in a short form; their full form is for a quiet machine."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
+
+
+def run(script, *options):
+    return subprocess.run(
+        [sys.executable, str(FOLDER / script), *options], capture_output=True, text=True
+    )
+
+
+def test_reading_and_writing_a_block_is_timed(tmp_path):
+    done = run("block_io.py", "--observations", "50000", "--json", str(tmp_path / "io.json"))
+    assert done.returncode == 0, done.stderr
+    figures = json.loads((tmp_path / "io.json").read_text())
+    assert all(value > 0 for value in figures.values() if isinstance(value, int | float))
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("pyceres") is not None, reason="pyceres is installed: the next test"
+)
+def test_without_ceres_one_sentence_says_what_to_install():
+    done = run("against_ceres.py", "--short")
+    assert done.returncode == 2
+    assert "bench" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("pyceres") is None, reason="pyceres is not installed (extra 'bench')"
+)
+def test_ceres_and_we_agree_on_the_cost(tmp_path):
+    done = run("against_ceres.py", "--images", "114", "--json", str(tmp_path / "ceres.json"))
+    assert done.returncode in (0, 1), done.stderr
+    assert (tmp_path / "ceres.json").exists()
