@@ -31,6 +31,15 @@ class Loss:
     kind: int = kernels.SQUARES
     width: float = 2.0
 
+    def rho(self, squares: np.ndarray) -> np.ndarray:
+        """Cost of squared lengths (n,)."""
+        if self.kind == kernels.SQUARES:
+            return squares
+        if self.kind == kernels.HUBER:
+            far = 2.0 * self.width * np.sqrt(squares) - self.width**2
+            return np.where(squares <= self.width**2, squares, far)
+        return self.width**2 * np.log1p(squares / self.width**2)
+
 
 @dataclass
 class View:
@@ -198,6 +207,21 @@ class Normal:
                 )  # fmt: skip
         return out, behind
 
+    def cost_at(self, state: State) -> tuple[float, int]:
+        """Cost at a state and how many observations are behind a camera, without derivatives."""
+        p = self.problem
+        residual, behind = self.look(state, passes=1)
+        squares = np.einsum("nk,nk->n", residual, residual) * p.weight**2
+        view = self.view(state)
+        cost = float(np.sum(self.loss.rho(squares)))
+        cost += float(np.sum(p.control_weight * view.control_residual**2))
+        if len(p.gnss_image):
+            predicted, *_ = self.antenna(state, view.images)
+            cost += float(np.sum(p.gnss_weight * (p.gnss_given - predicted) ** 2))
+        shared, own = self._from_priors(state)
+        cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.own_prior[1] * own**2))
+        return 0.5 * cost, behind
+
     # --- assembly ----------------------------------------------------------------------------
 
     def assemble(self, state: State, damping: float) -> None:
@@ -317,26 +341,27 @@ class Normal:
             self.shared_reference += np.diag(corner)
         return float(np.sum(weight * residual**2))
 
+    def _from_priors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Prior minus value of the border's unknowns (q,) and of every image's own (m, k)."""
+        p = self.problem
+        own = [state.effects[slug][:, number] for slug, number in p.own_unknowns]
+        away = p.own_prior[0] - np.stack(own, axis=1) if own else np.zeros((p.image_count, 0))
+        return p.prior_value - shared_values(p, state), away
+
     def _add_priors(self, state: State) -> float:
         p = self.problem
-        cost = 0.0
-        if p.prior_weight.any():
-            away = p.prior_value - shared_values(p, state)
-            self.corner[np.diag_indices(p.shared_count)] += p.prior_weight
-            self.shared_reference += p.prior_weight
-            self.shared_gradient += p.prior_weight * away
-            cost += float(np.sum(p.prior_weight * away**2))
-        if p.own_prior[1].any():
-            mean, weight = p.own_prior
-            values = [state.effects[slug][:, number] for slug, number in p.own_unknowns]
-            away = mean - np.stack(values, axis=1)
+        shared, own = self._from_priors(state)
+        self.corner[np.diag_indices(p.shared_count)] += p.prior_weight
+        self.shared_reference += p.prior_weight
+        self.shared_gradient += p.prior_weight * shared
+        weight = p.own_prior[1]
+        if weight.any():
             diagonal = np.zeros((p.image_count, p.d))
             diagonal[:, 6:] = weight
             self.blocks.add_diagonal(diagonal)
             self.reference[: p.image_count] += diagonal
-            self.gradient[: p.image_count, 6:] += weight * away
-            cost += float(np.sum(weight * away**2))
-        return cost
+            self.gradient[: p.image_count, 6:] += weight * own
+        return float(np.sum(p.prior_weight * shared**2) + np.sum(weight * own**2))
 
     def factor(self) -> Bordered:
         """Factorise in place. Raises Singular."""

@@ -74,7 +74,8 @@ def solve(
 def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solution:
     p = normal.problem
     damping, release = FIRST_DAMPING, RELEASE
-    normal.look(state)
+    if normal.looks:
+        normal.look(state)
     normal.assemble(state, damping)
     cost = normal.cost
     for iteration in range(len(history) + 1, max_iterations + 1):
@@ -97,15 +98,24 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             relaxed = damping / release if damping / release > NO_DAMPING else 0.0
             if normal.looks and length > LONG:
                 normal.look(trial, passes=1)
-            normal.assemble(trial, relaxed)
-            gain = cost - normal.cost
+            # A damped step is short along what is badly determined: it proves nothing.
+            done = length < tolerance and (
+                tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, shared, AT_REST))
+            )
+            if done:
+                reached, behind = normal.cost_at(trial)
+            else:
+                # The equations of the next step give the cost of this one.
+                normal.assemble(trial, relaxed)
+                reached, behind = normal.cost, normal.behind
+            gain = cost - reached
             # Rounding of the cost, or effects that look one step behind, may hide the gain of a
             # last, tiny step.
             better = gain >= -1e-12 * cost or length < max(tolerance, TINY)
-            accepted = bool(normal.behind == 0 and np.isfinite(normal.cost) and better)
+            accepted = bool(behind == 0 and np.isfinite(reached) and better)
             entry = {
                 "iteration": iteration,
-                "cost": normal.cost if accepted else cost,
+                "cost": float(reached if accepted else cost),
                 "damping": damping,
                 "step": float(length),
                 "accepted": accepted,
@@ -123,11 +133,7 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
                     "camera and the unit of the coordinates"
                 )
             normal.assemble(state, damping)
-        # A damped step is short along what is badly determined: it proves nothing.
-        done = length < tolerance and (
-            tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, shared, AT_REST))
-        )
-        state, cost, damping = trial, normal.cost, relaxed
+        state, cost, damping = trial, reached, relaxed
         if done:
             return Solution(state, True, iteration, cost, history)
     return Solution(state, False, max_iterations, cost, history)
