@@ -500,7 +500,7 @@ def main() -> int:
         import pycolmap  # noqa: F401
     except ImportError as missing:
         print(
-            f"{missing.name} is needed for this comparison: pip install pycolmap pyceres",
+            f"{missing.name} is needed for this comparison: pip install -e .[bench]",
             file=sys.stderr,
         )
         return 2

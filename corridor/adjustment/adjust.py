@@ -9,14 +9,13 @@ import numpy as np
 
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import explain, laid_on, settle
-from corridor.adjustment.initial import complete
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.normal import LOSSES, Loss, Normal
 from corridor.adjustment.problem import Problem, make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
 from corridor.block import Block
-from corridor.effects import Effect, point_positions
+from corridor.effects import Effect
 from corridor.errors import InputError
 
 
@@ -56,6 +55,8 @@ def adjust(
         raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
     start, notes = block, []
     if _incomplete(block):
+        from corridor.adjustment.initial import complete  # loads OpenCV: 25 MB
+
         block = complete(block, progress and (lambda line: progress({"message": line})))
 
     def problem_of(block: Block) -> Problem:
@@ -69,6 +70,7 @@ def adjust(
         notes += more
         problem = problem_of(block)
         normal = Normal(problem, _loss(loss), threads=min(threads, 2))
+    del residual  # as large as the observations
     try:
         opened = settle(normal, problem.start)
         solution = solve(normal, max_iterations, progress=progress)
@@ -91,9 +93,11 @@ def _incomplete(block: Block) -> bool:
     pose = block.images.reindex(columns=["x", "y", "z", "qw", "qx", "qy", "qz"])
     if not np.isfinite(pose.to_numpy(float)).all():
         return True
-    return not all(
-        np.isfinite(point_positions(block, table)).all() for table in ("tie_points", "marks")
-    )
+    for table in ("tie_points", "marks"):
+        known = np.isfinite(block.positions(table)).all(axis=1)
+        if not known[getattr(block, table)["point"].cat.codes.to_numpy()].all():
+            return True
+    return False
 
 
 def _loss(text: str) -> Loss:
@@ -121,6 +125,8 @@ def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block,
             f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
             "to camera, qw first) and its position"
         )
+    from corridor.adjustment.initial import complete
+
     names = _names_behind(problem, behind)
     block = block.copy()
     lost = block.points["point"].isin(names)

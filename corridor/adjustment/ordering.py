@@ -19,12 +19,14 @@ def corridor_order(
     is taken; a block that bends or goes round is better off with the graph.
     """
     count = len(images.names)
-    where = position[point]
-    known = np.isfinite(where).all(axis=1)
-    seen = np.maximum(np.bincount(image[known], minlength=count), 1)
+    known = np.isfinite(position).all(axis=1)[point]
+    where, by = (point, image) if known.all() else (point[known], image[known])
+    by = by.astype(np.int64)
+    seen = np.maximum(np.bincount(by, minlength=count), 1)
     footprint = np.stack(
-        [np.bincount(image[known], where[known, k], minlength=count) / seen for k in range(3)], 1
+        [np.bincount(by, position[where, k], minlength=count) / seen for k in range(3)], 1
     )
+    del where, by, known
     centred = footprint - footprint.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
     along = centred @ axes[:, -1]
@@ -48,11 +50,11 @@ def _links(point: np.ndarray, image: np.ndarray, count: int):
 
 
 def _width(point: np.ndarray, image: np.ndarray, order: np.ndarray) -> int:
-    rank = np.empty_like(order)
+    rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order))
     at = rank[image]
-    first = np.full(point.max() + 1, len(order))
-    last = np.full(point.max() + 1, -1)
+    first = np.full(point.max() + 1, len(order), dtype=np.int32)
+    last = np.full(point.max() + 1, -1, dtype=np.int32)
     np.minimum.at(first, point, at)
     np.maximum.at(last, point, at)
     return int((last - first).max()) + 1

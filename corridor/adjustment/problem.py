@@ -19,7 +19,6 @@ from corridor.effects import (
     find,
     group_names,
     group_of_image,
-    point_positions,
     stated_lever_arms,
 )
 from corridor.errors import InputError
@@ -187,18 +186,8 @@ def make_problem(
     unknowns, columns = _unknowns(images, stack, free, arms_free, gnss_image, len(control_names))
 
     position = {name: n for n, name in enumerate(control_names)}
-    names = network.names
-    control_of_point = (
-        np.array(
-            [
-                position.get(name, -1) if mark else -1
-                for name, mark in zip(names, network.kinds, strict=True)
-            ],
-            dtype=np.int64,
-        )
-        if len(control_names)
-        else np.full(len(names), -1, np.int64)
-    )
+    control_of_point = np.full(len(network.codes), -1, np.int64)
+    control_of_point[network.kinds] = [position.get(name, -1) for name in network.mark_names]
     # Control that no image shows adds nothing and would count as observation.
     measured = np.isin(np.arange(len(control_names)), control_of_point)
     notes = list(network.notes)
@@ -326,7 +315,7 @@ class _Network:
     row: np.ndarray
     codes: np.ndarray
     kinds: np.ndarray
-    names: np.ndarray
+    mark_names: np.ndarray  # of the points that are marks
     points: np.ndarray
     bandwidth: int
     notes: list[str]
@@ -337,41 +326,53 @@ def _network(block: Block, images: Images, control: set[str], unused: set[str]) 
     tie, mark = block.tie_points, block.marks
     tie_names = tie["point"].cat.categories
     mark_names = mark["point"].cat.categories
-    codes = [rows["point"].cat.codes.to_numpy().astype(np.int64) for rows in (tie, mark)]
-    point = np.concatenate([codes[0], codes[1] + len(tie_names)])
-    image = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
+    codes = [
+        rows["point"].cat.codes.to_numpy().astype(np.int32, copy=False) for rows in (tie, mark)
+    ]
+    point = _joined(codes[0], codes[1] + np.int32(len(tie_names)))
+    image = _joined(
+        block.image_rows("tie_points").astype(np.int32), block.image_rows("marks").astype(np.int32)
+    )
+    del codes
     count = len(tie_names) + len(mark_names)
-    xyz = np.full((count, 3), np.nan)
-    xyz[point[: len(tie)]] = point_positions(block, "tie_points")
-    xyz[point[len(tie) :]] = point_positions(block, "marks")
+    xyz = np.concatenate([block.positions("tie_points"), block.positions("marks")])
     skip = np.zeros(count, dtype=bool)
     skip[len(tie_names) :] = [name in unused for name in mark_names]
     rays = np.bincount(point, minlength=count)
     _check_rays(block, rays, control, tie_names, mark_names, skip)
-    keep = np.flatnonzero(~skip[point])
-    point, image = point[keep], image[keep]
+    keep = None
+    if skip.any():
+        keep = np.flatnonzero(~skip[point])
+        point, image = point[keep], image[keep]
+        rays[skip] = 0
     _check_images(block, image, images)
 
     order = corridor_order(point, image, xyz, images)
-    rank = np.empty_like(order)
+    rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order))
     at = rank[image]
-    first = np.full(count, len(order), dtype=np.int64)
+    del image
+    first = np.full(count, len(order), dtype=np.int32)
     np.minimum.at(first, point, at)
     by_first = np.argsort(first, kind="stable")
     number = np.empty(count, dtype=np.int64)
     number[by_first] = np.arange(count)
-    used = np.bincount(point, minlength=count)[by_first] > 0
-    sort = np.argsort(number[point] * len(order) + at, kind="stable")
+    key = number[point]
+    del point
+    key *= len(order)
+    key += at
+    sort = np.argsort(key, kind="stable")
+    del key
+    img = at[sort]
+    row = sort.astype(np.int32) if keep is None else keep[sort].astype(np.int32)
+    del at, sort, keep
+    used = rays[by_first] > 0
     codes = by_first[used]
-    ptr = np.concatenate(
-        [[0], np.cumsum(np.bincount(number[point], minlength=count)[: used.sum()])]
-    )
-    row = keep[sort]
-    img = at[sort].astype(np.int32)
-    xy = np.concatenate([tie[["x", "y"]].to_numpy(float), mark[["x", "y"]].to_numpy(float)])[row]
-    sigma = np.concatenate([block.tie_sigma(), block.mark_sigma()])[row]
-    weight = 1.0 / sigma
+    ptr = np.concatenate([[0], np.cumsum(rays[codes])])
+    xy = np.empty((len(row), 2))
+    for k, axis in enumerate("xy"):
+        xy[:, k] = _joined(tie[axis].to_numpy(float), mark[axis].to_numpy(float))[row]
+    weight = 1.0 / _joined(block.tie_sigma(), block.mark_sigma())[row]
     if len(weight) and np.all(weight == weight[0]):
         weight = weight[:1].copy()
     kinds = codes >= len(tie_names)
@@ -379,16 +380,21 @@ def _network(block: Block, images: Images, control: set[str], unused: set[str]) 
         order=order,
         ptr=ptr,
         img=img,
-        xy=np.ascontiguousarray(xy),
+        xy=xy,
         weight=weight,
         row=row,
         codes=codes,
         kinds=kinds,
-        names=np.concatenate([tie_names.to_numpy(object), mark_names.to_numpy(object)])[codes],
+        mark_names=mark_names.to_numpy(object)[codes[kinds] - len(tie_names)],
         points=np.ascontiguousarray(xyz[codes]),
         bandwidth=bandwidth(ptr, img),
         notes=[],
     )
+
+
+def _joined(ties: np.ndarray, marks: np.ndarray) -> np.ndarray:
+    """Ties, then marks; not copied where there are no marks."""
+    return np.concatenate([ties, marks]) if len(marks) else ties
 
 
 def _check_rays(block, rays, control, tie_names, mark_names, skip) -> None:

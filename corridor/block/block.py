@@ -15,7 +15,7 @@ from corridor.block import checking, writing
 from corridor.block.reading import place, read_table
 from corridor.block.settings import FILE, SIGMA, read_settings
 from corridor.block.summary import Summary, summarise
-from corridor.block.tables import LAYOUTS, SIGMAS, is_among, tidy
+from corridor.block.tables import LAYOUTS, SIGMAS, frugal, is_among, places, tidy
 from corridor.camera import Camera
 from corridor.errors import InputError
 
@@ -139,6 +139,21 @@ class Block:
         place = names.get_indexer(column.cat.categories)
         return np.append(place, -1)[column.cat.codes.to_numpy()]
 
+    @frugal()
+    def positions(self, table: str) -> np.ndarray:
+        """(points, 3) of the categories of `point` of tie_points or marks, NaN where unknown.
+
+        Marks take the coordinates of ground.csv, and those of points.csv where it has none.
+        """
+        names = getattr(self, table)["point"].cat.categories
+        out = np.full((len(names), 3), np.nan)
+        for source in (self.points,) if table == "tie_points" else (self.points, self.ground):
+            at = places(source["point"], names)
+            xyz = source[["x", "y", "z"]].to_numpy(float)
+            known = (at >= 0) & np.isfinite(xyz).all(axis=1)
+            out[at[known]] = xyz[known]
+        return out
+
     def where(self, table: str, row: int) -> str:
         """`images.csv, row 3` for row 1 of the table (rows from 0): the line of the file.
 
@@ -166,8 +181,14 @@ class Block:
         return self._filled("ground", SIGMAS, "control_m")
 
     def _filled(self, table: str, columns: tuple[str, ...], default: str) -> np.ndarray:
-        given = np.column_stack([self.column(table, name) for name in columns])
-        return np.where(np.isnan(given), self.sigma[default], given)
+        frame = getattr(self, table)
+        filled = np.empty((len(frame), len(columns)))
+        filled[:] = self.sigma[default]
+        for k, name in enumerate(columns):
+            if name in frame:
+                given = self.column(table, name)
+                np.copyto(filled[:, k], given, where=~np.isnan(given))
+        return filled
 
     # --- other blocks ------------------------------------------------------------------------
 
@@ -288,6 +309,7 @@ class Block:
         return self.summary()._repr_html_()
 
 
+@frugal()
 def read(folder: str | os.PathLike) -> Block:
     """Block of a folder, checked.
 

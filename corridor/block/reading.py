@@ -5,6 +5,7 @@ to find the row and say what stands there.
 """
 
 import csv
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet
 
-from corridor.block.tables import LAYOUTS, NAMES, missing_columns
+from corridor.block.tables import LAYOUTS, NAMES, categorical, missing_columns
 from corridor.errors import InputError
 
 _CODED = pa.dictionary(pa.int32(), pa.string())
@@ -37,10 +38,10 @@ def read_table(folder: Path, table: str) -> tuple[pd.DataFrame, Path] | None:
         return None
     path = found[0]
     try:
-        arrow = (_read_csv if path.suffix == ".csv" else _read_parquet)(path, table)
+        frame = (_read_csv if path.suffix == ".csv" else _read_parquet)(path, table)
     except OSError as error:
         raise InputError(f"{path.name} cannot be read: {error.strerror or error}") from error
-    return arrow.replace_schema_metadata(None).to_pandas(), path
+    return frame, path
 
 
 def place(path: Path, row: int) -> str:
@@ -59,10 +60,36 @@ def place(path: Path, row: int) -> str:
     return f"{path.name}, row {line}"
 
 
+# --- from Arrow to pandas --------------------------------------------------------------------
+
+
+def _coded(pieces: list[pa.ChunkedArray]) -> pd.Series:
+    """Categorical of the pieces of a dictionary-encoded column."""
+    chunks = [chunk for piece in pieces for chunk in piece.chunks]
+    column = pa.chunked_array(chunks, type=_CODED).unify_dictionaries()
+    codes = np.empty(len(column), dtype=np.int32)
+    row = 0
+    for chunk in column.chunks:
+        codes[row : row + len(chunk)] = pc.fill_null(chunk.indices, -1)
+        row += len(chunk)
+    names = column.chunk(0).dictionary if column.num_chunks else pa.array([], pa.string())
+    return pd.Series(categorical(codes, pd.Index(names.to_pandas())))
+
+
+def _numbers(pieces: Iterable[pa.ChunkedArray], rows: int) -> np.ndarray:
+    """float64 of the pieces of a column, NaN where it is empty."""
+    numbers, row = np.empty(rows), 0
+    for piece in pieces:
+        for chunk in piece.chunks:
+            numbers[row : row + len(chunk)] = chunk.to_numpy(zero_copy_only=False)
+            row += len(chunk)
+    return numbers
+
+
 # --- .csv ------------------------------------------------------------------------------------
 
 
-def _read_csv(path: Path, table: str) -> pa.Table:
+def _read_csv(path: Path, table: str) -> pd.DataFrame:
     layout = LAYOUTS[table]
     header, lines = _header(path)
     missing = [name for name in layout.needed if name not in header]
@@ -97,7 +124,18 @@ def _read_csv(path: Path, table: str) -> pa.Table:
                     f"{path.name}, row 1: column {index + 1} has no name; name or delete it"
                 )
             arrow = arrow.drop_columns([name])
-    return arrow
+    columns = {}
+    # One column after the other, so that the memory of each is free before the next is made.
+    for name in arrow.column_names:
+        column = arrow[name]
+        arrow = arrow.drop_columns([name])
+        if name in layout.coded:
+            columns[name] = _coded([column])
+        elif name in layout.numbers:
+            columns[name] = _numbers([column], len(column))
+        else:
+            columns[name] = column.to_pandas()
+    return pd.DataFrame(columns, copy=False)
 
 
 def _header(path: Path) -> tuple[list[str], int]:
@@ -218,39 +256,57 @@ def _uneven_lines(path: Path, _modified: int, _size: int) -> np.ndarray | None:
 # --- .parquet --------------------------------------------------------------------------------
 
 
-def _read_parquet(path: Path, table: str) -> pa.Table:
+def _read_parquet(path: Path, table: str) -> pd.DataFrame:
     layout = LAYOUTS[table]
     try:
-        arrow = pa.parquet.read_table(path, memory_map=False, partitioning=None)
+        with pa.parquet.ParquetFile(path, memory_map=False) as file:
+            names = file.schema_arrow.names
+            missing = [name for name in layout.needed if name not in names]
+            if missing:
+                raise InputError(missing_columns(path.name, missing, names))
+            twice = [name for name in names if names.count(name) > 1]
+            if twice:
+                raise InputError(
+                    f"{path.name}: column {twice[0]} is there twice; rename or delete one"
+                )
+            for field in file.schema_arrow:
+                if field.name in layout.listed:
+                    _check_type(path, field)
+            columns = {name: _parquet_column(file, layout, name) for name in names}
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
         reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
         raise InputError(f"{path.name} is not a Parquet file ({reason}); write it again") from None
-    missing = [name for name in layout.needed if name not in arrow.column_names]
-    if missing:
-        raise InputError(missing_columns(path.name, missing, arrow.column_names))
-    for index, name in enumerate(arrow.column_names):
-        if name not in layout.listed:
-            continue
-        column, kind = arrow[name], arrow[name].type
-        if pa.types.is_dictionary(kind):
-            column, kind = pc.cast(column, kind.value_type), kind.value_type
-        text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
-        if name in NAMES:
-            if not (text or pa.types.is_integer(kind) or pa.types.is_null(kind)):
-                raise InputError(f"{path.name}: column {name} holds {kind}; store names as text")
-            column = pc.cast(column, pa.string())
-            if name in layout.coded:
-                column = column.combine_chunks().dictionary_encode()
-        else:
-            if not (
-                pa.types.is_floating(kind)
-                or pa.types.is_integer(kind)
-                or pa.types.is_decimal(kind)
-                or pa.types.is_null(kind)
-            ):
-                raise InputError(
-                    f"{path.name}: column {name} holds {kind}; store it as floating-point numbers"
-                )
-            column = pc.cast(column, pa.float64(), safe=False)
-        arrow = arrow.set_column(index, name, column)
-    return arrow
+    return pd.DataFrame(columns, copy=False)
+
+
+def _check_type(path: Path, field: pa.Field) -> None:
+    """Refuse a listed column that holds neither names nor numbers, as it should."""
+    kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+    known = pa.types.is_integer(kind) or pa.types.is_null(kind)
+    if field.name in NAMES:
+        if not (known or pa.types.is_string(kind) or pa.types.is_large_string(kind)):
+            raise InputError(f"{path.name}: column {field.name} holds {kind}; store names as text")
+    elif not (known or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
+        raise InputError(
+            f"{path.name}: column {field.name} holds {kind}; store it as floating-point numbers"
+        )
+
+
+def _parquet_column(file: pa.parquet.ParquetFile, layout, name: str) -> pd.Series | np.ndarray:
+    """A column, one row group after the other: what is in memory twice is never the whole."""
+    if name not in layout.listed:
+        return file.read(columns=[name])[name].to_pandas()
+
+    def pieces(kind: pa.DataType):
+        for group in range(file.num_row_groups):
+            column = file.read_row_group(group, columns=[name], use_threads=False)[name]
+            if pa.types.is_dictionary(column.type):
+                column = pc.cast(column, column.type.value_type)
+            yield pc.cast(column, kind, safe=kind != pa.float64())
+
+    if name in layout.coded:
+        return _coded([column.dictionary_encode() for column in pieces(pa.string())])
+    if name in NAMES:
+        chunks = [chunk for column in pieces(pa.string()) for chunk in column.chunks]
+        return pa.chunked_array(chunks, type=pa.string()).to_pandas()
+    return _numbers(pieces(pa.float64()), file.metadata.num_rows)

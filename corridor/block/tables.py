@@ -3,7 +3,9 @@
 Source: design, section 4.
 """
 
+import copy
 from collections.abc import Iterable
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,12 +100,47 @@ def is_among(names: pd.Series | pd.Index, known: pd.Series | pd.Index | list) ->
     if isinstance(names.dtype, pd.CategoricalDtype):
         found = is_among(names.cat.categories, known)
         return np.append(found, False)[names.cat.codes.to_numpy()]
+    if not len(names):
+        return np.zeros(0, dtype=bool)
     found = pc.is_in(
         pa.array(names, type=pa.large_string(), from_pandas=True),
         value_set=pa.array(known, type=pa.large_string(), from_pandas=True),
         skip_nulls=True,
     )
     return found.to_numpy(zero_copy_only=False)
+
+
+def places(names: pd.Series | pd.Index, known: pd.Series | pd.Index) -> np.ndarray:
+    """(n,) int32: where each name stands among the known ones, -1 where it does not.
+
+    `Index.get_indexer` keeps a table of Python objects as long as the index lives.
+    """
+    if not len(names):
+        return np.zeros(0, dtype=np.int32)
+    found = pc.index_in(
+        pa.array(names, type=pa.large_string(), from_pandas=True),
+        value_set=pa.array(known, type=pa.large_string(), from_pandas=True),
+        skip_nulls=True,
+    )
+    return pc.fill_null(found, -1).to_numpy(zero_copy_only=False)
+
+
+def categorical(codes: np.ndarray, names: pd.Index) -> pd.Categorical:
+    """Categorical of codes (-1: empty) and different names.
+
+    pandas looks at the names through a table of Python objects, 70 bytes a name, and keeps it as
+    long as the index lives. A deep copy of the type comes without it.
+    """
+    return pd.Categorical.from_codes(codes, dtype=copy.deepcopy(pd.CategoricalDtype(names)))
+
+
+@contextmanager
+def frugal():
+    """Arrow gives back at the end what it keeps for its next allocation, often 100 MB."""
+    try:
+        yield
+    finally:
+        pa.default_memory_pool().release_unused()
 
 
 def missing_columns(file: str, missing: list[str], header: list[str]) -> str:
@@ -148,7 +185,7 @@ def _coded(column: pd.Series, order: pd.Index | None) -> pd.Series:
         codes, names = pd.factorize(_text(column))
     else:
         codes, names = column.cat.codes.to_numpy(), column.cat.categories
-    names = pd.Index(names)
+    names = names if isinstance(names, pd.Index) else pd.Index(names)
     if not isinstance(names.dtype, pd.StringDtype):
         names = names.astype("str")
     used = pd.unique(codes)
@@ -158,23 +195,23 @@ def _coded(column: pd.Series, order: pd.Index | None) -> pd.Series:
         if names.equals(order):
             return _categorical(column, codes, order)
         place = order.get_indexer(names) if order.is_unique else np.full(len(names), -1)
+        place = place.astype(np.int32)
         known = bool((place[used] >= 0).all())
     if not known:  # order of first appearance, so that reading what was written changes nothing
-        place = np.full(len(names), -1)
+        place = np.full(len(names), -1, dtype=np.int32)
         place[used] = np.arange(len(used))
         if len(used) == len(names) and np.array_equal(used, np.arange(len(used))):
             return _categorical(column, codes, names)
         order = names[used]
     # The last place is that of code -1, the empty cell.
-    return _categorical(column, np.append(place, -1)[codes], order)
+    return _categorical(column, np.append(place, np.int32(-1))[codes], order)
 
 
 def _categorical(column: pd.Series, codes: np.ndarray, names: pd.Index) -> pd.Series:
     dtype = column.dtype
     if isinstance(dtype, pd.CategoricalDtype) and not dtype.ordered and dtype.categories is names:
         return column
-    values = pd.Categorical.from_codes(codes, categories=names)
-    return pd.Series(values, index=column.index, name=column.name)
+    return pd.Series(categorical(codes, names), index=column.index, name=column.name)
 
 
 def _unit_quaternions(images: pd.DataFrame) -> pd.DataFrame:
