@@ -153,13 +153,23 @@ def parameters_named(text: str) -> tuple[str, ...]:
 
 # --- scalar kernels, shared by everything that projects -------------------------------------
 
+# For small functions inside a loop. LLVM inlines them: inlined by numba, every argument would be
+# a new name that holds a reference to its array. And `_nrt` off leaves the counting of references
+# out altogether; it took longer than the arithmetic. Such a function cannot make an array.
+SCALAR = {
+    "forceinline": True,
+    "_nrt": False,
+    "error_model": "numpy",
+    "fastmath": {"contract"},
+}
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
-def distort(u, v, interior, row, radials):
-    """x, y in pixels of the ray (u, v, 1), and their derivative by u and v.
+
+@njit(**SCALAR)
+def bend(u, v, interior, row, radials):
+    """The ray (u, v, 1) distorted, at unit focal length, and its derivative by u and v.
 
     interior: (m, 15), of which `row` counts; radials: how many radial coefficients to look at.
-    Returns x, y, xu, xv, yu, yv, with x = cx + f * (...).
+    Returns a, b, au, av, bu, bv: the pixel is (cx + f a, cy + f b).
     """
     r2 = u * u + v * v
     radial = 0.0
@@ -169,22 +179,62 @@ def distort(u, v, interior, row, radials):
         radial = radial * r2 + interior[row, np.uint64(7 + n)]
     slope = slope * r2 + radial
     radial = radial * r2 + 1.0
-    f = interior[row, np.uint64(0)]
     p1, p2 = interior[row, np.uint64(3)], interior[row, np.uint64(4)]
     b1, b2 = interior[row, np.uint64(5)], interior[row, np.uint64(6)]
-    x = interior[row, np.uint64(1)] + f * (
-        u * radial + p1 * (r2 + 2.0 * u * u) + 2.0 * p2 * u * v + b1 * u + b2 * v
+    # p1 (r2 + 2 u u) + 2 p2 u v = u (2 p1 u + 2 p2 v) + p1 r2
+    along, across = 2.0 * p1 * u, 2.0 * p2 * v
+    stretch = radial + (along + across)
+    by_u, by_v = 2.0 * (u * slope + p1), 2.0 * (v * slope + p2)
+    mixed = u * by_v + 2.0 * p1 * v
+    return (
+        u * stretch + p1 * r2 + (b1 * u + b2 * v),
+        v * stretch + p2 * r2,
+        stretch + u * by_u + along + b1,
+        mixed + b2,
+        mixed,
+        stretch + v * by_v + across,
     )
-    y = interior[row, np.uint64(2)] + f * (v * radial + p2 * (r2 + 2.0 * v * v) + 2.0 * p1 * u * v)
-    cross = 2.0 * u * v * slope
-    xu = f * (radial + 2.0 * u * u * slope + 6.0 * p1 * u + 2.0 * p2 * v + b1)
-    xv = f * (cross + 2.0 * p1 * v + 2.0 * p2 * u + b2)
-    yu = f * (cross + 2.0 * p2 * u + 2.0 * p1 * v)
-    yv = f * (radial + 2.0 * v * v * slope + 6.0 * p2 * v + 2.0 * p1 * u)
-    return x, y, xu, xv, yu, yv
 
 
-@njit(cache=True, inline="always", error_model="numpy")
+@njit(**SCALAR)
+def distort(u, v, interior, row, radials):
+    """x, y in pixels of the ray (u, v, 1), and their derivative by u and v; arguments as `bend`.
+
+    Returns x, y, xu, xv, yu, yv, with x = cx + f * (...).
+    """
+    f = interior[row, np.uint64(0)]
+    a, b, au, av, bu, bv = bend(u, v, interior, row, radials)
+    cx, cy = interior[row, np.uint64(1)], interior[row, np.uint64(2)]
+    return cx + f * a, cy + f * b, f * au, f * av, f * bu, f * bv
+
+
+@njit(**SCALAR)
+def interior_change(u, v, a, b, f, radials, change, row, n):
+    """How far the pixel of the ray (u, v, 1) moves, to first order, with its interior vector.
+
+    a, b: the ray distorted (`bend`), f: the focal length. change: (m, 15, k), of which
+    [row, :, n] counts. Returns dx, dy.
+    """
+    r2 = u * u + v * v
+    radial = 0.0
+    for k in range(6 + radials, 6, -1):
+        radial = (radial + change[row, np.uint64(k), n]) * r2
+    p1, p2 = change[row, np.uint64(3), n], change[row, np.uint64(4), n]
+    stretch = radial + 2.0 * (p1 * u + p2 * v)
+    df, b1, b2 = (
+        change[row, np.uint64(0), n],
+        change[row, np.uint64(5), n],
+        change[row, np.uint64(6), n],
+    )
+    dx = u * stretch + p1 * r2 + (b1 * u + b2 * v)
+    dy = v * stretch + p2 * r2
+    return (
+        change[row, np.uint64(1), n] + df * a + f * dx,
+        change[row, np.uint64(2), n] + df * b + f * dy,
+    )
+
+
+@njit(**SCALAR)
 def interior_derivative(u, v, x, y, interior, row, parameter):
     """dx, dy by one interior parameter (index into `INTERIOR`) at the ray (u, v), image (x, y)."""
     f = interior[row, np.uint64(0)]

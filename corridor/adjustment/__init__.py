@@ -7,13 +7,22 @@
 
 from corridor.adjustment.adjust import adjust
 from corridor.adjustment.covariance import Covariance
-from corridor.adjustment.initial import complete
 from corridor.adjustment.normal import Loss, Normal
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.report import save
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.similarity import Similarity, check_table, similarity
 from corridor.adjustment.solve import solve
+
+
+def __getattr__(name):
+    # OpenCV takes a second and 50 MB; only blocks without start values need it.
+    if name == "complete":
+        from corridor.adjustment.initial import complete
+
+        return complete
+    raise AttributeError(f"module 'corridor.adjustment' has no attribute {name!r}")
+
 
 __all__ = [
     "Adjustment",

@@ -1,18 +1,26 @@
 """One pass over the points: residual, Jacobian, Schur complement, straight into band storage.
 
-No Jacobian is stored. Points are sorted by their first image, images along the corridor, so that
-a point touches a few neighbouring columns of a band matrix and a thin border. Each image has `d`
+No Jacobian is stored. Points are sorted by their images, images along the corridor, so that a
+point touches a few neighbouring columns of a band matrix and a thin border. Each image has `d`
 unknowns (centre 3, rotation 3, effects of its own), the border holds what images share.
 
 Increments of image i: C += dC; R <- Exp(dr) R, so that dX/ddr = -[X]x, dX/dC = -R, dX/dP = R.
-Motion (c, theta) of the camera at a row: X = Exp(-theta) R (P - C - c).
+Motion (c, theta) of the camera at a row: X = Exp(-theta) (R (P - C) - c).
 
-For one point let J be its rays' Jacobian rows by images and border, P those by the point, and
-V = P'P (with damping and control) = L L'. With T = P L^-T the reduced equations are J'(I - TT')J
-and J'(I - TT')e: every row j of J meets itself minus its part in T.
+For one point let J be its rays' Jacobian rows by images, B those by the border, P by the point,
+and V = P'P (with damping and control) = L L'. With Y = L^-1 P'J, Z = L^-1 P'B, n = L^-1 P'e the
+reduced equations are
+
+    J'J - Y'Y    J'B - Y'Z    and right    J'e - Y'n
+                 B'B - Z'Z                 B'e - Z'n
+
+Where the time goes: J'J and Y'Y are gathered over up to `GROUP` points that the same images see
+and only then added to the matrix; J'B - Y'Z is (B - T Z)'J with T = P L^-T, ray by ray.
 
 Indices are unsigned and arrays flat where it is hot: the compiler then vectorises (no test for a
-negative index, no view to count references of).
+negative index, no view to count references of). It takes four numbers at a time where they are
+written out side by side and all are read before the first is written: it cannot know which
+arrays overlap.
 
 Source: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sections 4.3 and 6.
 """
@@ -21,18 +29,28 @@ import numba
 import numpy as np
 from numba import njit
 
-from corridor.camera import distort, interior_derivative
+from corridor.camera import SCALAR, bend, interior_change
 
 # Numba leaves straight-line code scalar unless told otherwise; here it is worth a factor of two.
 numba.config.SLP_VECTORIZE = 1
+# Kernels proper: as the scalar functions, and they let other threads run.
+KERNEL = {key: SCALAR[key] for key in ("_nrt", "error_model", "fastmath")}
+KERNEL |= {"cache": True, "nogil": True}
 
 SQUARES, HUBER, CAUCHY = 0, 1, 2
 # Border columns are handled in panels of this many; the number of columns is rounded up to it.
 PANEL = 4
+# Points seen by the same images that are gathered before they are added to the matrix.
+GROUP = 8
+# Numbers that `_see` leaves about a ray: R (P - C) - c; root of the weight; u, v; the same
+# distorted; weighted derivative of x and of y by the first three; weighted residual (16). With
+# motion also its turn theta (3), the place of the row in the motion's polynomial, and what the
+# row puts before the pixel's derivatives (4, see `_slope`); the rest is room.
+SEEN = 32
 U = np.uint64
 
 
-@njit(cache=True, inline="always", error_model="numpy")
+@njit(**SCALAR)
 def _robust(loss, width, s):
     """Cost rho(s) and root of the weight rho'(s); s = |r|^2.
 
@@ -48,139 +66,208 @@ def _robust(loss, width, s):
     return k2 * np.log1p(s / k2), 1.0 / np.sqrt(1.0 + s / k2)
 
 
-@njit(cache=True, inline="always", error_model="numpy")
-def _turn(t0, t1, t2, x, y, z):
-    """Exp(-t) applied to (x, y, z)."""
+@njit(**SCALAR)
+def _sines(t0, t1, t2):
+    """sin(a) / a and (1 - cos(a)) / a^2 of the angle a = |t|."""
     a2 = t0 * t0 + t1 * t1 + t2 * t2
-    if a2 == 0.0:
-        return x, y, z
-    a = np.sqrt(a2)
-    s = np.sin(a) / a
-    h = np.sin(0.5 * a)
-    q = 2.0 * h * h / a2
+    if a2 > 0.01:
+        a = np.sqrt(a2)
+        h = np.sin(0.5 * a)
+        return np.sin(a) / a, 2.0 * h * h / a2
+    # Nearly always, and ten times faster; the next terms are below 1e-17.
+    s = 1.0 - a2 * (1 / 6 - a2 * (1 / 120 - a2 * (1 / 5040 - a2 * (1 / 362880))))
+    q = 0.5 - a2 * (1 / 24 - a2 * (1 / 720 - a2 * (1 / 40320 - a2 * (1 / 3628800))))
+    return s, q
+
+
+@njit(**SCALAR)
+def _turn(s, q, t0, t1, t2, x, y, z):
+    """Exp(t) applied to (x, y, z); s, q: `_sines` of t."""
     cx, cy, cz = t1 * z - t2 * y, t2 * x - t0 * z, t0 * y - t1 * x
     return (
-        x - s * cx + q * (t1 * cz - t2 * cy),
-        y - s * cy + q * (t2 * cx - t0 * cz),
-        z - s * cz + q * (t0 * cy - t1 * cx),
+        x + s * cx + q * (t1 * cz - t2 * cy),
+        y + s * cy + q * (t2 * cx - t0 * cz),
+        z + s * cz + q * (t0 * cy - t1 * cx),
     )
 
 
-@njit(cache=True, inline="always", error_model="numpy")
-def _model(o, e, i, px, py, pz, xy, pose, interior, radials, row_of, motion, image_shift):
-    """The modelled pixel of one observation, with what its derivatives need.
+@njit(**SCALAR)
+def _left(t0, t1, t2, q0, q1, q2):
+    """Left Jacobian of Exp(t), to second order, applied to q: Exp(t + q) = Exp(Left q) Exp(t)."""
+    e0, e1, e2 = t1 * q2 - t2 * q1, t2 * q0 - t0 * q2, t0 * q1 - t1 * q0
+    f0, f1, f2 = t1 * e2 - t2 * e1, t2 * e0 - t0 * e2, t0 * e1 - t1 * e0
+    return q0 + 0.5 * e0 + f0 / 6.0, q1 + 0.5 * e1 + f1 / 6.0, q2 + 0.5 * e2 + f2 / 6.0
 
-    o: observation, e: its row in image_shift, i: image. With motion the row of the modelled pixel
-    decides where the camera is, and the camera where the pixel is: Newton, from the row of the
-    measured pixel, needs two turns (the rest is of third order in the residual).
 
-    Returns whether the point is ahead; X, Y, Z; u, v; the pixel without and with the image shift;
-    its derivative by X, Y, Z (6); rotation (9) and its turn (3) at that row, the place s of the
-    row in the motion's polynomial, the pixel's slope g by the row (2).
-    """
-    wx, wy, wz = px - pose[i, U(0)], py - pose[i, U(1)], pz - pose[i, U(2)]
-    r0, r1, r2 = pose[i, U(3)], pose[i, U(4)], pose[i, U(5)]
-    r3, r4, r5 = pose[i, U(6)], pose[i, U(7)], pose[i, U(8)]
-    r6, r7, r8 = pose[i, U(9)], pose[i, U(10)], pose[i, U(11)]
-    sx = 0.0
-    sy = 0.0
-    if image_shift.shape[0] > 0:
-        sx, sy = image_shift[e, U(0)], image_shift[e, U(1)]
-    degree = motion.shape[1] - 1
-    t0 = 0.0
-    t1 = 0.0
-    t2 = 0.0
-    s = 0.0
-    g0 = 0.0
-    g1 = 0.0
-    missed = 0.0
-    row = 0.0
-    downwards = True
-    if degree >= 0:
-        downwards = row_of[i, U(0)] > 0.0
-        row = xy[o, U(1)] if downwards else xy[o, U(0)]
-    x, y, z = 0.0, 0.0, 0.0
-    u, v, qx, qy = 0.0, 0.0, 0.0, 0.0
-    a0, a1, a2, a3, a4, a5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for _ in range(2 if degree >= 0 else 1):
-        dx, dy, dz = wx, wy, wz
-        c0, c1, c2, c3, c4, c5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        if degree >= 0:
-            s = row_of[i, U(1)] * row + row_of[i, U(2)]
-            m0, m1, m2 = 0.0, 0.0, 0.0
-            t0, t1, t2 = 0.0, 0.0, 0.0
-            for n in range(degree, -1, -1):
-                c0, c1, c2 = c0 * s + m0, c1 * s + m1, c2 * s + m2
-                c3, c4, c5 = c3 * s + t0, c4 * s + t1, c5 * s + t2
-                m0 = m0 * s + motion[i, U(n), U(0)]
-                m1 = m1 * s + motion[i, U(n), U(1)]
-                m2 = m2 * s + motion[i, U(n), U(2)]
-                t0 = t0 * s + motion[i, U(n), U(3)]
-                t1 = t1 * s + motion[i, U(n), U(4)]
-                t2 = t2 * s + motion[i, U(n), U(5)]
-            dx, dy, dz = wx - m0, wy - m1, wz - m2
-            if t0 != 0.0 or t1 != 0.0 or t2 != 0.0:
-                r0, r3, r6 = _turn(t0, t1, t2, pose[i, U(3)], pose[i, U(6)], pose[i, U(9)])
-                r1, r4, r7 = _turn(t0, t1, t2, pose[i, U(4)], pose[i, U(7)], pose[i, U(10)])
-                r2, r5, r8 = _turn(t0, t1, t2, pose[i, U(5)], pose[i, U(8)], pose[i, U(11)])
-        x = r0 * dx + r1 * dy + r2 * dz
-        y = r3 * dx + r4 * dy + r5 * dz
-        z = r6 * dx + r7 * dy + r8 * dz
-        if not z > 0.0:
-            break
-        iz = 1.0 / z
-        u, v = x * iz, y * iz
-        qx, qy, xu, xv, yu, yv = distort(u, v, interior, i, radials)
-        a0, a1, a3, a4 = xu * iz, xv * iz, yu * iz, yv * iz
-        a2, a5 = -(a0 * u + a1 * v), -(a3 * u + a4 * v)
-        if degree >= 0:
-            k = row_of[i, U(1)]
-            fx = k * (-(r0 * c0 + r1 * c1 + r2 * c2) + c5 * y - c4 * z)
-            fy = k * (-(r3 * c0 + r4 * c1 + r5 * c2) + c3 * z - c5 * x)
-            fz = k * (-(r6 * c0 + r7 * c1 + r8 * c2) + c4 * x - c3 * y)
-            g0 = a0 * fx + a1 * fy + a2 * fz
-            g1 = a3 * fx + a4 * fy + a5 * fz
-            if downwards:
-                missed = (qy + sy - row) / (1.0 - g1)
-            else:
-                missed = (qx + sx - row) / (1.0 - g0)
-            row += missed
-    qx += g0 * missed
-    qy += g1 * missed
+# --- one ray ----------------------------------------------------------------------------------
+
+
+@njit(**SCALAR)
+def _times_rotation(pose, i, x, y, z):
+    """R (x, y, z) of image i."""
     return (
-        z > 0.0, x, y, z, u, v, qx, qy, qx + sx, qy + sy, a0, a1, a2, a3, a4, a5,
-        r0, r1, r2, r3, r4, r5, r6, r7, r8, t0, t1, t2, s, g0, g1,
-    )  # fmt: skip
+        pose[i, U(3)] * x + pose[i, U(4)] * y + pose[i, U(5)] * z,
+        pose[i, U(6)] * x + pose[i, U(7)] * y + pose[i, U(8)] * z,
+        pose[i, U(9)] * x + pose[i, U(10)] * y + pose[i, U(11)] * z,
+    )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, motion,
-              image_shift, base, out, modelled):  # fmt: skip
-    """Residuals (pixels, measured minus modelled) of the observations of points first..last.
+@njit(**SCALAR)
+def _before_rotation(pose, i, g0, g1, g2):
+    """The row g R of image i."""
+    return (
+        g0 * pose[i, U(3)] + g1 * pose[i, U(6)] + g2 * pose[i, U(9)],
+        g0 * pose[i, U(4)] + g1 * pose[i, U(7)] + g2 * pose[i, U(10)],
+        g0 * pose[i, U(5)] + g1 * pose[i, U(8)] + g2 * pose[i, U(11)],
+    )
 
-    modelled: (n, 4) or (0, 4); receives x, y, u, v of each. Returns how many are behind a camera
-    (their residual is NaN).
+
+@njit(**SCALAR)
+def _motion(s, i, motion):
+    """Motion of image i at the place s of a row: centre (3) and turn (3), and their slope by s.
+
+    motion: (images, 6 (degree + 1)), coefficients of s^0 first, the centre in the camera frame.
     """
-    behind = 0
-    for p in range(first, last):
-        for o in range(ptr[p], ptr[p + 1]):
-            ahead, _, _, _, u, v, _, _, bx, by = _model(
-                U(o), U(o - base), U(img[o]), points[p, 0], points[p, 1], points[p, 2], xy, pose,
-                interior, radials, row_of, motion, image_shift,
-            )[:10]  # fmt: skip
-            if not ahead:
-                behind += 1
-                out[o, 0] = np.nan
-                out[o, 1] = np.nan
-                continue
-            out[o, 0] = xy[o, 0] - bx
-            out[o, 1] = xy[o, 1] - by
-            if modelled.shape[0] > 0:
-                modelled[o, 0], modelled[o, 1], modelled[o, 2], modelled[o, 3] = bx, by, u, v
-    return behind
+    c0, c1, c2, c3, c4, c5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    n = U(motion.shape[1] - 6)
+    m0, m1, m2 = motion[i, n], motion[i, n + U(1)], motion[i, n + U(2)]
+    t0, t1, t2 = motion[i, n + U(3)], motion[i, n + U(4)], motion[i, n + U(5)]
+    while n > U(0):
+        n -= U(6)
+        c0, c1, c2 = c0 * s + m0, c1 * s + m1, c2 * s + m2
+        c3, c4, c5 = c3 * s + t0, c4 * s + t1, c5 * s + t2
+        m0 = m0 * s + motion[i, n]
+        m1 = m1 * s + motion[i, n + U(1)]
+        m2 = m2 * s + motion[i, n + U(2)]
+        t0 = t0 * s + motion[i, n + U(3)]
+        t1 = t1 * s + motion[i, n + U(4)]
+        t2 = t2 * s + motion[i, n + U(5)]
+    return m0, m1, m2, t0, t1, t2, c0, c1, c2, c3, c4, c5
 
 
-@njit(cache=True, inline="always")
+@njit(**SCALAR)
+def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, loss, width, row_of,
+         image_shift, motion, modelled, seen):  # fmt: skip
+    """Where images see a point, and how far that is from the observations first..first + m.
+
+    base: the observation that is the first in image_shift. modelled: (n, 4) or (0, 4); receives
+    pixel and u, v. Fills `seen` (m, SEEN); its third number is not positive where the point is
+    behind the camera. Returns the cost.
+
+    While the rows are read the camera moves: the row of the modelled pixel decides where the
+    camera is, and the camera where the pixel is. Newton's one step from the measured row finds
+    both: what is left is the residual squared times the change of the pixel's slope by the row,
+    less than a millionth of a pixel for a residual of one. Derivatives by what moves the camera
+    are taken at the row found; at the measured one they would go with its error.
+
+    Each of the three loops is short: a ray is a chain of operations that wait for each other,
+    and only if the next rays are near does the processor work on several at once.
+    """
+    moves = motion.shape[1] > 0
+    for k in range(m):
+        o, at = U(first + k), U(k * SEEN)
+        i = U(img[o])
+        x, y, z = _times_rotation(
+            pose, i, px - pose[i, U(0)], py - pose[i, U(1)], pz - pose[i, U(2)]
+        )
+        if moves:
+            row = xy[o, U(1)] if row_of[i, U(0)] > 0.0 else xy[o, U(0)]
+            s = row_of[i, U(1)] * row + row_of[i, U(2)]
+            m0, m1, m2, t0, t1, t2, c0, c1, c2, c3, c4, c5 = _motion(s, i, motion)
+            x, y, z = x - m0, y - m1, z - m2
+            _set(seen, at, x, y, z, row)
+            _set(seen, at + U(16), t0, t1, t2, s)
+            # Slope of X before its turn: -dc/ds + X x dtheta/ds.
+            c0, c1, c2 = c5 * y - c4 * z - c0, c3 * z - c5 * x - c1, c4 * x - c3 * y - c2
+            sine, cosine = _sines(t0, t1, t2)
+            _set(seen, at + U(24), c0, c1, c2, sine)
+            seen[at + U(28)] = cosine
+            x, y, z = _turn(sine, cosine, -t0, -t1, -t2, x, y, z)
+        else:
+            _set(seen, at, x, y, z, 0.0)
+        _set(seen, at + U(4), x, y, z, 0.0)
+    for k in range(m):
+        o, at = U(first + k), U(k * SEEN)
+        i = U(img[o])
+        z = seen[at + U(6)]
+        iz = 1.0 / z if z > 0.0 else 0.0
+        u, v = seen[at + U(4)] * iz, seen[at + U(5)] * iz
+        a, b, au, av, bu, bv = bend(u, v, interior, i, radials)
+        iz *= interior[i, U(0)]
+        g0, g1, h0, h1 = iz * au, iz * av, iz * bu, iz * bv
+        _set(seen, at + U(4), u, v, a, b)
+        _set(seen, at + U(8), g0, g1, -(g0 * u + g1 * v), h0)
+        _set(seen, at + U(12), h1, -(h0 * u + h1 * v), iz, 0.0)
+    cost = 0.0
+    for k in range(m):
+        o, at = U(first + k), U(k * SEEN)
+        i = U(img[o])
+        if not seen[at + U(14)] > 0.0:
+            seen[at + U(2)] = -1.0
+            continue
+        u, v, a, b = _panel(seen, at + U(4))
+        g0, g1, g2, h0 = _panel(seen, at + U(8))
+        h1, h2 = seen[at + U(12)], seen[at + U(13)]
+        f = interior[i, U(0)]
+        mx, my = interior[i, U(1)] + f * a, interior[i, U(2)] + f * b
+        if image_shift.shape[0] > 0:
+            mx += image_shift[o - U(base), U(0)]
+            my += image_shift[o - U(base), U(1)]
+        if moves:
+            row = seen[at + U(3)]
+            t0, t1, t2, s = _panel(seen, at + U(16))
+            c0, c1, c2, sine = _panel(seen, at + U(24))
+            cosine = seen[at + U(28)]
+            g0, g1, g2 = _turn(sine, cosine, t0, t1, t2, g0, g1, g2)
+            h0, h1, h2 = _turn(sine, cosine, t0, t1, t2, h0, h1, h2)
+            factor = row_of[i, U(1)]
+            slope_x = factor * (g0 * c0 + g1 * c1 + g2 * c2)
+            slope_y = factor * (h0 * c0 + h1 * c1 + h2 * c2)
+            k00, k01, k10, k11 = 1.0, 0.0, 0.0, 1.0
+            if row_of[i, U(0)] > 0.0:
+                k11 = 1.0 / (1.0 - slope_y)
+                k01 = slope_x * k11
+                missed = (my - row) * k11
+            else:
+                k00 = 1.0 / (1.0 - slope_x)
+                k10 = slope_y * k00
+                missed = (mx - row) * k00
+            mx += slope_x * missed
+            my += slope_y * missed
+            g0, h0 = k00 * g0 + k01 * h0, k10 * g0 + k11 * h0
+            g1, h1 = k00 * g1 + k01 * h1, k10 * g1 + k11 * h1
+            g2, h2 = k00 * g2 + k01 * h2, k10 * g2 + k11 * h2
+            seen[at + U(19)] = s + factor * missed
+            _set(seen, at + U(20), k00, k01, k10, k11)
+        if modelled.shape[0] > 0:
+            modelled[o, U(0)], modelled[o, U(1)] = mx, my
+            modelled[o, U(2)], modelled[o, U(3)] = u, v
+        root = weight[o if weight.shape[0] > 1 else U(0)]
+        rx, ry = root * (xy[o, U(0)] - mx), root * (xy[o, U(1)] - my)
+        square = rx * rx + ry * ry
+        if loss != SQUARES:
+            square, soft = _robust(loss, width, square)
+            root *= soft
+            rx *= soft
+            ry *= soft
+        cost += square
+        seen[at + U(3)] = root
+        _set(seen, at + U(8), root * g0, root * g1, root * g2, root * h0)
+        _set(seen, at + U(12), root * h1, root * h2, rx, ry)
+    return cost
+
+
+@njit(**SCALAR)
+def _slope(seen, at):
+    """Of a camera that moves, the matrix (4) before the derivatives of the pixel.
+
+    What moves the pixel moves its row, and the row moves the camera. `seen` has it in the
+    derivatives by X, Y, Z already.
+    """
+    return _panel(seen, at + U(20))
+
+
+@njit(**SCALAR)
 def _put(column, gx, gy, jb, b0, b1, jc, j0, j1):
     """Add to a border column, or to the image's own unknown 4 - column where it is <= -2."""
     if column >= 0:
@@ -191,167 +278,348 @@ def _put(column, gx, gy, jb, b0, b1, jc, j0, j1):
         jc[j1 + U(4 - column)] += gy
 
 
-@njit(cache=True, inline="always", error_model="numpy")
-def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, width, camera_column,
-         slot_column, row_of, image_shift, motion, d_interior, d_image, d_motion, low, high,
-         wide, modelled, jc, jb, d):  # fmt: skip
-    """Weighted Jacobian rows and residual of one observation, the k-th of its point.
+@njit(**SCALAR)
+def _rows(i, e, seen, at, pose, interior, radials, camera_column, slot_column, motion, d_interior,
+          d_image, d_motion, low, high, jc, j0, j1, d, jb, b0, b1):  # fmt: skip
+    """Weighted Jacobian rows of a ray that `_see` has left in `seen` at `at`.
 
-    o: observation, e: its row in the effects' arrays, i: image. Fills jc[k] (2, d): by the image;
-    jb[k] (2, wide): by the border, in the panels low..high. By the point: -jc[k][:, :3].
-    Returns whether the point is ahead, the two weighted residuals and the cost.
+    i: image, e: row of the observation in d_image. Fills d numbers of jc from j0 (x) and j1 (y)
+    on: by the image; jb from b0 and b1 on, in the panels low..high: by the border. By the point:
+    the image's first three, negative. A ray from behind has rows of zeros.
     """
-    (
-        ahead, x, y, z, u, v, qx, qy, bx, by, g0, g1, g2, h0, h1, h2,
-        r0, r1, r2, r3, r4, r5, r6, r7, r8, t0, t1, t2, place, slope0, slope1,
-    ) = _model(
-        o, e, i, px, py, pz, xy, pose, interior, radials, row_of, motion, image_shift
+    for c in range(low, high, PANEL):
+        _set(jb, b0 + U(c), 0.0, 0.0, 0.0, 0.0)
+        _set(jb, b1 + U(c), 0.0, 0.0, 0.0, 0.0)
+    x, y, z = seen[at], seen[at + U(1)], seen[at + U(2)]
+    for c in range(6 if z > 0.0 else 0, d):
+        jc[j0 + U(c)] = 0.0
+        jc[j1 + U(c)] = 0.0
+    if not z > 0.0:
+        return
+    root, u, v, a, b = (
+        seen[at + U(3)], seen[at + U(4)], seen[at + U(5)], seen[at + U(6)], seen[at + U(7)]
     )  # fmt: skip
-    if not ahead:
-        return False, 0.0, 0.0, 0.0
-    if modelled.shape[0] > 0:
-        modelled[o, U(0)], modelled[o, U(1)], modelled[o, U(2)], modelled[o, U(3)] = bx, by, u, v
-    w = weight[o if weight.shape[0] > 1 else U(0)]
-    rx, ry = w * (xy[o, U(0)] - bx), w * (xy[o, U(1)] - by)
-    cost = rx * rx + ry * ry
-    root = w
-    if loss != SQUARES:
-        cost, soft = _robust(loss, width, cost)
-        root *= soft
-        rx *= soft
-        ry *= soft
-    g0, g1, g2 = g0 * root, g1 * root, g2 * root
-    h0, h1, h2 = h0 * root, h1 * root, h2 * root
+    g0, g1, g2 = seen[at + U(8)], seen[at + U(9)], seen[at + U(10)]
+    h0, h1, h2 = seen[at + U(11)], seen[at + U(12)], seen[at + U(13)]
+    p0, p1, p2 = _before_rotation(pose, i, g0, g1, g2)
+    q0, q1, q2 = _before_rotation(pose, i, h0, h1, h2)
     # g . (dr x X) = dr . (X x g)
     a0, a1, a2 = y * g2 - z * g1, z * g0 - x * g2, x * g1 - y * g0
     c0, c1, c2 = y * h2 - z * h1, z * h0 - x * h2, x * h1 - y * h0
-    spins = t0 != 0.0 or t1 != 0.0 or t2 != 0.0
-    if spins:  # X turns with Exp(-theta) dr
-        a0, a1, a2 = _turn(-t0, -t1, -t2, a0, a1, a2)
-        c0, c1, c2 = _turn(-t0, -t1, -t2, c0, c1, c2)
-    j0 = k * U(2 * d)
-    j1 = j0 + U(d)
-    jc[j0] = -(g0 * r0 + g1 * r3 + g2 * r6)
-    jc[j0 + U(1)] = -(g0 * r1 + g1 * r4 + g2 * r7)
-    jc[j0 + U(2)] = -(g0 * r2 + g1 * r5 + g2 * r8)
-    jc[j0 + U(3)] = a0
-    jc[j0 + U(4)] = a1
-    jc[j0 + U(5)] = a2
-    jc[j1] = -(h0 * r0 + h1 * r3 + h2 * r6)
-    jc[j1 + U(1)] = -(h0 * r1 + h1 * r4 + h2 * r7)
-    jc[j1 + U(2)] = -(h0 * r2 + h1 * r5 + h2 * r8)
-    jc[j1 + U(3)] = c0
-    jc[j1 + U(4)] = c1
-    jc[j1 + U(5)] = c2
-    for n in range(6, d):
-        jc[j0 + U(n)] = 0.0
-        jc[j1 + U(n)] = 0.0
+    jc[j0], jc[j0 + U(1)], jc[j0 + U(2)] = -p0, -p1, -p2
+    jc[j0 + U(3)], jc[j0 + U(4)], jc[j0 + U(5)] = a0, a1, a2
+    jc[j1], jc[j1 + U(1)], jc[j1 + U(2)] = -q0, -q1, -q2
+    jc[j1 + U(3)], jc[j1 + U(4)], jc[j1 + U(5)] = c0, c1, c2
 
-    b0 = k * U(2) * wide
-    b1 = b0 + wide
-    for c in range(low, high):
-        jb[b0 + U(c)] = 0.0
-        jb[b1 + U(c)] = 0.0
+    f = interior[i, U(0)]
     if high > low:
-        f = root * interior[i, U(0)]
-        square = u * u + v * v
         column = camera_column[i, U(0)]
         if column >= 0:
-            share = root / interior[i, U(0)]
-            jb[b0 + U(column)] = share * (qx - interior[i, U(1)])
-            jb[b1 + U(column)] = share * (qy - interior[i, U(2)])
+            jb[b0 + U(column)] = root * a
+            jb[b1 + U(column)] = root * b
         column = camera_column[i, U(1)]
         if column >= 0:
             jb[b0 + U(column)] = root
         column = camera_column[i, U(2)]
         if column >= 0:
             jb[b1 + U(column)] = root
+        square = u * u + v * v
+        bu, bv = root * f * u, root * f * v
         column = camera_column[i, U(3)]
         if column >= 0:
-            jb[b0 + U(column)] = f * (square + 2.0 * u * u)
-            jb[b1 + U(column)] = f * 2.0 * u * v
+            jb[b0 + U(column)] = root * f * (square + 2.0 * u * u)
+            jb[b1 + U(column)] = 2.0 * u * bv
         column = camera_column[i, U(4)]
         if column >= 0:
-            jb[b0 + U(column)] = f * 2.0 * u * v
-            jb[b1 + U(column)] = f * (square + 2.0 * v * v)
+            jb[b0 + U(column)] = 2.0 * u * bv
+            jb[b1 + U(column)] = root * f * (square + 2.0 * v * v)
         column = camera_column[i, U(5)]
         if column >= 0:
-            jb[b0 + U(column)] = f * u
+            jb[b0 + U(column)] = bu
         column = camera_column[i, U(6)]
         if column >= 0:
-            jb[b0 + U(column)] = f * v
+            jb[b0 + U(column)] = bv
         for n in range(radials):
-            f *= square
+            bu *= square
+            bv *= square
             column = camera_column[i, U(7 + n)]
             if column >= 0:
-                jb[b0 + U(column)] = f * u
-                jb[b1 + U(column)] = f * v
-    slot = 0
+                jb[b0 + U(column)] = bu
+                jb[b1 + U(column)] = bv
+    slot = U(0)
     for n in range(d_interior.shape[2]):
-        column = slot_column[i, U(slot)]
-        slot += 1
-        gx = 0.0
-        gy = 0.0
-        for m in range(15):
-            factor = d_interior[i, U(m), U(n)]
-            if factor != 0.0:
-                fx, fy = interior_derivative(u, v, qx, qy, interior, i, m)
-                gx += fx * factor
-                gy += fy * factor
-        _put(column, root * gx, root * gy, jb, b0, b1, jc, j0, j1)
+        dx, dy = interior_change(u, v, a, b, f, 8, d_interior, i, U(n))
+        _put(slot_column[i, slot], root * dx, root * dy, jb, b0, b1, jc, j0, j1)
+        slot += U(1)
     for n in range(d_image.shape[2]):
-        column = slot_column[i, U(slot)]
-        slot += 1
-        gx, gy = root * d_image[e, U(0), U(n)], root * d_image[e, U(1), U(n)]
-        _put(column, gx, gy, jb, b0, b1, jc, j0, j1)
-    for n in range(d_motion.shape[3]):
-        column = slot_column[i, U(slot)]
-        slot += 1
-        m0, m1, m2, q0, q1, q2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for m in range(d_motion.shape[1] - 1, -1, -1):
-            m0 = m0 * place + d_motion[i, U(m), U(0), U(n)]
-            m1 = m1 * place + d_motion[i, U(m), U(1), U(n)]
-            m2 = m2 * place + d_motion[i, U(m), U(2), U(n)]
-            q0 = q0 * place + d_motion[i, U(m), U(3), U(n)]
-            q1 = q1 * place + d_motion[i, U(m), U(4), U(n)]
-            q2 = q2 * place + d_motion[i, U(m), U(5), U(n)]
-        gx = jc[j0] * m0 + jc[j0 + U(1)] * m1 + jc[j0 + U(2)] * m2
-        gy = jc[j1] * m0 + jc[j1 + U(1)] * m1 + jc[j1 + U(2)] * m2
-        if q0 != 0.0 or q1 != 0.0 or q2 != 0.0:
-            if spins:  # left Jacobian of Exp(-theta), to second order
-                e0, e1, e2 = t1 * q2 - t2 * q1, t2 * q0 - t0 * q2, t0 * q1 - t1 * q0
-                f0, f1, f2 = t1 * e2 - t2 * e1, t2 * e0 - t0 * e2, t0 * e1 - t1 * e0
-                q0 += -0.5 * e0 + f0 / 6.0
-                q1 += -0.5 * e1 + f1 / 6.0
-                q2 += -0.5 * e2 + f2 / 6.0
-            dx, dy, dz = q2 * y - q1 * z, q0 * z - q2 * x, q1 * x - q0 * y
-            gx += g0 * dx + g1 * dy + g2 * dz
-            gy += h0 * dx + h1 * dy + h2 * dz
-        _put(column, gx, gy, jb, b0, b1, jc, j0, j1)
-    if slope0 != 0.0 or slope1 != 0.0:
-        # What moves the pixel moves its row, and the row moves the camera.
-        if row_of[i, U(0)] > 0.0:
-            own = 1.0 / (1.0 - slope1)
-            other = slope0 * own
-            for n in range(d):
-                jc[j0 + U(n)] += other * jc[j1 + U(n)]
-                jc[j1 + U(n)] *= own
-            for n in range(low, high):
-                jb[b0 + U(n)] += other * jb[b1 + U(n)]
-                jb[b1 + U(n)] *= own
-        else:
-            own = 1.0 / (1.0 - slope0)
-            other = slope1 * own
-            for n in range(d):
-                jc[j1 + U(n)] += other * jc[j0 + U(n)]
-                jc[j0 + U(n)] *= own
-            for n in range(low, high):
-                jb[b1 + U(n)] += other * jb[b0 + U(n)]
-                jb[b0 + U(n)] *= own
-    return True, rx, ry, cost
+        dx, dy = root * d_image[e, U(0), U(n)], root * d_image[e, U(1), U(n)]
+        _put(slot_column[i, slot], dx, dy, jb, b0, b1, jc, j0, j1)
+        slot += U(1)
+    if motion.shape[1] == 0:
+        return
+    k00, k01, k10, k11 = _slope(seen, at)
+    for c in range(low, high, PANEL):
+        x0, x1, x2, x3 = _panel(jb, b0 + U(c))
+        y0, y1, y2, y3 = _panel(jb, b1 + U(c))
+        _set(
+            jb, b0 + U(c), k00 * x0 + k01 * y0, k00 * x1 + k01 * y1, k00 * x2 + k01 * y2,
+            k00 * x3 + k01 * y3,
+        )  # fmt: skip
+        _set(
+            jb, b1 + U(c), k10 * x0 + k11 * y0, k10 * x1 + k11 * y1, k10 * x2 + k11 * y2,
+            k10 * x3 + k11 * y3,
+        )  # fmt: skip
+    for c in range(6, d):
+        dx, dy = jc[j0 + U(c)], jc[j1 + U(c)]
+        jc[j0 + U(c)], jc[j1 + U(c)] = k00 * dx + k01 * dy, k10 * dx + k11 * dy
+    t0, t1, t2, place = _panel(seen, at + U(16))
+    for n in range(d_motion.shape[1]):
+        m0, m1, m2, m3, m4, m5 = _polynomial(place, d_motion, i, U(n))
+        dx, dy, dz = 0.0, 0.0, 0.0
+        if m3 != 0.0 or m4 != 0.0 or m5 != 0.0:
+            m3, m4, m5 = _left(t0, t1, t2, m3, m4, m5)
+            dx, dy, dz = m5 * y - m4 * z, m3 * z - m5 * x, m4 * x - m3 * y
+        dx, dy = (
+            g0 * (dx - m0) + g1 * (dy - m1) + g2 * (dz - m2),
+            h0 * (dx - m0) + h1 * (dy - m1) + h2 * (dz - m2),
+        )
+        _put(slot_column[i, slot], dx, dy, jb, b0, b1, jc, j0, j1)
+        slot += U(1)
 
 
-@njit(cache=True, inline="always", error_model="numpy")
+@njit(**SCALAR)
+def _polynomial(s, motion, i, k):
+    """Centre (3) and turn (3) at s; motion (images, k, 6 (degree + 1)) as of `_motion`."""
+    n = U(motion.shape[2] - 6)
+    m0, m1, m2 = motion[i, k, n], motion[i, k, n + U(1)], motion[i, k, n + U(2)]
+    m3, m4, m5 = motion[i, k, n + U(3)], motion[i, k, n + U(4)], motion[i, k, n + U(5)]
+    while n > U(0):
+        n -= U(6)
+        m0 = m0 * s + motion[i, k, n]
+        m1 = m1 * s + motion[i, k, n + U(1)]
+        m2 = m2 * s + motion[i, k, n + U(2)]
+        m3 = m3 * s + motion[i, k, n + U(3)]
+        m4 = m4 * s + motion[i, k, n + U(4)]
+        m5 = m5 * s + motion[i, k, n + U(5)]
+    return m0, m1, m2, m3, m4, m5
+
+
+@njit(**SCALAR)
+def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, width, camera_column,
+         slot_column, row_of, image_shift, motion, d_interior, d_image, d_motion, low, high,
+         wide, modelled, jc, jb, d, img, seen):  # fmt: skip
+    """`_see` and `_rows` of one observation, the k-th of its point.
+
+    Returns whether the point is ahead, the two weighted residuals and the cost.
+    """
+    cost = _see(
+        o, 1, o - e, img, px, py, pz, xy, weight, pose, interior, radials, loss, width, row_of,
+        image_shift, motion, modelled, seen,
+    )  # fmt: skip
+    j0, b0 = k * U(2 * d), k * U(2) * wide
+    _rows(
+        i, e, seen, U(0), pose, interior, radials, camera_column, slot_column, motion, d_interior,
+        d_image, d_motion, low, high, jc, j0, j0 + U(d), d, jb, b0, b0 + wide,
+    )  # fmt: skip
+    ahead = seen[U(2)] > 0.0
+    return ahead, seen[U(14)] if ahead else 0.0, seen[U(15)] if ahead else 0.0, cost
+
+
+@njit(**KERNEL)
+def _residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, motion,
+               image_shift, base, out, modelled, weight, seen):  # fmt: skip
+    behind = 0
+    for p in range(first, last):
+        start = ptr[p]
+        m = ptr[p + 1] - start
+        _see(
+            start, m, base, img, points[p, 0], points[p, 1], points[p, 2], xy, weight, pose,
+            interior, radials, SQUARES, 0.0, row_of, image_shift, motion, modelled, seen,
+        )  # fmt: skip
+        for k in range(m):
+            at = U(k * SEEN)
+            ahead = seen[at + U(2)] > 0.0
+            behind += 0 if ahead else 1
+            out[start + k, 0] = seen[at + U(14)] if ahead else np.nan
+            out[start + k, 1] = seen[at + U(15)] if ahead else np.nan
+    return behind
+
+
+def residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, motion,
+              image_shift, base, out, modelled):  # fmt: skip
+    """Residuals (pixels, measured minus modelled) of the observations of points first..last.
+
+    modelled: (n, 4) or (0, 4); receives x, y, u, v of each. Returns how many are behind a camera
+    (their residual is NaN).
+    """
+    longest = int(np.diff(ptr[first : last + 1]).max(initial=1))
+    return _residuals(
+        first, last, ptr, img, xy, points, pose, interior, radials, row_of, motion, image_shift,
+        base, out, modelled, np.ones(1), np.zeros(longest * SEEN),
+    )  # fmt: skip
+
+
+@njit(**KERNEL)
+def cost(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width, row_of,
+         motion, image_shift, base, modelled, seen):  # fmt: skip
+    """Sum of rho over the observations of points first..last, and how many are behind a camera.
+
+    seen: (most rays of a point * SEEN,) to work in.
+    """
+    total = 0.0
+    behind = 0
+    for p in range(first, last):
+        start = ptr[p]
+        m = ptr[p + 1] - start
+        total += _see(
+            start, m, base, img, points[p, 0], points[p, 1], points[p, 2], xy, weight, pose,
+            interior, radials, loss, width, row_of, image_shift, motion, modelled, seen,
+        )  # fmt: skip
+        for k in range(m):
+            behind += 0 if seen[U(k * SEEN + 2)] > 0.0 else 1
+    return total, behind
+
+
+# --- four numbers at a time -------------------------------------------------------------------
+
+
+@njit(**SCALAR)
+def _panel(x, at):
+    """The PANEL numbers from `at` on."""
+    return x[at], x[at + U(1)], x[at + U(2)], x[at + U(3)]
+
+
+@njit(**SCALAR)
+def _set(x, at, x0, x1, x2, x3):
+    """x[at:at + PANEL] = ..."""
+    x[at] = x0
+    x[at + U(1)] = x1
+    x[at + U(2)] = x2
+    x[at + U(3)] = x3
+
+
+@njit(**SCALAR)
+def _add(out, at, f, x0, x1, x2, x3, g, y0, y1, y2, y3):
+    """out[at:at + PANEL] += f x + g y."""
+    s0 = out[at] + f * x0 + g * y0
+    s1 = out[at + U(1)] + f * x1 + g * y1
+    s2 = out[at + U(2)] + f * x2 + g * y2
+    s3 = out[at + U(3)] + f * x3 + g * y3
+    _set(out, at, s0, s1, s2, s3)
+
+
+@njit(**SCALAR)
+def _less(x, at, a0, a1, a2, y, y0, y1, y2):
+    """x[at:at + PANEL] - a0 y[y0:] - a1 y[y1:] - a2 y[y2:]."""
+    return (
+        x[at] - a0 * y[y0] - a1 * y[y1] - a2 * y[y2],
+        x[at + U(1)] - a0 * y[y0 + U(1)] - a1 * y[y1 + U(1)] - a2 * y[y2 + U(1)],
+        x[at + U(2)] - a0 * y[y0 + U(2)] - a1 * y[y1 + U(2)] - a2 * y[y2 + U(2)],
+        x[at + U(3)] - a0 * y[y0 + U(3)] - a1 * y[y1 + U(3)] - a2 * y[y2 + U(3)],
+    )
+
+
+@njit(**SCALAR)
+def _by_point(jc, at, apart, rays, row, x, x_at, x_apart, x_row):
+    """-P'x of a point: three panels, one a coordinate; x two rows a ray, like P (jc from at on)."""
+    w00, w01, w02, w03 = 0.0, 0.0, 0.0, 0.0
+    w10, w11, w12, w13 = 0.0, 0.0, 0.0, 0.0
+    w20, w21, w22, w23 = 0.0, 0.0, 0.0, 0.0
+    for _ in range(rays):
+        for half in range(2):
+            n = at + U(half) * row
+            x0, x1, x2, x3 = _panel(x, x_at + U(half) * x_row)
+            f = jc[n]
+            w00 += f * x0
+            w01 += f * x1
+            w02 += f * x2
+            w03 += f * x3
+            f = jc[n + U(1)]
+            w10 += f * x0
+            w11 += f * x1
+            w12 += f * x2
+            w13 += f * x3
+            f = jc[n + U(2)]
+            w20 += f * x0
+            w21 += f * x1
+            w22 += f * x2
+            w23 += f * x3
+        at += apart
+        x_at += x_apart
+    return w00, w01, w02, w03, w10, w11, w12, w13, w20, w21, w22, w23
+
+
+@njit(**SCALAR)
+def _gram(x, start, rows, width, first, last, at, columns, out, to):
+    """out[c, r] = sum of x[:, at + c] x[:, r]: the rows r of first..last of `columns` columns.
+
+    x: (rows, width) from start on; out: rows of `width`, from `to` on. first: a multiple of PANEL.
+    Six columns are made at once, the last six whole.
+    """
+    for c in range(0, columns, 6):
+        for r in range(first, last, PANEL):
+            a0, a1, a2, a3 = 0.0, 0.0, 0.0, 0.0
+            b0, b1, b2, b3 = 0.0, 0.0, 0.0, 0.0
+            c0, c1, c2, c3 = 0.0, 0.0, 0.0, 0.0
+            d0, d1, d2, d3 = 0.0, 0.0, 0.0, 0.0
+            e0, e1, e2, e3 = 0.0, 0.0, 0.0, 0.0
+            f0, f1, f2, f3 = 0.0, 0.0, 0.0, 0.0
+            row = start
+            for _ in range(rows):
+                x0, x1, x2, x3 = _panel(x, row + U(r))
+                n = row + U(at + c)
+                f = x[n]
+                a0 += f * x0
+                a1 += f * x1
+                a2 += f * x2
+                a3 += f * x3
+                f = x[n + U(1)]
+                b0 += f * x0
+                b1 += f * x1
+                b2 += f * x2
+                b3 += f * x3
+                f = x[n + U(2)]
+                c0 += f * x0
+                c1 += f * x1
+                c2 += f * x2
+                c3 += f * x3
+                f = x[n + U(3)]
+                d0 += f * x0
+                d1 += f * x1
+                d2 += f * x2
+                d3 += f * x3
+                f = x[n + U(4)]
+                e0 += f * x0
+                e1 += f * x1
+                e2 += f * x2
+                e3 += f * x3
+                f = x[n + U(5)]
+                f0 += f * x0
+                f1 += f * x1
+                f2 += f * x2
+                f3 += f * x3
+                row += U(width)
+            n = to + U(c * width + r)
+            _set(out, n, a0, a1, a2, a3)
+            _set(out, n + U(width), b0, b1, b2, b3)
+            _set(out, n + U(2 * width), c0, c1, c2, c3)
+            _set(out, n + U(3 * width), d0, d1, d2, d3)
+            _set(out, n + U(4 * width), e0, e1, e2, e3)
+            _set(out, n + U(5 * width), f0, f1, f2, f3)
+
+
+@njit(**SCALAR)
+def _subtract(out, at, x, n):
+    """out[at:at + 6] -= x[n:n + 6]."""
+    s0, s1, s2 = out[at] - x[n], out[at + U(1)] - x[n + U(1)], out[at + U(2)] - x[n + U(2)]
+    s3, s4 = out[at + U(3)] - x[n + U(3)], out[at + U(4)] - x[n + U(4)]
+    s5 = out[at + U(5)] - x[n + U(5)]
+    _set(out, at, s0, s1, s2, s3)
+    out[at + U(4)] = s4
+    out[at + U(5)] = s5
+
+
+@njit(**SCALAR)
 def _invert_cholesky(v0, v1, v2, v3, v4, v5):
     """Inverse of the lower Cholesky factor of (00 10 11 20 21 22), in the same order.
 
@@ -382,7 +650,7 @@ def _invert_cholesky(v0, v1, v2, v3, v4, v5):
     return i0, i1, i2, i5 * (-l3 * i0 - l4 * i1), -i5 * l4 * i2, i5, weak
 
 
-@njit(cache=True, inline="always")
+@njit(**SCALAR)
 def block_offset(i, j, t, d, stride, neighbour_start, neighbour):
     """Where the block (rows of image j, columns of image i <= j) begins in the flat matrix.
 
@@ -403,181 +671,104 @@ def block_offset(i, j, t, d, stride, neighbour_start, neighbour):
     return U(lower * d * d)
 
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
-def _subtract_block(matrix, offset, stride, y, a, b, d):
-    """matrix block (rows of ray b, columns of ray a) -= Y_b Y_a'; a, b: where in y."""
-    y00, y01, y02 = y[b], y[b + U(1)], y[b + U(2)]
-    y03, y04, y05 = y[b + U(3)], y[b + U(4)], y[b + U(5)]
-    n = b + U(d)
-    y10, y11, y12 = y[n], y[n + U(1)], y[n + U(2)]
-    y13, y14, y15 = y[n + U(3)], y[n + U(4)], y[n + U(5)]
-    n += U(d)
-    y20, y21, y22 = y[n], y[n + U(1)], y[n + U(2)]
-    y23, y24, y25 = y[n + U(3)], y[n + U(4)], y[n + U(5)]
-    for c in range(d):
-        j0, j1, j2 = y[a + U(c)], y[a + U(d + c)], y[a + U(2 * d + c)]
-        at = offset + U(c * stride)
-        # All loads before the first store: the compiler cannot know that y is not matrix.
-        s0 = matrix[at] - (j0 * y00 + j1 * y10 + j2 * y20)
-        s1 = matrix[at + U(1)] - (j0 * y01 + j1 * y11 + j2 * y21)
-        s2 = matrix[at + U(2)] - (j0 * y02 + j1 * y12 + j2 * y22)
-        s3 = matrix[at + U(3)] - (j0 * y03 + j1 * y13 + j2 * y23)
-        s4 = matrix[at + U(4)] - (j0 * y04 + j1 * y14 + j2 * y24)
-        s5 = matrix[at + U(5)] - (j0 * y05 + j1 * y15 + j2 * y25)
-        matrix[at] = s0
-        matrix[at + U(1)] = s1
-        matrix[at + U(2)] = s2
-        matrix[at + U(3)] = s3
-        matrix[at + U(4)] = s4
-        matrix[at + U(5)] = s5
-        for r in range(6, d):
-            n = b + U(r)
-            matrix[at + U(r)] -= j0 * y[n] + j1 * y[n + U(d)] + j2 * y[n + U(2 * d)]
+# --- the kernels --------------------------------------------------------------------------------
 
 
-@njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
-def _add2(out, at, f0, f1, x, x0, x1):
-    """out[at:at + PANEL] += f0 x[x0:] + f1 x[x1:]."""
-    s0 = out[at] + (f0 * x[x0] + f1 * x[x1])
-    s1 = out[at + U(1)] + (f0 * x[x0 + U(1)] + f1 * x[x1 + U(1)])
-    s2 = out[at + U(2)] + (f0 * x[x0 + U(2)] + f1 * x[x1 + U(2)])
-    s3 = out[at + U(3)] + (f0 * x[x0 + U(3)] + f1 * x[x1 + U(3)])
-    out[at] = s0
-    out[at + U(1)] = s1
-    out[at + U(2)] = s2
-    out[at + U(3)] = s3
-
-
-@njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
-def _less3(out, at, x, x0, f0, f1, f2, y, y0, y1, y2):
-    """out[at:at + PANEL] = x[x0:] - (f0 y[y0:] + f1 y[y1:] + f2 y[y2:])."""
-    s0 = x[x0] - (f0 * y[y0] + f1 * y[y1] + f2 * y[y2])
-    s1 = x[x0 + U(1)] - (f0 * y[y0 + U(1)] + f1 * y[y1 + U(1)] + f2 * y[y2 + U(1)])
-    s2 = x[x0 + U(2)] - (f0 * y[y0 + U(2)] + f1 * y[y1 + U(2)] + f2 * y[y2 + U(2)])
-    s3 = x[x0 + U(3)] - (f0 * y[y0 + U(3)] + f1 * y[y1 + U(3)] + f2 * y[y2 + U(3)])
-    out[at] = s0
-    out[at + U(1)] = s1
-    out[at + U(2)] = s2
-    out[at + U(3)] = s3
+@njit(**SCALAR)
+def _same_images(img, start, m, following):
+    """Whether the next point, of `following` rays, is seen by the same m images."""
+    if m != following:
+        return False
+    for k in range(m):
+        if img[U(start + k)] != img[U(start + m + k)]:
+            return False
+    return True
 
 
 def make_assemble(d):
     """The assembly for images with `d` unknowns (6 and the effects of their own)."""
+    # A ray's row in jc: its residual, then d unknowns, in whole panels.
+    row = -(-(d + 1) // PANEL) * PANEL
+    sixes = -(-d // 6) * 6  # as many columns as _gram makes
+    # Behind Y's last image its last panel runs over, and n needs a column.
+    behind_y = max(-(-d // PANEL) * PANEL - d, 1)
 
-    @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-    def assemble(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
-                 camera_column, slot_column, low, high, row_of, image_shift, motion, d_interior,
-                 d_image, d_motion, base, control, control_weight, control_residual, d_ground,
-                 ground_column, wide, damping, split, extra, matrix, stride, neighbour_start,
-                 neighbour, gradient, diagonal, border, corner, corner_gradient, corner_diagonal,
-                 modelled, totals, longest):  # fmt: skip
-        """Add the reduced normal equations of points first..last.
-
-        matrix: flat, see `block_offset`; columns of images >= split go `extra` images later, so
-        that two threads do not meet. Flat as well: gradient, diagonal (images, d), border
-        (images, d, wide), corner (wide, wide, both halves), corner_gradient, corner_diagonal
-        (wide,). low, high: panels of the border that an image touches. control: (points,) row of
-        the control arrays or -1. totals: cost, behind, weak directions.
-        """
-        rows = longest + 2  # room for the three rows of a control point
-        jc = np.zeros(longest * 2 * d)
-        jb = np.zeros(2 * rows * wide)
-        left = np.zeros(2 * wide)
-        res = np.zeros(2 * rows)
-        seen = np.zeros(longest, dtype=np.uint8)
-        y = np.zeros(longest * 3 * d)
-        wb = np.zeros(3 * wide)
-        yb = np.zeros(3 * wide)
+    @njit(**KERNEL)
+    def core(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
+             camera_column, slot_column, low, high, row_of, image_shift, motion, d_interior,
+             d_image, d_motion, base, control, control_weight, control_residual, d_ground,
+             ground_column, wide, damping, split, extra, matrix, stride, neighbour_start,
+             neighbour, gradient, diagonal, border, corner, corner_gradient, corner_diagonal,
+             modelled, totals, used, seen, jc, jb, res, y, z, stripe, own):  # fmt: skip
         q = U(wide)
+        ray, apart = U(2 * row), U(GROUP * 2 * row)  # from a point's ray to the next, in jc
+        cost = 0.0
+        behind = 0
+        waiting = 0
         for p in range(first, last):
             px, py, pz = points[p, 0], points[p, 1], points[p, 2]
             start = ptr[p]
             m = ptr[p + 1] - start
-            v0 = 0.0
-            v1 = 0.0
-            v2 = 0.0
-            v3 = 0.0
-            v4 = 0.0
-            v5 = 0.0
-            gp0 = 0.0
-            gp1 = 0.0
-            gp2 = 0.0
-            lo = wide
-            hi = 0
+            lo, hi = wide, 0
             for k in range(m):
-                i = img[start + k]
+                i = U(img[U(start + k)])
                 lo, hi = min(lo, low[i]), max(hi, high[i])
-            row = control[p]
-            if row >= 0:
+            given = control[p]
+            if given >= 0:
                 for s in range(d_ground.shape[2]):
-                    c = ground_column[row, s]
+                    c = ground_column[given, s]
                     if c >= 0:
                         lo, hi = min(lo, c // PANEL * PANEL), max(hi, c // PANEL * PANEL + PANEL)
-            for c in range(lo, hi):
-                wb[U(c)] = 0.0
-                wb[q + U(c)] = 0.0
-                wb[q + q + U(c)] = 0.0
+
+            cost += _see(
+                start, m, base, img, px, py, pz, xy, weight, pose, interior, radials, loss, width,
+                row_of, image_shift, motion, modelled, seen,
+            )  # fmt: skip
+            j_first = U(waiting) * ray
             for k in range(m):
                 o = U(start + k)
-                i = U(img[o])
-                ahead, e0, e1, cost = _ray(
-                    o, o - U(base), i, U(k), px, py, pz, xy, weight, pose, interior, radials, loss,
-                    width, camera_column, slot_column, row_of, image_shift, motion,
-                    d_interior, d_image, d_motion, lo, hi, q, modelled, jc, jb, d,
-                )  # fmt: skip
-                seen[k] = ahead
-                if not ahead:
-                    totals[1] += 1.0
-                    for r in range(2 * d):
-                        jc[U(k * 2 * d + r)] = 0.0
-                    continue
-                totals[0] += cost
-                res[2 * k] = e0
-                res[2 * k + 1] = e1
-                j0 = U(k * 2 * d)
-                j1 = j0 + U(d)
-                a0, a1, a2 = -jc[j0], -jc[j0 + U(1)], -jc[j0 + U(2)]
-                c0, c1, c2 = -jc[j1], -jc[j1 + U(1)], -jc[j1 + U(2)]
-                v0 += a0 * a0 + c0 * c0
-                v1 += a1 * a0 + c1 * c0
-                v2 += a1 * a1 + c1 * c1
-                v3 += a2 * a0 + c2 * c0
-                v4 += a2 * a1 + c2 * c1
-                v5 += a2 * a2 + c2 * c2
-                gp0 += a0 * e0 + c0 * e1
-                gp1 += a1 * e0 + c1 * e1
-                gp2 += a2 * e0 + c2 * e1
+                at = U(k * SEEN)
+                j0 = j_first + U(k) * apart
+                j1 = j0 + U(row)
                 b0 = U(2 * k) * q
-                for c in range(lo, hi, PANEL):
-                    at = U(c)
-                    _add2(wb, at, a0, c0, jb, b0 + at, b0 + q + at)
-                    _add2(wb, q + at, a1, c1, jb, b0 + at, b0 + q + at)
-                    _add2(wb, q + q + at, a2, c2, jb, b0 + at, b0 + q + at)
-            if row >= 0:
+                _rows(
+                    U(img[o]), o - U(base), seen, at, pose, interior, radials, camera_column,
+                    slot_column, motion, d_interior, d_image, d_motion, lo, hi, jc, j0 + U(1),
+                    j1 + U(1), d, jb, b0, b0 + q,
+                )  # fmt: skip
+                ahead = seen[at + U(2)] > 0.0
+                behind += 0 if ahead else 1
+                jc[j0] = seen[at + U(14)] if ahead else 0.0
+                jc[j1] = seen[at + U(15)] if ahead else 0.0
+
+            # With the residual before the unknowns one panel gives P'e and V.
+            gp0, v0, _, _, gp1, v1, v2, _, gp2, v3, v4, v5 = _by_point(
+                jc, j_first + U(1), apart, m, U(row), jc, j_first, apart, U(row)
+            )
+            gp0, gp1, gp2 = -gp0, -gp1, -gp2
+            c0, c1, c2 = 0.0, 0.0, 0.0
+            if given >= 0:
                 # Three more rows, one a coordinate: by the point a unit vector, by the border
                 # what the effects on ground control say.
+                c0 = np.sqrt(control_weight[given, 0])
+                c1 = np.sqrt(control_weight[given, 1])
+                c2 = np.sqrt(control_weight[given, 2])
+                v0 += c0 * c0
+                v2 += c1 * c1
+                v5 += c2 * c2
                 for axis in range(3):
-                    root = np.sqrt(control_weight[row, axis])
-                    e0 = root * control_residual[row, axis]
-                    res[2 * m + axis] = e0
+                    root = np.sqrt(control_weight[given, axis])
+                    res[U(axis)] = root * control_residual[given, axis]
                     b0 = U(2 * m + axis) * q
                     for c in range(lo, hi):
                         jb[b0 + U(c)] = 0.0
                     for s in range(d_ground.shape[2]):
-                        c = ground_column[row, s]
+                        c = ground_column[given, s]
                         if c >= 0:
-                            jb[b0 + U(c)] += root * d_ground[row, axis, s]
-                    for c in range(lo, hi):
-                        wb[U(axis) * q + U(c)] += root * jb[b0 + U(c)]
-                    if axis == 0:
-                        v0 += root * root
-                        gp0 += root * e0
-                    elif axis == 1:
-                        v2 += root * root
-                        gp1 += root * e0
-                    else:
-                        v5 += root * root
-                        gp2 += root * e0
+                            jb[b0 + U(c)] += root * d_ground[given, axis, s]
+                gp0 += c0 * res[U(0)]
+                gp1 += c1 * res[U(1)]
+                gp2 += c2 * res[U(2)]
             grown = 1.0 + damping
             i0, i1, i2, i3, i4, i5, weak = _invert_cholesky(
                 v0 * grown, v1, v2 * grown, v3, v4, v5 * grown
@@ -586,156 +777,261 @@ def make_assemble(d):
             n0 = i0 * gp0
             n1 = i1 * gp0 + i2 * gp1
             n2 = i3 * gp0 + i4 * gp1 + i5 * gp2
-            for c in range(lo, hi):
-                b0, b1, b2 = wb[U(c)], wb[q + U(c)], wb[q + q + U(c)]
-                yb[U(c)] = i0 * b0
-                yb[q + U(c)] = i1 * b0 + i2 * b1
-                yb[q + q + U(c)] = i3 * b0 + i4 * b1 + i5 * b2
+            for x in range(lo, hi, PANEL):
+                n = U(x)
+                w00, w01, w02, w03, w10, w11, w12, w13, w20, w21, w22, w23 = _by_point(
+                    jc, j_first + U(1), apart, m, U(row), jb, n, q + q, q
+                )
+                if given >= 0:
+                    b0 = U(2 * m) * q + n
+                    f0, f1, f2, f3 = _panel(jb, b0)
+                    w00, w01, w02, w03 = w00 - c0 * f0, w01 - c0 * f1, w02 - c0 * f2, w03 - c0 * f3
+                    f0, f1, f2, f3 = _panel(jb, b0 + q)
+                    w10, w11, w12, w13 = w10 - c1 * f0, w11 - c1 * f1, w12 - c1 * f2, w13 - c1 * f3
+                    f0, f1, f2, f3 = _panel(jb, b0 + q + q)
+                    w20, w21, w22, w23 = w20 - c2 * f0, w21 - c2 * f1, w22 - c2 * f2, w23 - c2 * f3
+                _set(z, n, -i0 * w00, -i0 * w01, -i0 * w02, -i0 * w03)
+                _set(
+                    z, q + n, -i1 * w00 - i2 * w10, -i1 * w01 - i2 * w11, -i1 * w02 - i2 * w12,
+                    -i1 * w03 - i2 * w13,
+                )  # fmt: skip
+                _set(
+                    z, q + q + n, -i3 * w00 - i4 * w10 - i5 * w20, -i3 * w01 - i4 * w11 - i5 * w21,
+                    -i3 * w02 - i4 * w12 - i5 * w22, -i3 * w03 - i4 * w13 - i5 * w23,
+                )  # fmt: skip
+
+            # Y of this point: three rows of d m columns, and n as one more.
+            n_y = U(-(-(d * m + behind_y) // PANEL) * PANEL)
+            y_first = U(3 * waiting) * n_y
             for k in range(m):
-                j0 = U(k * 2 * d)
-                j1 = j0 + U(d)
-                t = img[start + k]
-                if t >= split:
-                    t += extra
+                j0 = j_first + U(k) * apart + U(1)
+                j1 = j0 + U(row)
+                i = img[U(start + k)]
+                t = i if i < split else i + extra
                 # T of both rows: P L^-T
                 a0, a1, a2 = -jc[j0], -jc[j0 + U(1)], -jc[j0 + U(2)]
-                c0, c1, c2 = -jc[j1], -jc[j1 + U(1)], -jc[j1 + U(2)]
                 a2 = i3 * a0 + i4 * a1 + i5 * a2
                 a1 = i1 * a0 + i2 * a1
                 a0 = i0 * a0
+                c0, c1, c2 = -jc[j1], -jc[j1 + U(1)], -jc[j1 + U(2)]
                 c2 = i3 * c0 + i4 * c1 + i5 * c2
                 c1 = i1 * c0 + i2 * c1
                 c0 = i0 * c0
-                at = U(k * 3 * d)
-                for r in range(d):
-                    f0, f1 = jc[j0 + U(r)], jc[j1 + U(r)]
-                    y[at + U(r)] = f0 * a0 + f1 * c0
-                    y[at + U(d + r)] = f0 * a1 + f1 * c1
-                    y[at + U(2 * d + r)] = f0 * a2 + f1 * c2
-                if not seen[k]:
-                    continue
-                e0 = res[2 * k] - (a0 * n0 + a1 * n1 + a2 * n2)
-                e1 = res[2 * k + 1] - (c0 * n0 + c1 * n1 + c2 * n2)
-                m00 = 1.0 - (a0 * a0 + a1 * a1 + a2 * a2)
-                m01 = -(a0 * c0 + a1 * c1 + a2 * c2)
-                m11 = 1.0 - (c0 * c0 + c1 * c1 + c2 * c2)
-                own = block_offset(
-                    img[start + k], img[start + k], t, d, stride, neighbour_start, neighbour
-                )
-                at = U(t * d)
-                for c in range(d):
-                    f0, f1 = jc[j0 + U(c)], jc[j1 + U(c)]
-                    gradient[at + U(c)] += f0 * e0 + f1 * e1
-                    diagonal[at + U(c)] += f0 * f0 + f1 * f1
-                    w0, w1 = m00 * f0 + m01 * f1, m01 * f0 + m11 * f1
-                    column = own + U(c * stride)
-                    for r in range(c, d):
-                        matrix[column + U(r)] += w0 * jc[j0 + U(r)] + w1 * jc[j1 + U(r)]
-                if hi > lo:
-                    b0 = U(2 * k) * q
-                    b1 = b0 + q
-                    for c in range(lo, hi, PANEL):
-                        x = U(c)
-                        _less3(left, x, jb, b0 + x, a0, a1, a2, yb, x, q + x, q + q + x)
-                        _less3(left, q + x, jb, b1 + x, c0, c1, c2, yb, x, q + x, q + q + x)
-                        for r in range(d):
-                            out = (at + U(r)) * q + x
-                            _add2(border, out, jc[j0 + U(r)], jc[j1 + U(r)], left, x, q + x)
-                    for r in range(lo, hi):
-                        f0, f1 = jb[b0 + U(r)], jb[b1 + U(r)]
-                        corner_gradient[U(r)] += f0 * e0 + f1 * e1
-                        corner_diagonal[U(r)] += f0 * f0 + f1 * f1
-                        for c in range(lo, hi, PANEL):
-                            _add2(corner, U(r) * q + U(c), f0, f1, left, U(c), q + U(c))
-            if row >= 0 and d_ground.shape[2] > 0:
+                # The last panel runs into the next image's columns, which are filled after it.
+                for x in range(0, d, PANEL):
+                    f0, f1, f2, f3 = _panel(jc, j0 + U(x))
+                    h0, h1, h2, h3 = _panel(jc, j1 + U(x))
+                    n = y_first + U(k * d + x)
+                    _set(
+                        y, n, f0 * a0 + h0 * c0, f1 * a0 + h1 * c0, f2 * a0 + h2 * c0,
+                        f3 * a0 + h3 * c0,
+                    )  # fmt: skip
+                    n += n_y
+                    _set(
+                        y, n, f0 * a1 + h0 * c1, f1 * a1 + h1 * c1, f2 * a1 + h2 * c1,
+                        f3 * a1 + h3 * c1,
+                    )  # fmt: skip
+                    n += n_y
+                    _set(
+                        y, n, f0 * a2 + h0 * c2, f1 * a2 + h1 * c2, f2 * a2 + h2 * c2,
+                        f3 * a2 + h3 * c2,
+                    )  # fmt: skip
+                e0 = jc[j0 - U(1)] - (a0 * n0 + a1 * n1 + a2 * n2)
+                e1 = jc[j1 - U(1)] - (c0 * n0 + c1 * n1 + c2 * n2)
+                b0 = U(2 * k) * q
+                b1 = b0 + q
+                for x in range(lo, hi, PANEL):
+                    n = U(x)
+                    s0, s1, s2, s3 = _less(jb, b0 + n, a0, a1, a2, z, n, q + n, q + q + n)
+                    u0, u1, u2, u3 = _less(jb, b1 + n, c0, c1, c2, z, n, q + n, q + q + n)
+                    at = U(t * d) * q + n
+                    for r in range(d):
+                        f, g = jc[j0 + U(r)], jc[j1 + U(r)]
+                        _add(border, at, f, s0, s1, s2, s3, g, u0, u1, u2, u3)
+                        at += q
+                    for r in range(x, min(hi, used)):
+                        f, g = jb[b0 + U(r)], jb[b1 + U(r)]
+                        _add(corner, U(r) * q + n, f, s0, s1, s2, s3, g, u0, u1, u2, u3)
+                    s0, s1, s2, s3 = _panel(jb, b0 + n)
+                    u0, u1, u2, u3 = _panel(jb, b1 + n)
+                    _add(corner_gradient, n, e0, s0, s1, s2, s3, e1, u0, u1, u2, u3)
+                    s0, s1, s2, s3 = s0 * s0, s1 * s1, s2 * s2, s3 * s3
+                    u0, u1, u2, u3 = u0 * u0, u1 * u1, u2 * u2, u3 * u3
+                    _add(corner_diagonal, n, 1.0, s0, s1, s2, s3, 1.0, u0, u1, u2, u3)
+            if given >= 0 and d_ground.shape[2] > 0:
                 for axis in range(3):
-                    root = np.sqrt(control_weight[row, axis])
-                    a0 = 0.0
-                    a1 = 0.0
-                    a2 = i5 * root
+                    root = np.sqrt(control_weight[given, axis])
+                    a0, a1, a2 = 0.0, 0.0, i5 * root
                     if axis == 0:
                         a0, a1, a2 = i0 * root, i1 * root, i3 * root
                     elif axis == 1:
                         a1, a2 = i2 * root, i4 * root
-                    e0 = res[2 * m + axis] - (a0 * n0 + a1 * n1 + a2 * n2)
+                    e0 = res[U(axis)] - (a0 * n0 + a1 * n1 + a2 * n2)
                     b0 = U(2 * m + axis) * q
-                    for c in range(lo, hi, PANEL):
-                        x = U(c)
-                        _less3(left, x, jb, b0 + x, a0, a1, a2, yb, x, q + x, q + q + x)
+                    for x in range(lo, hi, PANEL):
+                        n = U(x)
+                        s0, s1, s2, s3 = _less(jb, b0 + n, a0, a1, a2, z, n, q + n, q + q + n)
+                        for r in range(x, hi):
+                            f = jb[b0 + U(r)]
+                            _add(corner, U(r) * q + n, f, s0, s1, s2, s3, 0.0, 0.0, 0.0, 0.0, 0.0)
                     for r in range(lo, hi):
-                        f0 = jb[b0 + U(r)]
-                        if f0 != 0.0:
-                            corner_gradient[U(r)] += f0 * e0
-                            corner_diagonal[U(r)] += f0 * f0
-                            for c in range(lo, hi):
-                                corner[U(r) * q + U(c)] += f0 * left[U(c)]
-            for k in range(m):
-                i = img[start + k]
-                t = i if i < split else i + extra
-                for n in range(k + 1, m):
-                    offset = block_offset(
-                        i, img[start + n], t, d, stride, neighbour_start, neighbour
-                    )
-                    _subtract_block(matrix, offset, stride, y, U(k * 3 * d), U(n * 3 * d), d)
+                        f = jb[b0 + U(r)]
+                        corner_gradient[U(r)] += f * e0
+                        corner_diagonal[U(r)] += f * f
+            n = y_first + U(d * m)
+            y[n] = n0
+            y[n + n_y] = n1
+            y[n + n_y + n_y] = n2
+            waiting += 1
+            if (
+                waiting < GROUP
+                and p + 1 < last
+                and _same_images(img, start, m, ptr[p + 2] - ptr[p + 1])
+            ):
+                continue
 
+            # J'J and Y'Y of all points that wait, image by image: first gathered, one image
+            # later added to the matrix. What has just been written in fours cannot be read in
+            # sixes before it has reached the cache.
+            for turn in range(m + 1):
+                if turn < m:
+                    k = turn
+                    _gram(
+                        y, U(0), 3 * waiting, n_y, k * d // PANEL * PANEL, n_y, k * d, d, stripe,
+                        U((k & 1) * sixes) * n_y,
+                    )  # fmt: skip
+                    _gram(
+                        jc, U(k) * apart, 2 * waiting, row, 0, row, 1, d, own,
+                        U((k & 1) * sixes * row),
+                    )  # fmt: skip
+                if turn == 0:
+                    continue
+                k = turn - 1
+                i = img[U(start + k)]
+                t = i if i < split else i + extra
+                ys = U((k & 1) * sixes) * n_y
+                js = U((k & 1) * sixes * row)
+                at = U(t * d)
+                offset = block_offset(i, i, t, d, stride, neighbour_start, neighbour)
+                for c in range(d):
+                    gradient[at + U(c)] += own[js] - stripe[ys + U(d * m)]
+                    diagonal[at + U(c)] += own[js + U(1 + c)]
+                    for r in range(c, d):
+                        matrix[offset + U(r)] += own[js + U(1 + r)] - stripe[ys + U(k * d + r)]
+                    js += U(row)
+                    ys += n_y
+                    offset += U(stride)
+                for n in range(k + 1, m):
+                    j = img[U(start + n)]
+                    offset = block_offset(i, j, t, d, stride, neighbour_start, neighbour)
+                    at = U((k & 1) * sixes) * n_y + U(n * d)
+                    for _ in range(d):
+                        _subtract(matrix, offset, stripe, at)
+                        for r in range(6, d):
+                            matrix[offset + U(r)] -= stripe[at + U(r)]
+                        at += n_y
+                        offset += U(stride)
+            waiting = 0
+        totals[0] += cost
+        totals[1] += behind
+
+    def assemble(*arguments):
+        """Add the reduced normal equations of points first..last.
+
+        Arguments as of `core` up to totals, and longest, the most rays of a point.
+        matrix: flat, see `block_offset`; columns of images >= split go `extra` images later, so
+        that two threads do not meet. Flat as well: gradient, diagonal (images, d), border
+        (images, d, wide), corner (wide, wide, lower half), corner_gradient, corner_diagonal
+        (wide,). low, high: panels of the border that an image touches. control: (points,) row of
+        the control arrays or -1. totals: cost, behind, weak directions.
+        """
+        *arguments, longest = arguments
+        wide = arguments[28]
+        # The last panel's columns that no ray touches are left out where it is easy.
+        touched = (arguments[12], arguments[13], arguments[27])  # columns by camera, slot, ground
+        used = 1 + max(int(columns.max(initial=-1)) for columns in touched)
+        n_y = -(-(d * longest + behind_y) // PANEL) * PANEL
+        core(
+            *arguments,
+            used,
+            np.zeros(longest * SEEN),
+            np.zeros(longest * GROUP * 2 * row + PANEL),
+            np.zeros((2 * longest + 3) * wide),
+            np.zeros(3),
+            np.zeros(GROUP * 3 * n_y + 2 * sixes),
+            np.zeros(3 * wide),
+            np.zeros(2 * sixes * n_y),
+            np.zeros(2 * sixes * row),
+        )
+
+    assemble.core = core
     return assemble
 
 
 def make_substitute(d):
     """The way back to the points for images with `d` unknowns."""
 
-    @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-    def substitute(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
-                   camera_column, slot_column, low, high, row_of, image_shift, motion, d_interior,
-                   d_image, d_motion, base, control, control_weight, control_residual, d_ground,
-                   ground_column, wide, damping, step, shared, moved, totals):  # fmt: skip
-        """Move points first..last by the step of the images (flat) and the border (wide,).
-
-        moved: (points, 3) receives the new points. totals: the points' part of step . gradient and
-        of step . diagonal . step.
-        """
-        jc = np.zeros(2 * d)
-        jb = np.zeros(2 * wide)
-        modelled = np.zeros((0, 4))
-        q = U(wide)
+    @njit(**KERNEL)
+    def core(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
+             camera_column, slot_column, low, high, row_of, image_shift, motion, d_interior,
+             d_image, d_motion, base, control, control_weight, control_residual, d_ground,
+             ground_column, wide, damping, step, shared, interior_step, image_step, motion_step,
+             moved, totals, modelled, seen):  # fmt: skip
+        moves = motion.shape[1] > 0
+        most = radials if d_interior.shape[2] == 0 else 8
         down = 0.0
         square = 0.0
         for p in range(first, last):
             px, py, pz = points[p, 0], points[p, 1], points[p, 2]
-            v0 = 0.0
-            v1 = 0.0
-            v2 = 0.0
-            v3 = 0.0
-            v4 = 0.0
-            v5 = 0.0
-            g0 = 0.0
-            g1 = 0.0
-            g2 = 0.0
-            t0 = 0.0
-            t1 = 0.0
-            t2 = 0.0
-            for o in range(ptr[p], ptr[p + 1]):
+            v0, v1, v2, v3, v4, v5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            g0, g1, g2 = 0.0, 0.0, 0.0
+            t0, t1, t2 = 0.0, 0.0, 0.0
+            start = ptr[p]
+            m = ptr[p + 1] - start
+            _see(
+                start, m, base, img, px, py, pz, xy, weight, pose, interior, radials, loss, width,
+                row_of, image_shift, motion, modelled, seen,
+            )  # fmt: skip
+            for k in range(m):
+                o, at = U(start + k), U(k * SEEN)
                 i = U(img[o])
-                lo, hi = low[i], high[i]
-                ahead, e0, e1, _ = _ray(
-                    U(o), U(o - base), i, U(0), px, py, pz, xy, weight, pose, interior, radials,
-                    loss, width, camera_column, slot_column, row_of, image_shift, motion,
-                    d_interior, d_image, d_motion, lo, hi, q, modelled, jc, jb, d,
-                )  # fmt: skip
-                if not ahead:
+                x, y, z, root = _panel(seen, at)
+                if not z > 0.0:
                     continue
-                a0, a1, a2 = -jc[U(0)], -jc[U(1)], -jc[U(2)]
-                c0, c1, c2 = -jc[U(d)], -jc[U(d + 1)], -jc[U(d + 2)]
+                u, v, a, b = _panel(seen, at + U(4))
+                # How far the step moves the pixel, weighted: first by the interior and the image
+                # effects, then by centre, turn and motion, by way of X.
+                f = interior[i, U(0)]
+                sx, sy = interior_change(u, v, a, b, f, most, interior_step, i, U(0))
+                for n in range(d_image.shape[2]):
+                    e = o - U(base)
+                    sx += d_image[e, U(0), U(n)] * image_step[i, U(n)]
+                    sy += d_image[e, U(1), U(n)] * image_step[i, U(n)]
+                sx *= root
+                sy *= root
+                n = i * U(d)
+                q0, q1, q2 = step[n + U(3)], step[n + U(4)], step[n + U(5)]
+                w0, w1, w2 = 0.0, 0.0, 0.0
+                if moves:
+                    k00, k01, k10, k11 = _slope(seen, at)
+                    sx, sy = k00 * sx + k01 * sy, k10 * sx + k11 * sy
+                    r0, r1, r2, place = _panel(seen, at + U(16))
+                    w0, w1, w2, w3, w4, w5 = _polynomial(place, motion_step, i, U(0))
+                    w3, w4, w5 = _left(r0, r1, r2, w3, w4, w5)
+                    q0, q1, q2 = q0 - w3, q1 - w4, q2 - w5
+                dx, dy, dz = q1 * z - q2 * y - w0, q2 * x - q0 * z - w1, q0 * y - q1 * x - w2
+                q0, q1, q2 = step[n], step[n + U(1)], step[n + U(2)]
+                f0, f1, f2, h0 = _panel(seen, at + U(8))
+                h1, h2, e0, e1 = _panel(seen, at + U(12))
+                a0, a1, a2 = _before_rotation(pose, i, f0, f1, f2)
+                sx += f0 * dx + f1 * dy + f2 * dz - (a0 * q0 + a1 * q1 + a2 * q2)
+                c0, c1, c2 = _before_rotation(pose, i, h0, h1, h2)
+                sy += h0 * dx + h1 * dy + h2 * dz - (c0 * q0 + c1 * q1 + c2 * q2)
                 g0 += a0 * e0 + c0 * e1
                 g1 += a1 * e0 + c1 * e1
                 g2 += a2 * e0 + c2 * e1
-                at = i * U(d)
-                for c in range(d):
-                    e0 -= jc[U(c)] * step[at + U(c)]
-                    e1 -= jc[U(d + c)] * step[at + U(c)]
-                for c in range(lo, hi):
-                    e0 -= jb[U(c)] * shared[U(c)]
-                    e1 -= jb[q + U(c)] * shared[U(c)]
+                e0 -= sx
+                e1 -= sy
                 t0 += a0 * e0 + c0 * e1
                 t1 += a1 * e0 + c1 * e1
                 t2 += a2 * e0 + c2 * e1
@@ -745,14 +1041,14 @@ def make_substitute(d):
                 v3 += a2 * a0 + c2 * c0
                 v4 += a2 * a1 + c2 * c1
                 v5 += a2 * a2 + c2 * c2
-            row = control[p]
-            if row >= 0:
-                w0, w1, w2 = (
-                    control_weight[row, 0], control_weight[row, 1], control_weight[row, 2]
-                )  # fmt: skip
-                e0, e1, e2 = (
-                    control_residual[row, 0], control_residual[row, 1], control_residual[row, 2]
-                )  # fmt: skip
+            given = control[p]
+            if given >= 0:
+                w0 = control_weight[given, 0]
+                w1 = control_weight[given, 1]
+                w2 = control_weight[given, 2]
+                e0 = control_residual[given, 0]
+                e1 = control_residual[given, 1]
+                e2 = control_residual[given, 2]
                 v0 += w0
                 v2 += w1
                 v5 += w2
@@ -760,11 +1056,11 @@ def make_substitute(d):
                 g1 += w1 * e1
                 g2 += w2 * e2
                 for s in range(d_ground.shape[2]):
-                    c = ground_column[row, s]
+                    c = ground_column[given, s]
                     if c >= 0:
-                        e0 -= d_ground[row, 0, s] * shared[c]
-                        e1 -= d_ground[row, 1, s] * shared[c]
-                        e2 -= d_ground[row, 2, s] * shared[c]
+                        e0 -= d_ground[given, 0, s] * shared[c]
+                        e1 -= d_ground[given, 1, s] * shared[c]
+                        e2 -= d_ground[given, 2, s] * shared[c]
                 t0 += w0 * e0
                 t1 += w1 * e1
                 t2 += w2 * e2
@@ -790,6 +1086,17 @@ def make_substitute(d):
         totals[0] += down
         totals[1] += square
 
+    def substitute(*arguments):
+        """Move points first..last by the step of the images (flat) and the border (wide,).
+
+        interior_step (m, 15, 1), image_step (m, k), motion_step (m, 1, 6 (degree + 1)): what that
+        step does to each image's interior, image effects and motion. moved: (points, 3) receives
+        the new points. totals: the points' part of step . gradient and of step . diagonal . step.
+        """
+        longest = int(np.diff(arguments[2][arguments[0] : arguments[1] + 1]).max(initial=1))
+        core(*arguments, np.zeros((0, 4)), np.zeros(longest * SEEN))
+
+    substitute.core = core
     return substitute
 
 

@@ -31,23 +31,15 @@ class Loss:
     kind: int = kernels.SQUARES
     width: float = 2.0
 
-    def rho(self, squares: np.ndarray) -> np.ndarray:
-        """Cost of squared lengths (n,)."""
-        if self.kind == kernels.SQUARES:
-            return squares
-        if self.kind == kernels.HUBER:
-            far = 2.0 * self.width * np.sqrt(squares) - self.width**2
-            return np.where(squares <= self.width**2, squares, far)
-        return self.width**2 * np.log1p(squares / self.width**2)
-
 
 @dataclass
 class View:
     """A state as the kernels take it.
 
     pose (m, 12): centre and rotation; interior (m, 15) with the effects on it, radials of them in
-    use; row_of (m, 3) and motion (m, degree + 1, 6) as in `Images.row_of`, `Stack.motion_by_row`;
-    d_: derivatives by the effects; control_residual (c, 3): given minus modelled, m.
+    use; row_of (m, 3) as in `Images.row_of`; motion (m, 6 (degree + 1)) and d_motion
+    (m, parameters, 6 (degree + 1)) as in `_for_kernels`; the other d_: derivatives by the
+    effects; control_residual (c, 3): given minus modelled, m.
     """
 
     state: State
@@ -115,6 +107,7 @@ class Normal:
         if p.stack.at("camera"):
             interior = interior + shift
         motion, d_motion = p.stack.motion_by_row(images, state.effects)
+        motion, d_motion = _for_kernels(state.rotation, motion, d_motion)
         if len(p.control_rows):
             names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
             ground = Context(images, point=list(names), position=p.control_given)
@@ -210,10 +203,16 @@ class Normal:
     def cost_at(self, state: State) -> tuple[float, int]:
         """Cost at a state and how many observations are behind a camera, without derivatives."""
         p = self.problem
-        residual, behind = self.look(state, passes=1)
-        squares = np.einsum("nk,nk->n", residual, residual) * p.weight**2
         view = self.view(state)
-        cost = float(np.sum(self.loss.rho(squares)))
+        seen = np.zeros(self.longest * kernels.SEEN)
+        cost, behind = 0.0, 0
+        for first, last in self.chunks(0, len(p.ptr) - 1):
+            more, hidden = kernels.cost(
+                first, last, p.ptr, p.img, p.xy, p.weight, state.points, view.pose, view.interior,
+                view.radials, self.loss.kind, self.loss.width, view.row_of, view.motion,
+                self.shifts(view, first, last)[0], p.ptr[first], self.modelled, seen,
+            )  # fmt: skip
+            cost, behind = cost + more, behind + hidden
         cost += float(np.sum(p.control_weight * view.control_residual**2))
         if len(p.gnss_image):
             predicted, *_ = self.antenna(state, view.images)
@@ -385,18 +384,46 @@ class Normal:
         totals = np.zeros((self.threads, 2))
         padded = np.zeros(p.wide)
         padded[: len(shared)] = shared
+        interior, image, motion = self._effect_steps(view, step, padded)
         kernel = substitute_for(p.d)
 
         def work(thread: int, start: int, stop: int) -> None:
             for first, last in self.chunks(start, stop):
                 kernel(
-                    *self.arguments(view, first, last), damping, step.ravel(), padded, moved,
-                    totals[thread],
+                    *self.arguments(view, first, last), damping, step.ravel(), padded, interior,
+                    image, motion, moved, totals[thread],
                 )  # fmt: skip
 
         self._run(work)
         down, square = totals.sum(axis=0)
         return moved, float(down), float(square)
+
+    def _effect_steps(self, view: View, step: np.ndarray, shared: np.ndarray):
+        """What a step does to each image: interior (m, 15, 1), image effects (m, k), motion.
+
+        The motion as coefficients (m, 1, 6 (degree + 1)). shared: (wide,).
+        """
+        p = self.problem
+        camera = np.where(p.camera_column >= 0, shared[p.camera_column], 0.0)
+        slots = np.where(p.slot_column >= 0, shared[p.slot_column], 0.0)
+        image, slot = np.nonzero(p.slot_column <= -2)
+        slots[image, slot] = step[image, 4 - p.slot_column[image, slot]]
+        first = view.d_interior.shape[2]
+        last = slots.shape[1] - view.d_motion.shape[1]
+        interior = camera + np.einsum("ikn,in->ik", view.d_interior, slots[:, :first])
+        motion = np.einsum("ink,in->ik", view.d_motion, slots[:, last:])
+        return interior[:, :, None], np.ascontiguousarray(slots[:, first:last]), motion[:, None]
+
+
+def _for_kernels(rotation: np.ndarray, motion: np.ndarray, d_motion: np.ndarray):
+    """Motion (m, 6 (degree + 1)) and its derivative (m, k, 6 (degree + 1)) as the kernels take it.
+
+    The centre moves in the camera frame. Arguments as of `Stack.motion_by_row`.
+    """
+    both = np.concatenate([motion[..., None], d_motion], axis=3)
+    both[:, :, :3] = np.einsum("iab,iqbk->iqak", rotation, both[:, :, :3])
+    both = both.transpose(0, 3, 1, 2).reshape(len(both), both.shape[3], -1)
+    return np.ascontiguousarray(both[:, 0]), np.ascontiguousarray(both[:, 1:])
 
 
 def _cross(vector: np.ndarray) -> np.ndarray:

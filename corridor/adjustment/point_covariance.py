@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from corridor.adjustment.kernels import U, _invert_cholesky, _ray, block_offset
+from corridor.adjustment.kernels import SEEN, U, _invert_cholesky, _ray, block_offset
 
 
 def make_point_covariance(d):
@@ -28,6 +28,7 @@ def make_point_covariance(d):
         kb = np.zeros((q, 3))
         kc = np.zeros((longest, d, 3))
         modelled = np.zeros((0, 4))
+        seen = np.zeros(SEEN)
         for p in range(first, last):
             start = ptr[p]
             m = ptr[p + 1] - start
@@ -39,7 +40,7 @@ def make_point_covariance(d):
                     U(start + k), U(start + k - base), i, U(k), points[p, 0], points[p, 1],
                     points[p, 2], xy, weight, pose, interior, radials, loss, width, camera_column,
                     slot_column, row_of, image_shift, motion, d_interior, d_image, d_motion,
-                    low[i], high[i], U(wide), modelled, jc, jb, d,
+                    low[i], high[i], U(wide), modelled, jc, jb, d, img, seen,
                 )  # fmt: skip
                 for row in range(2):
                     at = k * 2 * d + row * d

@@ -322,7 +322,7 @@ class _Network:
 
 
 def _network(block: Block, images: Images, control: set[str], unused: set[str]) -> _Network:
-    """Observations sorted by point and image, points by their first image, images by place."""
+    """Observations sorted by point and image, points by their images, images by place."""
     tie, mark = block.tie_points, block.marks
     tie_names = tie["point"].cat.categories
     mark_names = mark["point"].cat.categories
@@ -354,7 +354,9 @@ def _network(block: Block, images: Images, control: set[str], unused: set[str]) 
     del image
     first = np.full(count, len(order), dtype=np.int32)
     np.minimum.at(first, point, at)
-    by_first = np.argsort(first, kind="stable")
+    # Points that the same images see belong together: the kernel gathers them.
+    same = np.bincount(point, at.astype(float) ** 2, minlength=count)
+    by_first = np.lexsort((same, first))
     number = np.empty(count, dtype=np.int64)
     number[by_first] = np.arange(count)
     key = number[point]
