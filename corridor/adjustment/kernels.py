@@ -218,8 +218,13 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
             t0, t1, t2, s = _panel(seen, at + U(16))
             c0, c1, c2, sine = _panel(seen, at + U(24))
             cosine = seen[at + U(28)]
-            g0, g1, g2 = _turn(sine, cosine, t0, t1, t2, g0, g1, g2)
-            h0, h1, h2 = _turn(sine, cosine, t0, t1, t2, h0, h1, h2)
+            if cosine > 0.49999995:
+                # A turn below a milliradian: its square is nothing to a derivative.
+                g0, g1, g2 = g0 + t1 * g2 - t2 * g1, g1 + t2 * g0 - t0 * g2, g2 + t0 * g1 - t1 * g0
+                h0, h1, h2 = h0 + t1 * h2 - t2 * h1, h1 + t2 * h0 - t0 * h2, h2 + t0 * h1 - t1 * h0
+            else:
+                g0, g1, g2 = _turn(sine, cosine, t0, t1, t2, g0, g1, g2)
+                h0, h1, h2 = _turn(sine, cosine, t0, t1, t2, h0, h1, h2)
             factor = row_of[i, U(1)]
             slope_x = factor * (g0 * c0 + g1 * c1 + g2 * c2)
             slope_y = factor * (h0 * c0 + h1 * c1 + h2 * c2)
