@@ -4,6 +4,7 @@ python run.py                    adjust the shipped block; results under out/dik
 python run.py BLOCK              the same with your own block folder
 python run.py BLOCK -o OUT ...   anything after BLOCK goes to `corridor adjust`
 python run.py test               style, import contract, tests and notebooks
+python run.py test --all         the long tests as well
 
 The first run makes the folder .venv beside this file and installs into it the versions
 named in constraints.txt; later runs use it again until those or pyproject.toml change.
@@ -26,6 +27,8 @@ STAMP = VENV / "corridor-installed.json"
 SHIPPED_BLOCK = ROOT / "data_synthetic" / "dike"
 OLDEST = (3, 11)
 NBVAL = ("--nbval", "--nbval-current-env", "--nbval-cell-timeout", "600")
+# A file is one worker's: what its tests share is made once.
+WORKERS = ("-n", "2", "--dist", "loadfile")
 
 
 class CannotRun(Exception):
@@ -176,9 +179,10 @@ def adjust(arguments):
     return status
 
 
-def test():
+def test(options=()):
     """Everything that is checked, cheapest first; stops at the first that fails."""
     os.chdir(ROOT)
+    chosen = () if "--all" in options else ("-m", "not slow")
     python = set_up(["dev"])
     scripts = python.parent
     for title, command in (
@@ -187,7 +191,10 @@ def test():
         ("Import contract", [scripts / "lint-imports", "--no-logo"]),
         # One session, so that it ends on one line: the tests, then every notebook's cells
         # against the outputs stored in it.
-        ("Tests and notebooks", [python, "-m", "pytest", "tests", "notebooks", *NBVAL]),
+        (
+            "Tests and notebooks",
+            [python, "-m", "pytest", "tests", "notebooks", *NBVAL, *WORKERS, *chosen],
+        ),
     ):
         say(f"== {title}")
         status = subprocess.run([str(word) for word in command], env=environment()).returncode
@@ -204,8 +211,8 @@ def main(arguments):
         if arguments[:1] in (["-h"], ["--help"]):
             say(__doc__.strip())
             return 0
-        if arguments == ["test"]:
-            return test()
+        if arguments[:1] == ["test"] and set(arguments[1:]) <= {"--all"}:
+            return test(arguments[1:])
         return adjust(arguments)
     except CannotRun as reason:
         print(f"error: {reason}", file=sys.stderr)

@@ -50,7 +50,7 @@ class TestEveryChapter:
         for name in ("fast", "seed", "out"):
             assert f"{name} = " in tagged[0]
 
-    @pytest.mark.notebook
+    @pytest.mark.slow
     def test_it_runs_in_its_fast_form(self, chapter, tmp_path):
         papermill = pytest.importorskip(
             "papermill", reason="the extra 'notebooks' is not installed"

@@ -180,7 +180,7 @@ def case(request):
     return problem, problem.start, dense(problem.start, problem, free), free
 
 
-@pytest.fixture(scope="module", params=["band", "sparse"])
+@pytest.fixture(scope="module", params=["band", pytest.param("sparse", marks=pytest.mark.slow)])
 def covariance(request, case):
     problem, state, _, free = case
     normal = Normal(problem, Loss(), storage=request.param)
@@ -313,6 +313,7 @@ def spread():
     return {kind: np.array([np.ravel(draw[kind]) for draw in draws]) for kind in draws[0]}
 
 
+@pytest.mark.slow
 class TestAgainstTheSpreadOfDraws:
     """200 adjustments of the same block with other noise.
 

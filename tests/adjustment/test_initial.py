@@ -103,6 +103,7 @@ class TestWithoutNoise:
         assert max(misses(found, flat, free=True)) < 1e-6
 
 
+@pytest.mark.slow
 class TestWithNoise:
     """0.5 px are 5 mm on the ground and 1e-4 rad; a chain of 14 images may collect a hundredfold
     of it, which is far within the reach of the adjustment."""
@@ -159,6 +160,7 @@ class TestWithNoise:
         assert misses(found, noisy)[0] < 1.0
 
 
+@pytest.mark.slow
 class TestWhatIsGivenStays:
     def test_a_complete_block_is_returned_as_it_is(self, perfect):
         assert complete(perfect) is perfect
@@ -276,6 +278,7 @@ class TestWhatCannotBeOriented:
             complete(apart)
 
 
+@pytest.mark.slow
 class TestRealBlocks:
     def test_strasbourg_from_its_marks(self, real_data):
         """Given start poses are the published ones rounded to 5 m and 0.5 degree (README)."""

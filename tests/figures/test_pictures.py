@@ -459,6 +459,7 @@ class TestCorrelationMatrix:
         assert style.png(figures.correlation_matrix(made), 50)
 
 
+@pytest.mark.slow
 class TestRealBlocks:
     @pytest.mark.parametrize(
         "name", ["saraburi/block", "strasbourg", "roma", "sequoia/flight_block"]
