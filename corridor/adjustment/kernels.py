@@ -28,6 +28,7 @@ Source: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sections 4.
 import numba
 import numpy as np
 from numba import njit
+from scipy.linalg.blas import dtbsv
 
 from corridor.camera import SCALAR, bend, interior_change
 
@@ -147,7 +148,7 @@ def _motion(s, i, motion):
 
 @njit(**SCALAR)
 def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, loss, width, row_of,
-         image_shift, motion, modelled, seen):  # fmt: skip
+         at_row, image_shift, motion, modelled, seen):  # fmt: skip
     """Where images see a point, and how far that is from the observations first..first + m.
 
     base: the observation that is the first in image_shift. modelled: (n, 4) or (0, 4); receives
@@ -155,10 +156,10 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
     behind the camera. Returns the cost.
 
     While the rows are read the camera moves: the row of the modelled pixel decides where the
-    camera is, and the camera where the pixel is. Newton's one step from the measured row finds
-    both: what is left is the residual squared times the change of the pixel's slope by the row,
-    less than a millionth of a pixel for a residual of one. Derivatives by what moves the camera
-    are taken at the row found; at the measured one they would go with its error.
+    camera is, and the camera where the pixel is. One step of Newton from `at_row`, the row found
+    last time, finds both: where the row has moved on by a pixel since, a millionth of that is
+    left, and nothing once the adjustment is at rest. Derivatives by what moves the camera are
+    taken at the row found; at the measured one they would go with its error.
 
     Each of the three loops is short: a ray is a chain of operations that wait for each other,
     and only if the next rays are near does the processor work on several at once.
@@ -171,7 +172,7 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
             pose, i, px - pose[i, U(0)], py - pose[i, U(1)], pz - pose[i, U(2)]
         )
         if moves:
-            row = xy[o, U(1)] if row_of[i, U(0)] > 0.0 else xy[o, U(0)]
+            row = at_row[o]
             s = row_of[i, U(1)] * row + row_of[i, U(2)]
             m0, m1, m2, t0, t1, t2, c0, c1, c2, c3, c4, c5 = _motion(s, i, motion)
             x, y, z = x - m0, y - m1, z - m2
@@ -218,13 +219,8 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
             t0, t1, t2, s = _panel(seen, at + U(16))
             c0, c1, c2, sine = _panel(seen, at + U(24))
             cosine = seen[at + U(28)]
-            if cosine > 0.49999995:
-                # A turn below a milliradian: its square is nothing to a derivative.
-                g0, g1, g2 = g0 + t1 * g2 - t2 * g1, g1 + t2 * g0 - t0 * g2, g2 + t0 * g1 - t1 * g0
-                h0, h1, h2 = h0 + t1 * h2 - t2 * h1, h1 + t2 * h0 - t0 * h2, h2 + t0 * h1 - t1 * h0
-            else:
-                g0, g1, g2 = _turn(sine, cosine, t0, t1, t2, g0, g1, g2)
-                h0, h1, h2 = _turn(sine, cosine, t0, t1, t2, h0, h1, h2)
+            g0, g1, g2 = _turn(sine, cosine, t0, t1, t2, g0, g1, g2)
+            h0, h1, h2 = _turn(sine, cosine, t0, t1, t2, h0, h1, h2)
             factor = row_of[i, U(1)]
             slope_x = factor * (g0 * c0 + g1 * c1 + g2 * c2)
             slope_y = factor * (h0 * c0 + h1 * c1 + h2 * c2)
@@ -243,6 +239,7 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
             g1, h1 = k00 * g1 + k01 * h1, k10 * g1 + k11 * h1
             g2, h2 = k00 * g2 + k01 * h2, k10 * g2 + k11 * h2
             seen[at + U(19)] = s + factor * missed
+            at_row[o] = row + missed
             _set(seen, at + U(20), k00, k01, k10, k11)
         if modelled.shape[0] > 0:
             modelled[o, U(0)], modelled[o, U(1)] = mx, my
@@ -411,7 +408,7 @@ def _polynomial(s, motion, i, k):
 
 @njit(**SCALAR)
 def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, width, camera_column,
-         slot_column, row_of, image_shift, motion, d_interior, d_image, d_motion, low, high,
+         slot_column, row_of, at_row, image_shift, motion, d_interior, d_image, d_motion, low, high,
          wide, modelled, jc, jb, d, img, seen):  # fmt: skip
     """`_see` and `_rows` of one observation, the k-th of its point.
 
@@ -419,7 +416,7 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
     """
     cost = _see(
         o, 1, o - e, img, px, py, pz, xy, weight, pose, interior, radials, loss, width, row_of,
-        image_shift, motion, modelled, seen,
+        at_row, image_shift, motion, modelled, seen,
     )  # fmt: skip
     j0, b0 = k * U(2 * d), k * U(2) * wide
     _rows(
@@ -431,7 +428,7 @@ def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, widt
 
 
 @njit(**KERNEL)
-def _residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, motion,
+def _residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, at_row, motion,
                image_shift, base, out, modelled, weight, seen):  # fmt: skip
     behind = 0
     for p in range(first, last):
@@ -439,7 +436,7 @@ def _residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_o
         m = ptr[p + 1] - start
         _see(
             start, m, base, img, points[p, 0], points[p, 1], points[p, 2], xy, weight, pose,
-            interior, radials, SQUARES, 0.0, row_of, image_shift, motion, modelled, seen,
+            interior, radials, SQUARES, 0.0, row_of, at_row, image_shift, motion, modelled, seen,
         )  # fmt: skip
         for k in range(m):
             at = U(k * SEEN)
@@ -450,23 +447,24 @@ def _residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_o
     return behind
 
 
-def residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, motion,
+def residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, at_row, motion,
               image_shift, base, out, modelled):  # fmt: skip
     """Residuals (pixels, measured minus modelled) of the observations of points first..last.
 
-    modelled: (n, 4) or (0, 4); receives x, y, u, v of each. Returns how many are behind a camera
-    (their residual is NaN).
+    modelled: (n, 4) or (0, 4); receives x, y, u, v of each. at_row: where the camera moves, the
+    row of each, px, as modelled last time, and then as modelled now. Returns how many are behind
+    a camera (their residual is NaN).
     """
     longest = int(np.diff(ptr[first : last + 1]).max(initial=1))
     return _residuals(
-        first, last, ptr, img, xy, points, pose, interior, radials, row_of, motion, image_shift,
-        base, out, modelled, np.ones(1), np.zeros(longest * SEEN),
+        first, last, ptr, img, xy, points, pose, interior, radials, row_of, at_row, motion,
+        image_shift, base, out, modelled, np.ones(1), np.zeros(longest * SEEN),
     )  # fmt: skip
 
 
 @njit(**KERNEL)
 def cost(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width, row_of,
-         motion, image_shift, base, modelled, seen):  # fmt: skip
+         at_row, motion, image_shift, base, modelled, seen):  # fmt: skip
     """Sum of rho over the observations of points first..last, and how many are behind a camera.
 
     seen: (most rays of a point * SEEN,) to work in.
@@ -478,7 +476,7 @@ def cost(first, last, ptr, img, xy, weight, points, pose, interior, radials, los
         m = ptr[p + 1] - start
         total += _see(
             start, m, base, img, points[p, 0], points[p, 1], points[p, 2], xy, weight, pose,
-            interior, radials, loss, width, row_of, image_shift, motion, modelled, seen,
+            interior, radials, loss, width, row_of, at_row, image_shift, motion, modelled, seen,
         )  # fmt: skip
         for k in range(m):
             behind += 0 if seen[U(k * SEEN + 2)] > 0.0 else 1
@@ -700,11 +698,12 @@ def make_assemble(d):
 
     @njit(**KERNEL)
     def core(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
-             camera_column, slot_column, low, high, row_of, image_shift, motion, d_interior,
-             d_image, d_motion, base, control, control_weight, control_residual, d_ground,
-             ground_column, wide, damping, split, extra, matrix, stride, neighbour_start,
-             neighbour, gradient, diagonal, border, corner, corner_gradient, corner_diagonal,
-             modelled, totals, used, seen, jc, jb, res, y, z, stripe, own):  # fmt: skip
+             camera_column, slot_column, low, high, row_of, at_row, image_shift, motion,
+             d_interior, d_image, d_motion, base, control, control_weight, control_residual,
+             d_ground, ground_column, wide, damping, split, extra, matrix, stride,
+             neighbour_start, neighbour, gradient, diagonal, border, corner, corner_gradient,
+             corner_diagonal, modelled, totals, used, seen, jc, jb, res, y, z, stripe,
+             own):  # fmt: skip
         q = U(wide)
         ray, apart = U(2 * row), U(GROUP * 2 * row)  # from a point's ray to the next, in jc
         cost = 0.0
@@ -727,7 +726,7 @@ def make_assemble(d):
 
             cost += _see(
                 start, m, base, img, px, py, pz, xy, weight, pose, interior, radials, loss, width,
-                row_of, image_shift, motion, modelled, seen,
+                row_of, at_row, image_shift, motion, modelled, seen,
             )  # fmt: skip
             j_first = U(waiting) * ray
             for k in range(m):
@@ -951,9 +950,9 @@ def make_assemble(d):
         the control arrays or -1. totals: cost, behind, weak directions.
         """
         *arguments, longest = arguments
-        wide = arguments[28]
+        wide = arguments[29]
         # The last panel's columns that no ray touches are left out where it is easy.
-        touched = (arguments[12], arguments[13], arguments[27])  # columns by camera, slot, ground
+        touched = (arguments[12], arguments[13], arguments[28])  # columns by camera, slot, ground
         used = 1 + max(int(columns.max(initial=-1)) for columns in touched)
         n_y = -(-(d * longest + behind_y) // PANEL) * PANEL
         core(
@@ -978,10 +977,10 @@ def make_substitute(d):
 
     @njit(**KERNEL)
     def core(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
-             camera_column, slot_column, low, high, row_of, image_shift, motion, d_interior,
-             d_image, d_motion, base, control, control_weight, control_residual, d_ground,
-             ground_column, wide, damping, step, shared, interior_step, image_step, motion_step,
-             moved, totals, modelled, seen):  # fmt: skip
+             camera_column, slot_column, low, high, row_of, at_row, image_shift, motion,
+             d_interior, d_image, d_motion, base, control, control_weight, control_residual,
+             d_ground, ground_column, wide, damping, step, shared, interior_step, image_step,
+             motion_step, moved, totals, modelled, seen):  # fmt: skip
         moves = motion.shape[1] > 0
         most = radials if d_interior.shape[2] == 0 else 8
         down = 0.0
@@ -995,7 +994,7 @@ def make_substitute(d):
             m = ptr[p + 1] - start
             _see(
                 start, m, base, img, px, py, pz, xy, weight, pose, interior, radials, loss, width,
-                row_of, image_shift, motion, modelled, seen,
+                row_of, at_row, image_shift, motion, modelled, seen,
             )  # fmt: skip
             for k in range(m):
                 o, at = U(start + k), U(k * SEEN)
@@ -1105,9 +1104,28 @@ def make_substitute(d):
     return substitute
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+# --- triangular solutions with the band ---------------------------------------------------------
+
+
 def forward(band, ld, n, right):
     """Solve L X = right in place; L (n) in LAPACK lower band storage, right (n, m) row by row."""
+    if right.shape[1] == 1:
+        right[:, 0] = dtbsv(ld - 1, band[: n * ld].reshape(n, ld).T, right[:, 0], lower=1)
+    else:
+        _forward(band, ld, n, right)
+
+
+def backward(band, ld, n, right):
+    """Solve L' X = right in place; L (n) in LAPACK lower band storage, right (n, m) row by row."""
+    if right.shape[1] == 1:
+        lower = band[: n * ld].reshape(n, ld).T
+        right[:, 0] = dtbsv(ld - 1, lower, right[:, 0], lower=1, trans=1)
+    else:
+        _backward(band, ld, n, right)
+
+
+@njit(**KERNEL)
+def _forward(band, ld, n, right):
     m = right.shape[1]
     for j in range(n):
         at = j * ld
@@ -1121,9 +1139,8 @@ def forward(band, ld, n, right):
                     right[j + r, c] -= factor * right[j, c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def backward(band, ld, n, right):
-    """Solve L' X = right in place; L (n) in LAPACK lower band storage, right (n, m) row by row."""
+@njit(**KERNEL)
+def _backward(band, ld, n, right):
     m = right.shape[1]
     for j in range(n - 1, -1, -1):
         at = j * ld

@@ -92,6 +92,10 @@ class Normal:
         self.looks = bool(p.stack.at("image"))
         # What effects look at: x, y, u, v as modelled last time (the shift is a contraction).
         self.modelled = np.zeros((len(p.img) if self.looks else 0, 4))
+        # Where the camera moves while rows are read: the row of each as modelled last time, px.
+        self.moves = bool(p.stack.at("motion"))
+        down = p.images.row_axis[p.img[: len(p.img) if self.moves else 0]] == 1
+        self.at_row = np.where(down, p.xy[: len(down), 1], p.xy[: len(down), 0])
         self.pins = np.zeros((0, 2), dtype=np.int64)
         self.pin_weight = np.zeros(0)
 
@@ -136,9 +140,9 @@ class Normal:
         return (
             first, last, p.ptr, p.img, p.xy, p.weight, view.state.points, view.pose, view.interior,
             view.radials, self.loss.kind, self.loss.width, p.camera_column, p.slot_column, p.low,
-            p.high, view.row_of, shift, view.motion, view.d_interior, d_image, view.d_motion,
-            p.ptr[first], p.control, p.control_weight, view.control_residual, view.d_ground,
-            p.ground_column, p.wide,
+            p.high, view.row_of, self.at_row, shift, view.motion, view.d_interior, d_image,
+            view.d_motion, p.ptr[first], p.control, p.control_weight, view.control_residual,
+            view.d_ground, p.ground_column, p.wide,
         )  # fmt: skip
 
     def shifts(self, view: View, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
@@ -183,19 +187,20 @@ class Normal:
     def look(self, state: State, passes: int = 3) -> tuple[np.ndarray, int]:
         """Image residuals (n, 2) px, sorted as the problem, and how many are behind a camera.
 
-        With effects that look at the modelled point, it is brought to rest first.
+        With effects that look at the modelled point, or move it with its row, it is brought to
+        rest first.
         """
         p = self.problem
         view = self.view(state)
         out = np.empty((len(p.img), 2))
         behind = 0
-        for _ in range(passes if self.looks else 1):
+        for _ in range(passes if self.looks else min(passes, 1 + self.moves)):
             behind = 0
             for first, last in self.chunks(0, len(p.ptr) - 1):
                 shift, _ = self.shifts(view, first, last)
                 behind += kernels.residuals(
                     first, last, p.ptr, p.img, p.xy, state.points, view.pose, view.interior,
-                    view.radials, view.row_of, view.motion, shift, p.ptr[first], out,
+                    view.radials, view.row_of, self.at_row, view.motion, shift, p.ptr[first], out,
                     self.modelled,
                 )  # fmt: skip
         return out, behind
@@ -209,8 +214,8 @@ class Normal:
         for first, last in self.chunks(0, len(p.ptr) - 1):
             more, hidden = kernels.cost(
                 first, last, p.ptr, p.img, p.xy, p.weight, state.points, view.pose, view.interior,
-                view.radials, self.loss.kind, self.loss.width, view.row_of, view.motion,
-                self.shifts(view, first, last)[0], p.ptr[first], self.modelled, seen,
+                view.radials, self.loss.kind, self.loss.width, view.row_of, self.at_row,
+                view.motion, self.shifts(view, first, last)[0], p.ptr[first], self.modelled, seen,
             )  # fmt: skip
             cost, behind = cost + more, behind + hidden
         cost += float(np.sum(p.control_weight * view.control_residual**2))

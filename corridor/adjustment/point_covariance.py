@@ -11,10 +11,10 @@ def make_point_covariance(d):
 
     @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
     def point_covariance(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss,
-                         width, camera_column, slot_column, low, high, row_of, image_shift, motion,
-                         d_interior, d_image, d_motion, base, control, control_weight,
-                         control_residual, d_ground, ground_column, wide, near, stride,
-                         neighbour_start, neighbour, poses_shared, shared, longest, out,
+                         width, camera_column, slot_column, low, high, row_of, at_row,
+                         image_shift, motion, d_interior, d_image, d_motion, base, control,
+                         control_weight, control_residual, d_ground, ground_column, wide, near,
+                         stride, neighbour_start, neighbour, poses_shared, shared, longest, out,
                          cross):  # fmt: skip
         """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and border.
 
@@ -39,7 +39,7 @@ def make_point_covariance(d):
                 ahead, _, _, _ = _ray(
                     U(start + k), U(start + k - base), i, U(k), points[p, 0], points[p, 1],
                     points[p, 2], xy, weight, pose, interior, radials, loss, width, camera_column,
-                    slot_column, row_of, image_shift, motion, d_interior, d_image, d_motion,
+                    slot_column, row_of, at_row, image_shift, motion, d_interior, d_image, d_motion,
                     low[i], high[i], U(wide), modelled, jc, jb, d, img, seen,
                 )  # fmt: skip
                 for row in range(2):

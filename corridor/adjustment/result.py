@@ -48,6 +48,13 @@ class Adjustment:
         self.sigma0 = float(np.sqrt(2 * self.cost / self.redundancy)) if self.redundancy else 1.0
         self._notes = notes
 
+    def __repr__(self) -> str:
+        return (
+            f"Adjustment of {self.start.name}: {self.problem.image_count} images, sigma naught "
+            f"{self.sigma0:.3f}, {'converged' if self.converged else 'not converged'} in "
+            f"{self.iterations} iterations"
+        )
+
     __str__ = report.as_text
     _repr_html_ = report.as_html
     to_dict = report.as_dict

@@ -8,7 +8,7 @@ import pytest
 import corridor
 from corridor.adjustment.normal import Loss, Normal, moved_state, shared_values
 from corridor.adjustment.problem import make_problem
-from corridor.effects import add, catalogue, find, predict
+from corridor.effects import add, catalogue, predict
 from corridor.effects.forward import gather
 from corridor.simulation import add_noise, corridor_block
 from corridor.simulation.strips import CAMLIGHT
@@ -47,11 +47,7 @@ def started(problem, values):
 
 @pytest.mark.parametrize("slugs", [[slug] for slug in EVERY] + [EVERY], ids="+".join)
 def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
-    """To 1e-9 px and 1e-12 m, row for row; the kernel sorts, chunks and iterates on its own.
-
-    Where the camera moves while it reads, the kernel finds the row by one step of Newton from the
-    measured one: what is left grows with the residual squared (some 25 px at this start).
-    """
+    """To 1e-9 px and 1e-12 m, row for row; the kernel sorts, chunks and iterates on its own."""
     block = flown(start_error=(0.05, 0.001, 0.05))
     values = at_scale(block, slugs)
     problem = make_problem(block, camera="fixed", effects=slugs)
@@ -64,9 +60,7 @@ def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
     expected = measured - np.concatenate([modelled.tie, modelled.mark])
     control = (block.ground["role"] == "control").to_numpy()
     assert len(problem.row) == len(measured)
-    moving = any(find(slug).place == "motion" for slug in slugs)
-    left = 2e-8 * np.square(residual).sum(axis=1, keepdims=True) if moving else 0.0
-    assert np.all(np.abs(residual - expected[problem.row]) < 1e-9 + left)
+    assert np.abs(residual - expected[problem.row]).max() < 1e-9
     images = normal.view(state).images
     antenna = normal.antenna(state, images)[0]
     assert np.abs(antenna - modelled.gnss).max() < 1e-12
@@ -144,8 +138,8 @@ class Dense:
 def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slugs):
     """The gradient vanishes at the solution, and every sigma is that of the dense inverse.
 
-    The step that is left is below the adjustment's own tolerance; the sigmas agree to 1e-5, also
-    where the row of a point depends on what moves it (all effects at once are near singular).
+    The step that is left is below the adjustment's own tolerance; the sigmas agree to rounding
+    of the numeric Jacobian, also where the row of a point depends on what moves it.
     """
     block = flown(images=6, observations=24, control=4, check=2)
     values = at_scale(block, slugs)
@@ -164,7 +158,7 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
     assert found.converged
     dense = Dense(found)
     step = dense.inverse @ dense.gradient
-    assert np.abs(step / dense.sigma).max() < 1e-3
+    assert np.abs(step / dense.sigma).max() < 1e-4
     ours = np.concatenate(
         [
             np.sqrt(np.einsum("nii->ni", found.covariance.each_pose)).ravel(),
@@ -172,4 +166,4 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
             found.point_sigma.ravel() / found.sigma0,
         ]
     )
-    assert np.abs(ours / dense.sigma - 1).max() < 1e-5
+    assert np.abs(ours / dense.sigma - 1).max() < 1e-7
