@@ -96,6 +96,7 @@ class Normal:
         self.moves = bool(p.stack.at("motion"))
         down = p.images.row_axis[p.img[: len(p.img) if self.moves else 0]] == 1
         self.at_row = np.where(down, p.xy[: len(down), 1], p.xy[: len(down), 0])
+        self.assembled: View | None = None
         self.pins = np.zeros((0, 2), dtype=np.int64)
         self.pin_weight = np.zeros(0)
 
@@ -232,7 +233,7 @@ class Normal:
         """Fill the reduced equations at a state."""
         p = self.problem
         q, wide = p.shared_count, p.wide
-        view = self.view(state)
+        view = self.assembled = self.view(state)
         self.blocks.clear()
         for array in (self.gradient, self.reference, self.border):
             array[:] = 0.0
@@ -384,7 +385,8 @@ class Normal:
     ) -> tuple[np.ndarray, float, float]:
         """New points (n, 3), and of their step: step . gradient, step . diagonal . step."""
         p = self.problem
-        view = self.view(state)
+        seen = self.assembled
+        view = seen if seen is not None and seen.state is state else self.view(state)
         moved = np.empty_like(state.points)
         totals = np.zeros((self.threads, 2))
         padded = np.zeros(p.wide)
@@ -426,7 +428,7 @@ def _for_kernels(rotation: np.ndarray, motion: np.ndarray, d_motion: np.ndarray)
     The centre moves in the camera frame. Arguments as of `Stack.motion_by_row`.
     """
     both = np.concatenate([motion[..., None], d_motion], axis=3)
-    both[:, :, :3] = np.einsum("iab,iqbk->iqak", rotation, both[:, :, :3])
+    both[:, :, :3] = rotation[:, None] @ both[:, :, :3]
     both = both.transpose(0, 3, 1, 2).reshape(len(both), both.shape[3], -1)
     return np.ascontiguousarray(both[:, 0]), np.ascontiguousarray(both[:, 1:])
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from corridor.adjustment.kernels import SQUARES
 from corridor.adjustment.matrix import Bordered, Singular
@@ -61,7 +62,7 @@ def solve(
     if normal.looks:
         # Their shifts lag one step behind: what is left is as long as the last step itself.
         tolerance /= 100
-    with threadpool_limits(1):
+    with _pools().limit(limits=1):
         if normal.loss.kind == SQUARES:
             return _solve(normal, normal.problem.start, max_iterations, tolerance, progress, [])
         loss, normal.loss = normal.loss, Loss()
@@ -69,6 +70,12 @@ def solve(
         normal.loss = loss
         # Reweighting creeps along a few weak points long after everything else is at rest.
         return _solve(normal, first.state, max_iterations, 20 * tolerance, progress, first.history)
+
+
+@cache
+def _pools() -> ThreadpoolController:
+    # Looking for the libraries takes longer than an iteration of a small block: once will do.
+    return ThreadpoolController()
 
 
 def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solution:
