@@ -210,22 +210,27 @@ class Normal:
         """Cost at a state and how many observations are behind a camera, without derivatives."""
         p = self.problem
         view = self.view(state)
-        seen = np.zeros(self.longest * kernels.SEEN)
-        cost, behind = 0.0, 0
-        for first, last in self.chunks(0, len(p.ptr) - 1):
-            more, hidden = kernels.cost(
-                first, last, p.ptr, p.img, p.xy, p.weight, state.points, view.pose, view.interior,
-                view.radials, self.loss.kind, self.loss.width, view.row_of, self.at_row,
-                view.motion, self.shifts(view, first, last)[0], p.ptr[first], self.modelled, seen,
-            )  # fmt: skip
-            cost, behind = cost + more, behind + hidden
+        totals = np.zeros((self.threads, 2))
+
+        def work(thread: int, start: int, stop: int) -> None:
+            seen = np.zeros(self.longest * kernels.SEEN)
+            for first, last in self.chunks(start, stop):
+                totals[thread] += kernels.cost(
+                    first, last, p.ptr, p.img, p.xy, p.weight, state.points, view.pose,
+                    view.interior, view.radials, self.loss.kind, self.loss.width, view.row_of,
+                    self.at_row, view.motion, self.shifts(view, first, last)[0], p.ptr[first],
+                    self.modelled, seen,
+                )  # fmt: skip
+
+        self._run(work)
+        cost, behind = totals.sum(axis=0)
         cost += float(np.sum(p.control_weight * view.control_residual**2))
         if len(p.gnss_image):
             predicted, *_ = self.antenna(state, view.images)
             cost += float(np.sum(p.gnss_weight * (p.gnss_given - predicted) ** 2))
         shared, own = self._from_priors(state)
         cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.own_prior[1] * own**2))
-        return 0.5 * cost, behind
+        return 0.5 * float(cost), int(behind)
 
     # --- assembly ----------------------------------------------------------------------------
 
