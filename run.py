@@ -3,8 +3,8 @@
 python run.py                    adjust the shipped block; results under out/dike
 python run.py BLOCK              the same with your own block folder
 python run.py BLOCK -o OUT ...   anything after BLOCK goes to `corridor adjust`
-python run.py test               style, import contract, tests and notebooks
-python run.py test --all         the long tests as well
+python run.py test               style, import contract, tests and the first notebook
+python run.py test --all         the long tests and every notebook as well
 
 The first run makes the folder .venv beside this file and installs into it the versions
 named in constraints.txt; later runs use it again until those or pyproject.toml change.
@@ -182,7 +182,8 @@ def adjust(arguments):
 def test(options=()):
     """Everything that is checked, cheapest first; stops at the first that fails."""
     os.chdir(ROOT)
-    chosen = () if "--all" in options else ("-m", "not slow")
+    whole = "--all" in options
+    chosen = ("notebooks",) if whole else ("notebooks/00_quickstart.ipynb", "-m", "not slow")
     python = set_up(["dev"])
     scripts = python.parent
     for title, command in (
@@ -193,7 +194,7 @@ def test(options=()):
         # against the outputs stored in it.
         (
             "Tests and notebooks",
-            [python, "-m", "pytest", "tests", "notebooks", *NBVAL, *WORKERS, *chosen],
+            [python, "-m", "pytest", "tests", *chosen, *NBVAL, *WORKERS],
         ),
     ):
         say(f"== {title}")

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from corridor.effects import catalogue as catalogue
     from corridor.errors import AdjustmentFailed as AdjustmentFailed
     from corridor.errors import InputError as InputError
+    from corridor.simulation import simulate as simulate
 
 __version__ = "0.1.0"
 
@@ -30,10 +31,11 @@ _HOME = {
     "adjust": "corridor.adjustment",
     "Adjustment": "corridor.adjustment",
     "catalogue": "corridor.effects",
+    "simulate": "corridor.simulation",
     "InputError": "corridor.errors",
     "AdjustmentFailed": "corridor.errors",
 }
-_ROOMS = ("effects", "figures", "published")
+_ROOMS = ("effects", "figures", "published", "simulation")
 
 __all__ = [*_HOME, *_ROOMS]
 

@@ -30,7 +30,8 @@ MIME = "application/vnd.corridor.verdicts+json"
 COLUMNS = ("statement", "source", "published", "ours", "verdict", "why")
 
 _NEEDED = ("source", "where", "row", "value", "unit", "tolerance", "chapter")
-_OPTIONAL = ("note",)
+_OPTIONAL = ("note", "bound")
+BOUNDS = ("", "at most", "at least")
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class Published:
 
     `where` is the table, figure or file section in `source`, `row` the line of it. `tolerance`
     has the unit of the value, or is a share of it where `relative`. `digits` are the decimals
-    worth showing: those printed, or those of the tolerance if it is finer.
+    worth showing: those printed, or those of the tolerance if it is finer. `bound`: `at most` or
+    `at least` where the statement is that ours lies on that side of the value.
     """
 
     id: str
@@ -53,6 +55,7 @@ class Published:
     digits: int
     chapter: str
     note: str = ""
+    bound: str = ""
 
     @property
     def value(self) -> float | np.ndarray:
@@ -72,13 +75,43 @@ class Published:
 
 
 @dataclass(frozen=True)
+class Draws:
+    """Our number from several seeds: judged by its median, shown with its range.
+
+    values: (draws,), or (draws, numbers) where several belong together.
+    """
+
+    values: np.ndarray
+
+    @property
+    def _rows(self) -> np.ndarray:
+        values = np.asarray(self.values, dtype=float)
+        return values.reshape(len(values), -1)
+
+    @property
+    def median(self) -> np.ndarray:
+        """(numbers,), NaN without any draw."""
+        return np.median(self._rows, axis=0) if len(self._rows) else np.array([np.nan])
+
+    @property
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest (numbers,)."""
+        return self._rows.min(axis=0), self._rows.max(axis=0)
+
+
+@dataclass(frozen=True)
 class Verdict:
-    """A published figure, ours (None: not to be had here), the word and the reason."""
+    """A published figure, ours (None: not to be had here), the word and the reason.
+
+    lowest, highest: of ours, where it is the median of several draws.
+    """
 
     published: Published
     ours: tuple[float, ...] | None
     word: str
     why: str
+    lowest: tuple[float, ...] | None = None
+    highest: tuple[float, ...] | None = None
 
     def cells(self) -> dict[str, str]:
         """The row of the table, rounded as it is shown."""
@@ -86,11 +119,23 @@ class Verdict:
         return {
             "statement": entry.row,
             "source": f"{entry.source}, {entry.where}",
-            "published": entry.text(entry.values),
-            "ours": "" if self.ours is None else entry.text(self.ours),
+            "published": f"{entry.bound} {entry.text(entry.values)}".strip(),
+            "ours": self._ours(),
             "verdict": self.word,
             "why": self.why,
         }
+
+    def _ours(self) -> str:
+        entry = self.published
+        if self.ours is None:
+            return ""
+        if self.lowest is None:
+            return entry.text(self.ours)
+        parts = [
+            f"{_fixed(v, entry.digits)} ({_fixed(a, entry.digits)} to {_fixed(b, entry.digits)})"
+            for v, a, b in zip(self.ours, self.lowest, self.highest, strict=True)
+        ]
+        return f"{', '.join(parts)} {entry.unit}".strip()
 
 
 class Verdicts:
@@ -181,15 +226,15 @@ def read(path: str | os.PathLike | None = None) -> dict[str, Published]:
 
 
 def compare(
-    ours: Mapping[str, float | Iterable[float] | None],
+    ours: Mapping[str, float | Iterable[float] | Draws | None],
     why: Mapping[str, str] | None = None,
     absent: str = "not measured here",
     register: Mapping[str, Published] | None = None,
 ) -> Verdicts:
     """Verdicts on our numbers, in the order given.
 
-    ours: id in the register -> our number or numbers in the register's unit; None or NaN where
-        there is none.
+    ours: id in the register -> our number or numbers in the register's unit, or `Draws` of them;
+        None or NaN where there is none.
     why: id -> reason, to stand in place of the automatic one (of a row that does not hold: the
         difference and the register's note).
     absent: the reason of rows without a number of ours.
@@ -286,18 +331,29 @@ def _entry(identifier, fields, path):
             digits=digits,
             **{k: str(fields[k]) for k in ("source", "where", "row", "unit", "chapter")},
             note=str(fields.get("note", "")),
+            bound=_bound(fields.get("bound", "")),
         )
     except (ValueError, ArithmeticError, TypeError) as error:
         raise InputError(
             f"{path}, [{identifier}]: value is a number or a list of numbers, tolerance a number "
-            'or a percentage such as "1 %".'
+            'or a percentage such as "1 %", bound "at most" or "at least".'
         ) from error
+
+
+def _bound(word):
+    if word not in BOUNDS:
+        raise ValueError
+    return word
 
 
 def _judge(entry, ours, why, absent):
     """Verdict on one figure; judged on all digits, shown rounded."""
     if ours is None:
         return Verdict(entry, None, UNKNOWN, why or absent)
+    spread = ()
+    if isinstance(ours, Draws):
+        spread = tuple(tuple(map(float, end)) for end in ours.range)
+        ours = ours.median
     values = tuple(float(v) for v in np.atleast_1d(np.asarray(ours, dtype=float)).ravel())
     if len(values) != len(entry.values):
         raise InputError(
@@ -306,17 +362,19 @@ def _judge(entry, ours, why, absent):
         )
     if not all(math.isfinite(v) for v in values):
         return Verdict(entry, None, UNKNOWN, why or absent)
-    off = np.abs(np.array(values) - np.array(entry.values))
+    off = np.array(values) - np.array(entry.values)
+    off = {"": np.abs(off), "at most": off, "at least": -off}[entry.bound]
     # A difference that is written like the tolerance must not fail on binary rounding.
     if np.all(off <= entry.allowed * (1 + 1e-9) + 1e-12):
-        return Verdict(entry, values, HOLDS, why or "")
+        return Verdict(entry, values, HOLDS, why or "", *spread)
     worst = int(np.argmax(off - entry.allowed))
     unit = f" {entry.unit}" if entry.unit else ""
     difference = (
         f"differs by {_significant(off[worst])}{unit}, "
         f"allowed {_significant(entry.allowed[worst])}{unit}"
     )
-    return Verdict(entry, values, FAILS, why or "; ".join(filter(None, (difference, entry.note))))
+    reason = why or "; ".join(filter(None, (difference, entry.note)))
+    return Verdict(entry, values, FAILS, reason, *spread)
 
 
 def _decimals(number):

@@ -68,6 +68,7 @@ class TestRegister:
             ('unit = "m"', 'unit = "m"\nunits = "m"', "unknown units"),
             ("value = 0.040", 'value = "small"', "value is a number"),
             ('tolerance = "1 %"', 'tolerance = "1 px"', "tolerance a number"),
+            ('unit = "m"', 'unit = "m"\nbound = "about"', "bound"),
         ],
     )
     def test_a_wrong_entry_is_named(self, tmp_path, old, new, named):
@@ -166,6 +167,36 @@ class TestVerdicts:
         verdict = published.compare({"alpha.height": 0.0379996}, register=register)["alpha.height"]
         assert verdict.cells()["ours"] == "0.038 m"
         assert verdict.word == "does not hold"
+
+    @pytest.mark.parametrize(
+        ("bound", "ours", "word"),
+        [
+            ("at most", -7.0, "holds"),
+            ("at most", 0.0419, "holds"),
+            ("at most", 0.0421, "does not hold"),
+            ("at least", 7.0, "holds"),
+            ("at least", 0.0379, "does not hold"),
+        ],
+    )
+    def test_a_bound_holds_on_its_side_and_within_the_tolerance(self, tmp_path, bound, ours, word):
+        text = REGISTER.replace("tolerance = 0.002", f'tolerance = 0.002\nbound = "{bound}"')
+        register = published.read(_written(tmp_path, text))
+        verdict = published.compare({"alpha.height": ours}, register=register)["alpha.height"]
+        assert verdict.word == word
+        assert verdict.cells()["published"] == f"{bound} 0.040 m"
+
+    def test_draws_are_judged_by_their_median_and_shown_with_their_range(self, register):
+        """Median of 0.030, 0.041, 0.060 is 0.041, within 0.002 of 0.040; their mean is not."""
+        draws = published.Draws(np.array([0.060, 0.030, 0.041]))
+        verdict = published.compare({"alpha.height": draws}, register=register)["alpha.height"]
+        assert verdict.word == "holds"
+        assert verdict.cells()["ours"] == "0.041 (0.030 to 0.060) m"
+
+    def test_draws_of_three_numbers_have_three_ranges(self, register):
+        draws = published.Draws(np.array([[1.0, -2.0, 3.5], [1.0, -2.0, 3.4], [1.0, -2.1, 3.6]]))
+        verdict = published.compare({"alpha.shift": draws}, register=register)["alpha.shift"]
+        assert verdict.word == "holds"
+        assert "3.5 (3.4 to 3.6) px" in verdict.cells()["ours"]
 
     def test_an_id_without_entry_is_wrong_input(self, register):
         with pytest.raises(InputError, match=r"alpha\.depth"):

@@ -7,6 +7,7 @@
 
 from corridor.adjustment.adjust import adjust
 from corridor.adjustment.covariance import Covariance
+from corridor.adjustment.laid import Laid, lay_on_control
 from corridor.adjustment.normal import Loss, Normal
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.report import save
@@ -27,12 +28,14 @@ def __getattr__(name):
 __all__ = [
     "Adjustment",
     "Covariance",
+    "Laid",
     "Loss",
     "Normal",
     "Similarity",
     "adjust",
     "check_table",
     "complete",
+    "lay_on_control",
     "make_problem",
     "save",
     "similarity",

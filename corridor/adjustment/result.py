@@ -10,7 +10,7 @@ import pandas as pd
 from corridor.adjustment import report
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.normal import Normal
-from corridor.adjustment.similarity import check_table
+from corridor.adjustment.similarity import Checked
 from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
 from corridor.block import Block
@@ -21,7 +21,7 @@ OUTLIER, GROSS = 5.0, 15.0
 HIGH = 0.95
 
 
-class Adjustment:
+class Adjustment(Checked):
     """A block after adjustment, with everything one asks of it.
 
     Standard deviations are scaled by sigma naught. Tables are pandas frames; see `print`.
@@ -360,25 +360,6 @@ class Adjustment:
         table[["sx", "sy", "sz"]] = self.point_sigma[index]
         table["rays"] = np.diff(p.ptr)[index]
         return table
-
-    @cached_property
-    def _check(self):
-        return check_table(self.check_points[["dx", "dy", "dz"]].to_numpy(float))
-
-    @property
-    def check_rms(self):
-        """RMS about zero of the check points: xy, z, d3, metres."""
-        return self._check.rms
-
-    @property
-    def check_mean(self):
-        """Mean of the check points: xy, z, d3, metres."""
-        return self._check.mean
-
-    @property
-    def check_std(self):
-        """Unbiased standard deviation of the check points about their mean: xy, z, d3, metres."""
-        return self._check.std
 
     @cached_property
     def warnings(self) -> list[str]:

@@ -5,6 +5,7 @@ Source of the similarity: Umeyama 1991, IEEE PAMI 13(4), eqs 34 to 43 (with weig
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -130,3 +131,26 @@ def check_table(differences: np.ndarray) -> CheckStatistics:
     mean = values.mean(axis=0)
     std = values.std(axis=0, ddof=1) if len(values) > 1 else np.full(3, np.nan)
     return CheckStatistics(*(Parts(*map(float, row)) for row in (rms, mean, std)))
+
+
+class Checked:
+    """Statistics of `check_points`, a table with dx, dy, dz (adjusted minus given, metres)."""
+
+    @cached_property
+    def _check(self) -> CheckStatistics:
+        return check_table(self.check_points[["dx", "dy", "dz"]].to_numpy(float))
+
+    @property
+    def check_rms(self) -> Parts:
+        """RMS about zero of the check points: xy, z, d3, metres."""
+        return self._check.rms
+
+    @property
+    def check_mean(self) -> Parts:
+        """Mean of the check points: xy, z, d3, metres."""
+        return self._check.mean
+
+    @property
+    def check_std(self) -> Parts:
+        """Unbiased standard deviation of the check points about their mean: xy, z, d3, metres."""
+        return self._check.std

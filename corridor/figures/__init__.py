@@ -1,17 +1,25 @@
 """Pictures of blocks and adjustments, one style; each function returns a matplotlib Figure."""
 
+from corridor.figures.camera_views import camera_views
 from corridor.figures.check_points import check_points, compare_check_points
 from corridor.figures.correlation import correlation_matrix
+from corridor.figures.curves import Panel, curves, histograms
+from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
 from corridor.figures.report import save_adjustment
 from corridor.figures.residual_vectors import residual_vectors
 from corridor.figures.residuals_along import residuals_along
 
 __all__ = [
+    "Panel",
+    "camera_views",
     "check_points",
     "compare_check_points",
     "correlation_matrix",
+    "curves",
+    "error_maps",
     "first_look",
+    "histograms",
     "residual_vectors",
     "residuals_along",
     "save_adjustment",

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from corridor.block import Block
 
 LONG = 2.0  # length over breadth of the cameras from which on the map is turned
+MANY = 200  # ground points of one role from which on they are drawn as dots
 WIDE = 2.2  # length over breadth from which on two maps stand one above the other
 
 
@@ -260,8 +261,14 @@ def draw_ground(axes: Axes, frame: MapFrame, block: Block, names: bool = True) -
         rows = np.flatnonzero(role == name)
         if len(rows):
             look = {"ls": "", "marker": marker, "mfc": fill, "mec": style.INK, "mew": 0.9}
-            axes.plot(*places[rows].T, ms=6.5, zorder=6, **look)
             text = f"{len(rows):,} {name}"
+            if len(rows) > MANY:
+                # Thousands of check points would hide the flight: small and below it.
+                look |= {"mew": 0.0, "mfc": style.INK}
+                axes.plot(*places[rows].T, ms=1.6, zorder=1.5, **look)
+                keys.append(Line2D([], [], ms=3, label=text, **look))
+                continue
+            axes.plot(*places[rows].T, ms=6.5, zorder=6, **look)
             keys.append(Line2D([], [], ms=6, label=text, **look))
     if names and len(places) <= 40:
         known = np.isfinite(places).all(axis=1)

@@ -1,7 +1,38 @@
-"""Perfect blocks of corridor flights, and the noise of measurements."""
+"""Blocks of corridor flights that nobody flew: from a flight plan, with the truth beside them."""
 
+from corridor.simulation.cameras import cameras
 from corridor.simulation.noise import add_noise
+from corridor.simulation.plan import (
+    Flight,
+    Ground,
+    Noise,
+    Plan,
+    Start,
+    Terrain,
+    TiePoints,
+    read_plan,
+    ready_made,
+)
+from corridor.simulation.simulate import Simulated, perfect_block, simulate
 from corridor.simulation.strips import CAMLIGHT, corridor_block
 from corridor.simulation.terrain import Dike
 
-__all__ = ["CAMLIGHT", "Dike", "add_noise", "corridor_block"]
+__all__ = [
+    "CAMLIGHT",
+    "Dike",
+    "Flight",
+    "Ground",
+    "Noise",
+    "Plan",
+    "Simulated",
+    "Start",
+    "Terrain",
+    "TiePoints",
+    "add_noise",
+    "cameras",
+    "corridor_block",
+    "perfect_block",
+    "read_plan",
+    "ready_made",
+    "simulate",
+]

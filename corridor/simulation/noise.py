@@ -17,6 +17,7 @@ def add_noise(
     gnss_m: float | Sequence[float] = 0.0,
     control_m: float | Sequence[float] = 0.0,
     outliers: float = 0.0,
+    rounding_px: float = 0.0,
     seed: int = 0,
 ) -> Block:
     """A copy of the block with Gaussian errors on its measurements.
@@ -26,13 +27,14 @@ def add_noise(
     points alike), metres, one number or three (x, y, z).
     outliers: share of the tie observations that are moved by 5 to 50 px in any direction on top;
     an outlier stays inside its picture.
+    rounding_px: step to which all image coordinates are rounded in the end, pixels.
     The default sigmas of the block become the ones drawn, wherever those are not zero.
     Each kind of measurement has its own stream of the seed: adding one does not change another.
     Raises InputError for negative sigmas and a share outside 0 to 1.
     """
     gnss = np.broadcast_to(np.asarray(gnss_m, dtype=float), 3)
     control = np.broadcast_to(np.asarray(control_m, dtype=float), 3)
-    if min(tie_px, mark_px, gnss.min(), control.min()) < 0:
+    if min(tie_px, mark_px, gnss.min(), control.min(), rounding_px) < 0:
         raise InputError("noise has a negative standard deviation: give sigmas of 0 or more")
     if not 0 <= outliers <= 1:
         raise InputError(f"a share of outliers of {outliers:g} is impossible: give 0 to 1")
@@ -52,6 +54,11 @@ def add_noise(
     shake("ground", ["x", "y", "z"], control, draw[3])
     if outliers:
         _displace(block, outliers, draw[4])
+    if rounding_px:
+        for table in ("tie_points", "marks"):
+            frame = getattr(block, table)
+            rounded = np.round(frame[["x", "y"]].to_numpy() / rounding_px) * rounding_px
+            setattr(block, table, frame.assign(x=rounded[:, 0], y=rounded[:, 1]))
 
     block.sigma = dict(block.sigma)
     for key, sigma in (("tie_px", tie_px), ("mark_px", mark_px)):

@@ -27,22 +27,25 @@ class Dike:
     """A dike that follows the axis of a corridor.
 
     relief: crest above the plain, metres; 0 gives a plane. level: height of the plain, metres.
-    seed: of the roughness, plane waves of 8 to 200 m whose sum has an RMS of relief / 12.
+    seed: of the roughness, plane waves of 8 to 200 m. roughness: RMS of their sum, metres;
+    default: a twelfth of the relief.
     """
 
     relief: float = 3.0
     level: float = 0.0
     seed: int = 0
+    roughness: float | None = None
     _section: PchipInterpolator = field(init=False, repr=False, compare=False)
     _waves: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self):
         section = PchipInterpolator(*_SECTION.T)
+        rms = self.relief / 12 if self.roughness is None else self.roughness
         draw = np.random.default_rng([self.seed, 1])
         length = np.geomspace(8.0, 200.0, _WAVES)
         direction, phase = draw.uniform(0, 2 * np.pi, (2, _WAVES))
         amplitude = np.sqrt(length)
-        amplitude *= np.sqrt(2) / 12 / np.linalg.norm(amplitude)
+        amplitude *= np.sqrt(2) * rms / np.linalg.norm(amplitude)
         waves = np.stack(
             [
                 2 * np.pi / length * np.cos(direction),
@@ -54,16 +57,24 @@ class Dike:
         object.__setattr__(self, "_section", section)
         object.__setattr__(self, "_waves", waves)
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lowest and highest the ground can be, metres."""
+        waves = np.abs(self._waves[3]).sum()
+        low, high = sorted(self.relief * np.array([_SECTION[:, 1].min(), _SECTION[:, 1].max()]))
+        return float(self.level + low - waves), float(self.level + high + waves)
+
     def height(self, along: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Height (n,) of the ground, metres, at distances along and to the right of the axis (n,).
 
         Crest half-width, slopes and berm grow with the relief.
         """
         along, across = np.broadcast_arrays(np.asarray(along, float), np.asarray(across, float))
-        if self.relief == 0:
-            return np.full(along.shape, float(self.level))
-        reach = _SECTION[-1, 0]
-        height = self._section(np.clip(across / self.relief, -reach, reach))
+        height = np.full(along.shape, float(self.level))
+        if self.relief:
+            reach = _SECTION[-1, 0]
+            height += self.relief * self._section(np.clip(across / self.relief, -reach, reach))
         for a, c, phase, amplitude in self._waves.T:
-            height = height + amplitude * np.sin(a * along + c * across + phase)
-        return self.level + self.relief * height
+            if amplitude:
+                height += amplitude * np.sin(a * along + c * across + phase)
+        return height

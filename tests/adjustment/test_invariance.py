@@ -48,6 +48,7 @@ def renamed(block, name_of, columns):
                 kind = frame[column].dtype
                 names = pd.Series([name_of[name] for name in frame[column]], dtype=object)
                 frame[column] = pd.Categorical(names) if kind == "category" else names.astype("str")
+    out.lever_arm = {name_of.get(name, name): arm for name, arm in out.lever_arm.items()}
     return out
 
 

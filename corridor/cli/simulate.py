@@ -1,0 +1,127 @@
+"""Simulate a flight plan: a block that nobody flew, and what is true of it.
+
+examples:
+  corridor simulate
+      the plans that come with corridor
+  corridor simulate thesis_50vt -o out/flown
+      one of them: 42 nadir images of a dike, free of error
+  corridor simulate thesis_50vt+thesis_50ob -o out/both --seed 3
+      two of them, flown one after the other over the same ground
+  corridor simulate PLAN.toml -o out/flown
+      your own; start from a copy of one that comes with corridor
+  corridor simulate PLAN.toml -o out/shaken --effect rolling_shutter:readout=0.03
+      with an effect of `corridor effects` on top of the plan's own
+
+BLOCK is a folder like that of a measured block, with start values that miss the truth. What is
+true is written beside it, to BLOCK.truth.json. The same plan and seed give the same bytes.
+"""
+
+import argparse
+from pathlib import Path
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `corridor simulate`."""
+    parser.add_argument(
+        "plan", metavar="PLAN", nargs="?", help="a .toml file, or names of plans joined by +"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="BLOCK", type=Path, help="folder to write (none: print only)"
+    )
+    parser.add_argument(
+        "--effect",
+        metavar="SLUG:PARAMETER=VALUE",
+        action="append",
+        type=_effect,
+        default=[],
+        help="add this effect; several parameters with commas (may be repeated)",
+    )
+    parser.add_argument(
+        "--seed", metavar="N", type=_seed, default=0, help="of everything drawn (default 0)"
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    """Simulate, say what came of it, write it; or list the plans."""
+    import corridor
+
+    if options.plan is None:
+        _list_plans()
+        return
+    added: dict[str, dict] = {}
+    for slug, values in options.effect:
+        added.setdefault(slug, {}).update(values)
+    with _Bars() as bars:
+        block = corridor.simulate(options.plan, added, options.seed, progress=bars)
+        rays = len(block.tie_points) / max(len(block.points), 1)
+        print(
+            f"{block.name}: {len(block.images)} images in {len(block.flight_names)} flight(s), "
+            f"{len(block.tie_points):,} tie observations of {len(block.points):,} points "
+            f"({rays:.1f} images a point), {len(block.ground):,} ground points, "
+            f"{len(block.gnss)} GNSS positions"
+        )
+        for slug, values in block.truth["effects"].items():
+            print(f"with {slug}: " + ", ".join(f"{k} = {v}" for k, v in values.items()))
+        if options.output is None:
+            print("Nothing was written: -o BLOCK writes the block and its truth.")
+            return
+        bars("writing files", 0.0)
+        block.write(options.output)
+        bars("writing files", 1.0)
+    print(f"wrote {options.output} and {options.output}.truth.json beside it")
+
+
+def _list_plans():
+    from corridor.simulation import read_plan, ready_made
+
+    for name in ready_made():
+        plan = read_plan(name)
+        print(f"{name}\n  {plan.description}\n  {plan.source}")
+    print("\n`corridor simulate NAME -o BLOCK` flies one, NAME+NAME several over the same ground.")
+
+
+class _Bars:
+    """A progress bar for each step that takes longer than a second."""
+
+    def __enter__(self):
+        self.bar, self.step = None, None
+        return self
+
+    def __exit__(self, *_):
+        if self.bar is not None:
+            self.bar.close()
+
+    def __call__(self, what: str, share: float) -> None:
+        from tqdm import tqdm
+
+        if what != self.step:
+            if self.bar is not None:
+                self.bar.close()
+            self.step = what
+            self.bar = tqdm(
+                total=100, desc=what, delay=1.0, leave=False,
+                bar_format="{desc} {percentage:3.0f} % |{bar}| {elapsed}",
+            )  # fmt: skip
+        self.bar.update(100 * share - self.bar.n)
+
+
+def _effect(text):
+    slug, colon, rest = text.partition(":")
+    values = {}
+    for word in rest.split(","):
+        name, _, number = word.partition("=")
+        try:
+            values[name.strip()] = float(number)
+        except ValueError:
+            colon = ""
+    if not colon or not slug or not all(values):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not SLUG:PARAMETER=VALUE, for example rolling_shutter:readout=0.03"
+        )
+    return slug.strip(), values
+
+
+def _seed(text):
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a seed: give a whole number from 0")
+    return int(text)

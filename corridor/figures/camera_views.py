@@ -1,0 +1,122 @@
+"""Where the cameras stand and what they see: footprints in plan, and the flight in space."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from corridor.camera import rotation_from_quaternion, undistort
+from corridor.figures import maps, style
+
+if TYPE_CHECKING:
+    from corridor.block import Block
+
+MOST_IMAGES = 600
+
+
+def camera_views(block: Block) -> Figure:
+    """Footprints of the pictures in plan, and the cameras over the ground from the side.
+
+    block: its poses as they stand; every k-th image where there are more than 600. Footprints are
+    on a plane at the mean height of the points. In space a camera is a pyramid that opens towards
+    what it sees, 4 m high; heights and distances have one scale.
+    """
+    title = f"{style.short(block.name, 60)}: what the cameras see"
+    pose = maps.columns(block.images, ("x", "y", "z", "qw", "qx", "qy", "qz"))
+    known = np.isfinite(pose).all(axis=1)
+    if not known.any():
+        return style.sentence("No pose is known yet: the adjustment finds start values.", title)
+    frame = maps.frame_of(block)
+    parts = [(name, rows[known[rows]], colour, marker) for name, rows, colour, marker in
+             maps.group_styles(block)]  # fmt: skip
+    step = -(-int(known.sum()) // MOST_IMAGES)
+    note = f"every {step}th image" if step > 1 else ""
+    rotation = np.full((len(pose), 3, 3), np.nan)
+    rotation[known] = rotation_from_quaternion(pose[known, 3:])
+    level = float(np.nanmean(block.points["z"])) if len(block.points) else 0.0
+    corners = _corners(block)
+    away = np.einsum("nij,nci->ncj", rotation, corners)
+    fall = np.where(away[:, :, 2] < -0.05, away[:, :, 2], np.nan)
+    reach = (level - pose[:, None, 2]) / fall
+    seen = pose[:, None, :2] + reach[:, :, None] * away[:, :, :2]
+    flat = frame.place(seen.reshape(-1, 2)).reshape(seen.shape)
+    limits = maps.extent(flat.reshape(-1, 2), frame.place(pose[known, :2]))
+    height = maps.map_height(limits, 8.5, 4.0)
+    figure = style.sheet(1.15 + height + 0.5 + 3.9, title, note)
+    axes = maps.map_panel(figure, frame, limits, 0.8, 1.15, 8.5, height)
+    keys = []
+    for name, rows, colour, marker in parts:
+        rows = rows[::step]
+        outline = np.concatenate([flat[rows], flat[rows][:, :1]], axis=1)
+        axes.add_collection(LineCollection(outline, colors=colour, linewidths=0.5, alpha=0.55))
+        axes.plot(*frame.place(pose[rows, :2]).T, ls="", marker=marker, ms=3, color=colour)
+        keys.append(Line2D([], [], ls="-", lw=0.8, marker=marker, ms=5, color=colour, label=name))
+    maps.draw_ground(axes, frame, block, names=False)
+    style.legend(figure, 0.87, keys)
+    _space(figure, 1.15 + height + 0.5, 3.9, block, frame, parts, pose, away, level, step)
+    return figure
+
+
+def _space(figure, top, height, block, frame, parts, pose, away, level, step):
+    wide, high = figure.get_size_inches()
+    box = (0.05, 1 - (top + height) / high, 0.9, height / high)
+    axes = figure.add_axes(box, projection="3d", facecolor="white", computed_zorder=False)
+    along = frame.place(pose[:, :2])
+    every = np.concatenate([maps.columns(t, ("x", "y", "z")) for t in (block.points, block.ground)])
+    ground, heights = frame.place(every[:, :2]), every[:, 2]
+    inside = np.isfinite(ground).all(axis=1) & np.isfinite(heights)
+    span = np.array([np.nanmin(along, axis=0) - 25, np.nanmax(along, axis=0) + 25])
+    inside &= ((ground > span[0]) & (ground < span[1])).all(axis=1)
+    few = np.flatnonzero(inside)[:: -(-int(inside.sum()) // 2500) or 1]
+    axes.plot(
+        *ground[few].T,
+        heights[few],
+        ls="",
+        marker="o",
+        ms=0.9,
+        color="#9a9a9a",
+        mec="none",
+        zorder=1,
+    )
+    for name, rows, colour, _ in parts:
+        del name
+        rows = rows[::step]
+        centre = np.column_stack([along[rows], pose[rows, 2]])
+        rays = away[rows]
+        turned = frame.turn(rays[:, :, :2].reshape(-1, 2)).reshape(*rays.shape[:2], 2)
+        tips = centre[:, None] + 4.0 * np.concatenate([turned, rays[:, :, 2:]], axis=2)
+        ends = np.repeat(centre[:, None], tips.shape[1], axis=1)
+        edges = np.stack([ends, tips], axis=2).reshape(-1, 2, 3)
+        ring = np.stack([tips, np.roll(tips, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+        axes.add_collection3d(
+            Line3DCollection(np.concatenate([edges, ring]), colors=colour, linewidths=0.6, zorder=4)
+        )
+    top_z = np.nanmax(pose[:, 2]) + 3
+    axes.set(xlim=span[:, 0], ylim=span[:, 1], zlim=(level - 3, top_z))
+    axes.set_box_aspect((*np.ptp(span, axis=0), top_z - level + 3), zoom=1.2)
+    axes.view_init(elev=18, azim=-72)
+    axes.tick_params(labelsize=style.SMALL, colors=style.INK, pad=0)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.pane.set(facecolor="white", edgecolor=style.FAINT)
+        axis._axinfo["grid"].update(color=style.FAINT, linewidth=0.3)
+    x_name, y_name = frame.labels
+    axes.set_xlabel(x_name, size=style.TEXT, labelpad=14)
+    axes.set_ylabel(y_name, size=style.TEXT, labelpad=4)
+    axes.set_zlabel("height (m)", size=style.TEXT, labelpad=0)
+    axes.locator_params(axis="y", nbins=4)
+    axes.locator_params(axis="z", nbins=4)
+
+
+def _corners(block: Block) -> np.ndarray:
+    """Rays (images, 4, 3) to the corners of each picture, camera frame."""
+    rays = {}
+    for name, camera in block.cameras.items():
+        right, low = camera.width - 1.0, camera.height - 1.0
+        corner = np.array([[0.0, 0.0], [right, 0.0], [right, low], [0.0, low]])
+        rays[name] = np.column_stack([undistort(corner, camera.interior), np.ones(4)])
+    return np.stack([rays[name] for name in block.images["camera"].astype(str)])

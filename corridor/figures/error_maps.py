@@ -1,0 +1,117 @@
+"""Errors of many check points, one row a case: plan as arrows, height as bars up and down."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from corridor.figures import maps, style
+from corridor.figures.residual_vectors import arrows, stated_arrow
+
+MOST_ARROWS = 160
+
+
+def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the ground") -> Figure:
+    """Maps of check-point errors, a row a case: planimetry on the left, altimetry on the right.
+
+    cases: name -> table with x, y (m, where the point was given) and dx, dy, dz (m, adjusted minus
+        given), such as `lay_on_control(...).check_points`.
+    Plan and height of one row share one scale, stated in the row; height is drawn as a bar, up
+    and dark where the point came out too high, down and light where too low. Of many points an
+    even choice is drawn; RMS are of all.
+    """
+    every = np.vstack([maps.columns(table) for table in cases.values()])
+    frame = _frame(every)
+    limits = maps.extent(frame.place(every), margin=0.06)
+    width = 4.25
+    height = maps.map_height(limits, width, 3.0)
+    step = height + 0.92
+    note = "adjusted minus given \u00b7 one scale a row \u00b7 height: dark too high, light too low"
+    figure = style.sheet(1.0 + step * len(cases) + 0.1, title, note)
+    metres_per_inch = max((limits[1] - limits[0]) / width, (limits[3] - limits[2]) / height)
+    middle = (limits[0] + limits[1]) / 2, (limits[2] + limits[3]) / 2
+    for row, (name, table) in enumerate(cases.items()):
+        top = 1.15 + row * step
+        shown = table.iloc[_even(frame.place(maps.columns(table)))]
+        places = frame.place(maps.columns(shown))
+        plan = frame.turn(maps.columns(shown, ("dx", "dy")))
+        up = maps.columns(shown, ("dz",))[:, 0]
+        longest = max(float(np.abs(plan).max(initial=0)), float(np.abs(up).max(initial=0)))
+        # The longest takes a third of an inch: rows of arrows stay apart.
+        scale = 0.34 * metres_per_inch / longest if longest > 0 else 1.0
+        errors = maps.columns(table, ("dx", "dy", "dz"))
+        texts = (
+            f"{name}: plan, RMS {_length(np.sqrt(np.mean((errors[:, :2] ** 2).sum(axis=1))))}",
+            f"height, RMS {_length(np.sqrt(np.mean(errors[:, 2] ** 2)))}",
+        )
+        for column, text in enumerate(texts):
+            left = 0.65 + column * (width + 0.45)
+            axes = style.panel(figure, left, top, width, height)
+            half = np.array([width, height]) * metres_per_inch / 2
+            axes.set(
+                xlim=middle[0] + half[0] * np.array([-1, 1]),
+                ylim=middle[1] + half[1] * np.array([-1, 1]),
+            )
+            style.caption(axes, text)
+            x_name, y_name = frame.labels
+            last = row == len(cases) - 1
+            style.label(axes, x_name if last else None, y_name if column == 0 else None)
+            if column == 0:
+                arrows(axes, *places.T, *plan.T, scale, style.DARK)
+                continue
+            axes.plot(*places.T, ls="", marker=".", ms=1.5, color=style.QUIET, zorder=3)
+            for colour, some in ((style.DARK, up > 0), (style.LIGHT, up <= 0)):
+                arrows(axes, *places[some].T, 0 * up[some], up[some], scale, colour)
+        length = style.nice(0.5 * metres_per_inch / scale)
+        stated_arrow(
+            figure, 0.65 + 2 * width - 0.75, top - 0.12, length * scale / metres_per_inch,
+            _length(length, exact=True),
+        )  # fmt: skip
+    return figure
+
+
+def _frame(places: np.ndarray) -> maps.MapFrame:
+    """Turned where the points lie along a corridor, read eastwards or northwards."""
+    middle = places.mean(axis=0)
+    _, _, axes = np.linalg.svd(places - middle, full_matrices=False)
+    spread = np.ptp((places - middle) @ axes.T, axis=0)
+    if spread[0] < maps.LONG * spread[1]:
+        return maps.MapFrame(0.0, np.zeros(2), False, "y")
+    direction = axes[0]
+    if direction[0] < -0.02 or (abs(direction[0]) <= 0.02 and direction[1] < 0):
+        direction = -direction
+    first = ((places - middle) @ direction).min()
+    return maps.MapFrame(
+        float(np.arctan2(direction[1], direction[0])), middle + first * direction, True, "y"
+    )
+
+
+def _even(places: np.ndarray) -> np.ndarray:
+    """Rows of an even choice of at most `MOST_ARROWS` places: the first of each square."""
+    if len(places) <= MOST_ARROWS:
+        return np.arange(len(places))
+    low, span = places.min(axis=0), np.ptp(places, axis=0)
+    side = np.sqrt(np.prod(np.maximum(span, 1e-9)) / MOST_ARROWS) * 1.02
+    square = np.floor((places - low) / side).astype(int)
+    # The point nearest the middle of its square, so that arrows stand in rows.
+    off = np.abs((places - low) / side - square - 0.5).max(axis=1)
+    key = square[:, 0] * 100_000 + square[:, 1]
+    order = np.lexsort((off, key))
+    first = np.concatenate([[True], np.diff(key[order]) != 0])
+    return np.sort(order[first])
+
+
+def _length(metres: float, exact: bool = False) -> str:
+    """A length in the unit a person would use: 1.4 cm, 0.30 mm, 5 nm."""
+    if metres == 0:
+        return "0 m"
+    for factor, unit in ((1.0, "m"), (1e2, "cm"), (1e3, "mm"), (1e6, "\u00b5m")):
+        if metres * factor >= (1.0 if unit != "cm" else 0.5):
+            break
+    else:
+        factor, unit = 1e9, "nm"
+    value = metres * factor
+    return f"{style.plain(round(value, 12)) if exact else f'{value:.2g}'} {unit}"

@@ -1,0 +1,365 @@
+"""From a flight plan to a block: what would be measured, and what is true."""
+
+from __future__ import annotations
+
+import json
+import numbers
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor import effects as catalogue
+from corridor.block import Block
+from corridor.camera import (
+    INTERIOR,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
+from corridor.errors import InputError
+from corridor.simulation.fly import check_plan, fly, ground_width
+from corridor.simulation.ground_points import evenly, surveyed
+from corridor.simulation.noise import add_noise
+from corridor.simulation.plan import Noise, Plan, Start, build, read_plan
+from corridor.simulation.terrain import Dike
+from corridor.simulation.views import Network, Views, thin
+
+# Observations that fit in memory with all that hangs on them.
+_MOST_OBSERVATIONS = 200_000_000
+_POSE = ("qw", "qx", "qy", "qz")
+
+
+@dataclass(eq=False, repr=False)
+class Simulated(Block):
+    """A block that nobody flew. `truth`: a mapping of everything that is true of it.
+
+    Copies and selections are plain blocks: what is changed in them the truth does not know.
+    """
+
+    truth: dict = field(default_factory=dict, repr=False)
+
+    def copy(self) -> Block:
+        """A plain block that shares nothing with this one."""
+        values = {name: getattr(self, name) for name in Block.__dataclass_fields__}
+        return Block(**values).copy()
+
+    def select(self, *args, **options) -> Block:
+        """See `Block.select`."""
+        return self.copy().select(*args, **options)
+
+    def write(self, folder: str | os.PathLike, form: str = "csv") -> None:
+        """Write the block folder, and the truth beside it to FOLDER.truth.json; both or neither.
+
+        See `Block.write`; `copy().write` leaves the truth out.
+        """
+        folder = Path(folder)
+        path = folder.parent / f"{folder.name}.truth.json"
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        lines = ",\n".join(f"{json.dumps(k)}: {_lines(v)}" for k, v in self.truth.items())
+        part = path.with_name(f".{path.name}.part")
+        try:
+            part.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8", newline="\n")
+            super().write(folder, form)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+def simulate(
+    plan: Plan | str | os.PathLike,
+    effects: Mapping[str, Mapping] | None = None,
+    seed: int = 0,
+    *,
+    noise: Noise | Mapping | None = None,
+    start: Start | Mapping | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Simulated:
+    """The block that a flight plan would give.
+
+    plan: a `Plan`, a `.toml` file, or names of ready-made plans joined by +.
+    effects: `{slug: {parameter: value}}`, on top of the plan's own.
+    noise, start: in place of the plan's: errors of measurement, and of the start values. Without
+        noise all rays of a point meet in it.
+    progress: called with what is being done and the share that is done.
+
+    The start values in the block (poses, points, camera) miss the truth by what `start` says; what
+    is true is in `.truth`, and `write` puts it beside the block's folder, never into it.
+    Same plan and seed, same block. Raises InputError for a plan that cannot be flown.
+    """
+    plan = plan if isinstance(plan, Plan) else read_plan(plan)
+    say = progress or (lambda what, share: None)
+    added = {**plan.effects, **(effects or {})}
+    if not isinstance(seed, numbers.Integral) or seed < 0:
+        raise InputError(f"seed = {seed!r} is not a whole number from 0")
+    noise = _settings(noise, plan.noise, Noise)
+    start = _settings(start, plan.start, Start)
+    _check_camera(start)
+    _check_effects(plan, added)
+
+    perfect = perfect_block(plan, seed, say)
+    block = perfect
+    if added:
+        say("adding effects", 0.0)
+        block = catalogue.add(block, added)
+        say("adding effects", 1.0)
+    say("adding noise", 0.0)
+    block = add_noise(block, **asdict(noise), seed=seed)
+    block = _miss(block, start, np.random.default_rng([seed, 7]))
+    say("adding noise", 1.0)
+    values = {name: getattr(block, name) for name in Block.__dataclass_fields__}
+    return Simulated(**values, truth=_truth(perfect, plan, seed, added, noise))
+
+
+def perfect_block(
+    plan: Plan, seed: int = 0, progress: Callable[[str, float], None] | None = None
+) -> Block:
+    """The block of a plan without any error: start values are the truth, all rays meet.
+
+    Shapes, units and errors as `simulate`; the plan's effects, noise and start are left aside.
+    """
+    say = progress or (lambda what, share: None)
+    ground = Dike(plan.terrain.relief_m, plan.terrain.level_m, seed, plan.terrain.roughness_m)
+    low, high = ground.bounds
+    images = check_plan(plan, high)
+    per_image = plan.tie_points.per_image
+    if images * per_image > _MOST_OBSERVATIONS:
+        raise InputError(
+            f"{images} images with {per_image} tie points each are more than "
+            f"{_MOST_OBSERVATIONS:.0e} observations: lower per_image or fly less"
+        )
+    draw = [np.random.default_rng(child) for child in np.random.SeedSequence([seed, 3]).spawn(4)]
+    axis = plan.axis
+    flown = fly(plan, seed)
+    network = Network(flown, low, high, plan.tie_points.border_px)
+
+    def surface(station, across):
+        return np.column_stack([axis.place(station, across), ground.height(station, across)])
+
+    # --- tie points: drawn evenly over all that pictures show, then thinned
+    position, tangent = axis.at(flown.station)
+    away = network.footprints - position[:, None]
+    right = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    along = flown.station[:, None] + np.einsum("mnk,mk->mn", away, tangent)
+    aside = np.einsum("mnk,mk->mn", away, right)
+    box = np.array([[along.min(), along.max()], [aside.min(), aside.max()]])
+    width = np.array([np.prod(ground_width(plan.camera(f), f.long_side)) for f in plan.flights])
+    smallest = float(np.min(width * [f.heights.min() ** 2 for f in plan.flights]))
+    # Images at the rim share less ground with others and need their points more densely.
+    candidates = int(np.prod(np.ptp(box, axis=1)) * per_image / smallest * 2) + 100
+    if candidates > _MOST_OBSERVATIONS:
+        raise InputError(
+            f"{candidates:.0e} points are needed to give the lowest pictures {per_image} each: "
+            "lower per_image, or plan flights of such different heights apart"
+        )
+    station, across = draw[0].uniform(box[:, 0], box[:, 1], (candidates, 2)).T
+    points = surface(station, across)
+    views = network.look(points, lambda share: say("looking what pictures show", share))
+    kept = thin(views, images, per_image, draw[1])
+    if not len(kept):
+        raise InputError("no point is seen twice: raise forward or side overlap")
+    # Numbered as they appear in the flight, as a matcher does.
+    kept = kept[np.argsort(views.image[views.start[kept]], kind="stable")]
+    views, points = views.of(kept), points[kept]
+    station, across = station[kept], across[kept]
+
+    # --- surveyed points
+    lowest = min(f.heights.min() for f in plan.flights)
+    wide = min(ground_width(plan.camera(f), f.long_side)[1] for f in plan.flights)
+    bank = plan.ground.offset_m
+    if bank is None:
+        bank = 0.3 * wide * lowest
+    begin, end = float(flown.station.min()), float(flown.station.max())
+    *where, role = surveyed(plan.ground, begin, end, bank, draw[2])
+    marked = surface(*where)
+    mark_views = network.look(marked)
+
+    picked = np.empty(0, dtype=np.int64)
+    if plan.ground.check_from_ties:
+        fit = (views.rays >= 3) & (station >= begin) & (station <= end)
+        if plan.ground.within_m is not None:
+            fit &= np.abs(across) <= plan.ground.within_m
+        fit = np.flatnonzero(fit)
+        picked = fit[evenly(station[fit], across[fit], plan.ground.check_from_ties, draw[3])]
+    tied = np.setdiff1d(np.arange(len(points)), picked)
+
+    say("writing tables", 0.0)
+    image_name = pd.Index(flown.table["image"], dtype="str")
+    tie_names = _names("T", len(tied))
+    mark_names = _names("G", len(marked), 2) + _names("C", len(picked))
+    all_marked = np.concatenate([marked, points[picked]])
+    all_marks = _together(mark_views, views.of(picked))
+    block = Block(
+        name=plan.name,
+        cameras={camera.name: camera for camera in flown.cameras},
+        images=flown.table,
+        tie_points=_observed(tie_names, image_name, points[tied], views.of(tied), network),
+        points=pd.DataFrame({"point": tie_names, **_xyz(points[tied])}),
+        marks=_observed(mark_names, image_name, all_marked, all_marks, network),
+        ground=pd.DataFrame(
+            {
+                "point": mark_names,
+                **_xyz(all_marked),
+                "role": [*role.tolist(), *["check"] * len(picked)],
+            }
+        ),
+        gnss=pd.DataFrame({"image": image_name, **_xyz(flown.antenna)})[: images * plan.gnss],
+        # One weight for all image points, as long as no noise says otherwise.
+        sigma={"tie_px": 0.5, "mark_px": 0.5},
+        lever_arm={f.name: tuple(f.lever_arm_m) for f in plan.flights} if plan.gnss else {},
+        description=plan.description or f"simulated from the plan {plan.name}",
+        source=plan.source,
+    )
+    say("writing tables", 1.0)
+    return block
+
+
+def _settings(given, plans, kind):
+    if given is None:
+        return plans
+    if isinstance(given, kind):
+        return given
+    where = kind.__name__.lower()
+    if not isinstance(given, Mapping):
+        raise InputError(f"{where} is a table, not {given!r}")
+    return build(
+        kind, {**{key: getattr(plans, key) for key in kind.__dataclass_fields__}, **given}, where
+    )
+
+
+def _check_camera(start: Start) -> None:
+    for key, value in start.camera.items():
+        if key not in INTERIOR:
+            raise InputError(
+                f"start: camera has no parameter {key!r}: it has {', '.join(INTERIOR)}"
+            )
+        _check_number(f"start: camera: {key}", value)
+
+
+def _check_number(where: str, value: object) -> None:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not np.isfinite(value):
+        raise InputError(f"{where} = {value!r} is not a number")
+
+
+def _check_effects(plan: Plan, effects: Mapping) -> None:
+    """Try the effects on one image a flight, so that wrong ones are refused before it is flown."""
+    if not effects:
+        return
+    tried = {}
+    for slug, values in effects.items():
+        effect = catalogue.find(slug)
+        tried[slug] = values
+        if isinstance(values, np.ndarray):
+            # One row for each group, which are not known yet.
+            tried[slug] = {}
+            continue
+        if not isinstance(values, Mapping):
+            raise InputError(f"effects: {slug} is a table of its parameters, not {values!r}")
+        for parameter, value in values.items():
+            for number in value.values() if isinstance(value, Mapping) else [value]:
+                _check_number(f"effects: {slug}: {parameter}", number)
+        if effect.group in ("image", "point"):
+            # Images and points have no names yet.
+            tried[slug] = dict.fromkeys(values, 0.0)
+    names = [flight.name for flight in plan.flights]
+    zero = np.zeros(len(names))
+    known = ("time_s", "temperature_c", *"xyz", *_POSE, "vx", "vy", "vz", "wx", "wy", "wz")
+    pose = {"image": names, **dict.fromkeys(known, zero), "qw": zero + 1.0}
+    sketch = Block(
+        name=plan.name,
+        cameras={flight.camera: plan.camera(flight) for flight in plan.flights},
+        images=pd.DataFrame(
+            {**pose, "flight": names, "camera": [flight.camera for flight in plan.flights]}
+        ),
+        gnss=pd.DataFrame({key: pose[key] for key in ("image", *"xyz")})[: len(names) * plan.gnss],
+    )
+    catalogue.predict(sketch, tried)
+
+
+def _miss(block: Block, start: Start, draw: np.random.Generator) -> Block:
+    """The block with start values that miss the truth, and without what nobody knows yet."""
+    count = len(block.images)
+    rotation = rotation_from_quaternion(block.images[list(_POSE)].to_numpy())
+    turn = rotation_from_vector(np.radians(start.rotation_deg) * draw.standard_normal((count, 3)))
+    quaternion = quaternion_from_rotation(turn @ rotation)
+    centre = block.images[["x", "y", "z"]].to_numpy()
+    centre = centre + start.centre_m * draw.standard_normal((count, 3))
+    block.images = block.images.assign(
+        **_xyz(centre), **dict(zip(_POSE, quaternion.T, strict=True))
+    )
+    points = block.points[["x", "y", "z"]].to_numpy()
+    points = points + start.points_m * draw.standard_normal(points.shape)
+    block.points = block.points.assign(**_xyz(points))
+    block.cameras = {
+        name: camera.with_values(**{k: camera[k] + v for k, v in start.camera.items()})
+        for name, camera in block.cameras.items()
+    }
+    block.lever_arm = {}
+    return block
+
+
+def _truth(perfect: Block, plan: Plan, seed: int, effects: Mapping, noise: Noise) -> dict:
+    def rows(table: pd.DataFrame, name: str, columns) -> dict:
+        return dict(
+            zip(table[name].tolist(), table[list(columns)].to_numpy().tolist(), strict=True)
+        )
+
+    return {
+        "block": plan.name,
+        "seed": seed,
+        "noise": asdict(noise),
+        "camera": {name: camera.to_table() for name, camera in perfect.cameras.items()},
+        "effects": {slug: _plain(values) for slug, values in effects.items()},
+        "lever_arm": {name: list(arm) for name, arm in perfect.lever_arm.items()},
+        "centre": rows(perfect.images, "image", "xyz"),
+        "quaternion": rows(perfect.images, "image", _POSE),
+        "ground": rows(perfect.ground, "point", "xyz"),
+        "points": rows(perfect.points, "point", "xyz"),
+    }
+
+
+def _plain(values):
+    if isinstance(values, Mapping):
+        return {key: _plain(value) for key, value in values.items()}
+    return np.asarray(values, dtype=float).tolist()
+
+
+def _lines(value: object) -> str:
+    """JSON with one line for each name, so that a person can read it."""
+    if isinstance(value, dict) and value and isinstance(next(iter(value.values())), list):
+        inside = ",\n".join(f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in value.items())
+        return f"{{\n{inside}\n}}"
+    return json.dumps(value)
+
+
+def _names(letter: str, count: int, digits: int = 6) -> list[str]:
+    digits = max(digits, len(str(count)))
+    return [f"{letter}{k:0{digits}d}" for k in range(1, count + 1)]
+
+
+def _xyz(points: np.ndarray) -> dict:
+    return {axis: np.ascontiguousarray(points[:, k]) for k, axis in enumerate("xyz")}
+
+
+def _together(a: Views, b: Views) -> Views:
+    return Views(
+        np.concatenate([a.start, a.start[-1] + b.start[1:]]), np.concatenate([a.image, b.image])
+    )
+
+
+def _observed(names, images: pd.Index, points, views: Views, network: Network) -> pd.DataFrame:
+    """Rows of tie_points or marks; names: of points, images: of images."""
+    x, y = network.pixels(points, views).T
+    return pd.DataFrame(
+        {
+            "point": pd.Categorical.from_codes(
+                views.point, categories=pd.Index(names, dtype="str")
+            ),
+            "image": pd.Categorical.from_codes(views.image, categories=images),
+            "x": np.ascontiguousarray(x),
+            "y": np.ascontiguousarray(y),
+        }
+    )

@@ -1,0 +1,240 @@
+"""Which image sees which point, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from corridor.camera import distort, radials_in_use
+from corridor.simulation.fly import Flown, border_rays
+
+# Points looked at between two reports of progress.
+_CHUNK = 200_000
+
+
+@dataclass
+class Views:
+    """Rays of points: image[start[p]:start[p + 1]] are the images that see point p, ascending."""
+
+    start: np.ndarray
+    image: np.ndarray
+
+    @property
+    def rays(self) -> np.ndarray:
+        """Images that see each point (p,)."""
+        return np.diff(self.start)
+
+    @property
+    def point(self) -> np.ndarray:
+        """The point of each ray."""
+        return np.repeat(np.arange(len(self.start) - 1, dtype=np.int32), self.rays)
+
+    def of(self, points: np.ndarray) -> Views:
+        """The rays of some of the points, in the order given."""
+        rays = self.rays[points]
+        start = np.concatenate([[0], np.cumsum(rays)])
+        step = np.arange(start[-1]) - np.repeat(start[:-1], rays)
+        return Views(start, self.image[np.repeat(self.start[points], rays) + step])
+
+
+class Network:
+    """The images of a flight, ready to be asked what they see.
+
+    low, high: bounds of the ground, metres. border_px: pictures see nothing nearer their edge.
+    """
+
+    def __init__(self, flown: Flown, low: float, high: float, border_px: float):
+        self.images = len(flown.centre)
+        self.footprints = _footprints(flown, low, high)
+        box = np.concatenate([self.footprints.min(axis=1), self.footprints.max(axis=1)], axis=1)
+        # The border is sampled: between two of its rays a picture may reach a little further.
+        slack = 0.5 + 0.02 * (box[:, 2:] - box[:, :2])
+        box[:, :2] -= slack
+        box[:, 2:] += slack
+        self.origin = box[:, :2].min(axis=0)
+        size = float(np.median(box[:, 2:] - box[:, :2])) / 2
+        span = box[:, 2:].max(axis=0) - self.origin
+        size = max(size, float(span.max()) / 3000)
+        self.size = size
+        self.cells = np.floor(span / size).astype(np.int64) + 1
+        self.cell_start, self.cell_image = _fill(box, self.origin, size, self.cells)
+        interior = np.array([c.interior for c in flown.cameras])
+        limit = [(c.width - 1 - border_px, c.height - 1 - border_px) for c in flown.cameras]
+        self._kernel = (
+            box, self.origin, size, self.cells, self.cell_start, self.cell_image,
+            flown.centre, flown.rotation, flown.camera, interior,
+            int(radials_in_use(interior)), np.array(limit, dtype=float), float(border_px),
+        )  # fmt: skip
+
+    def look(self, points: np.ndarray, progress: Callable[[float], None] | None = None) -> Views:
+        """Who sees points (n, 3). progress: called with the share that is done."""
+        count = len(points)
+        parts = []
+        for first in range(0, max(count, 1), _CHUNK):
+            some = points[first : first + _CHUNK]
+            rays = np.zeros(len(some), dtype=np.int64)
+            _visit(some, rays, rays, np.empty(0, dtype=np.int32), False, *self._kernel)
+            start = np.concatenate([[0], np.cumsum(rays)])
+            image = np.empty(start[-1], dtype=np.int32)
+            _visit(some, rays, start, image, True, *self._kernel)
+            parts.append((rays, image))
+            if progress:
+                progress(min(1.0, (first + _CHUNK) / max(count, 1)))
+        rays = np.concatenate([part[0] for part in parts])
+        return Views(
+            np.concatenate([[0], np.cumsum(rays)]), np.concatenate([part[1] for part in parts])
+        )
+
+    def pixels(self, points: np.ndarray, views: Views) -> np.ndarray:
+        """Image coordinates (rays, 2) px of points (n, 3) without any error."""
+        return _project(points, views.point, views.image, *self._kernel[6:11])
+
+
+def thin(views: Views, images: int, target: float, draw: np.random.Generator) -> np.ndarray:
+    """Points to keep, such that an image has `target` of them on average; in ascending order.
+
+    Points seen once are dropped. A point is kept as a whole as long as the images that see it
+    still want more, taken together.
+    """
+    turn = draw.permutation(len(views.rays))
+    keep = _thin(views.start, views.image, turn, images, float(target))
+    # The last point of an image overshoots; a second pass meets the number on average.
+    mean = views.rays[keep].sum() / images
+    if mean > target:
+        keep = _thin(views.start, views.image, turn, images, target * target / mean)
+    return np.flatnonzero(keep)
+
+
+def _footprints(flown: Flown, low: float, high: float) -> np.ndarray:
+    """Where the border of each picture meets the lowest and the highest ground (m, n, 2)."""
+    out = None
+    for k, camera in enumerate(flown.cameras):
+        rays = border_rays(camera)
+        rays = np.column_stack([rays, np.ones(len(rays))])
+        mine = flown.camera == k
+        world = np.einsum("nij,ri->nrj", flown.rotation[mine], rays)
+        # With jitter a flat ray may miss the ground: it then ends far away.
+        fall = np.minimum(world[:, :, 2:], -0.05)
+        centre = flown.centre[mine][:, None]
+        hits = np.concatenate(
+            [
+                centre[:, :, :2] + world[:, :, :2] * (level - centre[:, :, 2:]) / fall
+                for level in (low, high)
+            ],
+            axis=1,
+        )
+        if out is None:
+            out = np.empty((len(flown.centre), hits.shape[1], 2))
+        out[mine] = hits
+    return out
+
+
+@njit(cache=True)
+def _fill(box, origin, size, cells):
+    """Images whose footprint touches each cell of a grid, ascending."""
+    count = np.zeros(cells[0] * cells[1] + 1, dtype=np.int64)
+    image = np.empty(0, dtype=np.int32)
+    for fill in (False, True):
+        for i in range(box.shape[0]):
+            x0 = int((box[i, 0] - origin[0]) / size)
+            y0 = int((box[i, 1] - origin[1]) / size)
+            x1 = int((box[i, 2] - origin[0]) / size)
+            y1 = int((box[i, 3] - origin[1]) / size)
+            for x in range(x0, min(x1, cells[0] - 1) + 1):
+                for y in range(y0, min(y1, cells[1] - 1) + 1):
+                    cell = x * cells[1] + y
+                    if fill:
+                        image[count[cell]] = i
+                        count[cell] += 1
+                    else:
+                        count[cell + 1] += 1
+        if not fill:
+            count = np.cumsum(count)
+            image = np.empty(count[-1], dtype=np.int32)
+    # Filling moved each start to the next one's.
+    start = np.zeros(len(count), dtype=np.int64)
+    start[1:] = count[:-1]
+    return start, image
+
+
+@njit(cache=True)
+def _inside(point, centre, rotation, c, radials, limit, border):
+    d0, d1, d2 = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    depth = rotation[2, 0] * d0 + rotation[2, 1] * d1 + rotation[2, 2] * d2
+    if depth <= 0.0:
+        return False
+    u = (rotation[0, 0] * d0 + rotation[0, 1] * d1 + rotation[0, 2] * d2) / depth
+    v = (rotation[1, 0] * d0 + rotation[1, 1] * d1 + rotation[1, 2] * d2) / depth
+    x, y, xu, xv, yu, yv = distort(u, v, c, np.uint64(0), radials)
+    # Beyond a fold of the distortion, or two, a far point would seem to lie inside.
+    if xu * yv - xv * yu <= 0.0 or xu + yv <= 0.0:
+        return False
+    return border <= x <= limit[0] and border <= y <= limit[1]
+
+
+@njit(cache=True)
+def _visit(points, rays, start, image, fill, box, origin, size, cells, cell_start, cell_image,
+           centre, rotation, camera, interior, radials, limit, border):  # fmt: skip
+    for p in range(points.shape[0]):
+        x, y = points[p, 0], points[p, 1]
+        cx, cy = int((x - origin[0]) / size), int((y - origin[1]) / size)
+        n = start[p] if fill else 0
+        if x >= origin[0] and y >= origin[1] and cx < cells[0] and cy < cells[1]:
+            cell = cx * cells[1] + cy
+            for k in range(cell_start[cell], cell_start[cell + 1]):
+                i = cell_image[k]
+                if x < box[i, 0] or y < box[i, 1] or x > box[i, 2] or y > box[i, 3]:
+                    continue
+                c = camera[i]
+                if _inside(
+                    points[p],
+                    centre[i],
+                    rotation[i],
+                    interior[c : c + 1],
+                    radials,
+                    limit[c],
+                    border,
+                ):
+                    if fill:
+                        image[n] = i
+                    n += 1
+        if not fill:
+            rays[p] = n
+
+
+@njit(cache=True)
+def _thin(start, image, turn, images, target):
+    count = np.zeros(images, dtype=np.int64)
+    keep = np.zeros(len(turn), dtype=np.bool_)
+    for p in turn:
+        if start[p + 1] - start[p] < 2:
+            continue
+        wanted = 0.0
+        for n in range(start[p], start[p + 1]):
+            wanted += target - count[image[n]]
+        if wanted <= 0:
+            continue
+        keep[p] = True
+        for n in range(start[p], start[p + 1]):
+            count[image[n]] += 1
+    return keep
+
+
+@njit(cache=True)
+def _project(points, point, image, centre, rotation, camera, interior, radials):
+    out = np.empty((len(point), 2))
+    for n in range(len(point)):
+        p, i = point[n], image[n]
+        d0 = points[p, 0] - centre[i, 0]
+        d1 = points[p, 1] - centre[i, 1]
+        d2 = points[p, 2] - centre[i, 2]
+        r = rotation[i]
+        depth = r[2, 0] * d0 + r[2, 1] * d1 + r[2, 2] * d2
+        u = (r[0, 0] * d0 + r[0, 1] * d1 + r[0, 2] * d2) / depth
+        v = (r[1, 0] * d0 + r[1, 1] * d1 + r[1, 2] * d2) / depth
+        c = camera[i]
+        out[n, 0], out[n, 1], _, _, _, _ = distort(u, v, interior[c : c + 1], np.uint64(0), radials)
+    return out

@@ -1,0 +1,104 @@
+"""`corridor simulate`: a plan in, a block and its truth out."""
+
+import json
+
+import pytest
+
+import corridor
+from corridor.cli import main
+
+PLAN = """
+[ground]
+control = 3
+check = 2
+
+[tie_points]
+per_image = 40
+
+[[flight]]
+name = "F1"
+height_m = 50
+strips = 2
+images = 8
+forward = 0.7
+"""
+
+
+@pytest.fixture
+def plan(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(PLAN, encoding="utf-8")
+    return path
+
+
+def test_it_writes_the_block_and_its_truth_beside_it(plan, tmp_path, capsys):
+    out = tmp_path / "flown"
+    assert main(["simulate", str(plan), "-o", str(out), "--seed", "3"]) == 0
+    block = corridor.read(out)
+    truth = json.loads((tmp_path / "flown.truth.json").read_text(encoding="utf-8"))
+    assert list(truth["centre"]) == list(block.images["image"])
+    assert truth["seed"] == 3
+    said = capsys.readouterr().out
+    assert "8 images" in said and "flown.truth.json" in said
+
+
+def test_the_same_seed_writes_the_same_bytes(plan, tmp_path):
+    for name in ("a", "b"):
+        main(["simulate", str(plan), "-o", str(tmp_path / name)])
+    first, second = (
+        {p.relative_to(tmp_path / name): p.read_bytes() for p in (tmp_path / name).iterdir()}
+        for name in ("a", "b")
+    )
+    assert first == second
+
+
+def test_effects_are_added_and_are_part_of_the_truth(plan, tmp_path):
+    words = ["--effect", "rolling_shutter:readout=0.03", "--effect", "gnss_bias:x=0.1,z=-0.2"]
+    assert main(["simulate", str(plan), "-o", str(tmp_path / "flown"), *words]) == 0
+    truth = json.loads((tmp_path / "flown.truth.json").read_text(encoding="utf-8"))
+    assert truth["effects"] == {
+        "rolling_shutter": {"readout": 0.03},
+        "gnss_bias": {"x": 0.1, "z": -0.2},
+    }
+
+
+def test_without_an_output_it_says_that_nothing_was_written(plan, capsys):
+    assert main(["simulate", str(plan)]) == 0
+    assert "Nothing was written" in capsys.readouterr().out
+
+
+def test_without_a_plan_it_lists_those_that_come_with_the_package(capsys):
+    assert main(["simulate"]) == 0
+    said = capsys.readouterr().out
+    for name in corridor.simulation.ready_made():
+        assert name in said
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["thesis_50vv"], "did you mean thesis_50vt"),
+        (["nowhere.toml"], "cannot be read"),
+        (["thesis_50vt", "--effect", "nix:a=1"], "nix"),
+        (["thesis_50vt", "--effect", "rolling_shutter"], "SLUG:PARAMETER=VALUE"),
+        (["thesis_50vt", "--effect", "rolling_shutter:readout=slow"], "SLUG:PARAMETER=VALUE"),
+        (["thesis_50vt", "--effect", "rolling_shutter:speed=1"], "no parameter 'speed'"),
+        (["thesis_50vt", "--seed", "-1"], "whole number"),
+    ],
+)
+def test_wrong_input_is_status_2_and_one_sentence(words, says, capsys):
+    try:
+        status = main(["simulate", *words])
+    except SystemExit as end:
+        status = end.code
+    assert status == 2
+    assert says in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_folder_that_is_no_block_is_not_replaced_and_no_truth_stays(plan, tmp_path, capsys):
+    other = tmp_path / "mine"
+    other.mkdir()
+    (other / "diary.txt").write_text("dear diary", encoding="utf-8")
+    assert main(["simulate", str(plan), "-o", str(other)]) == 2
+    assert [p.name for p in other.iterdir()] == ["diary.txt"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mine", "small.toml"]
