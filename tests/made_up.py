@@ -156,7 +156,8 @@ def adjustment(block, effects=(), seed=5, **changes):
         "check_std": _three(difference.std(axis=0, ddof=1)) if len(check) > 1 else _none(),
         "poses": poses, "points": points,
         "correlations": [
-            {"a": f"camera.{name}.f", "b": b, "mean": 0.36, "std": 0.02}
+            {"a": f"camera.{name}.f", "b": b, "mean": 0.36, "std": 0.02,
+             "sigma_a": 2.9, "sigma_b": 0.012}
             for name in block.cameras for b in ("camera height", "ground height")
         ],
         "high_correlations": high, "correlation_matrix": (names, matrix), "warnings": [],

@@ -73,7 +73,7 @@ class TestAdjust:
         words = (
             "--camera f,cx,cy --effect gnss_bias --effect rolling_shutter --control P1,P2 "
             "--check none --loss huber:2 --prior camera.P1.f=8190+-5 --prior gnss_bias.z=0±0.05 "
-            "--lever-arm fixed --threads 2"
+            "--lever-arm fixed --threads 2 --reject-gnss"
         )
         main(["adjust", str(folder), *words.split()])
         called.pop("progress")
@@ -86,6 +86,7 @@ class TestAdjust:
             "priors": {"camera.P1.f": (8190.0, 5.0), "gnss_bias.z": (0.0, 0.05)},
             "lever_arm": "fixed",
             "threads": 2,
+            "reject_gnss": True,
         }
 
     def test_what_is_not_asked_for_is_left_to_the_block(self, folder, monkeypatch):

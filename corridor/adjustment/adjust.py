@@ -31,6 +31,7 @@ def adjust(
     threads: int = 1,
     progress: Callable[[dict], None] | None = None,
     max_iterations: int = 50,
+    reject_gnss: bool = False,
 ) -> Adjustment:
     """Least-squares adjustment of tie points, marks, ground control and GNSS.
 
@@ -42,6 +43,8 @@ def adjust(
     priors: value and standard deviation by name: `{"camera.P1.f": (8190.0, 5.0)}`.
     lever_arm: `free` or `fixed`; default: free unless block.toml fixes it.
     threads: 1 or 2.
+    reject_gnss: leave out antenna positions whose residual is beyond five sigmas (false fixes,
+        which no smoother of the track can see) and adjust again, until none is left.
     progress: called with a dictionary: after each iteration iteration, cost, damping, step and
         accepted; while start values are made, message.
 
@@ -51,6 +54,13 @@ def adjust(
     iterations get nowhere.
     """
     began = time.perf_counter()
+
+    def again(block: Block) -> Adjustment:
+        return adjust(
+            block, camera, effects, control, check, loss, priors, lever_arm, threads, progress,
+            max_iterations,
+        )  # fmt: skip
+
     if threads < 1:
         raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
     start, notes = block, []
@@ -83,9 +93,33 @@ def adjust(
     except Singular as singular:
         raise explain(normal, problem.start, singular) from None
     solution.state = state
-    return Adjustment(
+    result = Adjustment(
         start, normal, solution, covariance, time.perf_counter() - began, [*problem.notes, *notes]
     )
+    return _without_false_fixes(result, again) if reject_gnss else result
+
+
+def _without_false_fixes(result: Adjustment, again: Callable[[Block], Adjustment]) -> Adjustment:
+    """Adjusted again without the outliers among the antenna positions, until none is left."""
+    rejected: dict[str, float] = {}
+    for _ in range(10):
+        table = result.residuals["gnss"]
+        gone = table[table["outlier"]]
+        if not len(gone) or len(gone) > len(table) / 2:
+            break
+        lengths = np.linalg.norm(gone[["vx", "vy", "vz"]], axis=1)
+        rejected |= dict(zip(gone["image"], lengths.tolist(), strict=True))
+        block = result.start.copy()
+        block.gnss = block.gnss[~block.gnss["image"].isin(list(rejected))].reset_index(drop=True)
+        result = again(block)
+    if rejected:
+        names = ", ".join(list(rejected)[:5]) + (", ..." if len(rejected) > 5 else "")
+        many = len(rejected) > 1
+        result.add_note(
+            f"{len(rejected)} antenna position{'s' * many} rejected as false fix{'es' * many}, "
+            f"residual up to {max(rejected.values()):.2f} m ({names})."
+        )
+    return result
 
 
 def _incomplete(block: Block) -> bool:

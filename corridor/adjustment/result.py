@@ -266,7 +266,10 @@ class Adjustment(Checked):
         """Of focal lengths and lever arms (z) with camera and ground height, and each other.
 
         The mean and standard deviation are over the cameras or ground points concerned (points
-        measured as marks where there are any, else tie points in three images or more).
+        measured as marks where there are any, else tie points in three images or more). With
+        several flights, focal lengths come with the heights of each (`height.FLIGHT`) as well.
+        sigma_a, sigma_b: standard deviations of the two (b: mean), without which a coefficient
+        hides how large either error is.
         Source: thesis, table 5.3.
         """
         p = self.problem
@@ -287,20 +290,38 @@ class Adjustment(Checked):
             if (unknown.kind, unknown.name) in (("camera", "f"), ("lever_arm", "z"))
         ]
         for n, unknown in chosen:
-            table = p.images.camera if unknown.kind == "camera" else p.images.flight
-            mine = table == unknown.at[0]
-            pairs = [("height", (with_height[:, n] / height)[mine])]
+            name = unknown.label
             if unknown.kind == "camera":
-                pairs.append(("ground height", with_ground[:, n] / ground))
-            for other, values in pairs:
-                values = values / sigma[n]
-                out.append(_pair(unknown.label, other, values))
+                mine = p.images.camera == unknown.at[0]
+                out.append(self._pair(n, name, "height", with_height[mine, n], height[mine]))
+                flights = np.unique(p.images.flight[mine])
+                for g in flights if len(flights) > 1 else ():
+                    here = mine & (p.images.flight == g)
+                    which = f"height.{p.images.flight_names[g]}"
+                    out.append(self._pair(n, name, which, with_height[here, n], height[here]))
+                out.append(self._pair(n, name, "ground height", with_ground[:, n], ground))
+            else:
+                mine = p.images.flight == unknown.at[0]
+                out.append(self._pair(n, name, "height", with_height[mine, n], height[mine]))
         for n, a in chosen:
             for m, b in chosen:
                 if a.kind == "camera" and b.kind == "lever_arm":
-                    value = self.covariance.shared[n, m] / sigma[n] / sigma[m]
-                    out.append(_pair(a.label, b.label, np.array([value])))
+                    other = np.array([self.covariance.shared[n, m]]), np.array([sigma[m]])
+                    out.append(self._pair(n, a.label, b.label, *other))
         return out
+
+    def _pair(self, n: int, a: str, b: str, covariance: np.ndarray, sigma_b: np.ndarray) -> dict:
+        """Correlation of the n-th shared unknown with others: mean and spread."""
+        sigma_a = np.sqrt(self.covariance.shared[n, n])
+        values = covariance / sigma_a / sigma_b
+        return {
+            "a": a,
+            "b": b,
+            "mean": float(values.mean()),
+            "std": float(values.std(ddof=1)) if len(values) > 1 else 0.0,
+            "sigma_a": float(self.sigma0 * sigma_a),
+            "sigma_b": float(self.sigma0 * sigma_b.mean()),
+        }
 
     # --- poses and points --------------------------------------------------------------------
 
@@ -361,6 +382,11 @@ class Adjustment(Checked):
         table["rays"] = np.diff(p.ptr)[index]
         return table
 
+    def add_note(self, sentence: str) -> None:
+        """A sentence to stand first among the warnings."""
+        self._notes.insert(0, sentence)
+        self.__dict__.pop("warnings", None)
+
     @cached_property
     def warnings(self) -> list[str]:
         """What a reader should know before trusting the numbers, a sentence each."""
@@ -385,8 +411,3 @@ def _metres(names, key: str, given, residual, weight) -> pd.DataFrame:
     usual = 1.4826 * np.median(scaled) if len(scaled) > 6 else 1.0
     frame["outlier"] = (scaled > OUTLIER * max(usual, 1e-6)).any(axis=1)
     return frame
-
-
-def _pair(a: str, b: str, values: np.ndarray) -> dict:
-    spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
-    return {"a": a, "b": b, "mean": float(values.mean()), "std": spread}

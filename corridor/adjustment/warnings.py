@@ -89,14 +89,18 @@ def _outliers(a):
             f"{found['outliers']} of {found['count']} {what} observations ({share:.1f} %) lie "
             f"beyond 5 robust sigmas{gross}{advice}."
         )
-    for kind, what in (("gnss", "GNSS position"), ("control", "control point")):
+    for kind, what, remedy in (
+        ("gnss", "GNSS position", ": --reject-gnss leaves them out"),
+        ("control", "control point", ""),
+    ):
         found = a.observations[kind]
         if found and found["outliers"]:
             frame = a.residuals[kind]
             names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()
             yield (
                 f"{len(names)} {what}{'s' * (len(names) > 1)} beyond 5 sigmas: "
-                f"{', '.join(names[:10])}{', ...' if len(names) > 10 else ''}."
+                f"{', '.join(names[:10])}{', ...' if len(names) > 10 else ''}"
+                f"{remedy}."
             )
 
 

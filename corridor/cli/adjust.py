@@ -73,6 +73,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="estimate the GNSS lever arm of each flight, or hold it (default: as block.toml says)",
     )
     parser.add_argument(
+        "--reject-gnss",
+        action="store_true",
+        help="leave out antenna positions beyond five sigmas (false fixes) and adjust again",
+    )
+    parser.add_argument(
         "--threads", metavar="N", type=_positive, default=1, help="threads to use (default 1)"
     )
 
@@ -94,6 +99,7 @@ def run(options: argparse.Namespace) -> None:
         lever_arm=options.lever_arm,
         threads=options.threads,
         progress=_progress,
+        reject_gnss=options.reject_gnss,
     )
     print(adjustment)
     if options.output is None:

@@ -18,6 +18,8 @@ def add_noise(
     control_m: float | Sequence[float] = 0.0,
     outliers: float = 0.0,
     rounding_px: float = 0.0,
+    gnss_slow: float = 0.0,
+    gnss_slow_s: float = 120.0,
     seed: int = 0,
 ) -> Block:
     """A copy of the block with Gaussian errors on its measurements.
@@ -28,6 +30,8 @@ def add_noise(
     outliers: share of the tie observations that are moved by 5 to 50 px in any direction on top;
     an outlier stays inside its picture.
     rounding_px: step to which all image coordinates are rounded in the end, pixels.
+    gnss_slow: share of the antenna's variance that is exponentially correlated in time, with the
+    time constant gnss_slow_s, seconds; each flight on its own.
     The default sigmas of the block become the ones drawn, wherever those are not zero.
     Each kind of measurement has its own stream of the seed: adding one does not change another.
     Raises InputError for negative sigmas and a share outside 0 to 1.
@@ -38,8 +42,13 @@ def add_noise(
         raise InputError("noise has a negative standard deviation: give sigmas of 0 or more")
     if not 0 <= outliers <= 1:
         raise InputError(f"a share of outliers of {outliers:g} is impossible: give 0 to 1")
+    if not 0 <= gnss_slow <= 1 or not gnss_slow_s > 0:
+        raise InputError(
+            f"gnss_slow = {gnss_slow:g} is a share, 0 to 1, and gnss_slow_s = {gnss_slow_s:g} a "
+            "time above 0"
+        )
     block = block.copy()
-    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
+    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(6)]
 
     def shake(table: str, columns: list[str], sigma: float | np.ndarray, rng) -> None:
         frame = getattr(block, table)
@@ -50,7 +59,11 @@ def add_noise(
 
     shake("tie_points", ["x", "y"], tie_px, draw[0])
     shake("marks", ["x", "y"], mark_px, draw[1])
-    shake("gnss", ["x", "y", "z"], gnss, draw[2])
+    shake("gnss", ["x", "y", "z"], np.sqrt(1 - gnss_slow) * gnss, draw[2])
+    if gnss_slow and len(block.gnss):
+        slow = np.sqrt(gnss_slow) * gnss * _slow(block, gnss_slow_s, draw[5])
+        values = block.gnss[["x", "y", "z"]].to_numpy(dtype=float) + slow
+        block.gnss = block.gnss.assign(x=values[:, 0], y=values[:, 1], z=values[:, 2])
     shake("ground", ["x", "y", "z"], control, draw[3])
     if outliers:
         _displace(block, outliers, draw[4])
@@ -68,6 +81,25 @@ def add_noise(
         if np.all(sigma > 0):
             block.sigma[key] = sigma.copy()
     return block
+
+
+def _slow(block: Block, constant_s: float, rng: np.random.Generator) -> np.ndarray:
+    """Unit Gauss-Markov noise (n, 3) at the times of the antenna positions."""
+    rows = block.image_rows("gnss")
+    time, flight = block.column("images", "time_s")[rows], block.image_flight[rows]
+    if np.isnan(time).any():
+        raise InputError("gnss_slow needs times: fill time_s of images.csv, or leave it at 0")
+    order = np.lexsort((time, flight))
+    step = np.diff(time[order], prepend=time[order[:1]])
+    memory = np.exp(-step / constant_s)
+    memory[np.diff(flight[order], prepend=-1) != 0] = 0.0
+    fresh = np.sqrt(1 - memory**2)[:, None] * rng.standard_normal((len(order), 3))
+    out = np.empty_like(fresh)
+    last = np.zeros(3)
+    for n, row in enumerate(order):
+        last = memory[n] * last + fresh[n]
+        out[row] = last
+    return out
 
 
 def _displace(block: Block, share: float, rng: np.random.Generator) -> None:

@@ -214,13 +214,19 @@ class Noise:
     control_m: float | tuple[float, float, float] = 0.0
     outliers: float = 0.0
     rounding_px: float = 0.0
+    gnss_slow: float = 0.0
+    gnss_slow_s: float = 120.0
 
     def __post_init__(self):
         say = _Checker("noise", self)
         for key in ("tie_px", "mark_px", "gnss_m", "control_m", "outliers", "rounding_px"):
             say.at_least(key, 0)
-        if self.outliers > 1:
-            say.fail(f"outliers = {self.outliers:g} is a share: give 0 to 1")
+        say.at_least("gnss_slow", 0)
+        for key in ("outliers", "gnss_slow"):
+            if getattr(self, key) > 1:
+                say.fail(f"{key} = {getattr(self, key):g} is a share: give 0 to 1")
+        if not self.gnss_slow_s > 0:
+            say.fail(f"gnss_slow_s = {self.gnss_slow_s:g} is not greater than 0")
 
 
 @dataclass(frozen=True)

@@ -96,3 +96,37 @@ def test_a_negative_sigma_is_refused(perfect, wrong):
 def test_a_share_above_one_is_refused(perfect):
     with pytest.raises(InputError, match="share of outliers"):
         add_noise(perfect, outliers=2.0)
+
+
+@pytest.fixture(scope="module")
+def errors():
+    block = corridor_block(images=600, strips=2, observations_per_image=5, flights=2, seed=2)
+    rows = [
+        add_noise(block, gnss_m=0.01, gnss_slow=0.5, seed=s).gnss[["x", "y", "z"]].to_numpy()
+        - block.gnss[["x", "y", "z"]].to_numpy()
+        for s in range(20)
+    ]
+    return block, np.array(rows)
+
+
+class TestSlowGnss:
+    """Half of the variance correlated over 120 s."""
+
+    def test_the_variance_is_what_was_asked_for(self, errors):
+        # 20 draws of 600 x 3; slow parts of 2.5 s steps count about one in fifty: 2 %, four times.
+        assert errors[1].std() == pytest.approx(0.01, rel=0.08)
+
+    def test_neighbours_share_half_of_it_and_later_ones_less(self, errors):
+        block, made = errors
+        time = block.images["time_s"].to_numpy()[:300]
+        first = made[:, :300]
+        lag = 48
+        expected = 0.5 * np.exp(-(time[lag] - time[0]) / 120.0)
+        found = (first[:, lag:] * first[:, :-lag]).mean() / 0.01**2
+        assert found == pytest.approx(expected, abs=0.06)
+        near = (first[:, 1:] * first[:, :-1]).mean() / 0.01**2
+        assert near == pytest.approx(0.5, abs=0.06)
+
+    def test_flights_share_nothing(self, errors):
+        made = errors[1]
+        assert abs((made[:, 299] * made[:, 300]).mean()) / 0.01**2 < 0.45

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from corridor.adjustment.report.numbers import coefficient, counted, fixed, short
+from corridor.adjustment.report.numbers import coefficient, counted, fixed, short, significant
 from corridor.adjustment.report.table import Table
 
 if TYPE_CHECKING:
@@ -17,14 +17,21 @@ _MOST = 12
 def correlations(adjustment: Adjustment) -> Table | None:
     """Focal length and lever arm with the heights they can stand in for."""
     rows = tuple(
-        (short(c["a"], 34), short(c["b"], 34), coefficient(c["mean"]), fixed(c["std"], 3))
+        (
+            short(c["a"], 30),
+            short(c["b"], 28),
+            coefficient(c["mean"]),
+            fixed(c["std"], 3),
+            significant(c["sigma_a"]),
+            significant(c["sigma_b"]),
+        )
         for c in adjustment.correlations
     )
     if not rows:
         return None
-    header = ("of", "with", "mean", "STD")
-    note = "over all images or points the second name stands for"
-    return Table("Correlations with position", header, rows, "llrr", (note,))
+    header = ("of", "with", "mean", "STD", "sigma of", "sigma with")
+    note = "over all images or points the second name stands for; sigmas in px (f) and m"
+    return Table("Correlations with position", header, rows, "llrrrr", (note,))
 
 
 def strong_correlations(adjustment: Adjustment) -> Table | None:

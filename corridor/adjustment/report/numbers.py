@@ -71,6 +71,15 @@ def coefficient(value: float) -> str:
     return _unsigned_zero(f"{value:.{digits}f}")
 
 
+def significant(value: float) -> str:
+    """Two significant digits, as for a standard deviation."""
+    value = float(value)
+    if not math.isfinite(value) or value <= 0:
+        return DASH
+    power = math.floor(math.log10(float(f"{value:.1e}")))
+    return f"{value:.1e}" if not -6 <= power <= 5 else f"{value:.{max(1 - power, 0)}f}"
+
+
 def times(ratio: float) -> str:
     """A ratio: to a tenth, or whole where it is large."""
     if not math.isfinite(ratio):
