@@ -9,6 +9,7 @@ from corridor.figures.first_look import first_look
 from corridor.figures.report import save_adjustment
 from corridor.figures.residual_vectors import residual_vectors
 from corridor.figures.residuals_along import residuals_along
+from corridor.figures.track import track
 
 __all__ = [
     "Panel",
@@ -23,4 +24,5 @@ __all__ = [
     "residual_vectors",
     "residuals_along",
     "save_adjustment",
+    "track",
 ]

@@ -72,10 +72,16 @@ def centres(block: Block) -> np.ndarray:
 
 def frame_of(block: Block) -> MapFrame:
     """The frame in which a block is drawn: turned when it is clearly longer than broad."""
-    north = "N" if getattr(block, "crs", None) else "y"
+    return frame_through(centres(block), "N" if getattr(block, "crs", None) else "y")
+
+
+def frame_through(xy: np.ndarray, north: str = "N") -> MapFrame:
+    """The frame for positions (n, 2): turned when they are clearly longer than broad.
+
+    north: what stands at the arrow that points along y.
+    """
     upright = MapFrame(0.0, np.zeros(2), False, north)
-    known = centres(block)
-    known = known[np.isfinite(known).all(axis=1)]
+    known = xy[np.isfinite(xy).all(axis=1)]
     if len(known) < 3:
         return upright
     middle = known.mean(axis=0)

@@ -1,0 +1,147 @@
+"""Find where the antenna was at each exposure, and how well that is known.
+
+examples:
+  corridor gnss BLOCK/track.csv --images BLOCK -o BLOCK/gnss.csv
+      track and images of one block: one clock, one frame
+  corridor gnss rover.pos --images flight_Timestamp.MRK --photos PHOTOS -o out/gnss.csv
+      RTKLIB's solution and DJI's time marks; photographs are named by their numbers
+  corridor gnss rover.pos --images BLOCK --images-system GPST -o BLOCK/gnss.csv
+      images.csv does not say which clock it shows; the block's crs and offset are used
+  corridor gnss grafnav.txt --images flight_Timestamp.MRK --method parabola -o out/parabola.csv
+      as other programs do it, for comparison
+
+TRACK: RTKLIB .pos, GrafNav text, MicMac XML or text, track.csv of a block. IMAGES: a block, its
+images.csv, a DJI .MRK, MicMac's image times, or a folder of photographs (EXIF). The table (image,
+x, y, z, sx, sy, sz: antenna, m) and a picture beside it appear together or not at all. Positions
+whose sigma is above --max-sigma are refused and named.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+_METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `corridor gnss`."""
+    parser.add_argument("track", metavar="TRACK", type=Path, help="file with the antenna's track")
+    parser.add_argument(
+        "--images", metavar="IMAGES", type=Path, required=True, help="when the images were taken"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="GNSS", type=Path, required=True, help="table to write, a .csv"
+    )
+    parser.add_argument(
+        "--method",
+        choices=_METHODS,
+        default="smoother",
+        help="smoother (default): Kalman smoother with a sigma that holds between epochs and in "
+        "turns; the others are curves through the epochs, for comparison",
+    )
+    parser.add_argument(
+        "--max-sigma",
+        metavar="M",
+        type=_positive,
+        help="refuse positions whose sigma is above this in one axis, metres (default 0.1: beside "
+        "positions of 2 cm it has a twenty-fifth of their weight, and can only mislead)",
+    )
+    parser.add_argument(
+        "--slow-share",
+        metavar="SHARE",
+        type=_share,
+        help="share of the stated variance that neighbouring epochs have in common, 0 to below 1 "
+        "(default: what the track shows)",
+    )
+    parser.add_argument(
+        "--no-velocities",
+        action="store_true",
+        help="leave the track's velocities aside (they may be differences of its positions)",
+    )
+    parser.add_argument(
+        "--photos",
+        metavar="FOLDER",
+        type=Path,
+        help="folder of the photographs, to name the exposures of a .MRK by their numbers",
+    )
+    parser.add_argument(
+        "--crs",
+        metavar="CODE",
+        help="coordinates of the table, as EPSG:2154 (default: the block's, else local metres)",
+    )
+    for what in ("track", "images"):
+        parser.add_argument(
+            f"--{what}-system",
+            metavar="SYSTEM",
+            help=f"time system of {what.upper()} where it states none: GPST, UTC, UTC+hh:mm",
+        )
+
+
+def run(options: argparse.Namespace) -> None:
+    """Read, interpolate, write table and picture, print what came of it."""
+    from corridor import gnss
+    from corridor.errors import InputError
+
+    track = gnss.read_track(options.track)
+    exposures = gnss.read_exposures(options.images)
+    if options.photos is not None:
+        if not options.photos.is_dir():
+            raise InputError(f"{options.photos} is no folder; name the folder of the photographs")
+        exposures = exposures.named(sorted(path.name for path in options.photos.iterdir()))
+    crs, offset = gnss.frame_of_block(options.images)
+    if options.crs is not None and options.crs != crs:
+        crs, offset = options.crs, (0.0, 0.0, 0.0)
+    _announce_compilation()
+    found = gnss.antenna(
+        track,
+        exposures,
+        method=options.method,
+        max_sigma=gnss.MAX_SIGMA_M if options.max_sigma is None else options.max_sigma,
+        slow_share=options.slow_share,
+        velocities=not options.no_velocities,
+        crs=crs,
+        offset=offset,
+        track_system=options.track_system,
+        exposures_system=options.images_system,
+    )
+    written = found.save(options.output)
+    print(found)
+    print("\nWrote", *written, sep="\n  ")
+
+
+def _announce_compilation():
+    """Say so once where the kernels are not compiled yet: silence looks broken."""
+    from numba.core import event
+
+    class Once(event.Listener):
+        said = False
+
+        def on_start(self, compilation):
+            if not self.said:
+                self.said = True
+                print("compiling for this machine, once (ten seconds)", file=sys.stderr, flush=True)
+
+        def on_end(self, compilation):
+            pass
+
+    event.register("numba:compile", Once())
+
+
+def _positive(text):
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a length in metres above 0")
+    return value
+
+
+def _share(text):
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a share from 0 to below 1")
+    return value

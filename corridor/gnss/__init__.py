@@ -1,0 +1,46 @@
+"""The antenna's track: reading it, its coordinates, and where the antenna was at each exposure."""
+
+from corridor.gnss.antenna import Antenna, antenna, frame_of_block
+from corridor.gnss.coordinates import (
+    GridCost,
+    Local,
+    convert,
+    geographic_positions,
+    grid_cost,
+    to_local,
+)
+from corridor.gnss.exposures import Alignment, Exposures, align, align_time, read_exposures
+from corridor.gnss.interpolation import (
+    MAX_SIGMA_M,
+    METHODS,
+    Interpolated,
+    interpolate,
+    segments,
+)
+from corridor.gnss.track import QUALITY, Track, check_quality, read_track
+
+__all__ = [
+    "MAX_SIGMA_M",
+    "METHODS",
+    "QUALITY",
+    "Alignment",
+    "Antenna",
+    "Exposures",
+    "GridCost",
+    "Interpolated",
+    "Local",
+    "Track",
+    "align",
+    "align_time",
+    "antenna",
+    "check_quality",
+    "convert",
+    "frame_of_block",
+    "geographic_positions",
+    "grid_cost",
+    "interpolate",
+    "read_exposures",
+    "read_track",
+    "segments",
+    "to_local",
+]

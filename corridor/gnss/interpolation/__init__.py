@@ -1,0 +1,11 @@
+"""From a track to the antenna at the moments of exposure, with a sigma that holds."""
+
+from corridor.gnss.interpolation.interpolate import (
+    MAX_SIGMA_M,
+    METHODS,
+    Interpolated,
+    interpolate,
+)
+from corridor.gnss.interpolation.segments import segments
+
+__all__ = ["MAX_SIGMA_M", "METHODS", "Interpolated", "interpolate", "segments"]

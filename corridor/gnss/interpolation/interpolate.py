@@ -1,0 +1,269 @@
+"""Where the antenna was at the moments of exposure, and how well that is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from corridor.errors import InputError
+from corridor.gnss.interpolation import polynomials, regimes, smoother
+from corridor.gnss.interpolation.segments import GAP_S, segments
+
+METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
+# A position of 10 cm beside ones of 2 cm has a twenty-fifth of their weight: it can no longer
+# help the adjustment, only mislead it.
+MAX_SIGMA_M = 0.10
+# Of multipath and atmosphere over a short base line: half a minute to some minutes.
+CORRELATION_S = 60.0
+_CURVE = 2000
+_POSITION, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
+_VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
+# Sigma against that of a fix, where a track states quality but no sigma.
+_BY_QUALITY = {1: 1.0, 2: 20.0, 3: 100.0, 4: 50.0, 5: 200.0, 6: 5.0, 7: 1000.0}
+
+
+@dataclass(frozen=True)
+class Interpolated:
+    """Antenna positions at given times.
+
+    table: one row a time, in their order: time_s; x, y, z and sx, sy, sz, m; vx, vy, vz, m/s;
+        segment (row of `segments`, -1 where none); why: a few words where the position is
+        refused, "" where it is good. Refused by its sigma: the numbers are there; for another
+        reason: NaN.
+    segments: pieces of the track (see `segments`)
+    noise: what the smoother found, a row for plan and height of each piece: segment, group,
+        gust (m^2/s^3), slow (share of the variance that is slow), sigma_m (median used),
+        velocity_sigma (m/s)
+    curve: time_s, x, y, z, sx, sy, sz, segment halfway between epochs, all along the pieces that
+        have exposures, for a picture
+    notes: sentences worth telling
+    """
+
+    table: pd.DataFrame
+    segments: pd.DataFrame
+    noise: pd.DataFrame
+    curve: pd.DataFrame
+    method: str
+    max_sigma: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def good(self) -> pd.DataFrame:
+        """Rows of the table that are not refused."""
+        return self.table[self.table["why"] == ""]
+
+
+def interpolate(
+    track: pd.DataFrame,
+    times: np.ndarray,
+    method: str = "smoother",
+    *,
+    flight: np.ndarray | None = None,
+    max_sigma: float = MAX_SIGMA_M,
+    slow_share: float | None = None,
+    correlation_s: float = CORRELATION_S,
+    velocities: bool = True,
+    gap_s: float = GAP_S,
+) -> Interpolated:
+    """The antenna at `times` (n,), seconds of the track's clock, with standard deviations.
+
+    track: time_s, x, y, z in metres along axes of equal scale (z up), optional sx, sy, sz (m),
+        vx, vy, vz, svx, svy, svz (m/s), quality (RTKLIB's number), flight. Without sigmas
+        the smoother finds them by likelihood; the curves then have none.
+    method: "smoother", or a curve for comparison: "parabola", "spline", "pchip", "linear".
+    flight: (n,) names of the flight of each time, where flights of the track overlap in time.
+    max_sigma: m; a position is refused where the sigma of one axis is larger.
+    slow_share: share of the stated variance that is slow, as errors of satellite positioning
+        are: neighbouring epochs share it, and no smoothing makes it smaller. None: what the
+        epochs show, about 0.7 where they cannot tell. correlation_s: its time constant, s.
+    velocities: use vx, vy, vz where they are there. gap_s: see `segments`.
+    Raises InputError for a track that cannot be interpolated.
+    """
+    if method not in METHODS:
+        raise InputError(f"method {method!r} is not known; choose one of {', '.join(METHODS)}")
+    if not max_sigma > 0:
+        raise InputError(f"the largest sigma is {max_sigma:g} m; give a number above 0")
+    if slow_share is not None and not 0 <= slow_share < 1:
+        raise InputError(f"the slow share is {slow_share:g}; give a number from 0 up to below 1")
+    if not correlation_s > 0:
+        raise InputError(f"the correlation time is {correlation_s:g} s; give a number above 0")
+    times = np.asarray(times, dtype=float).reshape(-1)
+    pieces = segments(track, gap_s)
+    notes: list[str] = []
+    epochs = _epochs(track, velocities and method == "smoother", notes)
+    piece, why = _pieces_of(times, pieces, flight)
+    position, sigma, velocity = (np.full((len(times), 3), np.nan) for _ in range(3))
+    curves, noise = [], []
+    for number, row in enumerate(pieces.itertuples()):
+        chosen = piece == number
+        if not chosen.any() or row.epochs < 2:
+            why[chosen] = "the track has one epoch only here"
+            piece[chosen] = -1
+            continue
+        part = slice(row.first, row.last + 1)
+        dense = _along(epochs.time[part], len(pieces))
+        at = np.concatenate([times[chosen], dense])
+        if method == "smoother":
+            made, model, used = _smoothed(_cut(epochs, part), at, slow_share, correlation_s)
+            noise += _noise_rows(number, model, used)
+        else:
+            made = _curve(method, epochs, part, at)
+        count = int(chosen.sum())
+        position[chosen], sigma[chosen], velocity[chosen] = (each[:count] for each in made)
+        curves.append(_curve_rows(number, dense, made[0][count:], made[1][count:]))
+    weak = (why == "") & (np.nanmax(np.nan_to_num(sigma, nan=-1.0), axis=1) > max_sigma)
+    largest = np.max(np.nan_to_num(sigma, nan=0.0), axis=1, initial=0.0)
+    why[weak] = [f"sigma {value:.2f} m is above {max_sigma:g} m" for value in largest[weak]]
+    table = pd.DataFrame({"time_s": times})
+    table[_POSITION], table[_SIGMA], table[_VELOCITY] = position, sigma, velocity
+    table["segment"], table["why"] = piece, pd.Series(why, dtype="str")
+    columns = ["segment", "group", "gust", "slow", "sigma_m", "velocity_sigma"]
+    found = pd.DataFrame(noise, columns=columns)
+    notes += _of_noise(found, epochs.stated, slow_share)
+    curve = (
+        pd.concat(curves, ignore_index=True)
+        if curves
+        else pd.DataFrame(columns=["time_s", *_POSITION, *_SIGMA, "segment"], dtype=float)
+    )
+    return Interpolated(table, pieces, found, curve, method, max_sigma, tuple(notes))
+
+
+def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.Epochs:
+    position = track[_POSITION].to_numpy(dtype=float)
+    n = len(position)
+    quality = (
+        track["quality"].to_numpy(dtype=float, na_value=np.nan)
+        if "quality" in track
+        else np.full(n, np.nan)
+    )
+    relative = np.array([_BY_QUALITY.get(q, 1.0) for q in quality])
+    stated = False
+    sigma = np.repeat(relative[:, None], 3, axis=1)
+    if set(_SIGMA) <= set(track):
+        given = track[_SIGMA].to_numpy(dtype=float)
+        good = np.isfinite(given) & (given > 0)
+        stated = bool(good.any(axis=0).all())
+        if stated:
+            sigma, lost = _filled(given, good, relative)
+            if lost:
+                notes.append(
+                    f"{lost} epochs state no sigma: they got that of the others of their quality"
+                )
+    speed = speed_sigma = None
+    if velocities and set(_VELOCITY) <= set(track):
+        speed = track[_VELOCITY].to_numpy(dtype=float)
+        if not np.isfinite(speed).any():
+            speed = None
+    if speed is not None and set(_VELOCITY_SIGMA) <= set(track):
+        given = track[_VELOCITY_SIGMA].to_numpy(dtype=float)
+        good = np.isfinite(given) & (given > 0)
+        if good.any(axis=0).all():
+            speed_sigma, _ = _filled(given, good, np.ones(n))
+    return regimes.Epochs(
+        track["time_s"].to_numpy(dtype=float),
+        position,
+        sigma,
+        sigma,
+        0 * sigma,
+        stated,
+        speed,
+        speed_sigma,
+    )
+
+
+def _filled(given, good, relative):
+    """Unknown sigmas from the known ones, scaled by what the quality says of both."""
+    unit = np.where(good, given / relative[:, None], np.nan)
+    filled = np.where(good, given, np.nanmedian(unit, axis=0) * relative[:, None])
+    return filled, int((~good).any(axis=1).sum())
+
+
+def _cut(epochs: regimes.Epochs, part: slice) -> regimes.Epochs:
+    return regimes.Epochs(
+        *(each[part] if isinstance(each, np.ndarray) else each for each in epochs)
+    )
+
+
+def _pieces_of(times, pieces, flight):
+    """Piece of each time (-1: none), and why there is none."""
+    piece = np.full(len(times), -1)
+    why = np.full(len(times), "", dtype=object)
+    claims = np.zeros(len(times), dtype=int)
+    names = None if flight is None else np.asarray(flight).astype(str)
+    for number, row in enumerate(pieces.itertuples()):
+        inside = (times >= row.start_s) & (times <= row.end_s)
+        if names is not None and row.flight:
+            inside &= names == row.flight
+        # The epoch shared by two pieces belongs to the first.
+        shared = row.begins == "standing"
+        inside &= ~(shared & (piece >= 0))
+        claims += inside
+        piece[inside] = number
+    piece[claims > 1] = -1
+    why[claims > 1] = "two flights of the track cover this time"
+    lost = claims == 0
+    why[lost] = "in a gap of the track"
+    why[lost & (times < pieces["start_s"].min())] = "before the track begins"
+    why[lost & (times > pieces["end_s"].max())] = "after the track ends"
+    why[~np.isfinite(times)] = "no time"
+    return piece, why
+
+
+def _along(time: np.ndarray, pieces: int) -> np.ndarray:
+    """Middles between epochs, where the sigma is largest; more of them where one is missing."""
+    middle, step = (time[:-1] + time[1:]) / 2, np.diff(time)
+    wide = step > 1.5 * np.median(step)
+    within = time[:-1][wide, None] + step[wide, None] * np.arange(1, 16) / 16
+    every = max(1, len(time) * pieces // _CURVE)
+    return np.sort(np.concatenate([middle[~wide][::every], within.ravel()]))
+
+
+def _smoothed(epochs, at, slow_share, correlation_s):
+    origin = epochs.position[0]
+    usual, excess = regimes.split(epochs.sigma, epochs.time)
+    epochs = epochs._replace(position=epochs.position - origin, usual=usual, excess=excess)
+    model = regimes.fit(epochs, slow_share, correlation_s)
+    position, sigma, velocity = smoother.smooth(epochs, at, model)
+    used = np.median(epochs.sigma, axis=0) * [noise.scale for noise in model.axes]
+    return (position + origin, sigma, velocity), model, used
+
+
+def _curve(method, epochs, part, at):
+    time, values = epochs.time[part], epochs.position[part]
+    position, velocity = polynomials.CURVES[method](time, values, at)
+    sigma = np.full_like(position, np.nan)
+    if epochs.stated:
+        sigma = polynomials.propagated(method, time, values, epochs.sigma[part], at)
+    return position, sigma, velocity
+
+
+def _curve_rows(number, time, position, sigma):
+    frame = pd.DataFrame({"time_s": time})
+    frame[_POSITION], frame[_SIGMA] = position, sigma
+    return frame.assign(segment=number)
+
+
+def _noise_rows(number, model, used):
+    rows = []
+    for name, axes in regimes.GROUPS:
+        noise = model.axes[axes[0]]
+        speed = np.nan if noise.velocity_sigma is None else noise.velocity_sigma
+        size = float(np.sqrt(np.mean(used[list(axes)] ** 2)))
+        rows.append((number, name, noise.gust, noise.share, size, speed))
+    return rows
+
+
+def _of_noise(found, stated, slow_share):
+    notes = []
+    for row in found.itertuples():
+        where = f"piece {row.segment + 1}, {row.group}"
+        if not stated:
+            notes.append(
+                f"{where}: the track states no sigmas; its scatter says {1000 * row.sigma_m:.1f} mm"
+            )
+        if slow_share is None and row.slow >= 0.5:
+            notes.append(
+                f"{where}: {100 * row.slow:.0f} % of the stated variance is taken as slow: "
+                "neighbouring epochs share it, and more epochs do not make it smaller"
+            )
+    return notes
