@@ -71,7 +71,7 @@ class TestClock:
     @pytest.mark.parametrize("arm", ["free", "fixed"])
     def test_an_offset_is_found_within_three_sigmas(self, arm):
         block = flown(effects={"clock_offset": {"offset": CLOCK}})
-        block.lever_arm = {"s1-n50": (0.5, 0.1, 0.428)}
+        block.lever_arm = {"s1-n50": read_plan("thesis_s1_n50").flights[0].lever_arm_m}
         row = corridor.adjust(block, effects=["clock_offset"], lever_arm=arm).effects.iloc[0]
         assert abs(row["value"] - CLOCK) < 3 * row["sigma"]
         # With the arm free only gusts tell clock from arm where headings turn: by hand, 9 mm of
