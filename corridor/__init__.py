@@ -35,7 +35,7 @@ _HOME = {
     "InputError": "corridor.errors",
     "AdjustmentFailed": "corridor.errors",
 }
-_ROOMS = ("effects", "figures", "published", "simulation")
+_ROOMS = ("effects", "figures", "planning", "published", "simulation")
 
 __all__ = [*_HOME, *_ROOMS]
 
