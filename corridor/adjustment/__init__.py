@@ -2,12 +2,14 @@
 
 `adjust(block)` returns an `Adjustment`; `complete` makes start values; `similarity` and
 `check_table` compare with ground points. `make_problem`, `Normal`, `Loss`, `solve` and
-`Covariance` are its parts, for those who need the equations themselves.
+`Covariance` are its parts, for those who need the equations themselves; a matrix that nothing
+determines is `Singular`.
 """
 
 from corridor.adjustment.adjust import adjust
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.laid import Laid, lay_on_control
+from corridor.adjustment.matrix import Singular
 from corridor.adjustment.normal import Loss, Normal
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.report import save
@@ -32,6 +34,7 @@ __all__ = [
     "Loss",
     "Normal",
     "Similarity",
+    "Singular",
     "adjust",
     "check_table",
     "complete",

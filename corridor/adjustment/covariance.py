@@ -27,12 +27,24 @@ class Covariance:
     """Covariances at a state for unit weight; multiply by sigma naught squared.
 
     open_motions: (n + q, k) of a free network (see `corridor.adjustment.datum`), else None.
+    information: (q, q) that other measurements give on the unknowns that images share, on top of
+        what the problem has: the inverse of their covariance.
+    Raises Singular where nothing determines an unknown.
     """
 
-    def __init__(self, normal: Normal, state: State, open_motions: np.ndarray | None = None):
+    def __init__(
+        self,
+        normal: Normal,
+        state: State,
+        open_motions: np.ndarray | None = None,
+        information: np.ndarray | None = None,
+    ):
         self.normal, self.state = normal, state
         with threadpool_limits(1):
             normal.assemble(state, 0.0)
+            if information is not None:
+                normal.corner += np.tril(information)
+                normal.shared_reference += np.diag(information)
             self._system = normal.factor()
         self._open = open_motions
         if open_motions is not None:
@@ -76,6 +88,21 @@ class Covariance:
         n, q = self._system.blocks.n, self._system.q
         cross = -self._across @ self._system.shared_inverse()
         return cross + self._datum(np.arange(n), n + np.arange(q))
+
+    def solve(self, poses: np.ndarray, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Covariances of poses (n, k) and shared unknowns (q, k) with any k sums of them.
+
+        poses (n, k), shared (q, k): the factors of each sum. Source: x = N^-1 t, the normal
+        equations solved for the sums in place of the gradient; N^-1 is the covariance.
+        """
+        with threadpool_limits(1):
+            x, y = self._system.solve(poses, shared)
+        if self._open is None:
+            return x, y
+        n = len(x)
+        g, a, t = self._open, self._part, np.concatenate([poses, shared])
+        more = g @ (self._inner @ (g.T @ t)) - g @ (a.T @ t) - a @ (g.T @ t)
+        return x + more[:n], y + more[n:]
 
     def poses(self, images: np.ndarray) -> np.ndarray:
         """Of some images together (k * d, k * d), k positions in the problem's order."""

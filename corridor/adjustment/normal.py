@@ -315,17 +315,19 @@ class Normal:
                     d_pose[:, :, k] += sign * shift_at(centre, rotation)[0] / (2 * h)
         return predicted, d_pose, d_antenna, to_world
 
-    def _add_gnss(self, state: State, images) -> float:
+    def antenna_rows(
+        self, state: State, images: Images
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Predicted antenna (k, 3), m, and its derivatives by the unknowns.
+
+        By those of the image itself (k, 3, d) and by those that images share (k, 3, q).
+        """
         p = self.problem
-        if not len(p.gnss_image):
-            return 0.0
-        image, q = p.gnss_image, p.shared_count
+        image = p.gnss_image
         predicted, d_pose, d_antenna, to_world = self.antenna(state, images)
-        residual = p.gnss_given - predicted
-        weight = p.gnss_weight
         own = np.zeros((len(image), 3, p.d))
         own[:, :, :6] = d_pose
-        shared = np.zeros((len(image), 3, q))
+        shared = np.zeros((len(image), 3, p.shared_count))
         rows = np.arange(len(image))
         for source, columns in (
             (d_antenna, p.antenna_column[image]),
@@ -337,6 +339,16 @@ class Normal:
                 shared[rows[inside], :, column[inside]] += source[inside, :, k]
                 mine = column <= -2
                 own[rows[mine], :, 4 - column[mine]] += source[mine, :, k]
+        return predicted, own, shared
+
+    def _add_gnss(self, state: State, images) -> float:
+        p = self.problem
+        if not len(p.gnss_image):
+            return 0.0
+        image, q = p.gnss_image, p.shared_count
+        predicted, own, shared = self.antenna_rows(state, images)
+        residual = p.gnss_given - predicted
+        weight = p.gnss_weight
         weighted = own * weight[:, :, None]
         blocks = np.einsum("nki,nkj->nij", weighted, own)
         self.blocks.add_blocks(image, blocks)

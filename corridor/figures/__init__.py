@@ -6,6 +6,7 @@ from corridor.figures.correlation import correlation_matrix
 from corridor.figures.curves import Panel, curves, histograms
 from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
+from corridor.figures.planning import accuracy_by_control
 from corridor.figures.report import save_adjustment
 from corridor.figures.residual_vectors import residual_vectors
 from corridor.figures.residuals_along import residuals_along
@@ -13,6 +14,7 @@ from corridor.figures.track import track
 
 __all__ = [
     "Panel",
+    "accuracy_by_control",
     "camera_views",
     "check_points",
     "compare_check_points",

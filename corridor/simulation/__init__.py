@@ -1,6 +1,7 @@
 """Blocks of corridor flights that nobody flew: from a flight plan, with the truth beside them."""
 
 from corridor.simulation.cameras import cameras
+from corridor.simulation.fly import reach
 from corridor.simulation.noise import add_noise
 from corridor.simulation.plan import (
     Flight,
@@ -32,6 +33,7 @@ __all__ = [
     "cameras",
     "corridor_block",
     "perfect_block",
+    "reach",
     "read_plan",
     "ready_made",
     "simulate",

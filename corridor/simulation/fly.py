@@ -132,6 +132,31 @@ def strips_of(flight: Flight, camera: Camera, axis: Axis) -> Strips:
     return Strips(count, base, offset, (begin + end - length) / 2, length, speed)
 
 
+def reach(plan: Plan) -> tuple[float, float, float]:
+    """First and last station (m) that all flights cover, and the bank's distance from the axis.
+
+    Where no station is common to all flights, from the first to the last of any. The bank is
+    `Ground.offset_m`, or what follows from the narrowest pictures in place of it.
+    """
+    begin, end = [], []
+    for flight in plan.flights:
+        strips = strips_of(flight, plan.camera(flight), plan.axis)
+        begin.append(float(np.min(strips.first)))
+        end.append(float(np.max(strips.first + strips.length)))
+    first, last = max(begin), min(end)
+    if not last > first:
+        first, last = min(begin), max(end)
+    return first, last, bank_of(plan)
+
+
+def bank_of(plan: Plan) -> float:
+    """Distance (m) of the surveyed banks from the axis."""
+    if plan.ground.offset_m is not None:
+        return plan.ground.offset_m
+    lowest = min(f.heights.min() for f in plan.flights)
+    return 0.3 * lowest * min(ground_width(plan.camera(f), f.long_side)[1] for f in plan.flights)
+
+
 def check_plan(plan: Plan, highest: float) -> int:
     """Number of images of a plan; InputError for one that cannot be flown, before it is.
 

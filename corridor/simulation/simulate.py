@@ -21,7 +21,7 @@ from corridor.camera import (
     rotation_from_vector,
 )
 from corridor.errors import InputError
-from corridor.simulation.fly import check_plan, fly, ground_width
+from corridor.simulation.fly import bank_of, check_plan, fly, ground_width
 from corridor.simulation.ground_points import evenly, surveyed
 from corridor.simulation.noise import add_noise
 from corridor.simulation.plan import Noise, Plan, Start, build, read_plan
@@ -167,11 +167,7 @@ def perfect_block(
     station, across = station[kept], across[kept]
 
     # --- surveyed points
-    lowest = min(f.heights.min() for f in plan.flights)
-    wide = min(ground_width(plan.camera(f), f.long_side)[1] for f in plan.flights)
-    bank = plan.ground.offset_m
-    if bank is None:
-        bank = 0.3 * wide * lowest
+    bank = bank_of(plan)
     begin, end = float(flown.station.min()), float(flown.station.max())
     *where, role = surveyed(plan.ground, begin, end, bank, draw[2])
     marked = surface(*where)

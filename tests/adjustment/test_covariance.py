@@ -248,6 +248,36 @@ class TestAgainstADenseInverse:
         ours = covariance.points_shared.reshape(3 * len(case[1].points), q)
         agree(case, ours, full[points, shared], sigma[points], sigma[shared])
 
+    def test_sums_of_poses_and_shared_unknowns(self, case, covariance):
+        full, sigma, _, shared, _ = self.parts(case)
+        n, q = case[0].image_count * case[0].d, case[0].shared_count
+        sigma = sigma[: n + q]
+        # Each sum takes every unknown in units of its own standard deviation.
+        factors = np.random.default_rng(5).standard_normal((n + q, 3)) / sigma[:, None]
+        ours = np.concatenate(covariance.solve(factors[:n], factors[n:]))
+        theirs = full[: n + q, : n + q] @ factors
+        # A sum of n + q terms that agree to 1e-8 each.
+        assert np.abs(ours - theirs).max(axis=1) / sigma == pytest.approx(
+            np.zeros(n + q), abs=5e-8 * (n + q)
+        )
+
+
+def test_information_from_elsewhere_counts_like_a_prior():
+    """A prior is a measurement of one unknown; a matrix of them of several together."""
+    priors = {"camera.camlight.f": (0.0, 0.7), "lever_arm.F1.z": (0.0, 0.02)}
+    block = small_block()
+    asked = make_problem(block, priors=priors)
+    with_prior = Covariance(Normal(asked, Loss()), asked.start)
+    plain = make_problem(block)
+    information = np.zeros((plain.shared_count, plain.shared_count))
+    for n, unknown in enumerate(plain.unknowns):
+        if unknown.label in priors:
+            information[n, n] = priors[unknown.label][1] ** -2
+    assert np.count_nonzero(information) == 2
+    given = Covariance(Normal(plain, Loss()), plain.start, information=information)
+    assert given.shared == pytest.approx(with_prior.shared, rel=1e-9)
+    assert given.each_pose == pytest.approx(with_prior.each_pose, rel=1e-6, abs=1e-12)
+
 
 def test_the_datum_of_a_free_network_does_not_matter_to_what_has_none():
     """Camera parameters are the same whichever seven unknowns are held (Baarda 1973)."""

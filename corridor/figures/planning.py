@@ -1,0 +1,81 @@
+"""How accurate a flight will be, against what is surveyed on the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+
+from corridor.figures import style
+
+_DASHES = ("-", (0, (5, 2)), (0, (1, 1.6)), (0, (5, 1.5, 1, 1.5)))
+_STEPS = np.array([s * 10.0**k for k in range(-3, 5) for s in (1, 2, 5)])
+_ROW = 3  # keys beside each other
+
+
+def accuracy_by_control(
+    series: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]],
+    title: str = "How accurate with how many control points",
+    note: str = "expected RMS of check points",
+) -> Figure:
+    """Error against number of control points: a line a flight set, plan and height beside.
+
+    series: flight set -> numbers of control points (n,), errors in plan and in height (n,),
+    metres; NaN where the flight set cannot be adjusted. Logarithmic, so that one look tells
+    factors; flight sets that lie on each other are drawn one inside the other.
+    """
+    names = list(series)
+    known = [values[np.isfinite(values)] for _, *both in series.values() for values in both]
+    values = 100 * np.concatenate([np.zeros(0), *known])
+    if not len(values):
+        return style.sentence("None of these flight sets can be adjusted.", title)
+    rows = -(-len(names) // _ROW)
+    top, height = 1.1 + 0.22 * rows, 2.9
+    figure = style.sheet(top + height + 0.6, title, note)
+    looks = {name: _look(k, len(names)) for k, name in enumerate(names)}
+    gap = 0.85
+    width = (style.WIDTH - 0.35 - 2 * gap) / 2
+    counts = np.unique(np.concatenate([np.asarray(count) for count, *_ in series.values()]))
+    low, high = values.min() / 1.25, values.max() * 1.25
+    for k, caption in enumerate(("in plan (x and y together)", "in height")):
+        axes = style.panel(figure, gap + k * (width + gap), top, width, height)
+        style.open_frame(axes)
+        style.caption(axes, caption)
+        style.label(axes, "control points", "cm" if k == 0 else None)
+        axes.set_yscale("log")
+        axes.set_ylim(low, high)
+        ticks = _STEPS[(low <= _STEPS) & (high >= _STEPS)]
+        axes.yaxis.set_major_locator(FixedLocator(ticks))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: style.plain(value)))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.yaxis.set_minor_locator(FixedLocator([]))
+        for tick in ticks:
+            axes.axhline(tick, color=style.FAINT, lw=0.5, zorder=1)
+        axes.xaxis.set_major_locator(FixedLocator(counts))
+        span = max(float(np.ptp(counts)), 1.0)
+        axes.set_xlim(counts.min() - 0.06 * span, counts.max() + 0.06 * span)
+        for name, (count, *both) in series.items():
+            axes.plot(count, 100 * np.asarray(both[k]), zorder=4, **looks[name])
+    keys = [Line2D([], [], label=style.short(name, 40), **look) for name, look in looks.items()]
+    for k, key in enumerate(keys):
+        row, column = divmod(k, _ROW)
+        style.legend(figure, 0.83 + 0.22 * row, [key], left=0.25 + 3.15 * column)
+    return figure
+
+
+def _look(k: int, count: int) -> dict:
+    """Lines that lie on each other differ in width: the first is the widest."""
+    colour, marker = style.SERIES[k % 4]
+    hollow = k >= 4
+    return {
+        "color": colour,
+        "marker": marker,
+        "ls": _DASHES[(k // 4 + k) % 4],
+        "lw": 1.3,
+        "ms": 6.5 - 3.0 * k / max(count - 1, 1),
+        "mfc": "white" if hollow else colour,
+        "mew": 1.2,
+    }

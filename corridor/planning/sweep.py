@@ -1,0 +1,138 @@
+"""Many flight sets, each with several sets of control points: on one core, many, or a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import combinations
+
+import joblib
+import numpy as np
+import pandas as pd
+
+from corridor.errors import InputError
+from corridor.planning.planner import Control, Planner, subset
+from corridor.planning.surveyed import Surveyed
+from corridor.simulation import Plan, read_plan
+
+# 31 flight sets; a picture of more says nothing.
+_MOST_FLIGHTS = 5
+
+
+def flight_sets(plans: Sequence[Plan | str], combined: bool | None = None) -> list[Plan]:
+    """The flight sets to be compared.
+
+    combined: every non-empty combination of all flights, the small ones first; else each plan as
+    it is. Default: combined where one plan with two or three flights is given. The same flight in
+    several plans counts once. Raises InputError for more than five flights to combine, and for
+    flights over different ground.
+    """
+    read = [plan if isinstance(plan, Plan) else read_plan(plan) for plan in plans]
+    if combined is None:
+        combined = len(read) == 1 and 2 <= len(read[0].flights) <= 3
+    if not combined:
+        return read
+    for plan in read[1:]:
+        if plan.axis_m != read[0].axis_m or plan.terrain != read[0].terrain:
+            raise InputError(
+                f"plans {read[0].name} and {plan.name} fly over different ground: their flights "
+                "cannot be combined"
+            )
+    whole = _joined(read)
+    names = [flight.name for flight in whole.flights]
+    if len(names) > _MOST_FLIGHTS:
+        raise InputError(
+            f"{len(names)} flights have {2 ** len(names) - 1} combinations: give at most "
+            f"{_MOST_FLIGHTS}, or the flight sets one by one"
+        )
+    return [
+        subset(whole, some)
+        for count in range(1, len(names) + 1)
+        for some in combinations(names, count)
+    ]
+
+
+def sweep(
+    plans: Sequence[Plan | str],
+    control: Sequence[Control] = (0, 1, 3, 5),
+    place: str = "spread",
+    jobs: int = 1,
+    cluster: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    **options,
+) -> pd.DataFrame:
+    """Expected accuracy of each plan with each set of control points: a row each.
+
+    plans: flight sets, each with its own name; those over one axis are compared at the same points.
+    control: as of `Planner.expect`; place: numbers of points are `spread` or at the `best` places.
+    jobs: processes; cluster: address of a Dask scheduler (extra `cluster`) whose workers have
+    corridor, used in their place.
+    progress: called with the flight sets done and all of them.
+    options: of `Planner`. Columns: see `Expected.summary`.
+    """
+    read = [plan if isinstance(plan, Plan) else read_plan(plan) for plan in plans]
+    if place not in ("spread", "best"):
+        raise InputError(f"place = {place!r} is unknown: use spread or best")
+    names = [plan.name for plan in read]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"two flight sets are called {name}: give each its own name")
+    given = options.pop("surveyed", None)
+    grids = {}
+    for plan in read:
+        grids.setdefault(plan.axis_m, []).append(plan)
+    points = {axis: given or Surveyed.grid(_joined(group)) for axis, group in grids.items()}
+    rows: list[dict] = []
+    with _parallel(jobs, cluster) as parallel:
+        found = parallel(
+            joblib.delayed(assess)(plan, list(control), place, points[plan.axis_m], options)
+            for plan in read
+        )
+        for done, some in enumerate(found, start=1):
+            rows += some
+            if progress:
+                progress(done, len(read))
+    return pd.DataFrame(rows)
+
+
+def assess(
+    plan: Plan, control: list[Control], place: str, surveyed: Surveyed, options: dict
+) -> list[dict]:
+    """The rows of one flight set; lever arms are carried over to the flights that it has."""
+    carried = options.get("carried")
+    if carried is not None:
+        options = options | {"carried": carried.for_flights(f.name for f in plan.flights)}
+    planner = Planner(plan, surveyed=surveyed, **options)
+    rows = []
+    for wanted in control:
+        if place == "best" and isinstance(wanted, int | np.integer):
+            wanted = planner.best(wanted)
+        rows.append(planner.expect(wanted).summary())
+    return rows
+
+
+def _joined(plans: Sequence[Plan]) -> Plan:
+    """All flights of some plans, each once."""
+    whole = plans[0]
+    for plan in plans[1:]:
+        known = {flight.name for flight in whole.flights}
+        fresh = [flight.name for flight in plan.flights if flight.name not in known]
+        whole = whole + subset(plan, fresh) if fresh else whole
+    return whole
+
+
+@contextmanager
+def _parallel(jobs: int, cluster: str | None) -> Iterator[joblib.Parallel]:
+    if cluster is None:
+        yield joblib.Parallel(n_jobs=jobs, return_as="generator")
+        return
+    try:
+        from dask.distributed import Client
+    except ImportError:
+        raise InputError("a cluster needs Dask: install corridor with the extra cluster") from None
+    try:
+        client = Client(cluster, timeout="10s")
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(f"no Dask scheduler answers at {cluster} ({error}): start one") from None
+    with client, joblib.parallel_config("dask", client=client):
+        yield joblib.Parallel(n_jobs=-1, return_as="generator")
