@@ -8,6 +8,7 @@ determines is `Singular`.
 
 from corridor.adjustment.adjust import adjust
 from corridor.adjustment.covariance import Covariance
+from corridor.adjustment.datum import QUANTITIES
 from corridor.adjustment.laid import Laid, lay_on_control
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.normal import Loss, Normal
@@ -28,6 +29,7 @@ def __getattr__(name):
 
 
 __all__ = [
+    "QUANTITIES",
     "Adjustment",
     "Covariance",
     "Laid",

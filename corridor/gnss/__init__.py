@@ -1,6 +1,6 @@
 """The antenna's track: reading it, its coordinates, and where the antenna was at each exposure."""
 
-from corridor.gnss.antenna import Antenna, antenna, frame_of_block
+from corridor.gnss.antenna import Antenna, antenna, frame_of_block, of_block
 from corridor.gnss.coordinates import (
     GridCost,
     Local,
@@ -39,6 +39,7 @@ __all__ = [
     "geographic_positions",
     "grid_cost",
     "interpolate",
+    "of_block",
     "read_exposures",
     "read_track",
     "segments",

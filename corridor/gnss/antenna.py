@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from corridor.block import Block
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.gnss.coordinates import Local, convert, to_local
 from corridor.gnss.exposures import Exposures, align
@@ -204,6 +205,25 @@ def antenna(
         notes += (_of_resolution(exposures, made),)
     return Antenna(
         gnss, refused, made, local, frame, crs == GEOGRAPHIC, tuple(dict.fromkeys(notes))
+    )
+
+
+def of_block(block: Block, **options) -> Antenna:
+    """The antenna at the exposures of a block, from its own track.csv.
+
+    options: as of `antenna`. Times of images and track share one clock; where they do not, the
+    InputError says so: nothing is stretched.
+    """
+    folder = block.folder or Path(block.name)
+    images = pd.DataFrame({"image": block.images["image"].astype(str)})
+    images["time_s"] = block.column("images", "time_s")
+    track = block.track.copy()
+    if "flight" in block.images and "flight" in track:
+        images["flight"] = block.images["flight"].astype(str)
+    return antenna(
+        Track(table=track, source=folder / "track.csv", day=None, time_system=None, crs=None),
+        Exposures(images, None, None, None, folder / "images.csv"),
+        **options,
     )
 
 

@@ -4,17 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from corridor.adjustment import QUANTITIES
 from corridor.planning.network import LOOSE_M
 
-QUANTITIES = (
-    "position along x",
-    "position along y",
-    "height",
-    "rotation about x",
-    "rotation about y",
-    "rotation about z",
-    "scale",
-)
 # Points this loose are held by what was assumed of them, not by anything measured.
 OPEN_M = 0.05 * LOOSE_M
 
