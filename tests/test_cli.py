@@ -203,11 +203,19 @@ class TestEffects:
                 assert word in text
         assert "readout (s)" in told["rolling_shutter"]
 
-    def test_one_effect_in_full_gives_its_source(self, capsys):
+    def test_one_effect_in_full_gives_its_source_and_the_data_it_takes(self, capsys):
         """Every effect's file names the work it comes from."""
         for effect in corridor.catalogue():
             assert main(["effects", effect.slug]) == 0
-            assert "Source:" in capsys.readouterr().out, effect.slug
+            told = capsys.readouterr().out
+            for words in ("Source:", effect.revealed_by, effect.unobservable_when):
+                assert words in told, effect.slug
+
+    def test_many_parameters_of_one_kind_are_told_in_one_word(self, capsys):
+        assert main(["effects", "image_deformation"]) == 0
+        told = capsys.readouterr().out
+        assert "x_1 to x_60 (px), y_1 to y_60 (px) for each camera" in told
+        assert "0.5 px (x_1 to x_60)" in told
 
 
 class TestHelp:

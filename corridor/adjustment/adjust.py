@@ -15,7 +15,7 @@ from corridor.adjustment.problem import Problem, make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
 from corridor.block import Block
-from corridor.effects import Effect
+from corridor.effects import Effect, check_needs, find
 from corridor.errors import InputError
 
 
@@ -64,6 +64,8 @@ def adjust(
     if threads < 1:
         raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
     start, notes = block, []
+    effects = [effect if isinstance(effect, Effect) else find(effect) for effect in effects]
+    check_needs(block, effects)
     if _incomplete(block):
         from corridor.adjustment.initial import complete  # loads OpenCV: 25 MB
 

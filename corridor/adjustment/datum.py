@@ -80,7 +80,7 @@ def settle(normal: Normal, state: State) -> np.ndarray | None:
     is control or GNSS, but not enough.
     """
     p = normal.problem
-    few_controls = _on_a_line(p.control_given)
+    few_controls = _on_a_line(p.control_given) or bool(p.stack.at("ground"))
     few_antennas = _on_a_line(p.gnss_given) or p.arms_free or bool(p.stack.at("antenna"))
     if not (few_controls and few_antennas):
         return None
@@ -114,7 +114,10 @@ def undetermined(p: Problem, words: list[str]) -> str:
     what = " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
     have = []
     if len(p.control_rows):
-        have.append(f"{len(p.control_rows)} control point{'s' * (len(p.control_rows) > 1)}")
+        loose = [f"effect {member.effect.slug}" for member in p.stack.at("ground")]
+        with_what = f" with {' and '.join(loose)}" if loose else ""
+        count = len(p.control_rows)
+        have.append(f"{count} control point{'s' * (count > 1)}{with_what}")
     if len(p.gnss_image):
         loose = ["free lever arms"] * p.arms_free
         loose += [f"effect {member.effect.slug}" for member in p.stack.at("antenna")]
@@ -123,7 +126,7 @@ def undetermined(p: Problem, words: list[str]) -> str:
     return (
         f"{what[0].upper()}{what[1:]} of the block cannot be determined by {' and '.join(have)}: "
         "add control points or GNSS (ground.csv, gnss.csv), hold lever arms and effects of the "
-        "GNSS, or take control and GNSS away to adjust a free network"
+        "GNSS or the ground, or take control and GNSS away to adjust a free network"
     )
 
 

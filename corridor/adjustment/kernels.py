@@ -151,9 +151,11 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
          at_row, image_shift, motion, modelled, seen):  # fmt: skip
     """Where images see a point, and how far that is from the observations first..first + m.
 
-    base: the observation that is the first in image_shift. modelled: (n, 4) or (0, 4); receives
-    pixel and u, v. Fills `seen` (m, SEEN); its third number is not positive where the point is
-    behind the camera. Returns the cost.
+    base: the observation that is the first in image_shift. image_shift: (n, 2) px, or (n, 6) with
+    the derivative (4) of the shifted pixel by the one that is not: a shift that looks at where
+    the point is shifted to. modelled: (n, 4) or (0, 4); receives pixel and u, v. Fills `seen`
+    (m, SEEN); its third number is not positive where the point is behind the camera. Returns the
+    cost.
 
     While the rows are read the camera moves: the row of the modelled pixel decides where the
     camera is, and the camera where the pixel is. One step of Newton from `at_row`, the row found
@@ -212,8 +214,22 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
         f = interior[i, U(0)]
         mx, my = interior[i, U(1)] + f * a, interior[i, U(2)] + f * b
         if image_shift.shape[0] > 0:
-            mx += image_shift[o - U(base), U(0)]
-            my += image_shift[o - U(base), U(1)]
+            e = o - U(base)
+            mx += image_shift[e, U(0)]
+            my += image_shift[e, U(1)]
+        s00, s01, s10, s11 = 1.0, 0.0, 0.0, 1.0
+        if image_shift.shape[1] > 2:
+            e = o - U(base)
+            s00, s01 = image_shift[e, U(2)], image_shift[e, U(3)]
+            s10, s11 = image_shift[e, U(4)], image_shift[e, U(5)]
+            if modelled.shape[0] > 0:
+                # The shift is that of the pixel modelled last time: one step of Newton from there.
+                x, y = modelled[o, U(0)], modelled[o, U(1)]
+                mx, my = x + s00 * (mx - x) + s01 * (my - y), y + s10 * (mx - x) + s11 * (my - y)
+            g0, h0 = s00 * g0 + s01 * h0, s10 * g0 + s11 * h0
+            g1, h1 = s00 * g1 + s01 * h1, s10 * g1 + s11 * h1
+            g2, h2 = s00 * g2 + s01 * h2, s10 * g2 + s11 * h2
+            _set(seen, at + U(20), s00, s01, s10, s11)
         if moves:
             row = seen[at + U(3)]
             t0, t1, t2, s = _panel(seen, at + U(16))
@@ -240,7 +256,10 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
             g2, h2 = k00 * g2 + k01 * h2, k10 * g2 + k11 * h2
             seen[at + U(19)] = s + factor * missed
             at_row[o] = row + missed
-            _set(seen, at + U(20), k00, k01, k10, k11)
+            _set(
+                seen, at + U(20), k00 * s00 + k01 * s10, k00 * s01 + k01 * s11,
+                k10 * s00 + k11 * s10, k10 * s01 + k11 * s11,
+            )  # fmt: skip
         if modelled.shape[0] > 0:
             modelled[o, U(0)], modelled[o, U(1)] = mx, my
             modelled[o, U(2)], modelled[o, U(3)] = u, v
@@ -261,10 +280,10 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
 
 @njit(**SCALAR)
 def _slope(seen, at):
-    """Of a camera that moves, the matrix (4) before the derivatives of the pixel.
+    """Of a camera that moves or an effect on the image: matrix (4) before the pixel's derivatives.
 
-    What moves the pixel moves its row, and the row moves the camera. `seen` has it in the
-    derivatives by X, Y, Z already.
+    What moves the pixel moves its row, and the row moves the camera; and effects look at where
+    the pixel is. `seen` has it in the derivatives by X, Y, Z already.
     """
     return _panel(seen, at + U(20))
 
@@ -357,7 +376,7 @@ def _rows(i, e, seen, at, pose, interior, radials, camera_column, slot_column, m
         dx, dy = root * d_image[e, U(0), U(n)], root * d_image[e, U(1), U(n)]
         _put(slot_column[i, slot], dx, dy, jb, b0, b1, jc, j0, j1)
         slot += U(1)
-    if motion.shape[1] == 0:
+    if motion.shape[1] == 0 and d_image.shape[2] == 0:
         return
     k00, k01, k10, k11 = _slope(seen, at)
     for c in range(low, high, PANEL):
@@ -374,6 +393,8 @@ def _rows(i, e, seen, at, pose, interior, radials, camera_column, slot_column, m
     for c in range(6, d):
         dx, dy = jc[j0 + U(c)], jc[j1 + U(c)]
         jc[j0 + U(c)], jc[j1 + U(c)] = k00 * dx + k01 * dy, k10 * dx + k11 * dy
+    if motion.shape[1] == 0:
+        return
     t0, t1, t2, place = _panel(seen, at + U(16))
     for n in range(d_motion.shape[1]):
         m0, m1, m2, m3, m4, m5 = _polynomial(place, d_motion, i, U(n))
@@ -1016,9 +1037,10 @@ def make_substitute(d):
                 n = i * U(d)
                 q0, q1, q2 = step[n + U(3)], step[n + U(4)], step[n + U(5)]
                 w0, w1, w2 = 0.0, 0.0, 0.0
-                if moves:
+                if moves or d_image.shape[2] > 0:
                     k00, k01, k10, k11 = _slope(seen, at)
                     sx, sy = k00 * sx + k01 * sy, k10 * sx + k11 * sy
+                if moves:
                     r0, r1, r2, place = _panel(seen, at + U(16))
                     w0, w1, w2, w3, w4, w5 = _polynomial(place, motion_step, i, U(0))
                     w3, w4, w5 = _left(r0, r1, r2, w3, w4, w5)

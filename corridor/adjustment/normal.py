@@ -90,8 +90,10 @@ class Normal:
         self.reference = np.zeros((rows, p.d))
         self.border = np.zeros((rows, p.d, p.wide))
         self.looks = bool(p.stack.at("image"))
-        # What effects look at: x, y, u, v as modelled last time (the shift is a contraction).
+        # What effects look at: x, y, u, v as modelled last time (a step of Newton leads to now).
         self.modelled = np.zeros((len(p.img) if self.looks else 0, 4))
+        # Derivative of the pixel by the pixel before the effects, as found by the last assembly.
+        self.slope = np.tile([1.0, 0.0, 0.0, 1.0], (len(self.modelled), 1))
         # Where the camera moves while rows are read: the row of each as modelled last time, px.
         self.moves = bool(p.stack.at("motion"))
         down = p.images.row_axis[p.img[: len(p.img) if self.moves else 0]] == 1
@@ -115,14 +117,16 @@ class Normal:
         motion, d_motion = _for_kernels(state.rotation, motion, d_motion)
         if len(p.control_rows):
             names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
-            ground = Context(images, point=list(names), position=p.control_given)
-            moved, d_ground = p.stack.evaluate("ground", ground, state.effects)
             rows = np.flatnonzero(p.control >= 0)
-            residual = np.empty((len(p.control_rows), 3))
-            residual[p.control[rows]] = state.points[rows]
-            residual = p.control_given - residual - moved
+            modelled = np.empty((len(p.control_rows), 3))
+            modelled[p.control[rows]] = state.points[rows]
+            ground = Context(images, point=list(names), position=modelled)
+            moved, d_ground = p.stack.evaluate("ground", ground, state.effects)
+            residual = p.control_given - modelled - moved
         else:
             residual, d_ground = np.zeros((0, 3)), np.zeros((0, 3, 0))
+        # An effect's derivative may be a read-only view, which kernels would be compiled anew for.
+        d_interior, d_ground = np.array(d_interior, order="C"), np.array(d_ground, order="C")
         radials = int(radials_in_use(interior))
         for name in {name for free in p.free.values() for name in free}:
             radials = max(radials, INTERIOR.index(name) - _FIRST_RADIAL + 1)
@@ -134,10 +138,18 @@ class Normal:
             d_interior, d_motion, residual, d_ground,
         )  # fmt: skip
 
-    def arguments(self, view: View, first: int, last: int) -> tuple:
-        """What every kernel that goes over points first..last with derivatives begins with."""
+    def arguments(self, view: View, first: int, last: int, anew: bool = False) -> tuple:
+        """What every kernel that goes over points first..last with derivatives begins with.
+
+        anew: look for the slope of the image effects, which changes little from then on.
+        """
         p = self.problem
         shift, d_image = self.shifts(view, first, last)
+        if self.looks:
+            rows = slice(p.ptr[first], p.ptr[last])
+            if anew:
+                self.slope[rows] = self._slope(view, rows, shift)
+            shift = np.concatenate([shift, self.slope[rows]], axis=1)
         return (
             first, last, p.ptr, p.img, p.xy, p.weight, view.state.points, view.pose, view.interior,
             view.radials, self.loss.kind, self.loss.width, p.camera_column, p.slot_column, p.low,
@@ -159,6 +171,25 @@ class Normal:
         context = Context(view.images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:])
         shift, derivative = p.stack.evaluate("image", context, view.state.effects)
         return np.ascontiguousarray(shift), np.ascontiguousarray(derivative)
+
+    def _slope(self, view: View, rows: slice, shift: np.ndarray) -> np.ndarray:
+        """Derivative (n, 4) of the pixel by the pixel before image effects, which look at it.
+
+        From m = p + s(m) follows dm = (1 - ds/dm)^-1 dp; ds/dm by steps of a pixel, the ray along.
+        """
+        p = self.problem
+        seen, image = self.modelled[rows], p.img[rows]
+        step = 1.0 / view.interior[image, 0]
+        by = np.empty((len(seen), 2, 2))
+        for axis in range(2):
+            pixel, ray = seen[:, :2].copy(), seen[:, 2:].copy()
+            pixel[:, axis] += 1.0
+            ray[:, axis] += step
+            look = Context(view.images, image, pixel=pixel, ray=ray)
+            by[:, :, axis] = p.stack.evaluate("image", look, view.state.effects)[0] - shift
+        (a, b), (c, d) = by[:, 0].T, by[:, 1].T
+        inverse = 1.0 / ((1.0 - a) * (1.0 - d) - b * c)
+        return np.stack([1.0 - d, b, c, 1.0 - a], axis=1) * inverse[:, None]
 
     def chunks(self, first: int, last: int) -> Iterator[tuple[int, int]]:
         """Ranges of points whose effects are evaluated together."""
@@ -252,7 +283,8 @@ class Normal:
             extra = p.image_count - self.split if thread == 0 else 0
             for first, last in self.chunks(start, stop):
                 kernel(
-                    *self.arguments(view, first, last), damping, split, extra, self.blocks.flat,
+                    *self.arguments(view, first, last, True), damping, split, extra,
+                    self.blocks.flat,
                     self.blocks.stride, self.blocks.neighbour_start, self.blocks.neighbour,
                     self.gradient.ravel(), self.reference.ravel(), self.border.ravel(),
                     corner[thread], shared[thread, 0], shared[thread, 1], self.modelled,
@@ -383,6 +415,11 @@ class Normal:
             self.blocks.add_diagonal(diagonal)
             self.reference[: p.image_count] += diagonal
             self.gradient[: p.image_count, 6:] += weight * own
+        if len(p.idle):
+            diagonal = np.zeros((p.image_count, p.d))
+            diagonal[p.idle[:, 0], p.idle[:, 1]] = 1.0
+            self.blocks.add_diagonal(diagonal)
+            self.reference[: p.image_count] += diagonal
         return float(np.sum(p.prior_weight * shared**2) + np.sum(weight * own**2))
 
     def factor(self) -> Bordered:
@@ -428,8 +465,8 @@ class Normal:
         The motion as coefficients (m, 1, 6 (degree + 1)). shared: (wide,).
         """
         p = self.problem
-        camera = np.where(p.camera_column >= 0, shared[p.camera_column], 0.0)
-        slots = np.where(p.slot_column >= 0, shared[p.slot_column], 0.0)
+        camera = np.where(p.camera_column >= 0, shared[np.maximum(p.camera_column, 0)], 0.0)
+        slots = np.where(p.slot_column >= 0, shared[np.maximum(p.slot_column, 0)], 0.0)
         image, slot = np.nonzero(p.slot_column <= -2)
         slots[image, slot] = step[image, 4 - p.slot_column[image, slot]]
         first = view.d_interior.shape[2]

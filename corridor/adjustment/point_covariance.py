@@ -1,4 +1,8 @@
-"""Covariance of every point, by one pass over the points like the assembly itself."""
+"""Covariance of every point, by one pass over the points like the assembly itself.
+
+Numba keeps this kernel compiled as long as this very file is unchanged, also where functions of
+`kernels` that it takes in have changed: clear `__pycache__` after such a change.
+"""
 
 import numpy as np
 from numba import njit

@@ -108,6 +108,7 @@ class Problem:
     prior_value: np.ndarray
     prior_weight: np.ndarray
     own_prior: np.ndarray  # (2, own unknowns): value and weight, the same for every image
+    idle: np.ndarray  # (k, 2): image and unknown 6.. that nothing can determine, held at its start
     start: State
     notes: list[str] = field(default_factory=list)
 
@@ -176,7 +177,7 @@ def make_problem(
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
 
-    gnss_image = rank[block.image_rows("gnss")] if len(block.gnss) else np.zeros(0, np.int64)
+    gnss_image, gnss_given, gnss_weight = _gnss(block, rank)
     arms_free = bool(len(gnss_image)) and (
         lever_arm == "free" or (lever_arm is None and not block.lever_arm_fixed)
     )
@@ -208,18 +209,20 @@ def make_problem(
 
     given = block.ground[["x", "y", "z"]].to_numpy(float)[control_rows]
     sigma = block.ground_sigma()[control_rows]
-    gnss_given = block.gnss[["x", "y", "z"]].to_numpy(float).reshape(-1, 3)
-    if len(gnss_image):
-        known = np.isfinite(gnss_given).all(axis=1)
-        gnss_image, gnss_given = gnss_image[known], gnss_given[known]
-        gnss_weight = block.gnss_sigma()[known] ** -2.0
-    else:
-        gnss_weight = np.zeros((0, 3))
     own = [
         f"{slug}.{stack.members[slug].parameters[number].name}"
         for slug, number in columns["own_unknowns"]
     ]
     prior_value, prior_weight, own_prior = _priors(unknowns, own, priors or {})
+    _refuse_twice(stack, free, unknowns, prior_weight, own, own_prior)
+    # An image without GNSS has nothing to say on its own antenna: that unknown rests at zero.
+    silent = np.setdiff1d(np.arange(len(order)), gnss_image)
+    idle = [
+        (image, 6 + n)
+        for n, (slug, _) in enumerate(columns["own_unknowns"])
+        if stack.members[slug].effect.place == "antenna" and not own_prior[1, n]
+        for image in silent
+    ]
 
     return Problem(
         block=block,
@@ -249,6 +252,7 @@ def make_problem(
         prior_value=prior_value,
         prior_weight=prior_weight,
         own_prior=own_prior,
+        idle=np.array(idle, dtype=np.int64).reshape(-1, 2),
         start=State(
             centre=images.centre,
             rotation=images.rotation,
@@ -260,6 +264,33 @@ def make_problem(
         notes=notes,
         **columns,
     )
+
+
+def _gnss(block: Block, rank: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Image (k,), position (k, 3) and weight (k, 3) of the antenna positions that are known."""
+    if not len(block.gnss):
+        return np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3))
+    given = block.gnss[["x", "y", "z"]].to_numpy(float)
+    known = np.isfinite(given).all(axis=1)
+    image = rank[block.image_rows("gnss")]
+    return image[known], given[known], block.gnss_sigma()[known] ** -2.0
+
+
+def _refuse_twice(stack: Stack, free: dict, unknowns, prior_weight, own, own_prior) -> None:
+    """Refuse an effect that moves what a free camera parameter moves, unless a prior holds it."""
+    estimated = {(camera, name) for camera, names in free.items() for name in names}
+    for slug, member in stack.members.items():
+        doubled = [pair for pair in estimated if pair[1] in member.effect.stands_in_for]
+        shared = [n for n, u in enumerate(unknowns) if (u.kind, u.owner) == ("effect", slug)]
+        mine = [n for n, name in enumerate(own) if name.partition(".")[0] == slug]
+        if doubled and not (prior_weight[shared].all() and own_prior[1, mine].all()):
+            camera, _ = min(doubled)
+            names = ", ".join(n for n in free[camera] if n in member.effect.stands_in_for)
+            raise InputError(
+                f"effect {slug} does to the picture what {names} of camera {camera}, which "
+                f"{'is' if ',' not in names else 'are'} estimated, can do: hold the camera "
+                "(fixed, or a list without them), give the effect a prior, or leave it out"
+            )
 
 
 def _roles(block: Block, control, check) -> np.ndarray:
@@ -459,11 +490,7 @@ def _unknowns(images, stack, free, arms_free, gnss_image, controls):
             kind, slug = member.effect.group, member.effect.slug
             if place == "ground":
                 groups = member.groups
-                if kind not in ("block", "point"):
-                    raise InputError(f"effect {slug} acts on ground points, not on a {kind}")
             else:
-                if kind == "point":
-                    raise InputError(f"effect {slug} acts on images and has no group point")
                 groups = group_names(images, kind)
                 of_image = group_of_image(images, kind)
             for number, parameter in enumerate(member.parameters):

@@ -42,7 +42,10 @@ class Adjustment(Checked):
         self.cost, self.history, self.seconds = solution.cost, solution.history, seconds
         self.covariance = covariance
         self.redundancy = (
-            self.problem.observation_count - self.problem.unknown_count + len(normal.pins)
+            self.problem.observation_count
+            - self.problem.unknown_count
+            + len(self.problem.idle)
+            + len(normal.pins)
         )
         # Without redundancy there is nothing to estimate sigma naught from.
         self.sigma0 = float(np.sqrt(2 * self.cost / self.redundancy)) if self.redundancy else 1.0
@@ -212,11 +215,18 @@ class Adjustment(Checked):
                     sigma = self.sigma0 * np.sqrt(
                         self.covariance.each_pose[:, 6 + own[k], 6 + own[k]]
                     )
-                    names = p.images.names
+                    idle = p.idle[p.idle[:, 1] == 6 + own[k], 0]
                     values = self.state.effects[slug][:, k]
                     rows += [
-                        (slug, parameter.name, name, float(value), float(s), parameter.unit)
-                        for name, value, s in zip(names, values, sigma, strict=True)
+                        (
+                            slug,
+                            parameter.name,
+                            p.images.names[i],
+                            values[i],
+                            sigma[i],
+                            parameter.unit,
+                        )
+                        for i in np.setdiff1d(np.arange(p.image_count), idle).tolist()
                     ]
                     continue
                 for n, unknown in enumerate(p.unknowns):

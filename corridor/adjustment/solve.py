@@ -59,11 +59,11 @@ def solve(
     A robust loss starts from the least squares solution: far from it every residual is an outlier.
     Raises AdjustmentFailed where no step lowers the cost and the step is not small.
     """
-    if normal.looks:
-        # Their shifts lag one step behind: what is left is as long as the last step itself.
-        tolerance /= 100
     with _pools().limit(limits=1):
         if normal.loss.kind == SQUARES:
+            if normal.looks:
+                # One step of Newton finds what they look at, but for a little of the last step.
+                tolerance /= 10
             return _solve(normal, normal.problem.start, max_iterations, tolerance, progress, [])
         loss, normal.loss = normal.loss, Loss()
         first = _solve(normal, normal.problem.start, max_iterations, ROUGH, progress, [])

@@ -2,7 +2,7 @@
 
 examples:
   corridor effects                     the catalogue
-  corridor effects rolling_shutter     what it models, its parameters, what it needs, its source
+  corridor effects rolling_shutter     what it models, what reveals it, what it needs, its source
 """
 
 import argparse
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _short(effect):
-    parameters = ", ".join(f"{p.name} ({p.unit})" for p in _parameters(effect))
+    parameters = ", ".join(f"{name} ({p.unit})" for name, p in _runs(effect))
     needs = ", ".join(effect.needs) or "nothing more than the images"
     generic = ", generic" if effect.generic else ""
     shared = "the block" if effect.group == "block" else f"each {effect.group}"
@@ -43,7 +43,29 @@ def _short(effect):
 
 def _full(effect):
     told = [inspect.getmodule(type(effect)).__doc__, type(effect).shift.__doc__]
-    return "\n\n".join([_short(effect), *(inspect.cleandoc(text) for text in told if text)])
+    scales = ", ".join(f"{p.scale:.3g} {p.unit} ({name})" for name, p in _runs(effect))
+    facts = (
+        f"  shown by   {effect.revealed_by}\n"
+        f"  hidden if  {effect.unobservable_when}\n"
+        f"  usual size {scales}"
+    )
+    short = f"{_short(effect)}\n{facts}"
+    return "\n\n".join([short, *(inspect.cleandoc(text) for text in told if text)])
+
+
+def _runs(effect):
+    """(name, parameter) of the parameters; `x_1 to x_60` for a run of numbered ones."""
+    runs = []
+    for parameter in _parameters(effect):
+        stem, _, number = parameter.name.rpartition("_")
+        if runs and number.isdecimal() and runs[-1][0] == (stem, parameter.unit):
+            runs[-1][2] = parameter
+        else:
+            runs.append([(stem, parameter.unit), parameter, parameter])
+    return [
+        (first.name if first is last else f"{first.name} to {last.name}", last)
+        for _, first, last in runs
+    ]
 
 
 def _parameters(effect):

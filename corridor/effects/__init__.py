@@ -23,7 +23,7 @@ from corridor.effects.forward import (
     stated_lever_arms,
     take_out,
 )
-from corridor.effects.stack import ROW_REACH, Stack, Values
+from corridor.effects.stack import ROW_REACH, Stack, Values, check_needs
 
 __all__ = [
     "ROW_REACH",
@@ -36,6 +36,7 @@ __all__ = [
     "Values",
     "add",
     "catalogue",
+    "check_needs",
     "find",
     "group_names",
     "group_of_image",

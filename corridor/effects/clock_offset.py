@@ -13,6 +13,10 @@ class ClockOffset(Effect):
     title = "Offset between the clocks of camera and GNSS receiver"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z", "images.vx", "images.vy", "images.vz")
+    revealed_by = "strips flown both ways or at different speeds, with GNSS"
+    unobservable_when = (
+        "one speed and a camera that turns with the strip: a lever arm does the same"
+    )
 
     def parameters(self, block):
         return [Parameter("offset", "s", scale=0.050)]

@@ -44,6 +44,9 @@ class Effect(ABC):
     group: who shares a set of values: the block, a camera, a flight, an image or a ground point.
     generic: a mathematical shape that stands for the unknown, not a physical cause.
     row_degree: of the place motion: degree of the polynomial in the row that holds the shift.
+    stands_in_for: camera parameters that have to be held, or the effect to have a prior: it can
+    move what they move.
+    revealed_by, unobservable_when: the data that show it, and the flight that hides it, for people.
     """
 
     slug: str
@@ -53,6 +56,9 @@ class Effect(ABC):
     group: str = "block"
     generic: bool = False
     row_degree: int = 1
+    stands_in_for: tuple[str, ...] = ()
+    revealed_by: str = ""
+    unobservable_when: str = ""
 
     def __init__(self, group: str | None = None):
         if group is not None:
@@ -79,12 +85,26 @@ class Effect(ABC):
         return [column for column in self.needs if not block.has(column)]
 
 
+def linear(derivative: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Shift (rows, dimension) of an effect that is linear in its values (rows, parameters)."""
+    values = np.broadcast_to(values, (len(derivative), derivative.shape[2]))
+    return np.einsum("nij,nj->ni", derivative, values)
+
+
+def edge_of(block: Block) -> tuple[float, float]:
+    """Focal length, px, of the block's first camera, and u at the end of its long side."""
+    camera = next(iter(block.cameras.values()))
+    return camera["f"], (max(camera.width, camera.height) - 1) / 2 / camera["f"]
+
+
 @dataclass
 class Images:
     """What is known of each image of a block, row for row.
 
     names, cameras, flights: text. centre (m, 3) and rotation (m, 3, 3) are the current pose;
-    the rest comes from images.csv, NaN where unknown. ground: mean height of the points, m.
+    the rest comes from images.csv, NaN where unknown. start_centre, start_rotation: the pose that
+    images.csv states, which stays. ground: mean height of the points, m; elevation: of z = 0
+    above the sea, m.
     """
 
     names: np.ndarray
@@ -102,7 +122,10 @@ class Images:
     temperature: np.ndarray
     velocity: np.ndarray
     angular_rate: np.ndarray
+    start_centre: np.ndarray
+    start_rotation: np.ndarray
     ground: float
+    elevation: float = 0.0
 
     @classmethod
     def of(cls, block: Block) -> Images:
@@ -117,6 +140,8 @@ class Images:
         def columns(*names: str) -> np.ndarray:
             return np.stack([block.column("images", name) for name in names], axis=-1)
 
+        centre = columns("x", "y", "z")
+        rotation = rotation_from_quaternion(columns("qw", "qx", "qy", "qz"))
         return cls(
             names=table["image"].to_numpy(dtype=object),
             camera=camera,
@@ -127,13 +152,16 @@ class Images:
             row_axis=reading[:, 0].astype(int),
             row_sign=reading[:, 1],
             interior=np.array([c.interior for c in cameras])[camera],
-            centre=columns("x", "y", "z"),
-            rotation=rotation_from_quaternion(columns("qw", "qx", "qy", "qz")),
+            centre=centre,
+            rotation=rotation,
             time=columns("time_s")[:, 0],
             temperature=columns("temperature_c")[:, 0],
             velocity=columns("vx", "vy", "vz"),
             angular_rate=columns("wx", "wy", "wz"),
+            start_centre=centre,
+            start_rotation=rotation,
             ground=float(np.mean(block.points["z"])) if len(block.points) else 0.0,
+            elevation=float(block.offset[2]),
         )
 
     def reordered(self, order: np.ndarray) -> Images:
@@ -159,8 +187,22 @@ class Images:
     @cached_property
     def mid_time(self) -> float:
         """Middle of the block's times, s: the epoch of drifts."""
-        known = self.time[np.isfinite(self.time)]
-        return float((known.min() + known.max()) / 2) if len(known) else 0.0
+        return _middle(self.time)
+
+    @cached_property
+    def mid_temperature(self) -> float:
+        """Middle of the block's temperatures, degrees Celsius: where thermal effects are zero."""
+        return _middle(self.temperature)
+
+    @cached_property
+    def middle(self) -> np.ndarray:
+        """Mean of the stated camera centres (3,), m: about which the block as a whole scales."""
+        return self.start_centre.mean(axis=0)
+
+
+def _middle(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float((known.min() + known.max()) / 2) if len(known) else 0.0
 
 
 class Context:
@@ -168,7 +210,8 @@ class Context:
 
     image: (rows,) image of each row; None at the place `ground`.
     pixel, ray: (rows, 2) modelled image point, px, and normalised u, v (place image).
-    row: (rows,) row fraction: -1/2 in the row that is read first, 1/2 in the last (place motion).
+    row: (rows,) row fraction: -1/2 in the row that is read first, 1/2 in the last (places motion
+    and image).
     point, position: names and given coordinates (rows, 3) of ground control (place ground).
     """
 
@@ -183,11 +226,25 @@ class Context:
         position: np.ndarray | None = None,
     ):
         self.images, self.image = images, image
-        self.pixel, self.ray, self.row = pixel, ray, row
+        self.pixel, self.ray, self._row = pixel, ray, row
         self.point, self.position = point, position
 
     def __len__(self) -> int:
         return len(self.point) if self.image is None else len(self.image)
+
+    @property
+    def row(self) -> np.ndarray:
+        """Row fraction (rows,): as given, else that of the pixel."""
+        if self._row is not None:
+            return self._row
+        axis, factor, offset = self.images.row_of[self.image].T
+        return factor * np.where(axis == 1, self.pixel[:, 1], self.pixel[:, 0]) + offset
+
+    @property
+    def plane(self) -> np.ndarray:
+        """Modelled point (rows, 2) from the picture's middle, 1 at the end of its long side."""
+        half = (self.size - 1) / 2
+        return (self.pixel - half) / half.max(axis=1, keepdims=True)
 
     @property
     def size(self) -> np.ndarray:
@@ -286,6 +343,6 @@ def find(name: str) -> Effect:
         if effect.slug == slug:
             return type(effect)(group or None)
     raise InputError(
-        f"effect {slug!r} is unknown: `corridor effects` lists them: "
-        f"{', '.join(effect.slug for effect in catalogue())}"
+        f"effect {slug!r} is unknown: `corridor effects` lists them all, the physical ones are "
+        f"{', '.join(effect.slug for effect in catalogue() if not effect.generic)}"
     )

@@ -16,6 +16,8 @@ class FocalDrift(Effect):
     title = "Focal length that drifts with time, linear and quadratic"
     place = "camera"
     needs = ("images.time_s",)
+    revealed_by = "flights of many minutes with GNSS or control, oblique images or two heights"
+    unobservable_when = "nadir images whose GNSS may drift in height: scale and height go together"
 
     def parameters(self, block):
         # 2 px in 10 minutes; the bend is as large over a flight of 20 minutes.

@@ -123,10 +123,8 @@ def _seen(block, table, images, stack, values):
         ):
             break
         safe = np.nan_to_num(pixel)
-        axis, factor, offset = images.row_of[image].T
-        row = factor * np.where(axis == 1, safe[:, 1], safe[:, 0]) + offset
-        motion, _ = stack.evaluate("motion", Context(images, image, row=row), values)
         seen = Context(images, image, pixel=safe, ray=np.nan_to_num(ray))
+        motion, _ = stack.evaluate("motion", seen, values)
         moved, _ = stack.evaluate("image", seen, values)
     return pixel
 
@@ -146,11 +144,18 @@ def stated_lever_arms(block: Block) -> np.ndarray:
 
 
 def _given(block, stack, values, images):
+    names, position = _control(block)
+    return position + _moved_ground(images, names, position, stack, values)
+
+
+def _control(block):
     control = block.ground[block.ground["role"] == "control"]
-    position = control[["x", "y", "z"]].to_numpy(float)
-    context = Context(images, point=list(control["point"]), position=position)
-    shift, _ = stack.evaluate("ground", context, values)
-    return position + shift
+    return list(control["point"]), control[["x", "y", "z"]].to_numpy(float)
+
+
+def _moved_ground(images, names, position, stack, values):
+    """Given minus true (n, 3) of control points whose true place is position."""
+    return stack.evaluate("ground", Context(images, point=names, position=position), values)[0]
 
 
 def add(block: Block, values: Mapping) -> Block:
@@ -183,9 +188,15 @@ def _moved(block: Block, values: Mapping, sign: float) -> Block:
         rows = getattr(out, table)
         if len(rows) and np.nanmax(np.abs(difference), initial=0.0) > 0:
             rows[columns] = rows[columns].to_numpy(float) + np.nan_to_num(difference)
-    control = out.ground["role"].to_numpy() == "control"
-    if control.any():
-        rows = out.ground.loc[control, ["x", "y", "z"]].to_numpy(float)
-        moved = rows + sign * (there.control - here.control)
-        out.ground.loc[control, ["x", "y", "z"]] = moved
+    names, given = _control(block)
+    if stack.at("ground") and names:
+        stack, filled = gather(block, values)
+        true, images = given, Images.of(block)
+        # A point moves by what its true place says; from where it was given that is a contraction.
+        for _ in range(40 if sign < 0 else 1):
+            before = true
+            true = given + sign * _moved_ground(images, names, true, stack, filled)
+            if np.abs(true - before).max() < 1e-12:
+                break
+        out.ground.loc[out.ground["role"] == "control", ["x", "y", "z"]] = true
     return out

@@ -15,6 +15,11 @@ class GnssBias(Effect):
     title = "Constant error of the GNSS positions"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z")
+    revealed_by = "ground control, with lever arms held or a camera that turns about its axis"
+    unobservable_when = (
+        "there is no control (a common shift of the control looks the same), or one heading and "
+        "free lever arms"
+    )
 
     def parameters(self, block):
         return [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]

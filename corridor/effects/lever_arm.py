@@ -1,4 +1,4 @@
-"""The GNSS antenna does not sit where it was said to sit.
+"""The GNSS antenna does not sit where it was said to sit, in all flights alike.
 
 Source: thesis, eq. 5.2 (its theta is our -a).
 """
@@ -13,8 +13,11 @@ class LeverArm(Effect):
     title = "Lever arm of the GNSS antenna, to be added to the stated one"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z")
-    # The camera is remounted between flights, not during one.
-    group = "flight"
+    revealed_by = "images of several headings and tilts with control, flights both ways"
+    unobservable_when = (
+        "the camera keeps one heading: the arm is a bias of the GNSS; or it turns with the strip "
+        "at one speed: the arm is a clock offset; nadir images leave z to the focal length"
+    )
 
     def parameters(self, block):
         return [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]

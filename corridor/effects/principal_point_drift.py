@@ -16,6 +16,8 @@ class PrincipalPointDrift(Effect):
     title = "Principal point that drifts with time"
     place = "camera"
     needs = ("images.time_s",)
+    revealed_by = "the same ground minutes apart and from both directions, with GNSS or control"
+    unobservable_when = "one heading and a GNSS that may drift: all points of an image move alike"
 
     def parameters(self, block):
         return [Parameter(name, "px/s", scale=2.0 / 600.0) for name in ("x_rate", "y_rate")]

@@ -16,7 +16,11 @@ class RollingShutter(Effect):
     title = "Rolling shutter: rows read one after the other while the camera moves"
     place = "motion"
     needs = ("images.vx", "images.vy", "images.vz")
-    group = "block"
+    revealed_by = "strips flown both ways, across each other, at several speeds or tilts"
+    unobservable_when = (
+        "the drone hovers, or all strips have one speed relative to the picture and the camera is "
+        "free: affine distortion or focal length take it"
+    )
 
     def parameters(self, block):
         return [Parameter("readout", "s", scale=0.030)]

@@ -15,6 +15,8 @@ class RollingShutterRotation(Effect):
     title = "Rolling shutter: rotation of the camera during the readout, an image"
     place = "motion"
     group = "image"
+    revealed_by = "many tie points in every image, over all of its rows"
+    unobservable_when = "an image has few points, or points in few rows"
 
     def parameters(self, block):
         # 0.3 degrees a second for 25 ms.

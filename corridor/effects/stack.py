@@ -14,7 +14,6 @@ from corridor.effects.contract import (
     Images,
     Parameter,
     group_names,
-    group_of_image,
 )
 from corridor.errors import InputError
 
@@ -41,7 +40,8 @@ class Stack:
     """The effects of one block.
 
     points: names of the ground control that effects of the place `ground` move.
-    Raises InputError where a column that an effect needs is missing, or an effect is there twice.
+    Raises InputError where a column that an effect needs is missing, an effect is there twice or
+    has a group that its place does not have.
     """
 
     def __init__(self, block: Block, effects: list[Effect], points: list[str] = ()):
@@ -50,15 +50,8 @@ class Stack:
         for slug in slugs:
             if slugs.count(slug) > 1:
                 raise InputError(f"effect {slug} is given twice: give it once")
-        for effect in effects:
-            missing = effect.missing(block)
-            if missing:
-                table, _, column = missing[0].partition(".")
-                file = "block.toml" if table == "camera" else f"{table}.csv"
-                raise InputError(
-                    f"{file} has no {column}, which effect {effect.slug} needs: add the column "
-                    f"or leave the effect out"
-                )
+        check_groups(effects)
+        check_needs(block, effects)
         self.members = {
             effect.slug: Member(
                 effect, effect.parameters(block), group_names(images, effect.group, points)
@@ -141,14 +134,25 @@ class Stack:
         return [(m.effect.slug, p.name) for m in self.at(place) for p in m.parameters]
 
 
-def check_groups(stack: Stack, images: Images) -> None:
-    """Refuse a group that a place does not have (an effect of ground points shared by images)."""
-    for member in stack.members.values():
-        ground = member.effect.place == "ground"
-        if (member.effect.group == "point") != ground and member.effect.group != "block":
+def check_needs(block: Block, effects: list[Effect]) -> None:
+    """Refuse effects that need a column which the block does not have."""
+    for effect in effects:
+        missing = effect.missing(block)
+        if missing:
+            table, _, column = missing[0].partition(".")
+            file = "block.toml" if table == "camera" else f"{table}.csv"
             raise InputError(
-                f"effect {member.effect.slug} acts on {member.effect.place} and cannot have one "
-                f"set of values a {member.effect.group}: use another group"
+                f"{file} has no {column}, which effect {effect.slug} needs: add the column "
+                f"or leave the effect out"
             )
-        if not ground:
-            group_of_image(images, member.effect.group)
+
+
+def check_groups(effects: list[Effect]) -> None:
+    """Refuse a group that a place does not have (an effect of ground points shared by images)."""
+    for effect in effects:
+        ground = effect.place == "ground"
+        if (effect.group == "point") != ground and effect.group != "block":
+            raise InputError(
+                f"effect {effect.slug} acts on {'ground points' if ground else 'images'} and has "
+                f"no group {effect.group}: use another"
+            )

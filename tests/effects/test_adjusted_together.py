@@ -1,6 +1,7 @@
 """All effects at once: the fused kernel against the forward model and against dense algebra."""
 
 from dataclasses import replace
+from functools import cache, cached_property
 
 import numpy as np
 import pytest
@@ -14,9 +15,15 @@ from corridor.simulation import add_noise, corridor_block
 from corridor.simulation.strips import CAMLIGHT
 
 EVERY = [effect.slug for effect in catalogue()]
+NAMED = [effect.slug for effect in catalogue() if not effect.generic]
 
 
-def flown(images=10, observations=60, seed=8, **options):
+def flown(**options):
+    return _flown(**options).copy()
+
+
+@cache
+def _flown(images=10, observations=60, seed=8, **options):
     camera = replace(CAMLIGHT, readout_s=0.030, calibrated=True)
     return corridor_block(
         images=images, strips=2, flights=2, camera=camera, observations_per_image=observations,
@@ -45,7 +52,11 @@ def started(problem, values):
     return state
 
 
-@pytest.mark.parametrize("slugs", [[slug] for slug in EVERY] + [EVERY], ids="+".join)
+def named(slugs):
+    return slugs[0] if len(slugs) == 1 else f"{len(slugs)}_at_once"
+
+
+@pytest.mark.parametrize("slugs", [[slug] for slug in EVERY] + [EVERY], ids=named)
 def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
     """To 1e-9 px and 1e-12 m, row for row; the kernel sorts, chunks and iterates on its own."""
     block = flown(start_error=(0.05, 0.001, 0.05))
@@ -91,26 +102,49 @@ class Dense:
         p = self.problem
         self.first = p.image_count * p.d
         self.border = slice(self.first, self.first + p.shared_count)
-        pose = np.r_[[1e-4] * 3, [1e-6] * 3, [1e-7] * (p.d - 6)]
+        members = p.stack.members
+        of_images = [1e-3 * members[slug].parameters[n].scale for slug, n in p.own_unknowns]
+        pose = np.r_[[1e-4] * 3, [1e-6] * 3, of_images]
         step = np.full(p.unknown_count, 1e-4)
         step[: self.first] = np.tile(pose, p.image_count)
         step[self.border] = 1e-3 * np.sqrt(np.diag(found.covariance.shared))
-        jacobian = np.stack(
-            [
-                (self.residuals(h * axis) - self.residuals(-h * axis)) / (2 * h)
-                for h, axis in zip(step, np.eye(p.unknown_count), strict=True)
-            ],
-            axis=1,
-        )
-        matrix = jacobian.T @ jacobian
-        matrix[self.border, self.border] += np.diag(p.prior_weight)
+        jacobian = np.zeros((len(self.residuals(0 * step)), p.unknown_count))
+        for k in range(self.border.stop):
+            jacobian[:, k] = self.by(step[k] * np.eye(p.unknown_count)[k]) / step[k]
+        # A residual knows one point at most: all points move at once.
+        for axis in range(3):
+            moved = self.border.stop + np.arange(axis, 3 * len(p.ptr[1:]), 3)
+            change = self.by(1e-4 * np.isin(np.arange(p.unknown_count), moved)) / 1e-4
+            rows = np.flatnonzero(self.owner >= 0)
+            jacobian[rows, moved[self.owner[rows]]] = change[rows]
+        weight, away = np.zeros((2, p.unknown_count))
+        weight[self.border] = p.prior_weight
+        away[self.border] = shared_values(p, self.state) - p.prior_value
+        own = [
+            self.state.effects[slug][:, number] - value
+            for (slug, number), value in zip(p.own_unknowns, p.own_prior[0], strict=True)
+        ]
+        for given, values in ((weight, p.own_prior[1]), (away, np.array(own).T)):
+            given[: self.first].reshape(p.image_count, p.d)[:, 6:] = values if own else 0.0
+        matrix = jacobian.T @ jacobian + np.diag(weight)
         size = np.sqrt(np.diag(matrix))
         self.inverse = np.linalg.inv(matrix / size[:, None] / size) / size[:, None] / size
         self.sigma = np.sqrt(np.diag(self.inverse))
-        self.gradient = jacobian.T @ self.residuals(np.zeros(p.unknown_count))
-        self.gradient[self.border] += p.prior_weight * (
-            shared_values(p, self.state) - p.prior_value
-        )
+        self.gradient = jacobian.T @ self.residuals(np.zeros(p.unknown_count)) + weight * away
+
+    @cached_property
+    def owner(self):
+        """The point that each weighted residual belongs to, -1 where none."""
+        p = self.problem
+        rays = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))
+        control = np.empty(len(p.control_rows), dtype=int)
+        control[p.control[p.control >= 0]] = np.flatnonzero(p.control >= 0)
+        antenna = np.full(3 * len(p.gnss_image), -1)
+        return np.concatenate([rays.repeat(2), antenna, control.repeat(3)])
+
+    def by(self, step):
+        """Half the difference of the residuals after a step and after its opposite."""
+        return (self.residuals(step) - self.residuals(-step)) / 2
 
     def residuals(self, x):
         """Weighted residuals after the step x: images, border, points."""
@@ -122,7 +156,7 @@ class Dense:
             x[self.border],
             self.state.points + x[self.border.stop :].reshape(-1, 3),
         )
-        pixels, _ = self.normal.look(state, passes=15)
+        pixels, _ = self.normal.look(state, passes=6)
         view = self.normal.view(state)
         images, control = view.images, view.control_residual
         antenna = p.gnss_given - self.normal.antenna(state, images)[0]
@@ -134,12 +168,13 @@ class Dense:
         return np.concatenate([part.ravel() for part in parts])
 
 
-@pytest.mark.parametrize("slugs", [[slug] for slug in EVERY] + [EVERY], ids="+".join)
+@pytest.mark.parametrize("slugs", [[slug] for slug in EVERY] + [NAMED], ids=named)
 def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slugs):
     """The gradient vanishes at the solution, and every sigma is that of the dense inverse.
 
     The step that is left is below the adjustment's own tolerance; the sigmas agree to rounding
-    of the numeric Jacobian, also where the row of a point depends on what moves it.
+    of the numeric Jacobian, also where the row of a point depends on what moves it. How effects on
+    the image change across the picture is known by steps of a pixel, a thousandth of it.
     """
     block = flown(images=6, observations=24, control=4, check=2)
     values = at_scale(block, slugs)
@@ -147,17 +182,17 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
         add(block, values), tie_px=0.3, mark_px=0.3, gnss_m=0.01, control_m=0.01, seed=4
     )
     chosen = [effect for effect in catalogue() if effect.slug in slugs]
-    # All of them at once are weak: held by what one expects of each.
+    # Six images are too few for many: held by what one expects of each.
     priors = {
         f"{effect.slug}.{parameter.name}": (0.0, 10 * parameter.scale)
         for effect in chosen
         for parameter in effect.parameters(block)
-        if len(slugs) > 1 and effect.group != "image"
     }
     found = corridor.adjust(block, camera="fixed", effects=slugs, lever_arm="fixed", priors=priors)
     assert found.converged
     dense = Dense(found)
     step = dense.inverse @ dense.gradient
+    sloping = any(effect.place == "image" for effect in chosen)
     assert np.abs(step / dense.sigma).max() < 1e-4
     ours = np.concatenate(
         [
@@ -166,4 +201,4 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
             found.point_sigma.ravel() / found.sigma0,
         ]
     )
-    assert np.abs(ours / dense.sigma - 1).max() < 1e-7
+    assert np.abs(ours / dense.sigma - 1).max() < (1e-5 if sloping else 1e-7)

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import corridor
-from corridor.camera import undistort
+from corridor.camera import INTERIOR, undistort
 from corridor.effects import add, catalogue, find, predict, take_out
 from corridor.effects.contract import GROUPS, PLACES, Context, Effect, Images
 from corridor.effects.forward import gather
@@ -20,27 +20,60 @@ from corridor.simulation import add_noise, corridor_block
 from corridor.simulation.strips import CAMLIGHT
 
 FOLDER = Path(inspect.getfile(Effect)).parent
-MECHANISM = {"__init__", "contract", "stack", "forward"}
+MECHANISM = {"__init__", "contract", "stack", "forward", "splines"}
 # Small enough that nothing hides in the noise, and that GNSS and control hold the block.
 NOISE = {"tie_px": 0.05, "mark_px": 0.05, "gnss_m": 0.002, "control_m": 0.002}
 
 
-@pytest.fixture(scope="module")
-def strip():
+def flown(**options):
     """20 images in two flights that head opposite ways, with all that an effect may need."""
     block = corridor_block(
         images=20,
         strips=2,
         flights=2,
         camera=replace(CAMLIGHT, readout_s=0.030, calibrated=True),
-        observations_per_image=440,
+        observations_per_image=220,
         relief=6.0,
         control=5,
         check=3,
         seed=4,
+        **options,
     )
+    # Cold, warm and cold again: temperature is not another word for time.
+    block.images["temperature_c"] = 25 + 10 * np.sin(np.arange(20.0))
     block.check()
     return block
+
+
+@pytest.fixture(scope="module")
+def drone():
+    return flown()
+
+
+@pytest.fixture(scope="module")
+def aeroplane():
+    return flown(height=3000.0, interval_s=8.0)
+
+
+@pytest.fixture(scope="module")
+def strips(drone, aeroplane):
+    """The strip in which each effect shows, by slug."""
+    return {effect.slug: chosen(effect, drone, aeroplane) for effect in catalogue()}
+
+
+@pytest.fixture
+def strip(effect, strips):
+    return strips[effect.slug]
+
+
+def chosen(effect, drone, aeroplane):
+    """The drone's strip, and an aeroplane's for what 60 m of corridor at 50 m hardly show."""
+    there, here = predict(drone, {effect.slug: drawn(effect, drone)}), predict(drone)
+    signal = sum(
+        np.sum((vars(there)[kind] - vars(here)[kind]) ** 2) / NOISE[noise] ** 2
+        for kind, noise in zip(("tie", "mark", "gnss", "control"), NOISE, strict=True)
+    )
+    return drone if signal > 20**2 else aeroplane
 
 
 def drawn(effect, block, seed=0):
@@ -63,8 +96,7 @@ def context_of(effect, block):
         control = block.ground[block.ground["role"] == "control"]
         given = control[["x", "y", "z"]].to_numpy(float)
         return Context(images, point=list(control["point"]), position=given)
-    image = block.image_rows("tie_points")
-    pixel = predict(block).tie
+    image, pixel = block.image_rows("tie_points")[::10], predict(block).tie[::10]
     if effect.place == "motion":
         axis, factor, offset = images.row_of[image].T
         along = np.where(axis == 1, pixel[:, 1], pixel[:, 0])
@@ -117,7 +149,7 @@ class TestEveryEffect:
     def test_what_is_simulated_is_estimated_within_its_sigma(self, effect, strip):
         """Camera and stated lever arm held, control and GNSS good to 2 mm, 0.05 px in the image.
 
-        Within four sigmas, as 60 values drawn at random are.
+        Within four sigmas, as the 600 values of the catalogue drawn at random are.
         """
         truth = drawn(effect, strip)
         block = add_noise(add(strip, {effect.slug: truth}), **NOISE, seed=11)
@@ -125,18 +157,26 @@ class TestEveryEffect:
         assert found.converged
         # All effects are linear in what they move to one per cent, so the noise is all there is.
         assert found.sigma0 == pytest.approx(1, abs=4 / np.sqrt(2 * found.redundancy))
-        table = found.effects
-        assert len(table) == truth.size
-        stack, _ = gather(strip, {effect.slug: {}})
-        member = stack.members[effect.slug]
-        groups = [member.groups.index(group) for group in table["group"]]
-        names = [parameter.name for parameter in member.parameters]
-        columns = [names.index(name) for name in table["parameter"]]
-        expected = truth[groups, columns]
-        off = (table["value"] - expected) / table["sigma"]
+        assert len(found.effects) == truth.size
+        expected = true_rows(effect, strip, found, truth)
+        off = (found.effects["value"] - expected) / found.effects["sigma"]
         assert np.abs(off).max() < 4
         # Significant, or being within the sigma would say nothing.
-        assert np.sqrt(np.mean((expected / table["sigma"]) ** 2)) > 5
+        assert np.sqrt(np.mean((expected / found.effects["sigma"]) ** 2)) > 5
+
+    def test_a_perfect_block_gives_its_values_back(self, effect, strip):
+        """To a hundredth of the sigma that noise would make; the adjustment stops at a thousandth.
+
+        Start: poses and points where they would be without the effect.
+        """
+        truth = drawn(effect, strip)
+        block = add(strip, {effect.slug: truth})
+        block.sigma = add_noise(strip, **NOISE).sigma
+        found = corridor.adjust(block, camera="fixed", effects=[effect.slug], lever_arm="fixed")
+        assert found.converged
+        off = found.effects["value"] - true_rows(effect, strip, found, truth)
+        assert np.abs(off / found.effects["sigma"]).max() < 0.01 / found.sigma0
+        assert found.sigma0 < 0.01
 
     def test_correcting_undoes_simulating(self, effect, strip):
         values = {effect.slug: drawn(effect, strip)}
@@ -193,11 +233,25 @@ class TestEveryEffect:
             table, _, column = need.partition(".")
             assert table in ("images", "gnss", "rates", "track", "ground", "camera") and column
         assert find(effect.slug).slug == effect.slug
+        assert set(effect.stands_in_for) <= set(INTERIOR)
+
+    def test_it_says_what_data_reveal_it_and_which_hide_it(self, effect):
+        for text in (effect.revealed_by, effect.unobservable_when):
+            assert len(text.split()) > 3 and not text.endswith(".")
 
     def test_the_file_bears_its_name_and_names_its_source(self, effect):
         module = inspect.getmodule(type(effect))
         assert Path(module.__file__) == FOLDER / f"{effect.slug}.py"
         assert "Source:" in module.__doc__
+
+
+def true_rows(effect, block, found, truth):
+    """The true values in the rows of the adjustment's table of effects."""
+    stack, _ = gather(block, {effect.slug: {}})
+    member = stack.members[effect.slug]
+    names = [parameter.name for parameter in member.parameters]
+    groups = [member.groups.index(group) for group in found.effects["group"]]
+    return truth[groups, [names.index(name) for name in found.effects["parameter"]]]
 
 
 def same_tables(a, b, tolerance):
@@ -231,8 +285,9 @@ def test_every_file_holds_exactly_one_effect_and_the_catalogue_has_them_all():
 
 def test_nothing_else_in_the_package_knows_an_effect_by_name():
     """Design, section 1: adding an effect is adding a file."""
-    # `lever_arm` is a quantity of its own as well: block.toml states it, adjustments estimate it.
-    slugs = {effect.slug for effect in catalogue()} - {"lever_arm"}
+    # `lever_arm` is a quantity of its own as well: block.toml states it, adjustments estimate it;
+    # `thermal` is a verb of the command.
+    slugs = {effect.slug for effect in catalogue()} - {"lever_arm", "thermal"}
     for path in FOLDER.parent.rglob("*.py"):
         if path.parent == FOLDER and path.stem in slugs:
             continue
@@ -250,38 +305,44 @@ def test_an_unknown_effect_is_refused_with_the_list(name):
         find(name)
 
 
-def test_an_unknown_group_parameter_or_member_is_refused(strip):
+def test_an_unknown_group_parameter_or_member_is_refused(drone):
     with pytest.raises(InputError, match="group 'week' is unknown"):
         find("lever_arm@week")
     with pytest.raises(InputError, match="rolling_shutter has no parameter 'speed'"):
-        predict(strip, {"rolling_shutter": {"speed": 1.0}})
+        predict(drone, {"rolling_shutter": {"speed": 1.0}})
     with pytest.raises(InputError, match="lever_arm has no flight 'F9': it has F1, F2"):
-        predict(strip, {"lever_arm": {"x": {"F9": 1.0}}})
+        predict(drone, {"lever_arm@flight": {"x": {"F9": 1.0}}})
+    with pytest.raises(
+        InputError, match="control_blunder acts on ground points and has no group f"
+    ):
+        predict(drone, {"control_blunder@flight": {}})
+    with pytest.raises(InputError, match="lever_arm acts on images and has no group point"):
+        corridor.adjust(drone, effects=["lever_arm@point"])
     with pytest.raises(InputError, match="given twice"):
-        corridor.adjust(strip, effects=["gnss_bias", "gnss_bias@flight"])
+        corridor.adjust(drone, effects=["gnss_bias", "gnss_bias@flight"])
 
 
-def test_an_image_that_lacks_what_the_effect_needs_is_named(strip):
-    block = strip.copy()
+def test_an_image_that_lacks_what_the_effect_needs_is_named(drone):
+    block = drone.copy()
     name = block.images["image"].iloc[7]
     block.images.loc[7, "time_s"] = np.nan
     with pytest.raises(InputError, match=f"images.csv: image {name} lacks .*images.time_s"):
         corridor.adjust(block, camera="fixed", effects=["focal_drift"])
 
 
-def test_without_angular_rates_a_rolling_shutter_only_translates(strip):
-    block = strip.copy()
+def test_without_angular_rates_a_rolling_shutter_only_translates(drone):
+    block = drone.copy()
     block.images[["wx", "wy", "wz"]] = 0.0
     still = predict(block, {"rolling_shutter": {"readout": 0.03}})
     block.images = block.images.drop(columns=["wx", "wy", "wz"])
     assert same_bits(still, predict(block, {"rolling_shutter": {"readout": 0.03}}))
 
 
-def test_one_set_of_values_a_flight_is_simulated_and_estimated(strip):
+def test_one_set_of_values_a_flight_is_simulated_and_estimated(drone):
     """`slug@flight`: the flights of one camera need not share a readout time."""
     truth = {"F1": 0.020, "F2": 0.035}
     slug = "rolling_shutter@flight"
-    block = add_noise(add(strip, {slug: {"readout": truth}}), **NOISE, seed=2)
+    block = add_noise(add(drone, {slug: {"readout": truth}}), **NOISE, seed=2)
     found = corridor.adjust(block, camera="fixed", effects=[slug], lever_arm="fixed")
     table = found.effects.set_index("group")
     assert table.index.tolist() == ["F1", "F2"]

@@ -1,0 +1,34 @@
+"""The pixels are not square or their axes not at right angles, and the held camera ignores it.
+
+Source: Fraser 1997, "Digital camera self-calibration" (in-plane distortion), in normalised units.
+"""
+
+import numpy as np
+
+from corridor.camera import INTERIOR
+from corridor.effects.contract import Effect, Parameter, edge_of, linear
+
+
+class AffineDistortion(Effect):
+    slug = "affine_distortion"
+    title = "Affine distortion that differs from the stated one (true minus stated)"
+    place = "camera"
+    group = "camera"
+    stands_in_for = ("b1", "b2")
+    revealed_by = "strips that cross, or GNSS and control along and across the corridor"
+    unobservable_when = (
+        "all strips are parallel and neither GNSS nor control gives the scale across; a rolling "
+        "shutter at constant speed looks the same"
+    )
+
+    def parameters(self, block):
+        # 2 px at the end of the picture's long side.
+        f, edge = edge_of(block)
+        return [Parameter(name, "1", scale=2.0 / (f * edge)) for name in ("b1", "b2")]
+
+    def shift(self, context, values):
+        """b1, b2 move by the values themselves."""
+        derivative = np.zeros((len(context), len(INTERIOR), 2))
+        derivative[:, INTERIOR.index("b1"), 0] = 1.0
+        derivative[:, INTERIOR.index("b2"), 1] = 1.0
+        return linear(derivative, values), derivative

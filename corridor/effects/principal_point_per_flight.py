@@ -1,0 +1,32 @@
+"""The principal point is another one in each flight: the lens sits anew, a stabiliser has parked.
+
+Source: Luhmann, Fraser and Maas 2016, "Sensor modelling and camera calibration for close-range
+photogrammetry" (block-variant and photo-variant parameters).
+"""
+
+import numpy as np
+
+from corridor.camera import INTERIOR
+from corridor.effects.contract import Effect, Parameter, linear
+
+
+class PrincipalPointPerFlight(Effect):
+    slug = "principal_point_per_flight"
+    title = "Principal point of each flight (true minus stated)"
+    place = "camera"
+    group = "flight"
+    stands_in_for = ("cx", "cy")
+    revealed_by = "strips flown both ways with GNSS or control, images turned about their axis"
+    unobservable_when = (
+        "all images of a flight have one heading and its lever arm is free: they move alike"
+    )
+
+    def parameters(self, block):
+        return [Parameter(name, "px", scale=5.0) for name in ("cx", "cy")]
+
+    def shift(self, context, values):
+        """cx, cy move by the values themselves."""
+        derivative = np.zeros((len(context), len(INTERIOR), 2))
+        derivative[:, INTERIOR.index("cx"), 0] = 1.0
+        derivative[:, INTERIOR.index("cy"), 1] = 1.0
+        return linear(derivative, values), derivative

@@ -1,0 +1,38 @@
+"""The camera is held at a radial distortion that is not the true one.
+
+Source: Fraser 1997, "Digital camera self-calibration", in normalised units (design, section 2).
+"""
+
+import numpy as np
+
+from corridor.camera import INTERIOR
+from corridor.effects.contract import Effect, Parameter, edge_of, linear
+
+_NAMES = ("k1", "k2", "k3")
+
+
+class RadialDistortion(Effect):
+    slug = "radial_distortion"
+    title = "Radial distortion that differs from the stated one (true minus stated)"
+    place = "camera"
+    group = "camera"
+    stands_in_for = _NAMES
+    revealed_by = (
+        "tie points in three images or more: residuals point to the middle or away from it"
+    )
+    unobservable_when = "points fill a small ring of the picture only; k1, k2, k3 look alike there"
+
+    def parameters(self, block):
+        # 2 px at the end of the picture's long side from each of the three.
+        f, edge = edge_of(block)
+        return [
+            Parameter(name, "1", scale=2.0 / (f * edge ** (2 * n + 3)))
+            for n, name in enumerate(_NAMES)
+        ]
+
+    def shift(self, context, values):
+        """k1, k2, k3 move by the values themselves."""
+        derivative = np.zeros((len(context), len(INTERIOR), 3))
+        for n, name in enumerate(_NAMES):
+            derivative[:, INTERIOR.index(name), n] = 1.0
+        return linear(derivative, values), derivative
