@@ -99,8 +99,8 @@ WRONG = {
     "an effect": ("[effects.shutter]\nreadout = 1\n" + FLIGHT, "'shutter' is unknown"),
     "a parameter": ("[effects.rolling_shutter]\nreadot = 1\n" + FLIGHT, "no parameter 'readot'"),
     "a flight of an effect": (
-        "[effects.lever_arm]\nx = { b = 1.0 }\n" + FLIGHT,
-        "lever_arm has no flight 'b'",
+        "[effects.lever_arm_per_flight]\nx = { b = 1.0 }\n" + FLIGHT,
+        "lever_arm_per_flight has no flight 'b'",
     ),
     "a parameter of the camera": ("[start.camera]\nfocal = 1\n" + FLIGHT, "no parameter 'focal'"),
     # --- wrong sorts

@@ -152,7 +152,7 @@ SEVERAL = {
     "rolling_shutter": {"readout": 0.03},
     "focal_drift": {"rate": 0.01},
     "clock_offset": {"offset": 0.02},
-    "lever_arm": {"x": {"down": 0.1, "ahead": -0.2}},
+    "lever_arm_per_flight": {"x": {"down": 0.1, "ahead": -0.2}},
 }
 
 
