@@ -148,10 +148,12 @@ for (name, n), expected in biased.items():
     print(f"{name:4s} {n} control   xy {100 * expected.xy:5.2f} cm   z {100 * expected.z:5.2f} cm")
 
 # %% [markdown]
-# Now the published table appears, 6 to 15 cm of height included. With one control point the free
-# lever arm takes the bias up, and the height is right again: by an arm that is 7 cm wrong. And
-# the arm of s2, wrong by those 7 cm, carried over to s1, brings the height of s1 back as well,
-# because s1 has the same bias. Two wrongs make a right as long as the base station is the same.
+# Now the heights of the published table appear, but for the 15 cm of s1 alone. With one control
+# point the free lever arm takes the bias up, and the height is right again: by an arm that is 7 cm
+# wrong. And the arm of s2, wrong by those 7 cm, carried over to s1, brings the height of s1 back as
+# well, because s1 has the same bias. Two wrongs make a right as long as the base station is the
+# same. In plan the published flights of s2 are better than ours with one point: they had less bias
+# there than s1.
 #
 # What the table cannot tell is whether it was a bias of 7 cm or GNSS three times worse than stated.
 #
