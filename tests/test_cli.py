@@ -207,7 +207,9 @@ class TestEffects:
         """Every effect's file names the work it comes from."""
         for effect in corridor.catalogue():
             assert main(["effects", effect.slug]) == 0
-            told = capsys.readouterr().out
+            out = capsys.readouterr().out
+            assert max(map(len, out.splitlines())) <= 100, effect.slug
+            told = " ".join(out.split())
             for words in ("Source:", effect.revealed_by, effect.unobservable_when):
                 assert words in told, effect.slug
 

@@ -7,6 +7,7 @@ examples:
 
 import argparse
 import inspect
+import textwrap
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -45,12 +46,19 @@ def _full(effect):
     told = [inspect.getmodule(type(effect)).__doc__, type(effect).shift.__doc__]
     scales = ", ".join(f"{p.scale:.3g} {p.unit} ({name})" for name, p in _runs(effect))
     facts = (
-        f"  shown by   {effect.revealed_by}\n"
-        f"  hidden if  {effect.unobservable_when}\n"
-        f"  usual size {scales}"
+        _line("shown by", effect.revealed_by),
+        _line("hidden if", effect.unobservable_when),
+        _line("usual size", scales),
     )
-    short = f"{_short(effect)}\n{facts}"
+    short = "\n".join([_short(effect), *facts])
     return "\n\n".join([short, *(inspect.cleandoc(text) for text in told if text)])
+
+
+def _line(title, text):
+    return textwrap.fill(
+        text, 100, initial_indent=f"  {title:10s} ", subsequent_indent=" " * 13,
+        break_on_hyphens=False,
+    )  # fmt: skip
 
 
 def _runs(effect):

@@ -22,7 +22,7 @@ MOST_IMAGES = 600
 def camera_views(block: Block) -> Figure:
     """Footprints of the pictures in plan, and the cameras over the ground from the side.
 
-    block: its poses as they stand; every k-th image where there are more than 600. Footprints are
+    block: its poses as they stand; one in so many where there are more than 600. Footprints are
     on a plane at the mean height of the points. In space a camera is a pyramid that opens towards
     what it sees, 4 m high; heights and distances have one scale.
     """
@@ -35,7 +35,7 @@ def camera_views(block: Block) -> Figure:
     parts = [(name, rows[known[rows]], colour, marker) for name, rows, colour, marker in
              maps.group_styles(block)]  # fmt: skip
     step = -(-int(known.sum()) // MOST_IMAGES)
-    note = f"every {step}th image" if step > 1 else ""
+    note = f"one image in {step} is drawn" if step > 1 else ""
     rotation = np.full((len(pose), 3, 3), np.nan)
     rotation[known] = rotation_from_quaternion(pose[known, 3:])
     level = float(np.nanmean(block.points["z"])) if len(block.points) else 0.0
