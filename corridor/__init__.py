@@ -35,7 +35,7 @@ _HOME = {
     "InputError": "corridor.errors",
     "AdjustmentFailed": "corridor.errors",
 }
-_ROOMS = ("effects", "figures", "gnss", "planning", "published", "simulation")
+_ROOMS = ("diagnosis", "effects", "figures", "gnss", "planning", "published", "simulation")
 
 __all__ = [*_HOME, *_ROOMS]
 

@@ -82,6 +82,10 @@ def test_without_a_plan_it_lists_those_that_come_with_the_package(capsys):
         (["thesis_50vt", "--effect", "nix:a=1"], "nix"),
         (["thesis_50vt", "--effect", "rolling_shutter"], "SLUG:PARAMETER=VALUE"),
         (["thesis_50vt", "--effect", "rolling_shutter:readout=slow"], "SLUG:PARAMETER=VALUE"),
+        (["thesis_50vt", "--effect", "rolling_shutter:readout"], "SLUG:PARAMETER=VALUE"),
+        (["thesis_50vt", "--camera", "fraser8"], "goes with --like"),
+        (["thesis_50vt", "--like", "somewhere"], "give one of them"),
+        (["--like", "nowhere"], "there is no such folder"),
         (["thesis_50vt", "--effect", "rolling_shutter:speed=1"], "no parameter 'speed'"),
         (["thesis_50vt", "--seed", "-1"], "whole number"),
     ],
@@ -102,3 +106,46 @@ def test_a_folder_that_is_no_block_is_not_replaced_and_no_truth_stays(plan, tmp_
     assert main(["simulate", str(plan), "-o", str(other)]) == 2
     assert [p.name for p in other.iterdir()] == ["diary.txt"]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mine", "small.toml"]
+
+
+class TestLikeAMeasuredBlock:
+    """`--like`: what a measured block would be, were the believed model the whole truth."""
+
+    @pytest.fixture
+    def measured(self, plan, tmp_path):
+        noise = "[noise]\ntie_px = 0.3\nmark_px = 0.3\ngnss_m = 0.01\ncontrol_m = 0.004\n"
+        plan.write_text(f"{PLAN}\n{noise}", encoding="utf-8")
+        words = ["--effect", "rolling_shutter:readout=0.03", "--seed", "5"]
+        assert main(["simulate", str(plan), "-o", str(tmp_path / "measured"), *words]) == 0
+        return tmp_path / "measured"
+
+    def test_it_writes_a_block_of_the_same_observations_and_its_truth(self, measured, tmp_path):
+        out = tmp_path / "like"
+        assert main(["simulate", "--like", str(measured), "-o", str(out)]) == 0
+        here, there = corridor.read(out), corridor.read(measured)
+        columns = ["point", "image"]
+        assert here.tie_points[columns].astype(str).equals(there.tie_points[columns].astype(str))
+        assert not here.tie_points["x"].equals(there.tie_points["x"])
+        truth = json.loads((tmp_path / "like.truth.json").read_text(encoding="utf-8"))
+        assert list(truth["centre"]) == list(here.images["image"])
+        assert truth["effects"] == {}
+
+    def test_an_effect_of_the_model_is_estimated_and_is_part_of_the_truth(self, measured, tmp_path):
+        words = [
+            "--camera",
+            "f,cx,cy",
+            "--effect",
+            "rolling_shutter",
+            "--effect",
+            "gnss_bias:z=0.5",
+        ]
+        out = tmp_path / "like"
+        assert main(["simulate", "--like", str(measured), "-o", str(out), *words]) == 0
+        effects = json.loads((tmp_path / "like.truth.json").read_text(encoding="utf-8"))["effects"]
+        adjusted = corridor.adjust(
+            corridor.read(measured), camera="f,cx,cy", effects=["rolling_shutter"]
+        )
+        assert effects["rolling_shutter"]["readout"] == pytest.approx(
+            adjusted.effects["value"].iloc[0], abs=adjusted.effects["sigma"].iloc[0]
+        )
+        assert effects["gnss_bias"] == {"z": 0.5}

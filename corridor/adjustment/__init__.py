@@ -11,12 +11,12 @@ from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
 from corridor.adjustment.laid import Laid, lay_on_control
 from corridor.adjustment.matrix import Singular
-from corridor.adjustment.normal import Loss, Normal
+from corridor.adjustment.normal import LOSSES, Loss, Normal
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.report import save
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.similarity import Similarity, check_table, similarity
-from corridor.adjustment.solve import solve
+from corridor.adjustment.solve import one_step, solve
 
 
 def __getattr__(name):
@@ -29,6 +29,7 @@ def __getattr__(name):
 
 
 __all__ = [
+    "LOSSES",
     "QUANTITIES",
     "Adjustment",
     "Covariance",
@@ -42,6 +43,7 @@ __all__ = [
     "complete",
     "lay_on_control",
     "make_problem",
+    "one_step",
     "save",
     "similarity",
     "solve",

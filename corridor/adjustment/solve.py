@@ -51,12 +51,14 @@ def solve(
     max_iterations: int = 50,
     tolerance: float = 5e-5,
     progress: Callable[[dict], None] | None = None,
+    near: bool = False,
 ) -> Solution:
     """Minimise from the problem's start.
 
     tolerance: RMS of the step over all unknowns, in standard deviations of unit weight; besides,
     none that images share may move by more than `AT_REST` of its own standard deviation.
-    A robust loss starts from the least squares solution: far from it every residual is an outlier.
+    A robust loss starts from the least squares solution: far from it every residual is an outlier;
+    near: the start is near the solution, and the loss counts at once.
     Raises AdjustmentFailed where no step lowers the cost and the step is not small.
     """
     with _pools().limit(limits=1):
@@ -65,11 +67,26 @@ def solve(
                 # One step of Newton finds what they look at, but for a little of the last step.
                 tolerance /= 10
             return _solve(normal, normal.problem.start, max_iterations, tolerance, progress, [])
+        if near:
+            start = normal.problem.start
+            return _solve(normal, start, max_iterations, 20 * tolerance, progress, [])
         loss, normal.loss = normal.loss, Loss()
         first = _solve(normal, normal.problem.start, max_iterations, ROUGH, progress, [])
         normal.loss = loss
         # Reweighting creeps along a few weak points long after everything else is at rest.
         return _solve(normal, first.state, max_iterations, 20 * tolerance, progress, first.history)
+
+
+def one_step(normal: Normal) -> State:
+    """The state one step of Gauss and Newton, without damping, from the problem's start.
+
+    Exact where the measurements miss the start by what is linear. Raises Singular.
+    """
+    start = normal.problem.start
+    normal.assemble(start, 0.0)
+    step, shared, *_ = _step(normal.factor(), normal)
+    points, *_ = normal.substitute(start, 0.0, step, shared)
+    return moved_state(normal.problem, start, step, shared, points)
 
 
 @cache

@@ -11,9 +11,15 @@ examples:
       your own; start from a copy of one that comes with corridor
   corridor simulate PLAN.toml -o out/shaken --effect rolling_shutter:readout=0.03
       with an effect of `corridor effects` on top of the plan's own
+  corridor simulate --like BLOCK -o out/counterpart --camera fraser10 --effect rolling_shutter
+      the counterpart of a measured block: what it would be if that model were the whole truth
 
 BLOCK is a folder like that of a measured block, with start values that miss the truth. What is
 true is written beside it, to BLOCK.truth.json. The same plan and seed give the same bytes.
+
+With --like, the block is adjusted with the model given (as to `corridor adjust`), and every
+measurement is made anew: same images, points, gaps and control, noise as large and of the kinds
+that the residuals show.
 """
 
 import argparse
@@ -26,6 +32,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "plan", metavar="PLAN", nargs="?", help="a .toml file, or names of plans joined by +"
     )
     parser.add_argument(
+        "--like",
+        metavar="BLOCK",
+        type=Path,
+        help="in place of a plan: the simulated counterpart of this measured block",
+    )
+    parser.add_argument(
         "-o", "--output", metavar="BLOCK", type=Path, help="folder to write (none: print only)"
     )
     parser.add_argument(
@@ -34,7 +46,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         type=_effect,
         default=[],
-        help="add this effect; several parameters with commas (may be repeated)",
+        help="add this effect; several parameters with commas (may be repeated); with --like, a "
+        "SLUG alone is part of the model and estimated",
+    )
+    parser.add_argument(
+        "--camera",
+        metavar="WHAT",
+        help="with --like: free camera parameters of the model, as for `corridor adjust`",
     )
     parser.add_argument(
         "--seed", metavar="N", type=_seed, default=0, help="of everything drawn (default 0)"
@@ -43,16 +61,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Simulate, say what came of it, write it; or list the plans."""
-    import corridor
-
-    if options.plan is None:
+    if options.plan is None and options.like is None:
         _list_plans()
         return
+    believed = [slug for slug, values in options.effect if values is None]
     added: dict[str, dict] = {}
     for slug, values in options.effect:
-        added.setdefault(slug, {}).update(values)
+        if values is not None:
+            added.setdefault(slug, {}).update(values)
+    _check(options, believed)
     with _Bars() as bars:
-        block = corridor.simulate(options.plan, added, options.seed, progress=bars)
+        if options.like is None:
+            import corridor
+
+            block = corridor.simulate(options.plan, added, options.seed, progress=bars)
+        else:
+            block = _like(options, believed, added, bars)
         rays = len(block.tie_points) / max(len(block.points), 1)
         print(
             f"{block.name}: {len(block.images)} images in {len(block.flight_names)} flight(s), "
@@ -69,6 +93,35 @@ def run(options: argparse.Namespace) -> None:
         block.write(options.output)
         bars("writing files", 1.0)
     print(f"wrote {options.output} and {options.output}.truth.json beside it")
+
+
+def _check(options, believed):
+    from corridor.errors import InputError
+
+    if options.like is None:
+        if believed:
+            raise InputError(
+                f"--effect {believed[0]} is not SLUG:PARAMETER=VALUE, for example "
+                "rolling_shutter:readout=0.03; a SLUG alone goes with --like"
+            )
+        if options.camera is not None:
+            raise InputError("--camera says what is adjusted: it goes with --like BLOCK")
+    elif options.plan is not None:
+        raise InputError(f"a plan ({options.plan}) and --like {options.like}: give one of them")
+
+
+def _like(options, believed, added, bars):
+    """The counterpart of a measured block, with effects on top of it where values are given."""
+    import corridor
+
+    bars("adjusting", 0.0)
+    measured = corridor.read(options.like)
+    adjustment = corridor.adjust(measured, camera=options.camera, effects=believed)
+    bars("adjusting", 1.0)
+    bars("simulating", 0.0)
+    block = corridor.diagnosis.counterpart(adjustment, options.seed, added)
+    bars("simulating", 1.0)
+    return block
 
 
 def _list_plans():
@@ -107,6 +160,8 @@ class _Bars:
 
 def _effect(text):
     slug, colon, rest = text.partition(":")
+    if slug and not colon and not any(mark in slug for mark in "=, "):
+        return slug.strip(), None
     values = {}
     for word in rest.split(","):
         name, _, number = word.partition("=")

@@ -3,6 +3,7 @@
 from corridor.figures.camera_views import camera_views
 from corridor.figures.check_points import check_points, compare_check_points
 from corridor.figures.correlation import correlation_matrix
+from corridor.figures.counterpart import counterpart, counterpart_maps
 from corridor.figures.curves import Panel, curves, histograms
 from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
@@ -19,6 +20,8 @@ __all__ = [
     "check_points",
     "compare_check_points",
     "correlation_matrix",
+    "counterpart",
+    "counterpart_maps",
     "curves",
     "error_maps",
     "first_look",
