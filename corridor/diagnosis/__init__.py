@@ -1,24 +1,39 @@
 """The missing effect: where simulation and measurement disagree.
 
+`diagnose(block)` returns a `Diagnosis`: what is missing from the model one believes in, how sure
+that is, what it does to data that the fit has not used, and what could not be tested. Its
+`course.last` holds the reduced system of the last round: `evidence` (`Evidence`), `equations`,
+`noise` of the GNSS.
+
 `counterparts(adjustment)` simulates the measured block again and again from the believed model;
 `compare` holds the measured one beside them, `Closing` the comparison before and after an effect
 is added. `counterpart` gives one of them as a block.
 """
 
+from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.comparison import Closing, Compared, Comparison, compare
 from corridor.diagnosis.counterpart import Counterparts, counterpart, counterparts, measure
+from corridor.diagnosis.diagnose import Diagnosis, diagnose
 from corridor.diagnosis.estimated_noise import EstimatedNoise
+from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.statistics import Statistic
 
 __all__ = [
+    "Believed",
     "Closing",
     "Compared",
     "Comparison",
     "Counterparts",
+    "Course",
+    "Diagnosis",
     "EstimatedNoise",
+    "Evidence",
+    "Round",
     "Statistic",
     "compare",
     "counterpart",
     "counterparts",
+    "diagnose",
     "measure",
 ]

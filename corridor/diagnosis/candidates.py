@@ -1,0 +1,286 @@
+"""What could be missing: every effect of the catalogue that this block can say something about.
+
+Each effect gives columns, the derivative of the observations by its parameters, in units of the
+parameters' prior standard deviations. Columns that are tested together make a group: an effect,
+or one ground control point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from corridor.adjustment import make_problem
+from corridor.block import Block
+from corridor.effects import Context, Effect, Images, Stack, catalogue
+from corridor.errors import InputError
+
+# What a generic shape, and one of several control points, has to bring more than a named effect.
+GENERIC = -4.0
+PER_IMAGE = -1.0
+# Ground control defines the coordinates people want: where GNSS and control disagree and nothing
+# tells which is wrong, it is rather the GNSS.
+GROUND = -0.7
+
+
+@dataclass
+class Group:
+    """Columns that are tested together.
+
+    key: the slug, and for one control point `slug.point`. own: None where the columns lie in the
+    core; else the number of the block of per-image columns. columns: (p,) in there. scale: (p,)
+    prior standard deviations of the parameters. labels: (p,) of (name of group, parameter, unit).
+    mean: (p,) prior mean in standard deviations. known: the prior comes from the user.
+    """
+
+    key: str
+    effect: Effect
+    own: int | None
+    columns: np.ndarray
+    scale: np.ndarray
+    labels: list[tuple[str, str, str]]
+    log_prior: float = 0.0
+    point: str | None = None
+    mean: np.ndarray | None = None
+    known: bool = False
+
+    @property
+    def slug(self) -> str:
+        """Public name of the effect."""
+        return self.effect.slug
+
+    @property
+    def generic(self) -> bool:
+        """Whether it stands for the unknown."""
+        return self.effect.generic
+
+    def __len__(self) -> int:
+        return len(self.columns)
+
+
+@dataclass
+class Candidates:
+    """The effects to test, and those that cannot be.
+
+    untestable: slug -> what is missing, `table.column`.
+    """
+
+    effects: list[Effect]
+    untestable: dict[str, str] = field(default_factory=dict)
+
+
+def candidates(
+    block: Block,
+    free: Mapping[str, Iterable[str]],
+    believed: Iterable[Effect] = (),
+    control: Iterable[str] = (),
+    only: Iterable[str] | None = None,
+    without: Iterable[str] = (),
+) -> Candidates:
+    """Effects of the catalogue that are not believed in, and what stops some from being tested.
+
+    free: estimated interior parameters of each camera. control: measured control points.
+    only, without: slugs that restrict the choice. Raises InputError for a slug that is unknown.
+    """
+    every = catalogue()
+    names = {effect.slug for effect in every}
+    for slug in [*(only or ()), *without]:
+        if slug not in names:
+            raise InputError(
+                f"effect {slug!r} is unknown: `corridor effects` lists them all; correct the name"
+            )
+    taken = {effect.slug for effect in believed} | set(without)
+    if only is not None:
+        taken |= names - set(only)
+    found = Candidates([])
+    for effect in every:
+        if effect.slug in taken:
+            continue
+        missing = _missing(block, effect, free, list(control)) or _same_as(block, effect, every)
+        if missing:
+            found.untestable[effect.slug] = missing
+        else:
+            found.effects.append(effect)
+    return found
+
+
+def _missing(block: Block, effect: Effect, free, control) -> str | None:
+    """The first thing that keeps an effect from being tested."""
+    missing = effect.missing(block)
+    if missing:
+        return missing[0]
+    if effect.place == "antenna" and not len(block.gnss):
+        return "gnss.x"
+    if effect.place == "ground" and not control:
+        return "ground.role"
+    # What stands in for parameters shared as it is itself is those parameters and no more.
+    held = {name: set(effect.stands_in_for) - set(names) for name, names in free.items()}
+    if effect.place == "camera" and effect.group == "camera" and effect.stands_in_for:
+        for name, parameters in held.items():
+            if not parameters:
+                return f"camera.{name}.calibrated"
+    return _unknown_cell(block, effect, control)
+
+
+def _same_as(block: Block, effect: Effect, every: list[Effect]) -> str | None:
+    """A second flight, where with one flight an effect is another one of the catalogue."""
+    if effect.group != "flight" or len(block.flight_names) > 1:
+        return None
+    coarse = [o for o in every if type(o) is not type(effect) and isinstance(effect, type(o))]
+    return "images.flight" if coarse else None
+
+
+def _unknown_cell(block: Block, effect: Effect, control) -> str | None:
+    """The column of which an effect needs a cell that is empty for an image."""
+    for column in effect.needs:
+        table, _, name = column.partition(".")
+        if table == "images" and np.isnan(block.column("images", name)).any():
+            return column
+    return None
+
+
+# --- groups -----------------------------------------------------------------------------------
+
+
+def make_groups(
+    problem, effects: list[Effect], columns: Mapping, owns: list[str], priors: Mapping
+) -> list[Group]:
+    """Groups of the columns of a problem in which the candidates are effects.
+
+    columns: slug -> list of (column of the core, group name, parameter number); owns: slugs of
+    effects that have a block of per-image columns, in its order. priors: by `slug.parameter` or
+    slug, (mean, standard deviation) in the parameter's unit.
+    """
+    out = []
+    count = len(problem.control_rows)
+    for effect in effects:
+        if effect.slug in owns:
+            parameters = effect.parameters(problem.block)
+            images = list(problem.images.names)
+            labels = [(name, p.name, p.unit) for name in images for p in parameters]
+            scale = np.tile([p.scale for p in parameters], len(images))
+            own, at = owns.index(effect.slug), np.arange(len(labels))
+            out.append(Group(effect.slug, effect, own, at, scale, labels, PER_IMAGE))
+            continue
+        parameters = effect.parameters(problem.block)
+        entries = columns.get(effect.slug, [])
+        if not entries:
+            continue
+        names = [name for _, name, _ in entries]
+        parts = dict.fromkeys(names) if effect.group == "point" else [None]
+        for part in parts:
+            mine = [entry for entry in entries if part is None or entry[1] == part]
+            labels = [(name, parameters[k].name, parameters[k].unit) for _, name, k in mine]
+            key = effect.slug if part is None else f"{effect.slug}.{part}"
+            log_prior = -np.log(count) if part is not None else 0.0
+            scale = np.array([parameters[k].scale for *_, k in mine])
+            at = np.array([column for column, *_ in mine])
+            out.append(Group(key, effect, None, at, scale, labels, log_prior, part))
+    for group in out:
+        group.log_prior += GENERIC * group.generic + GROUND * (group.effect.place == "ground")
+        _with_prior(group, priors)
+    return out
+
+
+def _with_prior(group: Group, priors: Mapping) -> None:
+    """Laboratory knowledge of a candidate: what is named so, and zero of the rest of it."""
+    given = [
+        priors.get(f"{group.slug}.{name}", priors.get(group.slug) if k == 0 else None)
+        for k, (_, name, _) in enumerate(group.labels)
+    ]
+    if not any(given):
+        return
+    first = group.scale.copy()
+    group.known = True
+    group.mean = np.zeros(len(group))
+    for k, prior in enumerate(given):
+        if prior:
+            group.scale[k] = prior[1]
+            group.mean[k] = prior[0] / prior[1]
+        else:
+            group.scale[k] = first[k]
+
+
+def candidate_problem(block: Block, camera, believed, effects, control, check, priors, lever_arm):
+    """A problem in which candidates that act on images and ground are effects, without priors.
+
+    The GNSS is left out of it: its covariance is not diagonal (`corridor.diagnosis.gnss_noise`).
+    """
+    here = [effect for effect in effects if effect.place != "antenna"]
+    slugs = {effect.slug for effect in here}
+    held = dict(priors)
+    for effect in here:
+        # make_problem refuses what a free camera can do unless it is held; the elimination is
+        # not troubled by it.
+        if effect.stands_in_for:
+            held |= _holding(block, effect)
+    problem = make_problem(block, camera, [*believed, *here], control, check, held, lever_arm)
+    for n, unknown in enumerate(problem.unknowns):
+        if unknown.kind == "effect" and unknown.owner in slugs:
+            problem.prior_weight[n] = 0.0
+    for n, (slug, _) in enumerate(problem.own_unknowns):
+        if slug in slugs:
+            problem.own_prior[1, n] = 0.0
+    return problem
+
+
+def _holding(block: Block, effect: Effect) -> dict:
+    """A prior for each parameter of an effect."""
+    return {f"{effect.slug}.{p.name}": (0.0, p.scale) for p in effect.parameters(block)}
+
+
+def antenna_columns(
+    block: Block, images: Images, image: np.ndarray, effects: list[Effect]
+) -> list[tuple[Effect, np.ndarray, np.ndarray, list[str]]]:
+    """Derivatives of antenna positions by the effects that act there.
+
+    images: in the order of the problem. image: (k,) of each position. Returns for each effect its
+    derivative (k, 3, p) at zero, the group (k,) of each row and the groups' names.
+    """
+    out = []
+    for effect in effects:
+        if effect.place != "antenna":
+            continue
+        stack = Stack(block, [effect])
+        member = stack.members[effect.slug]
+        context = Context(images, image)
+        start = {effect.slug: np.zeros((len(_names(images, member)), len(member.parameters)))}
+        _, derivative = stack.evaluate("antenna", context, start)
+        out.append((effect, derivative, context.group(effect.group), _names(images, member)))
+    return out
+
+
+def _names(images: Images, member) -> list[str]:
+    kind = member.effect.group
+    return {
+        "block": ["block"],
+        "camera": images.camera_names,
+        "flight": images.flight_names,
+        "image": list(images.names),
+    }[kind]
+
+
+class OfPoints(Effect):
+    """An effect of ground points, for some of them only."""
+
+    def __init__(self, effect: Effect, points: list[str]):
+        super().__init__(effect.group)
+        self.inner, self.points = effect, set(points)
+        for name in ("slug", "title", "place", "needs", "generic", "stands_in_for"):
+            setattr(self, name, getattr(effect, name))
+
+    def parameters(self, block):
+        return self.inner.parameters(block)
+
+    def shift(self, context, values):
+        """As of the effect; nothing moves the other points."""
+        mine = np.array([name in self.points for name in context.point], dtype=float)
+        shift, derivative = self.inner.shift(context, values)
+        return shift * mine[:, None], derivative * mine[:, None, None]
+
+
+def with_points(effect: Effect, points: list[str]) -> Effect:
+    """The effect, for these points where it is one of ground points."""
+    return OfPoints(effect, points) if effect.group == "point" and points else effect

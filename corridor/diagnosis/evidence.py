@@ -1,0 +1,187 @@
+"""How much more likely the data are with a group of columns than without it.
+
+Parameters theta ~ N(0, kappa^2) in prior standard deviations, averaged over several kappa:
+
+    log B(kappa) = 1/2 g' (M + I / kappa^2)^-1 g - 1/2 log |I + kappa^2 M|
+
+Given other groups S in the model, M and g are what S leaves of them.
+Source: Kass and Raftery 1995, "Bayes factors".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, eigh
+
+from corridor.diagnosis.candidates import Group
+from corridor.diagnosis.reduced import Reduced
+
+# Sizes of an effect in prior standard deviations, and the logarithm of how likely each is. The
+# last ones are a tail: an effect a hundred times larger than expected is still an effect.
+KAPPA = np.array([0.1, 0.33, 1.0, 3.0, 10.0, 100.0, 1000.0])
+LOG_WEIGHT = np.log([0.25, 0.25, 0.25, 0.23, 0.018, 0.0018, 0.0002])
+# A group of more columns, values for each image, keeps the spectrum it has alone when others join
+# the model: what it would bring is then somewhat underrated, and much sooner known.
+LARGE = 130
+
+
+@dataclass
+class Spectrum:
+    """Eigenvalues (p,) and vectors (p, p) of a group's M."""
+
+    value: np.ndarray
+    vector: np.ndarray
+
+    @classmethod
+    def of(cls, M: np.ndarray) -> Spectrum:
+        """Spectrum of M (p, p), symmetric."""
+        value, vector = eigh(0.5 * (M + M.T), check_finite=False)
+        return cls(np.maximum(value, 0.0), vector)
+
+    def log_bayes(self, h: np.ndarray) -> np.ndarray:
+        """Log Bayes factors (kappas, ...) of h = V'g (p, ...)."""
+        k2 = (KAPPA**2)[:, None]
+        grown = k2 * self.value
+        gain = np.tensordot(0.5 * k2 / (1.0 + grown), h**2, axes=(1, 0))
+        cost = 0.5 * np.log1p(grown).sum(axis=1)
+        return gain - cost.reshape((-1,) + (1,) * (h.ndim - 1))
+
+
+def averaged(log_bayes: np.ndarray) -> np.ndarray:
+    """Average over kappa of Bayes factors (kappas, ...), as logarithm."""
+    weight = LOG_WEIGHT.reshape((-1,) + (1,) * (log_bayes.ndim - 1))
+    return np.logaddexp.reduce(log_bayes + weight, axis=0)
+
+
+@dataclass
+class Gain:
+    """What a group adds to a model: log evidence, its best kappa, and half the chi square."""
+
+    evidence: float
+    kappa: float
+    fit: float
+
+
+class Evidence:
+    """Evidence of groups, alone and given others, on one reduced system."""
+
+    def __init__(self, reduced: Reduced):
+        self.reduced = reduced
+        self.groups: list[Group] = reduced.groups
+        self.number = {group.key: n for n, group in enumerate(self.groups)}
+        self._alone: dict[int, Spectrum] = {}
+
+    def block(self, group: Group) -> tuple[np.ndarray, np.ndarray]:
+        """M (p, p) and g (p,) of a group alone."""
+        r = self.reduced
+        if group.own is None:
+            return r.M[np.ix_(group.columns, group.columns)], r.g[group.columns]
+        return r.own_matrix[group.own], r.own_g[group.own]
+
+    def alone(self, n: int) -> Spectrum:
+        """Spectrum of the n-th group."""
+        if n not in self._alone:
+            self._alone[n] = Spectrum.of(self.block(self.groups[n])[0])
+        return self._alone[n]
+
+    def across(self, a: Group, b: Group) -> np.ndarray:
+        """M between two groups (p, q)."""
+        r = self.reduced
+        if a.own is None and b.own is None:
+            return r.M[np.ix_(a.columns, b.columns)]
+        if a.own is None:
+            return r.between[b.own][:, a.columns].T
+        if b.own is None:
+            return r.between[a.own][:, b.columns]
+        if a.own == b.own:
+            return r.own_matrix[a.own]
+        return r.mutual[a.own, b.own] if a.own < b.own else r.mutual[b.own, a.own].T
+
+    def joint(self, chosen: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
+        """M and g of several groups together."""
+        groups = [self.groups[n] for n in chosen]
+        if not groups:
+            return np.zeros((0, 0)), np.zeros(0)
+        M = np.block([[self.across(a, b) for b in groups] for a in groups])
+        return M, np.concatenate([self.block(group)[1] for group in groups])
+
+    def model(self, chosen: dict[int, float]) -> tuple[float, np.ndarray, tuple]:
+        """Log evidence of groups n -> kappa together, their parameters, and the factor."""
+        if not chosen:
+            return 0.0, np.zeros(0), None
+        M, g = self.joint(chosen)
+        groups = [self.groups[n] for n in chosen]
+        mean = np.concatenate([prior_mean(group) for group in groups])
+        kappa = np.concatenate([np.full(len(self.groups[n]), kappa) for n, kappa in chosen.items()])
+        away = g - M @ mean
+        factor = cho_factor(M + np.diag(kappa**-2.0), lower=True, check_finite=False)
+        step = cho_solve(factor, away, check_finite=False)
+        logdet = 2.0 * np.log(np.diag(factor[0])).sum() + 2.0 * np.log(kappa).sum()
+        total = mean @ g - 0.5 * mean @ M @ mean + 0.5 * away @ step - 0.5 * logdet
+        for n, k in chosen.items():
+            total += self.groups[n].log_prior
+            if not self.groups[n].known:
+                total += LOG_WEIGHT[np.argmin(np.abs(KAPPA - k))]
+        return float(total), mean + step, factor
+
+    def given(self, chosen: dict[int, float]) -> list[Gain]:
+        """What every group would add to a model of groups n -> kappa."""
+        r = self.reduced
+        if not chosen:
+            M, g, own_g, own_matrix = r.M, r.g, r.own_g, r.own_matrix
+        else:
+            _, theta, factor = self.model(chosen)
+            members = [self.groups[n] for n in chosen]
+            to_core = np.concatenate(
+                [r.M[a.columns] if a.own is None else r.between[a.own] for a in members]
+            )
+            M = r.M - to_core.T @ cho_solve(factor, to_core, check_finite=False)
+            g = r.g - to_core.T @ theta
+            own_g, own_matrix = [], []
+            for k in range(len(r.own_g)):
+                whole = next(group for group in self.groups if group.own == k)
+                to_own = np.concatenate([self.across(a, whole) for a in members])
+                own_g.append(r.own_g[k] - to_own.T @ theta)
+                own_matrix.append(
+                    r.own_matrix[k] - to_own.T @ cho_solve(factor, to_own, check_finite=False)
+                    if len(r.own_g[k]) <= LARGE
+                    else None
+                )
+        out = []
+        for n, group in enumerate(self.groups):
+            if n in chosen:
+                out.append(Gain(-np.inf, 1.0, 0.0))
+                continue
+            if group.own is None:
+                inside, mine = M[np.ix_(group.columns, group.columns)], g[group.columns]
+            else:
+                inside, mine = own_matrix[group.own], own_g[group.own]
+            alone = not chosen or inside is None
+            out.append(gain_of(group, inside, mine, self.alone(n) if alone else None))
+        return out
+
+
+def gain_of(group: Group, M, g, spectrum: Spectrum | None = None) -> Gain:
+    """What a group with M and g adds."""
+    spectrum = spectrum or Spectrum.of(M)
+    mean = prior_mean(group)
+    if group.known:
+        away = g - M @ mean
+        h = spectrum.vector.T @ away
+        one = 0.5 * np.sum(h**2 / (1.0 + spectrum.value)) - 0.5 * np.log1p(spectrum.value).sum()
+        total = mean @ g - 0.5 * mean @ M @ mean + one
+        return Gain(float(total + group.log_prior), 1.0, float(total))
+    h = spectrum.vector.T @ g
+    each = spectrum.log_bayes(h)
+    best = int(np.argmax(each + LOG_WEIGHT))
+    kappa = float(max(KAPPA[best], 3.0))
+    fit = 0.5 * np.sum(h**2 / (spectrum.value + kappa**-2.0))
+    return Gain(float(averaged(each) + group.log_prior), float(KAPPA[best]), float(fit))
+
+
+def prior_mean(group: Group) -> np.ndarray:
+    """Prior mean (p,) of a group, in prior standard deviations."""
+    return np.zeros(len(group)) if group.mean is None else group.mean

@@ -1,0 +1,80 @@
+"""Does the added effect help where the fit has not looked?
+
+Some tie observations are given no weight, one of a point of four rays or more, in both fits; the
+check points never have any. GNSS residuals are those of the fits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corridor.adjustment import Adjustment
+from corridor.block import Block
+
+HELD_OUT = 0.08
+NO_WEIGHT = 1e4
+WRONG = 6.0
+
+
+def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:
+    """The block with some tie observations robbed of their weight, and their rows (k,).
+
+    Points that control the marks are not touched, and every image keeps most of its points.
+    """
+    ties = block.tie_points
+    codes = ties["point"].cat.codes.to_numpy()
+    rays = np.bincount(codes, minlength=len(ties["point"].cat.categories))
+    order = rng.permutation(np.flatnonzero(rays[codes] >= 4))
+    _, first = np.unique(codes[order], return_index=True)
+    chosen = rng.permutation(order[first])[: max(int(HELD_OUT * len(ties)), 1)]
+    chosen = np.sort(chosen)
+    out = block.copy()
+    sigma = block.tie_sigma().copy()
+    sigma[chosen] *= NO_WEIGHT
+    out.tie_points = ties.assign(sigma=sigma)
+    return out, chosen
+
+
+def tie_gap(before: Adjustment, after: Adjustment, rows: np.ndarray) -> dict[str, float | None]:
+    """RMS (px, an axis) of observations that both fits did not use, wrong matches left out."""
+    found = [_residuals(one)[rows] for one in (before, after)]
+    if not len(rows):
+        return {"before": None, "after": None}
+    length = np.hypot(*found[1].T)
+    usual = np.nanmedian(length) / np.sqrt(2.0 * np.log(2.0))
+    good = length < WRONG * usual
+    values = [float(np.sqrt(np.mean(one[good] ** 2))) for one in found]
+    return {"before": values[0], "after": values[1]}
+
+
+def _residuals(adjustment: Adjustment) -> np.ndarray:
+    p = adjustment.problem
+    found, _ = adjustment.normal.look(adjustment.state, passes=5)
+    out = np.full((len(p.block.tie_points) + len(p.block.marks), 2), np.nan)
+    out[p.row] = found
+    return out
+
+
+def check_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
+    """3D RMS of check points, m; None without any."""
+    if not len(before.check_points):
+        return None
+    return {"before": float(before.check_rms.d3), "after": float(after.check_rms.d3)}
+
+
+def gnss_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
+    """3D RMS of the antenna residuals, m; None without GNSS."""
+    if not len(before.problem.gnss_image):
+        return None
+
+    def rms(one):
+        table = one.residuals["gnss"]
+        return float(np.sqrt(np.mean((table[["vx", "vy", "vz"]].to_numpy() ** 2).sum(axis=1))))
+
+    return {"before": rms(before), "after": rms(after)}
+
+
+def closure(before: float, after: float, floor: float) -> float | None:
+    """Share of the excess variance that is gone: (before^2 - after^2) / (before^2 - floor^2)."""
+    excess = before**2 - floor**2
+    return float((before**2 - after**2) / excess) if excess > 0 else None

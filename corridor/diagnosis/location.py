@@ -1,0 +1,135 @@
+"""Where and when an unknown peaks: in the picture, on the ground, in time.
+
+The fitted group is evaluated where the block has data; nothing is known of it but its place.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import label
+
+from corridor.diagnosis.rounds import Round
+from corridor.effects import Context, Stack
+
+CELLS = (16, 12)
+# Share of the largest deformation that still belongs to the place.
+HIGH = 0.6
+
+
+def locate(one: Round, number: int, theta: np.ndarray) -> tuple[str, dict]:
+    """A sentence and the location of the n-th group with parameters theta, in prior sigmas."""
+    e = one.equations
+    group = one.evidence.groups[number]
+    effect, p = group.effect, e.problem
+    values = theta * group.scale
+    control = list(p.block.ground["point"].to_numpy(object)[p.control_rows])
+    stack = Stack(p.block, [effect], control)
+    member = stack.members[effect.slug]
+    images = p.images
+    names = list(images.names) if effect.group == "image" else member.groups
+    table = np.zeros((len(names), len(member.parameters)))
+    columns = [q.name for q in member.parameters]
+    position = {name: n for n, name in enumerate(names)}
+    for (owner, name, _), value in zip(group.labels, values, strict=True):
+        table[position[owner], columns.index(name)] = value
+    if effect.place == "ground":
+        return _ground(p, effect, control, table)
+    if effect.group == "image":
+        return _images(images, np.sqrt((table**2).sum(axis=1)), effect)
+    if effect.place == "image":
+        return _picture(e, stack, effect, table)
+    every = np.arange(len(images.names))
+    shift, _ = stack.evaluate(effect.place, Context(images, every), {effect.slug: table})
+    return _time(images, shift, e)
+
+
+def _ground(p, effect, control, table) -> tuple[str, dict]:
+    given = p.control_given
+    context = Context(p.images, point=control, position=given)
+    rows = np.broadcast_to(table, (len(given), table.shape[1]))
+    shift, _ = effect.shift(context, rows)
+    size = np.linalg.norm(shift - np.median(shift, axis=0), axis=1)
+    worst = int(np.argmax(size))
+    x, y = (float(v) for v in given[worst, :2])
+    return (
+        f"largest at control point {control[worst]}, x = {x:.0f} m, y = {y:.0f} m: "
+        f"{1000 * size[worst]:.0f} mm",
+        {"x": x, "y": y},
+    )
+
+
+def _images(images, size, effect) -> tuple[str, dict]:
+    worst = int(np.argmax(size))
+    where: dict = {"flight": str(images.flight_names[images.flight[worst]])}
+    share = size / max(size.max(), 1e-300)
+    many = int((share > 0.3).sum())
+    text = f"in {many} of {len(size)} images, largest in {images.names[worst]}"
+    if np.isfinite(images.time[worst]):
+        where["time_s"] = float(images.time[worst])
+    if effect.place == "motion" or "row" in effect.slug:
+        where["row"] = "all"
+    centre = np.average(images.centre, axis=0, weights=size**4)
+    where |= {"x": float(centre[0]), "y": float(centre[1])}
+    return text, where
+
+
+def _picture(e, stack, effect, table) -> tuple[str, dict]:
+    """Box of the picture in which the deformation, free of planes, is largest."""
+    p = e.problem
+    pixel = p.xy
+    image = p.img
+    step = max(len(image) // 40_000, 1)
+    pixel, image = pixel[::step], image[::step]
+    interior = e.state.interior[p.images.camera[image]]
+    ray = (pixel - interior[:, 1:3]) / interior[:, :1]
+    context = Context(p.images, image, pixel=pixel, ray=ray)
+    shift, _ = stack.evaluate("image", context, {effect.slug: table})
+    size = p.images.size[image]
+    place = 2.0 * pixel / (size - 1) - 1.0
+    design = np.column_stack([np.ones(len(place)), place])
+    shift = shift - design @ np.linalg.lstsq(design, shift, rcond=None)[0]
+    length = np.linalg.norm(shift, axis=1)
+    cell = np.clip(((place + 1) / 2 * CELLS).astype(int), 0, np.array(CELLS) - 1)
+    flat = cell[:, 0] * CELLS[1] + cell[:, 1]
+    count = np.bincount(flat, minlength=CELLS[0] * CELLS[1])
+    total = np.bincount(flat, length, minlength=CELLS[0] * CELLS[1])
+    mean = np.where(count > 3, total / np.maximum(count, 1), 0.0).reshape(CELLS)
+    pieces, _ = label(mean > HIGH * mean.max())
+    high = np.argwhere(pieces == pieces[np.unravel_index(np.argmax(mean), CELLS)])
+    low, upto = high.min(axis=0), high.max(axis=0) + 1
+    width = p.images.size[0] - 1
+    box = np.concatenate([low / CELLS * width, upto / CELLS * width])
+    where: dict = {"image": [float(v) for v in box]}
+    text = (
+        f"largest between x = {box[0]:.0f} and {box[2]:.0f} px, y = {box[1]:.0f} and "
+        f"{box[3]:.0f} px: {mean.max():.2f} px"
+    )
+    time = p.images.time[image]
+    if "images.time_s" in effect.needs and np.isfinite(time).all():
+        worst = int(np.argmax(length))
+        where["time_s"] = float(time[worst])
+    return text, where
+
+
+def _time(images, shift, e) -> tuple[str, dict]:
+    """The moment at which the curve changes fastest, in units of its own parts."""
+    weight = np.ones(shift.shape[1])
+    moving = np.abs(shift).max(axis=0)
+    weight = np.where(moving > 1e-3 * moving.max(initial=1e-300), 1.0, 0.0)
+    away = (shift - shift.mean(axis=0)) * weight
+    length = np.linalg.norm(away, axis=1)
+    time = images.time
+    if not np.isfinite(time).all():
+        worst = int(np.argmax(length))
+        return f"largest at image {images.names[worst]}", {
+            "flight": str(images.flight_names[images.flight[worst]])
+        }
+    order = np.argsort(time, kind="stable")
+    jump = np.linalg.norm(np.diff(away[order], axis=0), axis=1)
+    k = int(np.argmax(jump))
+    moment = float((time[order[k]] + time[order[k + 1]]) / 2)
+    flight = str(images.flight_names[images.flight[order[k]]])
+    return (
+        f"changes most at {moment:.1f} s, flight {flight}",
+        {"flight": flight, "time_s": moment},
+    )

@@ -1,0 +1,130 @@
+"""Pseudo-residuals: what least squares would have to see to do what a robust estimator does.
+
+Image residuals follow Student's t with nu = 4, of a length s in units of its scale:
+
+    psi(r) = r (nu + 2) / (nu + s^2),  mean psi' = mean of nu (nu + 2) / (nu + s^2)^2
+    r* = psi(r) / mean psi'
+
+An estimator has the covariance of least squares with observations of the variance of r*.
+Source: Huber and Ronchetti 2009, "Robust statistics", sections 7.6 and 7.10.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+NU = 4.0
+
+
+@dataclass
+class Scales:
+    """Sizes of the image noise.
+
+    of_observation (n,) px: standard deviation of each pseudo-residual. tie, mark: factor on the
+    stated standard deviations. core: scale of Student's t, ties, in stated standard deviations.
+    """
+
+    of_observation: np.ndarray
+    tie: float
+    mark: float
+    core: float
+
+
+def scale_of(square: np.ndarray) -> float:
+    """Scale of bivariate Student t residuals by maximum likelihood; square: (n,) their |r|^2."""
+    variance = max(float(np.median(square)) / 1.5, 1e-24)
+    for _ in range(200):
+        weight = (NU + 2.0) / (NU + square / variance)
+        after = max(float(np.mean(0.5 * weight * square)), 1e-24)
+        if abs(after - variance) < 1e-10 * variance:
+            break
+        variance = after
+    return float(np.sqrt(variance))
+
+
+def pseudo_residuals(problem, state, residual: np.ndarray) -> tuple[np.ndarray, Scales]:
+    """Pseudo-residuals (n, 2) px of image residuals (n, 2) px, and how large their noise is.
+
+    The noise is such that the mean square of what remains equals the redundancy. Rows behind
+    their camera (NaN) get zero. Marks are judged against the other marks of their point alone: a
+    control point that disagrees with everything else in all its images is no wrong measurement.
+    """
+    p = problem
+    sigma = 1.0 / (p.weight if len(p.weight) == len(residual) else p.weight[0])
+    sigma = np.broadcast_to(sigma, len(residual))
+    known = np.isfinite(residual).all(axis=1)
+    residual = np.where(known[:, None], residual, 0.0)
+    tie = p.row < p.tie_count
+    out = np.zeros_like(residual)
+    share = _redundancy(p, len(residual))
+
+    mine = tie & known
+    core = factor = 1.0
+    if mine.any():
+        scaled = residual[mine] / sigma[mine][:, None]
+        square = (scaled**2).sum(axis=1)
+        core = scale_of(square)
+        s = square / core**2
+        slope = np.mean(NU * (NU + 2.0) / (NU + s) ** 2)
+        out[mine] = residual[mine] * ((NU + 2.0) / (NU + s) / slope)[:, None]
+        found = np.mean(((out[mine] / sigma[mine][:, None]) ** 2).sum(axis=1)) / 2.0 / share
+        factor = float(np.sqrt(max(found, 1e-12)))
+    marks = np.flatnonzero(~tie & known)
+    of_marks = factor
+    if len(marks):
+        out[marks], of_marks = _marks(p, state, residual, sigma, marks)
+    of = sigma * np.where(tie, factor, of_marks)
+    return out, Scales(of, factor, of_marks, core)
+
+
+def _redundancy(p, count: int) -> float:
+    """Share of the image observations that no point, pose or camera takes up."""
+    camera = sum(1 for unknown in p.unknowns if unknown.kind == "camera")
+    unknown = 3 * (len(p.ptr) - 1) + 6 * p.image_count + camera
+    return max(1.0 - unknown / max(2 * count, 1), 0.05)
+
+
+def _marks(p, state, residual, sigma, marks) -> tuple[np.ndarray, float]:
+    """Pseudo-residuals (k, 2) of marks, and the factor on their stated standard deviations."""
+    point = np.searchsorted(p.ptr, marks, side="right") - 1
+    image = p.img[marks]
+    seen = np.einsum("nij,nj->ni", state.rotation[image], state.points[point] - state.centre[image])
+    focal = state.interior[p.images.camera[image], 0] / seen[:, 2]
+    R = state.rotation[image]
+    by_point = (
+        np.stack(
+            [
+                R[:, 0] - (seen[:, 0] / seen[:, 2])[:, None] * R[:, 2],
+                R[:, 1] - (seen[:, 1] / seen[:, 2])[:, None] * R[:, 2],
+            ],
+            axis=1,
+        )
+        * focal[:, None, None]
+    )
+    common = np.zeros((len(marks), 2))
+    apart = np.zeros(len(marks))
+    left, lost = 0.0, 0
+    for n in np.unique(point):
+        rows = np.flatnonzero(point == n)
+        A = by_point[rows] / sigma[marks[rows]][:, None, None]
+        r = residual[marks[rows]] / sigma[marks[rows]][:, None]
+        weight = np.ones(len(rows))
+        for _ in range(30):
+            heavy = A * weight[:, None, None]
+            normal = np.einsum("nij,nik->jk", heavy, A)
+            normal += 1e-9 * np.trace(normal) * np.eye(3)
+            shift = np.linalg.solve(normal, np.einsum("nij,ni->j", heavy, r))
+            left_over = r - A @ shift
+            square = (left_over**2).sum(axis=1)
+            weight = 1.0 / (1.0 + square / 9.0)
+        common[rows] = (A @ shift) * sigma[marks[rows]][:, None]
+        apart[rows] = np.sqrt(square)
+        good = np.sqrt(square) < 5.0
+        left += square[good].sum()
+        lost += max(2 * int(good.sum()) - 3, 0)
+    # What is stated weighs as much as fifty measurements: few marks do not tell their own size.
+    factor = float(np.sqrt((left + 50.0) / (lost + 50.0)))
+    wrong = apart > 5.0 * max(factor, 1.0)
+    return np.where(wrong[:, None], common, residual[marks]), factor

@@ -1,0 +1,253 @@
+"""Search, add the winners to the model, adjust again, search again from empty.
+
+Strong effects bend the adjustment around them and inflate the noise: only after a refit is the
+linearisation that of the truth, and only then can weaker effects be seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from corridor.adjustment import Adjustment
+from corridor.diagnosis.believed import Believed
+from corridor.diagnosis.candidates import Candidates, candidates, with_points
+from corridor.diagnosis.equations import Equations, equations
+from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.gnss_noise import GnssNoise, NoiseModel
+from corridor.diagnosis.reduced import Elimination
+from corridor.diagnosis.search import Found, contributions, search, tuned
+from corridor.diagnosis.threshold import thresholds
+from corridor.effects import Effect
+from corridor.errors import AdjustmentFailed, InputError
+
+MOST_ROUNDS = 3
+# Effects this strong show through any noise; weaker ones are compared together with it.
+CLEAR = 40.0
+SHORTLIST = 6
+# Images from which on earlier rounds keep no matrices.
+LARGE = 400
+# Log evidence by which another model has to be better to take the place of one.
+HARDLY = 3.0
+# A group this weak beside a generic one of the same side is what a wrong model leaves.
+BESIDE = 0.5
+
+
+@dataclass
+class Round:
+    """One pass: the adjustment it began with, what it found there, and by which limits.
+
+    keys: of the groups that were found. Of large blocks the last round alone keeps its equations
+    and evidence.
+    """
+
+    adjustment: Adjustment
+    equations: Equations | None
+    noise: GnssNoise
+    evidence: Evidence | None
+    threshold: dict[str, float]
+    found: Found
+    keys: list[str]
+    log: dict = field(default_factory=dict)
+
+    def shed(self) -> None:
+        """Let go of what weighs gigabytes in a block of a thousand images."""
+        if self.adjustment.problem.image_count > LARGE:
+            self.equations = self.evidence = None
+
+
+@dataclass
+class Course:
+    """All rounds. first: the adjustment of the believed model; candidates: what was tested."""
+
+    first: Adjustment
+    rounds: list[Round]
+    candidates: Candidates
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def last(self) -> Round:
+        """The round whose findings count."""
+        return self.rounds[-1]
+
+
+def run(
+    believed: Believed,
+    only=None,
+    without=(),
+    level: float = 0.01,
+    seed: int = 0,
+    progress=None,
+) -> Course:
+    """Rounds of search and refit until they agree, three refits at most."""
+    say = progress or (lambda _: None)
+    say({"message": "adjusting the believed model"})
+    adjustment = first = believed.adjust()
+    p = adjustment.problem
+    control = p.block.ground["point"].to_numpy(object)[p.control_rows]
+    chosen = candidates(believed.block, p.free, believed.effects, control, only, without)
+    names = {effect.slug: effect for effect in chosen.effects}
+    _check_priors(believed, names)
+    course = Course(first, [], chosen)
+    threshold = None
+    model: list[str] = []
+    for number in range(1 + MOST_ROUNDS):
+        say({"message": f"searching, round {number + 1}"})
+        one = _round(adjustment, believed, chosen.effects, model, threshold, level, seed)
+        threshold = one.threshold
+        course.rounds.append(one)
+        if set(one.keys) == set(model) or number == MOST_ROUNDS:
+            break
+        model = one.keys
+        say({"message": f"adjusting with {', '.join(model) or 'nothing more'}"})
+        try:
+            adjustment = believed.adjust(members(names, model)) if model else first
+        except (InputError, AdjustmentFailed) as failed:
+            course.notes.append(f"The refit with {', '.join(model)} failed: {failed}")
+            break
+        one.shed()
+        if any(set(model) == set(before.keys) for before in course.rounds[:-1]):
+            # Two models take turns: what the later refit says of itself decides.
+            again = _round(adjustment, believed, chosen.effects, model, threshold, level, seed)
+            course.rounds.append(again)
+            break
+    return course
+
+
+def members(names: dict[str, Effect], keys: list[str]) -> list[Effect]:
+    """Effects of groups by their keys; several control points make one effect."""
+    points: dict[str, list[str]] = {}
+    for key in keys:
+        slug, _, point = key.partition(".")
+        points.setdefault(slug, []).extend([point] if point else [])
+    return [with_points(names[slug], chosen) for slug, chosen in points.items()]
+
+
+def _round(adjustment, believed, effects, model, threshold, level, seed) -> Round:
+    e = equations(
+        adjustment, effects, believed.effects, believed.options,
+        believed.priors_of(effects),
+    )  # fmt: skip
+    stated = Elimination(e, None)
+    plain = Evidence(stated.reduce())
+    noises = NoiseModel(e, stated, plain)
+    # A third of a gigabyte with a thousand images, and no longer needed.
+    del stated
+    start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
+    noise, _ = noises.given(start)
+    evidence = Evidence(Elimination(e, noise).reduce())
+    if threshold is None:
+        threshold = thresholds(evidence, level, np.random.default_rng(seed))
+    found = search(evidence, threshold["suspected"], model)
+    log = {"model": list(model), "sigma_px": float(np.median(e.scales.of_observation))}
+    more = _through_noise(noises, plain, evidence, found, threshold, model)
+    if more:
+        noise, _ = noises.given(more, noise)
+        evidence = Evidence(Elimination(e, noise).reduce())
+        found = search(evidence, threshold["suspected"], model)
+        log["through_noise"] = [plain.groups[n].key for n in more]
+    found = _kept(evidence, found, model)
+    found = _without_parts(evidence, found, threshold["suspected"])
+    log["found"] = {evidence.groups[n].key: float(v) for n, v in found.evidence.items()}
+    keys = [evidence.groups[n].key for n in found.chosen]
+    return Round(adjustment, e, noise, evidence, threshold, found, keys, log)
+
+
+def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
+    """The model that is in place, where another of its size is hardly better.
+
+    Look-alikes would take turns for ever; that they are look-alikes is said in the verdict.
+    """
+    numbers = [evidence.number[key] for key in model if key in evidence.number]
+    if not numbers or len(numbers) != len(found.chosen) or set(numbers) == set(found.chosen):
+        return found
+    mine = tuned(evidence, dict.fromkeys(numbers, 1.0))
+    total = evidence.model(mine)[0]
+    each = contributions(evidence, mine)
+    if found.total - total > HARDLY:
+        return found
+    order = sorted(mine, key=lambda n: -each[n])
+    return Found({n: mine[n] for n in order}, {n: each[n] for n in order}, total)
+
+
+def _without_parts(evidence: Evidence, found: Found, threshold: float) -> Found:
+    """The model without named effects that are part of an unknown one, or what it leaves.
+
+    Where a generic shape explains more than a named effect of the same side, the named one is
+    not the cause, and makes up for what the shape is too coarse for.
+    """
+    groups = evidence.groups
+    generic = [n for n in found.chosen if groups[n].generic]
+    chosen = {
+        n: kappa
+        for n, kappa in found.chosen.items()
+        if not any(
+            found.evidence[n] < BESIDE * found.evidence[k] and _side(groups[n]) == _side(groups[k])
+            for k in generic
+            if k != n
+        )
+    }
+    if len(chosen) == len(found.chosen):
+        return found
+    each = contributions(evidence, chosen)
+    return Found(chosen, each, evidence.model(chosen)[0])
+
+
+def _side(group) -> str:
+    """Image, antenna or ground: where an effect shows."""
+    return group.effect.place if group.effect.place in ("antenna", "ground") else "image"
+
+
+def _kappa(evidence: Evidence, key: str) -> float:
+    """A wide prior for a group that is in the model already."""
+    return 1.0 if evidence.groups[evidence.number[key]].known else 10.0
+
+
+def _through_noise(noises, plain, evidence, found, threshold, model) -> dict[int, float] | None:
+    """A model with one more group, where noise and group together explain the data better.
+
+    None where nothing hides in the noise, or strong effects wait to be adjusted first. model:
+    keys of what has been. The shortlist is what would win if the GNSS were as
+    good as it says.
+    """
+    if noises.few:
+        return None
+    strong = [evidence.groups[n].key for n, v in found.evidence.items() if v > CLEAR]
+    if not set(strong) <= set(model):
+        return None
+    here = evidence.given(found.chosen)
+    if max((gain.evidence for gain in here), default=0.0) > CLEAR:
+        return None
+    if not found.chosen or min(found.evidence.values()) < CLEAR:
+        base = {n: k for n, k in found.chosen.items() if found.evidence[n] >= CLEAR}
+    else:
+        base = dict(found.chosen)
+    base = {n: max(k, 1.0) for n, k in base.items()}
+    at_stated = plain.given(base)
+    order = sorted(range(len(at_stated)), key=lambda n: -at_stated[n].evidence)
+    short = [n for n in order if at_stated[n].evidence > threshold["named"]][:SHORTLIST]
+    ranked = sorted(range(len(here)), key=lambda n: -here[n].evidence)
+    short += [n for n in ranked[:2] if n not in short and here[n].evidence > 0.0]
+    short = [n for n in short if n not in base and noises.touches(n) > 0.01]
+    if not short:
+        return None
+    noise, total = noises.given(base)
+    best = None
+    for n in short:
+        trial = base | {n: at_stated[n].kappa}
+        _, found_total = noises.given(trial, noise)
+        if best is None or found_total > best[0]:
+            best = found_total, trial
+    return best[1] if best[0] - total > threshold["named"] else None
+
+
+def _check_priors(believed: Believed, names: dict[str, Effect]) -> None:
+    """Refuse priors of what is neither estimated nor a candidate."""
+    known = {effect.slug for effect in believed.effects} | set(names) | {"camera", "lever_arm"}
+    for label in believed.priors:
+        if label.partition(".")[0] not in known:
+            raise InputError(
+                f"prior {label}: nothing of that name is estimated or tested; correct the name, "
+                "or add the column that the effect needs"
+            )

@@ -1,0 +1,120 @@
+"""Which groups together explain the data: add, drop, swap and merge on M and g."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from corridor.diagnosis.evidence import KAPPA, Evidence
+
+MOST = 6
+# An effect that brings less than this share of the largest one is what its linearisation left, as
+# long as that one has not been adjusted; then, what its physics are too simple for.
+LEFTOVER, LEFTOVER_ADJUSTED = 0.02, 0.002
+
+
+@dataclass
+class Found:
+    """A model: groups n -> kappa, in order of what they bring; evidence of each given the rest."""
+
+    chosen: dict[int, float]
+    evidence: dict[int, float]
+    total: float
+
+
+def search(evidence: Evidence, threshold: float, adjusted=(), most: int = MOST) -> Found:
+    """The model in which every group brings more than the threshold given all others.
+
+    adjusted: keys of groups that the adjustment at hand has estimated.
+    """
+    chosen: dict[int, float] = {}
+    for _ in range(4 * most):
+        before = dict(chosen)
+        if len(chosen) < most:
+            gains = evidence.given(chosen)
+            best = max(range(len(gains)), key=lambda n: gains[n].evidence, default=None)
+            if best is not None and gains[best].evidence > threshold:
+                chosen[best] = gains[best].kappa
+        chosen = _dropped(evidence, chosen, threshold)
+        chosen = _swapped(evidence, chosen)
+        chosen = _merged(evidence, chosen)
+        chosen = tuned(evidence, chosen)
+        if set(chosen) == set(before):
+            break
+    chosen, each = _without_leftovers(evidence, chosen, threshold, adjusted)
+    order = sorted(chosen, key=lambda n: -each[n])
+    chosen = {n: chosen[n] for n in order}
+    return Found(chosen, {n: each[n] for n in order}, evidence.model(chosen)[0])
+
+
+def contributions(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
+    """What each group of a model brings given the others."""
+    out = {}
+    for n in chosen:
+        rest = {k: v for k, v in chosen.items() if k != n}
+        out[n] = evidence.given(rest)[n].evidence
+    return out
+
+
+def _dropped(evidence, chosen, threshold):
+    while chosen:
+        each = contributions(evidence, chosen)
+        least = min(each, key=each.get)
+        if each[least] > threshold:
+            break
+        chosen = {k: v for k, v in chosen.items() if k != least}
+    return chosen
+
+
+def _swapped(evidence, chosen):
+    """Each group in turn replaced by the one that does better in its place."""
+    for n in list(chosen):
+        rest = {k: v for k, v in chosen.items() if k != n}
+        gains = evidence.given(rest)
+        best = max(range(len(gains)), key=lambda k: gains[k].evidence)
+        if best != n and gains[best].evidence > gains[n].evidence:
+            chosen = rest | {best: gains[best].kappa}
+    return chosen
+
+
+def _merged(evidence, chosen):
+    """Two groups replaced by one, where that is as good."""
+    if len(chosen) < 2:
+        return chosen
+    total = evidence.model(chosen)[0]
+    best = None
+    names = list(chosen)
+    for i, a in enumerate(names):
+        for b in names[i + 1 :]:
+            rest = {k: v for k, v in chosen.items() if k not in (a, b)}
+            gains = evidence.given(rest)
+            one = max(range(len(gains)), key=lambda k: gains[k].evidence)
+            trial = rest | {one: gains[one].kappa}
+            found = evidence.model(trial)[0]
+            if found > total and (best is None or found > best[0]):
+                best = found, trial
+    return best[1] if best else chosen
+
+
+def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
+    """The best kappa of each group given the others."""
+    for n in list(chosen):
+        group = evidence.groups[n]
+        if group.known or len(group) > 400:
+            continue
+        totals = {float(k): evidence.model(chosen | {n: float(k)})[0] for k in KAPPA}
+        chosen = chosen | {n: max(totals, key=totals.get)}
+    return chosen
+
+
+def _without_leftovers(evidence, chosen, threshold, adjusted):
+    while True:
+        each = contributions(evidence, chosen)
+        left = 0.0
+        for n, gain in each.items():
+            known = evidence.groups[n].key in adjusted
+            left = max(left, gain * (LEFTOVER_ADJUSTED if known else LEFTOVER))
+        small = [n for n in each if each[n] < max(left, threshold)]
+        if not small:
+            return chosen, each
+        least = min(small, key=each.get)
+        chosen = {k: v for k, v in chosen.items() if k != least}

@@ -1,0 +1,54 @@
+"""How large the largest evidence of all groups becomes when nothing is missing.
+
+Under the null hypothesis g ~ N(0, M) for all columns together, which tells at once how strongly
+candidates are correlated: no correction for the number of tests is needed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corridor.diagnosis.evidence import Evidence, Spectrum, averaged
+
+DRAWS = 1000
+# Noise is never quite what its model says; no block is accused below these.
+LEAST = {"named": 4.0, "suspected": 2.5}
+
+
+def thresholds(evidence: Evidence, level: float, rng: np.random.Generator) -> dict[str, float]:
+    """Log evidence beyond which a group is `named` and `suspected`.
+
+    level: probability of a false name in a block without any; suspected: five times that, and
+    5 % at most.
+    """
+    largest = largest_of_null(evidence, DRAWS, rng)
+    return {
+        "named": max(float(np.quantile(largest, 1.0 - level)), LEAST["named"]),
+        "suspected": max(
+            float(np.quantile(largest, 1.0 - max(min(5.0 * level, 0.05), level))),
+            LEAST["suspected"],
+        ),
+    }
+
+
+def largest_of_null(evidence: Evidence, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Largest evidence (draws,) over all groups in blocks without an effect.
+
+    Blocks of per-image columns are drawn apart from the core: they share little with it.
+    """
+    r = evidence.reduced
+    # No effect at all has the evidence zero.
+    largest = np.zeros(draws)
+    whole = Spectrum.of(r.M)
+    core = whole.vector @ (np.sqrt(whole.value)[:, None] * rng.standard_normal((len(r.M), draws)))
+    for n, group in enumerate(evidence.groups):
+        if group.known or not len(group):
+            continue
+        spectrum = evidence.alone(n)
+        if group.own is None:
+            h = spectrum.vector.T @ core[group.columns]
+        else:
+            h = np.sqrt(spectrum.value)[:, None] * rng.standard_normal((len(group), draws))
+        found = averaged(spectrum.log_bayes(h)) + group.log_prior
+        np.maximum(largest, found, out=largest)
+    return largest

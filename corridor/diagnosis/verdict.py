@@ -1,0 +1,257 @@
+"""What the evidence amounts to: named, suspected, ambiguous, unknown or nothing.
+
+An effect is ambiguous where another one explains the data as well. That is judged by the fit: an
+effect of three parameters that contains one of one parameter pays for the other two in evidence,
+and cannot be told apart from it all the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from corridor.diagnosis.candidates import Group
+from corridor.diagnosis.evidence import Evidence, prior_mean
+from corridor.diagnosis.rounds import Course, Round
+
+# Log units within which two explanations are equally good.
+APART = 3.0
+# What one more parameter may cost in evidence while the fit is the same.
+PER_PARAMETER = 4.0
+MOST_MORE = 3
+# Standard deviations at which an effect is seen nearly always.
+LIMIT = 4.5
+# Information below which a direction is one that nothing determines.
+BLIND = 1e-4
+# Share of what a generic group explains from which on a named effect is a part of it.
+SHARE = 0.1
+ORDER = ("named", "ambiguous", "unknown", "suspected", "nothing")
+
+
+@dataclass
+class Estimate:
+    """One effect that was found (for a flight or a camera of its own, one each).
+
+    parameters: name, value, sigma, unit; of an effect with values for each image, their root mean
+    square. alternatives: slugs that cannot be told apart from it. separate: what would.
+    """
+
+    slug: str
+    kind: str
+    log_evidence: float
+    parameters: list[dict]
+    alternatives: list[str] = field(default_factory=list)
+    separate: str = ""
+    where: dict = field(default_factory=dict)
+
+
+@dataclass
+class Unknown:
+    """A generic group that was found. parts: named effects that it overlaps."""
+
+    group: str
+    log_evidence: float
+    kind: str
+    number: int
+    theta: np.ndarray
+    parts: list[str] = field(default_factory=list)
+
+
+@dataclass
+class Findings:
+    """verdict: first of `ORDER` that is present; effects and unknown as found."""
+
+    verdict: str
+    effects: list[Estimate]
+    unknown: list[Unknown]
+
+
+def findings(course: Course) -> Findings:
+    """What the last round says."""
+    one = course.last
+    evidence, found = one.evidence, one.found
+    numbers = list(found.chosen)
+    effects: list[Estimate] = []
+    for n in numbers:
+        if not evidence.groups[n].generic:
+            effects += _estimates(one, n)
+    thetas = parameters(evidence, found.chosen)[0]
+    unknown = [
+        Unknown(
+            evidence.groups[n].slug, found.evidence[n], _kind(one, n), n, thetas[n],
+            _parts(one, n),
+        )
+        for n in numbers if evidence.groups[n].generic
+    ]  # fmt: skip
+    present = {e.kind for e in effects}
+    present |= {"unknown" if u.kind == "named" else "suspected" for u in unknown}
+    verdict = next((kind for kind in ORDER if kind in present), "nothing")
+    return Findings(verdict, effects, unknown)
+
+
+def _parts(one: Round, n: int) -> list[str]:
+    """Named effects that would explain some of what a generic group explains, the best first."""
+    evidence, chosen = one.evidence, one.found.chosen
+    without = evidence.given({k: v for k, v in chosen.items() if k != n})
+    beside = evidence.given(chosen)
+    out = [
+        k
+        for k, group in enumerate(evidence.groups)
+        if not group.generic
+        and k not in chosen
+        and without[k].evidence > max(one.threshold["named"], SHARE * without[n].evidence)
+        and beside[k].fit < 0.5 * without[k].fit
+    ]
+    out.sort(key=lambda k: -without[k].evidence)
+    return list(dict.fromkeys(evidence.groups[k].slug for k in out))[:3]
+
+
+def _kind(one: Round, n: int) -> str:
+    return "named" if one.found.evidence[n] > one.threshold["named"] else "suspected"
+
+
+def parameters(evidence: Evidence, chosen: dict) -> tuple[dict, dict]:
+    """Parameters of each group, and their covariance, in prior standard deviations.
+
+    All groups of the model together. Small groups have no prior; what the data say nothing about
+    (a focal length common to all flights, where the camera is free) is zero.
+    """
+    loose = {n: k if len(evidence.groups[n]) > 30 else 1e3 for n, k in chosen.items()}
+    loose |= {n: 1.0 for n in chosen if evidence.groups[n].known}
+    M, g = evidence.joint(loose)
+    kappa = np.concatenate([np.full(len(evidence.groups[n]), k) for n, k in loose.items()] or [[]])
+    mean = np.concatenate([prior_mean(evidence.groups[n]) for n in loose] or [[]])
+    if not len(M):
+        return {}, {}
+    value, vector = np.linalg.eigh(M + np.diag(kappa**-2.0))
+    inverse = np.where(value > BLIND, 1.0 / np.maximum(value, BLIND), 0.0)
+    covariance = (vector * inverse) @ vector.T
+    theta = mean + covariance @ (g - M @ mean)
+    out, spread, at = {}, {}, 0
+    for n in chosen:
+        size = len(evidence.groups[n])
+        out[n] = theta[at : at + size]
+        spread[n] = covariance[at : at + size, at : at + size]
+        at += size
+    return out, spread
+
+
+def _estimates(one: Round, n: int) -> list[Estimate]:
+    evidence, found = one.evidence, one.found
+    group = evidence.groups[n]
+    thetas, spreads = parameters(evidence, found.chosen)
+    theta = thetas[n] * group.scale
+    sigma = np.sqrt(np.diag(spreads[n])) * group.scale
+    kind = _kind(one, n)
+    alike = alternatives(evidence, found.chosen, n)
+    separate = ""
+    if alike:
+        kind = "ambiguous" if kind == "named" else kind
+        separate = "; or ".join(
+            dict.fromkeys(
+                e.effect.revealed_by for e in [group, *(evidence.groups[k] for k in alike)]
+            )
+        )
+    slugs = list(dict.fromkeys(evidence.groups[k].slug for k in alike))
+    slugs = [slug for slug in slugs if slug != group.slug]
+
+    def estimate(rows, where):
+        return Estimate(
+            group.slug, kind, found.evidence[n], [rows[k] for k in rows], slugs, separate, where
+        )
+
+    if group.own is not None:
+        rows = {}
+        names = list(dict.fromkeys(label[1] for label in group.labels))
+        for name in names:
+            mine = np.array([label[1] == name for label in group.labels])
+            unit = next(label[2] for label in group.labels if label[1] == name)
+            value = float(np.sqrt(np.mean(theta[mine] ** 2)))
+            error = float(np.sqrt(np.mean(sigma[mine] ** 2) / max(mine.sum(), 1)))
+            rows[name] = {
+                "name": name, "value": value, "sigma": error, "unit": unit,
+                "statistic": "root mean square over the images",
+            }  # fmt: skip
+        return [estimate(rows, {})]
+    out = []
+    for part in dict.fromkeys(label[0] for label in group.labels):
+        rows = {
+            name: {"name": name, "value": float(theta[k]), "sigma": float(sigma[k]), "unit": unit}
+            for k, (owner, name, unit) in enumerate(group.labels)
+            if owner == part
+        }
+        where = {"flight": part} if group.effect.group == "flight" else {}
+        if group.effect.group == "camera" and len(one.equations.problem.images.camera_names) > 1:
+            where = {"camera": part}
+        if group.point is not None:
+            where = {"point": group.point}
+        out.append(estimate(rows, where))
+    return out
+
+
+def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
+    """Groups that explain what the n-th group of a model does as well as it does."""
+    rest = {k: v for k, v in chosen.items() if k != n}
+    gains = evidence.given(rest)
+    mine, group = gains[n], evidence.groups[n]
+    out = []
+    for k, gain in enumerate(gains):
+        other = evidence.groups[k]
+        if k == n or k in chosen or other.generic or refines(other, group):
+            continue
+        more = max(len(other) - len(group), 0)
+        equal = mine.evidence - gain.evidence <= APART
+        contained = (
+            other.own is None
+            and more <= MOST_MORE
+            and mine.fit - gain.fit <= APART
+            and mine.evidence - gain.evidence <= APART + PER_PARAMETER * more
+        )
+        if equal or contained:
+            out.append(k)
+    return sorted(out, key=lambda k: -gains[k].evidence)
+
+
+def refines(a: Group, b: Group) -> bool:
+    """Whether a is b with more sets of values: a lever arm each flight, a time each image."""
+    finer = a.effect.group != b.effect.group
+    return (
+        finer
+        and (isinstance(a.effect, type(b.effect)) or isinstance(b.effect, type(a.effect)))
+        and len(a) > len(b)
+    )
+
+
+def detection_limits(evidence: Evidence, chosen: dict) -> dict[str, dict[str, float | None]]:
+    """Smallest value of each parameter that would have been seen, by slug and name.
+
+    4.5 standard deviations of the parameter with the others of its group known to be small (one
+    prior standard deviation); of values for each image, the root mean square that the variance
+    shows. None where this block says nothing.
+    """
+    out: dict[str, dict[str, float | None]] = {}
+    for group in evidence.groups:
+        if group.generic:
+            continue
+        M, _ = evidence.block(group)
+        mine = out.setdefault(group.slug, {})
+        if group.own is not None:
+            names = list(dict.fromkeys(label[1] for label in group.labels))
+            for name in names:
+                rows = [k for k, label in enumerate(group.labels) if label[1] == name]
+                own = M[np.ix_(rows, rows)]
+                power = np.sqrt(0.5 * np.sum(own**2))
+                scale = group.scale[rows[0]]
+                mine[name] = float(np.sqrt(LIMIT / power) * scale) if power > 1e-6 else None
+            continue
+        sigma = np.sqrt(np.diag(np.linalg.inv(M + np.eye(len(M)))))
+        for k, (_, name, _) in enumerate(group.labels):
+            if sigma[k] > 0.99:
+                # The prior is all that is known.
+                limit = None
+            else:
+                limit = float(LIMIT * group.scale[k] * sigma[k] / np.sqrt(1.0 - sigma[k] ** 2))
+            best = mine.get(name)
+            mine[name] = limit if best is None else (max(best, limit) if limit else best)
+    return out

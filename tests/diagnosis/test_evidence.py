@@ -1,0 +1,119 @@
+"""Evidence, threshold, robust residuals and noise, each against an answer known otherwise."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from corridor.diagnosis.candidates import Group
+from corridor.diagnosis.evidence import KAPPA, LOG_WEIGHT, Evidence, Spectrum, averaged
+from corridor.diagnosis.gnss_noise import GnssNoise, _estimate
+from corridor.diagnosis.reduced import Reduced
+from corridor.diagnosis.robust import scale_of
+from corridor.diagnosis.search import search
+from corridor.diagnosis.threshold import largest_of_null
+
+
+def system(columns, g, sizes):
+    """A reduced system of groups of these sizes; columns (n, p): M = columns' columns."""
+    M = columns.T @ columns
+    groups, at = [], 0
+    for n, size in enumerate(sizes):
+        effect = SimpleNamespace(slug=f"e{n}", generic=False, place="image", group="block")
+        labels = [("block", f"p{k}", "px") for k in range(size)]
+        groups.append(Group(f"e{n}", effect, None, np.arange(at, at + size), np.ones(size), labels))
+        at += size
+    return Evidence(Reduced(M, g, [], [], [], {}, groups, np.zeros(at), []))
+
+
+def test_the_log_bayes_factor_is_the_integral_over_the_prior():
+    """One parameter: log of the integral of N(theta; 0, kappa^2) exp(g theta - M theta^2 / 2)."""
+    M, g = 7.0, 9.0
+    found = Spectrum.of(np.array([[M]])).log_bayes(np.array([g]))
+    for kappa, value in zip(KAPPA[:5], found, strict=False):
+        integral, _ = quad(
+            lambda x, k=kappa: np.exp(g * x - 0.5 * M * x * x - 0.5 * (x / k) ** 2)
+            / (k * np.sqrt(2 * np.pi)),
+            -8, 8, points=[g / M], epsabs=0, epsrel=1e-10, limit=400,
+        )  # fmt: skip
+        assert value == pytest.approx(np.log(integral), abs=1e-6)
+
+
+def test_the_weights_of_the_prior_scales_add_up_to_one():
+    assert np.exp(LOG_WEIGHT).sum() == pytest.approx(1.0, abs=1e-3)
+    assert averaged(np.zeros(len(KAPPA))) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_evidence_given_others_is_that_of_residuals_freed_of_them():
+    """Conditioning on a group of wide prior is projecting its columns out."""
+    rng = np.random.default_rng(1)
+    B = rng.normal(size=(200, 5))
+    y = rng.normal(size=200) + 3 * B[:, 0]
+    evidence = system(B, B.T @ y, [2, 3])
+    given = evidence.given({0: 1000.0})[1]
+    A = B[:, :2]
+    Q = np.eye(200) - A @ np.linalg.solve(A.T @ A, A.T)
+    alone = system(Q @ B[:, 2:], B[:, 2:].T @ Q @ y, [3]).given({})[0]
+    assert given.evidence == pytest.approx(alone.evidence, abs=1e-3)
+
+
+def test_the_search_finds_both_of_two_correlated_effects_and_no_third():
+    rng = np.random.default_rng(2)
+    B = rng.normal(size=(400, 6))
+    B[:, 1] += B[:, 0]
+    y = rng.normal(size=400) + 0.6 * B[:, 0] - 0.6 * B[:, 3]
+    found = search(system(B, B.T @ y, [1] * 6), 4.0)
+    assert set(found.chosen) == {0, 3}
+
+
+def test_a_merged_explanation_is_preferred_to_two_that_imitate_it():
+    rng = np.random.default_rng(3)
+    B = rng.normal(size=(400, 2))
+    B = np.column_stack([B, B.sum(axis=1)])
+    y = rng.normal(size=400) + 2.0 * B[:, 2]
+    assert set(search(system(B, B.T @ y, [1, 1, 1]), 4.0).chosen) == {2}
+
+
+def test_the_threshold_is_exceeded_by_chance_as_often_as_it_says():
+    """Correlated candidates, 400 null blocks: 5 % beyond the 95 % quantile, +- 3.3 % (3 sigma)."""
+    rng = np.random.default_rng(4)
+    B = rng.normal(size=(60, 8))
+    B[:, 4:] += 2.0 * B[:, :4]
+    evidence = system(B, np.zeros(8), [1, 1, 1, 1, 4])
+    limit = np.quantile(largest_of_null(evidence, 4000, rng), 0.95)
+    beyond = 0
+    for _ in range(400):
+        g = B.T @ rng.normal(size=60)
+        largest = max(gain.evidence for gain in system(B, g, [1, 1, 1, 1, 4]).given({}))
+        beyond += largest > limit
+    assert beyond / 400 == pytest.approx(0.05, abs=0.033)
+
+
+def test_the_scale_of_student_t_residuals_is_found_in_spite_of_wrong_matches():
+    """20,000 residuals of scale 0.3, 5 % of them wrong by up to 30 px: within 10 %."""
+    rng = np.random.default_rng(5)
+    r = 0.3 * rng.standard_normal((20_000, 2)) * np.sqrt(4 / rng.chisquare(4, 20_000))[:, None]
+    r[:1000] += rng.uniform(-30, 30, (1000, 2))
+    assert scale_of((r**2).sum(axis=1)) == pytest.approx(0.3, rel=0.15)
+
+
+def test_coloured_noise_is_told_from_white():
+    """300 epochs, 1 s apart, 5 mm white and 15 mm with 30 s memory: both within a third."""
+    rng = np.random.default_rng(6)
+    n = 300
+    keep = np.exp(-1 / 30)
+    slow = np.empty((n, 3))
+    slow[0] = rng.normal(size=3)
+    for k in range(1, n):
+        slow[k] = keep * slow[k - 1] + np.sqrt(1 - keep**2) * rng.normal(size=3)
+    y = (0.005 * rng.normal(size=(n, 3)) + 0.015 * slow).ravel()
+    stated = np.full(3 * n, 0.01)
+    start = GnssNoise(
+        np.zeros(n, int), np.arange(n, dtype=float), stated, np.ones((1, 3)), np.zeros((1, 3)),
+        np.full(1, 45.0),
+    )  # fmt: skip
+    P = np.diag(stated**-2.0)
+    noise, _ = _estimate(start, P, P @ y)
+    assert 0.01 * np.mean(noise.white) == pytest.approx(0.005, rel=0.33)
+    assert np.mean(noise.coloured) == pytest.approx(0.015, rel=0.33)

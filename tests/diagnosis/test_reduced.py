@@ -1,0 +1,183 @@
+"""The reduced system against plain dense algebra on numerical derivatives of the forward model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from corridor.camera import quaternion_from_rotation, rotation_from_quaternion, rotation_from_vector
+from corridor.diagnosis.believed import Believed
+from corridor.diagnosis.candidates import candidates
+from corridor.diagnosis.equations import equations
+from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.gnss_noise import GnssNoise, stated_noise
+from corridor.diagnosis.reduced import Elimination
+from corridor.effects import predict
+from corridor.simulation import add_noise, corridor_block
+from corridor.simulation.strips import CAMLIGHT
+
+SLUGS = [
+    "rolling_shutter", "thermal", "focal", "affine_distortion", "radial_distortion",
+    "sensor_unflatness", "lever_arm", "clock_offset", "gnss_drift", "gnss_spline",
+    "control_blunder", "control_datum", "row_polynomial", "time_rounding", "focal_per_image",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def tiny():
+    """Block, equations and the adjusted block of 8 images."""
+    camera = replace(CAMLIGHT, calibrated=True)
+    block = corridor_block(
+        images=8, strips=2, camera=camera, observations_per_image=40, control=4, check=0,
+        relief=5.0, seed=3, angular_rate_deg_s=3.0,
+    )  # fmt: skip
+    block = add_noise(block, tie_px=0.3, mark_px=0.3, gnss_m=0.02, control_m=0.005, seed=4)
+    block.lever_arm_fixed = True
+    block.images["temperature_c"] = np.linspace(20, 31, len(block.images))
+    believed = Believed.of(block, "fixed", (), None, None, None, 1)
+    adjustment = believed.adjust()
+    p = adjustment.problem
+    control = p.block.ground["point"].to_numpy(object)[p.control_rows]
+    chosen = candidates(block, p.free, [], control, SLUGS)
+    assert [effect.slug for effect in chosen.effects] == sorted(SLUGS)
+    e = equations(adjustment, chosen.effects, [], believed.options, {})
+    adjusted = adjustment.block
+    at = adjusted.points.set_index("point")
+    names = adjusted.ground["point"]
+    adjusted.ground[["x", "y", "z"]] = at.loc[names, ["x", "y", "z"]].to_numpy()
+    return block, e, adjusted
+
+
+def observed(block, values=None):
+    """Ties, marks, antennas and control as one vector."""
+    made = predict(block, values or {})
+    return np.concatenate([part.ravel() for part in (made.tie, made.mark, made.gnss, made.control)])
+
+
+def dense(tiny, covariance):
+    """M and g of all groups by numerical differences; covariance (3k, 3k) of the antennas."""
+    block, e, adjusted = tiny
+    p, m = e.problem, len(block.images)
+    ties, marks = len(block.tie_points), len(block.marks)
+    rows = observed(adjusted).size
+    image = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
+    of_gnss = block.image_rows("gnss")
+    owner = np.concatenate([np.repeat(image, 2), np.repeat(of_gnss, 3)])
+    A = []
+    for k, h in enumerate([1e-4] * 3 + [1e-6] * 3):
+        moved = [_posed(adjusted, k, sign * h) for sign in (1, -1)]
+        change = (observed(moved[0]) - observed(moved[1])) / (2 * h)
+        for i in range(m):
+            column = np.zeros(rows)
+            mine = np.flatnonzero(owner == i)
+            column[mine] = change[mine]
+            A.append(column)
+    point = np.concatenate(
+        [block.tie_points["point"].astype(str), block.marks["point"].astype(str)]
+    )
+    for axis in "xyz":
+        moved = []
+        for sign in (1, -1):
+            other = adjusted.copy()
+            other.points[axis] += sign * 1e-4
+            other.ground[axis] += sign * 1e-4
+            moved.append(observed(other))
+        change = (moved[0] - moved[1]) / 2e-4
+        given = adjusted.ground["point"].astype(str).to_numpy()
+        for name in np.unique(point):
+            column = np.zeros(rows)
+            mine = np.repeat(point == name, 2)
+            column[: 2 * (ties + marks)][mine] = change[: 2 * (ties + marks)][mine]
+            for n in np.flatnonzero(given == name):
+                column[2 * (ties + marks) + 3 * len(of_gnss) + 3 * n + "xyz".index(axis)] = 1.0
+            A.append(column)
+    A = np.array(A).T
+
+    names = list(block.images["image"])
+    B, keys = [], []
+    for group in e.groups:
+        for scale, (owner_name, parameter, _) in zip(group.scale, group.labels, strict=True):
+            h = 1e-3 * scale
+            single = owner_name in names or group.effect.group == "point"
+            value = {owner_name: h} if single else h
+            back = {owner_name: -h} if single else -h
+            there = observed(adjusted, {group.slug: {parameter: value}})
+            here = observed(adjusted, {group.slug: {parameter: back}})
+            B.append((there - here) / 2e-3)
+        keys += [group.key] * len(group)
+    B = np.array(B).T
+
+    sigma = np.empty(ties + marks)
+    pixels = np.empty((ties + marks, 2))
+    sigma[p.row], pixels[p.row] = e.scales.of_observation, e.pixels
+    W = np.zeros((rows, rows))
+    n = 2 * (ties + marks)
+    W[:n, :n] = np.diag(np.repeat(sigma**-2.0, 2))
+    order = np.argsort(p.order[e.image])  # antennas of the problem in the order of gnss.csv
+    index = (3 * order[:, None] + np.arange(3)).ravel()
+    k = len(index)
+    W[n : n + k, n : n + k] = np.linalg.inv(covariance[np.ix_(index, index)])
+    W[n + k :, n + k :] = np.diag(block.ground_sigma().ravel() ** -2.0)
+    r = np.concatenate(
+        [
+            pixels.ravel(),
+            (block.gnss[["x", "y", "z"]].to_numpy()).ravel() - observed(adjusted)[n : n + k],
+            (block.ground[["x", "y", "z"]] - adjusted.ground[["x", "y", "z"]]).to_numpy().ravel(),
+        ]
+    )
+    unit = 1.0 / np.sqrt(np.einsum("ij,ik,kj->j", A, W, A))
+    A = A * unit
+    solve = np.linalg.solve(A.T @ W @ A, A.T @ W @ np.column_stack([B, r]))
+    QB, Qr = B - A @ solve[:, :-1], r - A @ solve[:, -1]
+    return B.T @ W @ QB, B.T @ W @ Qr, np.array(keys)
+
+
+def _posed(block, k, h):
+    out = block.copy()
+    if k < 3:
+        out.images["xyz"[k]] += h
+        return out
+    columns = ["qw", "qx", "qy", "qz"]
+    R = rotation_from_quaternion(block.images[columns].to_numpy())
+    out.images[columns] = quaternion_from_rotation(rotation_from_vector(h * np.eye(3)[k - 3]) @ R)
+    return out
+
+
+def whole(e, reduced):
+    """M and g of all groups in their order."""
+    return Evidence(reduced).joint(range(len(e.groups)))
+
+
+@pytest.mark.parametrize("coloured", [False, True], ids=["white", "coloured"])
+def test_the_reduced_system_is_that_of_dense_algebra(tiny, coloured):
+    """B'WQB and B'WQr with poses and points eliminated by one dense solution."""
+    e = tiny[1]
+    noise = None
+    covariance = np.diag(e.stated**2)
+    if coloured:
+        plain = stated_noise(e)
+        flights = len(plain.tau)
+        noise = GnssNoise(
+            plain.flight, plain.time, plain.stated, np.full((flights, 3), 0.6),
+            np.full((flights, 3), 0.015), np.full(flights, 20.0),
+        )  # fmt: skip
+        covariance = np.zeros((len(e.stated),) * 2)
+        for rows, f, axis in noise.blocks():
+            white, slow, _ = noise.parts(rows, f, axis)
+            covariance[np.ix_(rows, rows)] = white + slow
+    M, g = whole(e, Elimination(e, noise).reduce())
+    expected, right, keys = dense(tiny, covariance)
+    size = np.sqrt(np.abs(np.diag(expected)))
+    scale = np.maximum(size[:, None] * size, 1e-6)
+    for key in np.unique(keys):
+        mine = keys == key
+        assert np.abs((M - expected)[mine] / scale[mine]).max() < 2e-3, key
+        assert np.abs((g - right)[mine] / np.maximum(size[mine], 1e-3)).max() < 2e-2, key
+
+
+def test_the_reduced_matrix_has_no_negative_direction(tiny):
+    """It is a variance."""
+    e = tiny[1]
+    M, _ = whole(e, Elimination(e, None).reduce())
+    values = np.linalg.eigvalsh(M)
+    assert values.min() > -1e-8 * values.max()
