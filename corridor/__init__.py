@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from corridor.block import Block as Block
     from corridor.block import read as read
     from corridor.camera import Camera as Camera
+    from corridor.diagnosis import Diagnosis as Diagnosis
+    from corridor.diagnosis import diagnose as diagnose
     from corridor.effects import catalogue as catalogue
     from corridor.errors import AdjustmentFailed as AdjustmentFailed
     from corridor.errors import InputError as InputError
@@ -32,10 +34,21 @@ _HOME = {
     "Adjustment": "corridor.adjustment",
     "catalogue": "corridor.effects",
     "simulate": "corridor.simulation",
+    "diagnose": "corridor.diagnosis",
+    "Diagnosis": "corridor.diagnosis",
     "InputError": "corridor.errors",
     "AdjustmentFailed": "corridor.errors",
 }
-_ROOMS = ("diagnosis", "effects", "figures", "gnss", "planning", "published", "simulation")
+_ROOMS = (
+    "diagnosis",
+    "effects",
+    "figures",
+    "gnss",
+    "planning",
+    "published",
+    "rolling_shutter",
+    "simulation",
+)
 
 __all__ = [*_HOME, *_ROOMS]
 

@@ -8,6 +8,7 @@ from corridor.figures.curves import Panel, curves, histograms
 from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
 from corridor.figures.planning import accuracy_by_control
+from corridor.figures.readout import readout_picture
 from corridor.figures.report import save_adjustment
 from corridor.figures.residual_vectors import residual_vectors
 from corridor.figures.residuals_along import residuals_along
@@ -26,6 +27,7 @@ __all__ = [
     "error_maps",
     "first_look",
     "histograms",
+    "readout_picture",
     "residual_vectors",
     "residuals_along",
     "save_adjustment",

@@ -1,0 +1,154 @@
+"""Photographs as a sensor wrote them: grey values, linear light, and what their EXIF says."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from corridor.errors import AdjustmentFailed, InputError
+
+_TURNS = {
+    2: "mirrored",
+    3: "turned by 180 degrees",
+    4: "mirrored upside down",
+    5: "mirrored and turned by 90 degrees",
+    6: "turned by 90 degrees",
+    7: "mirrored and turned by 270 degrees",
+    8: "turned by 270 degrees",
+}
+_ORIENTATION, _MAKE, _MODEL, _EXIF = 0x0112, 0x010F, 0x0110, 0x8769
+_EXPOSURE, _WIDTH, _HEIGHT, _FOCAL_35 = 0x829A, 0xA002, 0xA003, 0xA405
+
+
+class CannotMeasure(AdjustmentFailed):
+    """The pictures are readable and show no measurable readout: one sentence says why."""
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A grey picture (height, width) uint8 as stored, and the facts beside it.
+
+    exposure_s and focal_px (from the 35 mm equivalent) are None where the file has none.
+    """
+
+    name: str
+    grey: np.ndarray
+    make: str = ""
+    model: str = ""
+    exposure_s: float | None = None
+    focal_px: float | None = None
+
+    @property
+    def width(self) -> int:
+        """Columns of the stored picture."""
+        return self.grey.shape[1]
+
+    @property
+    def height(self) -> int:
+        """Rows of the stored picture."""
+        return self.grey.shape[0]
+
+    def light(self) -> np.ndarray:
+        """Linear light (height, width) float32, 0 to 1, by the sRGB curve (IEC 61966-2-1)."""
+        return _LINEAR[self.grey]
+
+
+def read(path: str | os.PathLike) -> Photograph:
+    """The photograph in a file.
+
+    Raises InputError where there is none, or where its rows are not those of the sensor: turned
+    by an EXIF orientation, or resized since the camera wrote its size.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such photograph")
+    facts = _facts(path)
+    bytes_ = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    grey = None
+    if bytes_.size:
+        try:
+            grey = cv2.imdecode(bytes_, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        except cv2.error:
+            grey = None
+    if grey is None:
+        raise InputError(f"{path} is not a photograph that can be read: give a JPEG, PNG or TIFF")
+    turned = facts.get("orientation", 1)
+    if turned in _TURNS:
+        raise InputError(
+            f"{path} is to be shown {_TURNS[turned]} (EXIF orientation {turned}), so its rows may "
+            "not be those of the sensor: save it as the sensor wrote it, with orientation 1"
+        )
+    height, width = grey.shape
+    said = facts.get("size")
+    if said and said != (width, height):
+        what = "turned" if said == (height, width) else "resized or cut"
+        raise InputError(
+            f"{path} has {width} x {height} pixels and its EXIF says {said[0]} x {said[1]}: it was "
+            f"{what}, give the file as the camera wrote it"
+        )
+    if min(width, height) < 64:
+        raise InputError(f"{path} has {width} x {height} pixels: too small to measure in")
+    focal = facts.get("focal_35")
+    return Photograph(
+        name=path.name,
+        grey=grey,
+        make=facts.get("make", ""),
+        model=facts.get("model", ""),
+        exposure_s=facts.get("exposure"),
+        focal_px=np.hypot(width, height) * focal / 43.27 if focal else None,
+    )
+
+
+def same_size(first: Photograph, second: Photograph) -> None:
+    """Raises InputError where two photographs do not have one size."""
+    if first.grey.shape != second.grey.shape:
+        raise InputError(
+            f"{first.name} has {first.width} x {first.height} pixels and {second.name} "
+            f"{second.width} x {second.height}: give two photographs of one camera and size"
+        )
+
+
+def _facts(path):
+    """What the EXIF of a file says, as far as it makes sense; empty where there is none."""
+    from PIL import Image
+
+    found = {}
+    try:
+        with Image.open(path) as image:
+            tags = image.getexif()
+            details = tags.get_ifd(_EXIF)
+    except Exception:  # noqa: BLE001 - a broken EXIF is no EXIF; the picture itself is judged later
+        return found
+    if tags.get(_ORIENTATION) in _TURNS:
+        found["orientation"] = int(tags[_ORIENTATION])
+    for key, tag in (("make", _MAKE), ("model", _MODEL)):
+        if isinstance(tags.get(tag), str):
+            found[key] = tags[tag].strip().strip("\0")
+    for key, tag in (("exposure", _EXPOSURE), ("focal_35", _FOCAL_35)):
+        try:
+            value = float(details[tag])
+        except (KeyError, TypeError, ValueError, ZeroDivisionError):
+            continue
+        if np.isfinite(value) and value > 0:
+            found[key] = value
+    try:
+        size = int(details[_WIDTH]), int(details[_HEIGHT])
+    except (KeyError, TypeError, ValueError):
+        return found
+    if min(size) > 0:
+        found["size"] = size
+    return found
+
+
+def _linear_table():
+    value = np.arange(256) / 255
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(
+        np.float32
+    )
+
+
+_LINEAR = _linear_table()

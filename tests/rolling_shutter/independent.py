@@ -1,0 +1,128 @@
+"""Photographs for the tests by another way than the package's renderer: brute force.
+
+Every pixel is the mean of many instants and sub-pixel places, looked up in a picture of the
+target drawn once at rest. Nothing is shared with `corridor.rolling_shutter.render`.
+"""
+
+import cv2
+import numpy as np
+
+TEXTURE = 4000  # px, side of the picture of the target
+EDGE = 0.45  # of its side: radius of the star, or of the rim's inner edge
+
+
+def star_texture(sectors):
+    """Black and white sectors, drawn three times as fine and shrunk."""
+    y, x = np.mgrid[:TEXTURE, :TEXTURE] - (TEXTURE - 1) / 2
+    angle = np.arctan2(y, x)
+    r = np.hypot(x, y)
+    white = np.floor(angle / (2 * np.pi / sectors)) % 2 == 0
+    light = np.where(white, 0.75, 0.06).astype(np.float32)
+    light[r < 0.02 * TEXTURE] = 0.06
+    light[r > EDGE * TEXTURE] = np.nan
+    return light
+
+
+def wheel_texture(spokes, crosses, seed=0):
+    """Rim, hub, laced spokes in one plane, valve; drawn by OpenCV."""
+    light = np.full((TEXTURE, TEXTURE), np.nan, np.float32)
+    middle = (TEXTURE - 1) / 2
+
+    def place(radius, angle):
+        return middle + radius * TEXTURE * np.array([np.cos(angle), np.sin(angle)])
+
+    def line(a, b, value, width):
+        shift = 4
+        cv2.line(
+            light,
+            tuple(int(round(v * 2**shift)) for v in a),
+            tuple(int(round(v * 2**shift)) for v in b),
+            value,
+            width,
+            cv2.LINE_8,
+            shift,
+        )
+
+    for k in range(spokes):
+        rim = 2 * np.pi * k / spokes
+        lean = (1 if (k // 2) % 2 == 0 else -1) * crosses * 4 * np.pi / spokes
+        line(place(0.035, rim + lean), place(EDGE, rim), 0.7, 13)
+    line(place(0.38, 0.1), place(EDGE, 0.1), 0.5, 40)
+    centre = (int(middle), int(middle))
+    cv2.circle(light, centre, int(0.037 * TEXTURE), 0.1, -1)
+    cv2.circle(light, centre, int((EDGE + 0.01) * TEXTURE), 0.6, int(0.02 * TEXTURE))
+    cv2.circle(light, centre, int((EDGE + 0.03) * TEXTURE), 0.03, int(0.03 * TEXTURE))
+    return light
+
+
+def photograph(
+    texture,
+    size,
+    scale,
+    centre,
+    turns_per_second=0.0,
+    readout=0.03,
+    exposure=0.0,
+    direction="down",
+    tilt=(0.0, 0.0),
+    focal=None,
+    phase_deg=0.0,
+    noise=0.004,
+    blur=0.7,
+    background=0.3,
+    instants=9,
+    fine=3,
+    seed=0,
+):
+    """8-bit sRGB picture of a texture turning (clockwise positive) about its middle.
+
+    scale: pixels of the radius `EDGE`; tilt: slopes of the plane's depth along x and y.
+    """
+    width, height = size
+    focal = focal or 1.0 * width
+    total = np.zeros((height, width), np.float32)
+    behind = background if np.ndim(background) else np.full((height, width), background, np.float32)
+    places = (np.arange(fine) + 0.5) / fine - 0.5
+    for dy in places:
+        for dx in places:
+            y, x = np.mgrid[:height, :width].astype(np.float32)
+            x, y = x + np.float32(dx) - centre[0], y + np.float32(dy) - centre[1]
+            # The plane z = 1 + a X + b Y seen through a pinhole ahead of its middle.
+            depth = 1 / (1 - (tilt[0] * x + tilt[1] * y) / focal)
+            px, py = x * depth / scale, y * depth / scale
+            # Lengths in the plane itself, along and across the slope.
+            slope = np.hypot(*tilt)
+            if slope:
+                ex, ey = tilt[0] / slope, tilt[1] / slope
+                stretch = np.hypot(1, slope) - 1
+                along = px * ex + py * ey
+                px, py = px + ex * along * stretch, py + ey * along * stretch
+            # Pixels are read with their row's middle time, as sensors do.
+            rows, columns = np.mgrid[:height, :width]
+            index, count = {
+                "down": (rows, height),
+                "up": (height - 1 - rows, height),
+                "right": (columns, width),
+                "left": (width - 1 - columns, width),
+            }[direction]
+            times = readout * (index / (count - 1) - 0.5)
+            for k in range(instants if exposure else 1):
+                late = exposure * ((k + 0.5) / instants - 0.5) if exposure else 0.0
+                angle = np.radians(phase_deg) + 2 * np.pi * turns_per_second * (times + late)
+                c, s = np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
+                u, v = px * c + py * s, py * c - px * s
+                middle = (TEXTURE - 1) / 2
+                seen = cv2.remap(
+                    texture,
+                    (middle + u * EDGE * TEXTURE).astype(np.float32),
+                    (middle + v * EDGE * TEXTURE).astype(np.float32),
+                    cv2.INTER_NEAREST,
+                    borderValue=float("nan"),
+                )
+                total += np.where(np.isnan(seen), behind, seen)
+    total /= fine * fine * (instants if exposure else 1)
+    total = cv2.GaussianBlur(total, (0, 0), blur)
+    random = np.random.default_rng(seed)
+    total = np.clip(total + noise * random.standard_normal(total.shape), 0, 1)
+    encoded = np.where(total <= 0.0031308, 12.92 * total, 1.055 * total ** (1 / 2.4) - 0.055)
+    return np.round(255 * encoded).astype(np.uint8)
