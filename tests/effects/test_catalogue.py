@@ -289,7 +289,8 @@ def test_nothing_else_in_the_package_knows_an_effect_by_name():
     # `thermal` is a verb of the command.
     slugs = {effect.slug for effect in catalogue()} - {"lever_arm", "thermal"}
     for path in FOLDER.parent.rglob("*.py"):
-        if path.parent == FOLDER and path.stem in slugs:
+        # The package's own __init__ lists its rooms, one of which has an effect's name.
+        if path.parent == FOLDER and path.stem in slugs or path == FOLDER.parent / "__init__.py":
             continue
         strings = {
             node.value
