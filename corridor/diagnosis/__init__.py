@@ -12,6 +12,7 @@ is added. `counterpart` gives one of them as a block.
 
 from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.comparison import Closing, Compared, Comparison, compare
+from corridor.diagnosis.confusability import confusability
 from corridor.diagnosis.counterpart import Counterparts, counterpart, counterparts, measure
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
 from corridor.diagnosis.estimated_noise import EstimatedNoise
@@ -32,6 +33,7 @@ __all__ = [
     "Round",
     "Statistic",
     "compare",
+    "confusability",
     "counterpart",
     "counterparts",
     "diagnose",

@@ -1,5 +1,6 @@
 """Pictures of blocks and adjustments, one style; each function returns a matplotlib Figure."""
 
+from corridor.figures.alike import alike
 from corridor.figures.camera_views import camera_views
 from corridor.figures.check_points import check_points, compare_check_points
 from corridor.figures.correlation import correlation_matrix
@@ -15,6 +16,7 @@ from corridor.figures.residuals_along import residuals_along
 from corridor.figures.track import track
 
 __all__ = [
+    "alike",
     "Panel",
     "accuracy_by_control",
     "camera_views",
