@@ -13,7 +13,7 @@ from corridor.adjustment.laid import Laid, lay_on_control
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.normal import LOSSES, Loss, Normal
 from corridor.adjustment.problem import make_problem
-from corridor.adjustment.report import save
+from corridor.adjustment.report import rounded, save
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.similarity import Similarity, check_table, similarity
 from corridor.adjustment.solve import one_step, solve
@@ -44,6 +44,7 @@ __all__ = [
     "lay_on_control",
     "make_problem",
     "one_step",
+    "rounded",
     "save",
     "similarity",
     "solve",

@@ -2,6 +2,6 @@
 
 from corridor.block.block import Block, read
 from corridor.block.summary import Summary
-from corridor.block.writing import whole_folder
+from corridor.block.writing import check_folder, whole_folder
 
-__all__ = ["Block", "Summary", "read", "whole_folder"]
+__all__ = ["Block", "Summary", "check_folder", "read", "whole_folder"]

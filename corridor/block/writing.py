@@ -30,13 +30,8 @@ def whole_folder(
     ours: names of entries that may go with the old folder; the others are kept.
     Raises InputError where `folder` is something else.
     """
+    check_folder(folder, mark)
     target = Path(folder).resolve()
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{folder} is a file; name a folder to write to")
-    if target.exists() and any(target.iterdir()) and not (target / mark).is_file():
-        raise InputError(
-            f"{folder} is a folder without {mark}, so it is not replaced; name a new folder"
-        )
     made = [parent for parent in target.parents if not parent.exists()]
     token = uuid.uuid4().hex[:8]
     part, old = (target.parent / f".{target.name}.{token}.{end}" for end in ("part", "old"))
@@ -58,6 +53,17 @@ def whole_folder(
     finally:
         if target.exists():
             shutil.rmtree(old, ignore_errors=True)
+
+
+def check_folder(folder: str | os.PathLike, mark: str) -> None:
+    """Raises InputError where `whole_folder` would refuse a folder: to be told before long work."""
+    target = Path(folder).resolve()
+    if target.exists() and not target.is_dir():
+        raise InputError(f"{folder} is a file; name a folder to write to")
+    if target.exists() and any(target.iterdir()) and not (target / mark).is_file():
+        raise InputError(
+            f"{folder} is a folder without {mark}, so it is not replaced; name a new folder"
+        )
 
 
 def _keep(source: Path, target: Path, ours: Callable[[str], bool]) -> None:

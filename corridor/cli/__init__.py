@@ -1,8 +1,9 @@
 """The command `corridor`.
 
-A verb is a file of this folder, found by looking. It has a docstring (the verb's help: first line
-in the list of verbs, the rest under `corridor VERB --help`), `configure(parser)` for its options,
-and `run(options)`, which makes one call of the package and prints what came of it.
+A verb is a file of this folder, found by looking; a name that begins with an underscore is none.
+It has a docstring (the verb's help: first line in the list of verbs, the rest under `corridor VERB
+--help`), `configure(parser)` for its options, and `run(options)`, which makes one call of the
+package and prints what came of it.
 """
 
 import argparse
@@ -23,6 +24,7 @@ _FIRST_STEPS = """\
 first steps:
   corridor summary data_synthetic/dike                 what is in a block, and what is missing
   corridor adjust data_synthetic/dike -o out/dike      adjust it: report, pictures, adjusted block
+  corridor diagnose data_synthetic/dike -o out/missing what is missing from the model, and where
   corridor effects                                     what else could be estimated
 
 A BLOCK is a folder of plain files; README.md says which. Exit status: 0 done, 1 the work failed,
@@ -73,6 +75,9 @@ def _parser():
     )
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     for module in pkgutil.iter_modules(__path__):
+        if module.name.startswith("_"):
+            # What several verbs have in common.
+            continue
         verb = importlib.import_module(f"{__name__}.{module.name}")
         first, _, rest = verb.__doc__.partition("\n")
         # `import` and other words of the language are files with a trailing underscore.

@@ -17,6 +17,7 @@ from corridor.diagnosis.counterpart import Counterparts, counterpart, counterpar
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
 from corridor.diagnosis.estimated_noise import EstimatedNoise
 from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.report import check_output, corrected
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.statistics import Statistic
 
@@ -32,8 +33,10 @@ __all__ = [
     "Evidence",
     "Round",
     "Statistic",
+    "check_output",
     "compare",
     "confusability",
+    "corrected",
     "counterpart",
     "counterparts",
     "diagnose",

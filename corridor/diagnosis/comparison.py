@@ -50,6 +50,9 @@ class Compared:
 class Comparison:
     """Every statistic of a measured block beside its band; `print` it for a table.
 
+    count: of counterparts. missing: what could not be formed, and the column to add. unseen:
+    effects whose signatures poses, points and the model hide.
+
     The band is simultaneous: each counterpart's largest distance from the others, over the whole
     curve, is ranked, and the band ends at the distance that one in twenty exceeds. That holds for
     any distribution and any correlation along the curve.
@@ -57,9 +60,9 @@ class Comparison:
     """
 
     def __init__(self, counterparts: Counterparts):
-        self.counterparts = counterparts
+        self.count = len(counterparts.simulated)
         self.name = counterparts.believed.problem.block.name
-        self.missing = counterparts.missing
+        self.missing, self.unseen = counterparts.missing, counterparts.unseen
         self.statistics: list[Compared] = []
         first = 0
         for statistic in counterparts.statistics:
@@ -119,7 +122,7 @@ class Comparison:
         count = len(self.statistics)
         lines = [
             f"{len(self.leaving)} of {count} statistics leave the 95 % band of "
-            f"{len(self.counterparts.simulated)} simulated counterparts "
+            f"{self.count} simulated counterparts "
             f"({0.05 * count:.0f} would by chance); gap {self.gap:.3g}"
         ]
         for one in self.leaving[:12]:
@@ -128,9 +131,8 @@ class Comparison:
                 f"  {one.statistic.name}: {one.z[worst]:+.1f} deviations at "
                 f"{place_of(one.statistic, worst)}, band {one.limit:.1f}"
             )
-        unseen = self.counterparts.unseen
-        if unseen:
-            lines.append(f"  hidden by poses, points and the model: {', '.join(unseen)}")
+        if self.unseen:
+            lines.append(f"  hidden by poses, points and the model: {', '.join(self.unseen)}")
         lines += [f"  not formed: {what} (add {column})" for what, column in self.missing.items()]
         return "\n".join(lines)
 

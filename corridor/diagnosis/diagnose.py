@@ -15,7 +15,9 @@ from corridor.block import Block
 from corridor.diagnosis import gap
 from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.location import locate
+from corridor.diagnosis.report import as_text, save
 from corridor.diagnosis.rounds import Course, members, run
+from corridor.diagnosis.sentence import sentence
 from corridor.diagnosis.variance import variance_alarms
 from corridor.diagnosis.verdict import Findings, detection_limits, findings
 from corridor.effects import Effect
@@ -28,7 +30,8 @@ class Diagnosis:
 
     before, after: adjustments of the believed model and of the model with what was found (the
     same where nothing was). course: all rounds of the search, with the reduced systems.
-    gap, detection_limits, untestable: as in diagnosis.json. alarms: variance tests.
+    gap, detection_limits, untestable: as in diagnosis.json. alarms: variance tests. level, seed:
+    as asked for.
     """
 
     block: Block
@@ -44,6 +47,12 @@ class Diagnosis:
     alarms: list[dict]
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    level: float = 0.01
+    seed: int = 0
+
+    sentence = property(sentence, doc="What is missing, in a sentence that a surveyor understands.")
+    __str__ = as_text
+    save = save
 
     @property
     def verdict(self) -> str:
@@ -60,6 +69,7 @@ class Diagnosis:
         return _plain(
             {
                 "verdict": self.verdict,
+                "sentence": self.sentence,
                 "effects": self.effects,
                 "unknown": self.unknown,
                 "untestable": self.untestable,
@@ -71,27 +81,6 @@ class Diagnosis:
                 "notes": self.notes,
             }
         )
-
-    def __str__(self) -> str:
-        lines = [f"Verdict: {self.verdict}"]
-        for one in self.findings.effects:
-            values = ", ".join(
-                f"{p['name']} = {p['value']:.4g} +- {p['sigma']:.2g} {p['unit']}"
-                for p in one.parameters
-            )
-            where = "".join(f" ({k} {v})" for k, v in one.where.items())
-            lines.append(
-                f"  {one.kind}: {one.slug}{where}, log evidence {one.log_evidence:.1f}: {values}"
-            )
-            if one.alternatives:
-                lines.append(f"    cannot be told apart from {', '.join(one.alternatives)}")
-        for one in self.unknown:
-            lines.append(
-                f"  unknown: {one['group']}, log evidence {one['log_evidence']:.1f}, {one['where']}"
-            )
-        for alarm in self.alarms:
-            lines.append(f"  the image noise changes with {alarm['quantity']}")
-        return "\n".join(lines)
 
 
 def diagnose(
@@ -158,7 +147,7 @@ def diagnose(
         detection_limits(course.last.evidence, course.last.found.chosen),
         [{"slug": s, "missing": m} for s, m in sorted(course.candidates.untestable.items())],
         variance_alarms(course.last.equations), [*course.notes, *notes],
-        time.perf_counter() - began,
+        time.perf_counter() - began, level, seed,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from corridor.effects.contract import Effect, Parameter, edge_of, linear
 class AffineDistortion(Effect):
     slug = "affine_distortion"
     title = "Affine distortion that differs from the stated one (true minus stated)"
+    called = "a correction of the stated affine distortion"
     place = "camera"
     group = "camera"
     stands_in_for = ("b1", "b2")

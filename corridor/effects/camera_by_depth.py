@@ -9,6 +9,7 @@ from corridor.effects.splines import CameraCurve
 class CameraByDepth(CameraCurve):
     slug = "camera_by_depth"
     title = "Focal length and principal point as smooth curves of the height above ground"
+    called = "a camera that changes with the height above ground"
     revealed_by = "strips at two heights or more, with GNSS or control"
     unobservable_when = "all images have one height, or their heights rest on the images alone"
 

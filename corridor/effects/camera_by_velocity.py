@@ -13,6 +13,7 @@ class CameraByVelocity(CameraCurve):
     title = (
         "Focal length and principal point as smooth curves of the velocity along the rows' order"
     )
+    called = "a camera that changes with its velocity"
     needs = ("images.vx", "images.vy", "images.vz")
     revealed_by = "strips flown at different speeds, or both ways without turning the camera"
     unobservable_when = "the drone always flies at one speed"

@@ -17,6 +17,7 @@ class CameraStep(Effect):
 
     slug = "camera_step"
     title = "Focal length and principal point that change at a moment and stay changed"
+    called = "a sudden and lasting change of the camera"
     place = "camera"
     needs = ("images.time_s",)
     generic = True

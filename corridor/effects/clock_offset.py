@@ -11,6 +11,7 @@ from corridor.effects.contract import Effect, Parameter
 class ClockOffset(Effect):
     slug = "clock_offset"
     title = "Offset between the clocks of camera and GNSS receiver"
+    called = "an offset between the clocks of camera and GNSS receiver"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z", "images.vx", "images.vy", "images.vz")
     revealed_by = "strips flown both ways or at different speeds, with GNSS"

@@ -40,6 +40,7 @@ class Effect(ABC):
     """One physical effect.
 
     slug: public name. title: one line. place: one of `PLACES`.
+    called: the effect in the middle of a sentence, "... is missing from the model".
     needs: columns that must be known, `table.column`, or `camera.key`.
     group: who shares a set of values: the block, a camera, a flight, an image or a ground point.
     generic: a mathematical shape that stands for the unknown, not a physical cause.
@@ -51,6 +52,7 @@ class Effect(ABC):
 
     slug: str
     title: str
+    called: str
     place: str
     needs: tuple[str, ...] = ()
     group: str = "block"

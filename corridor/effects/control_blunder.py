@@ -11,6 +11,7 @@ from corridor.effects.contract import Effect, Parameter, linear
 class ControlBlunder(Effect):
     slug = "control_blunder"
     title = "Wrong coordinates of one control point"
+    called = "an error in the given coordinates of a control point"
     place = "ground"
     needs = ("ground.x", "ground.y", "ground.z")
     group = "point"

@@ -11,6 +11,7 @@ from corridor.effects.control_blunder import ControlBlunder
 class ControlDatum(ControlBlunder):
     slug = "control_datum"
     title = "Common shift of all ground control points"
+    called = "a common shift of all ground control"
     group = "block"
     revealed_by = "GNSS with known lever arms: all control points disagree with it by one vector"
     unobservable_when = (

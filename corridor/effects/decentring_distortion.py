@@ -12,6 +12,7 @@ from corridor.effects.contract import Effect, Parameter, edge_of, linear
 class DecentringDistortion(Effect):
     slug = "decentring_distortion"
     title = "Decentring distortion that differs from the stated one (true minus stated)"
+    called = "a correction of the stated decentring distortion"
     place = "camera"
     group = "camera"
     stands_in_for = ("p1", "p2")

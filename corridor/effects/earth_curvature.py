@@ -15,6 +15,7 @@ RADIUS = 6.371e6  # m
 class EarthCurvature(Effect):
     slug = "earth_curvature"
     title = "Curvature of the earth in the heights of the ground control"
+    called = "the curvature of the earth"
     place = "ground"
     needs = ("ground.x", "ground.y", "ground.z")
     revealed_by = "a corridor of many kilometres, control along it, camera and GNSS without bends"

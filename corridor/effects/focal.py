@@ -13,6 +13,7 @@ from corridor.effects.contract import Effect, Parameter, linear
 class Focal(Effect):
     slug = "focal"
     title = "Focal length that differs from the stated one (true minus stated)"
+    called = "a correction of the stated focal length"
     place = "camera"
     group = "camera"
     stands_in_for = ("f",)

@@ -14,6 +14,7 @@ from corridor.effects.contract import Effect, Parameter
 class FocalDrift(Effect):
     slug = "focal_drift"
     title = "Focal length that drifts with time, linear and quadratic"
+    called = "a drift of the focal length with time"
     place = "camera"
     needs = ("images.time_s",)
     revealed_by = "flights of many minutes with GNSS or control, oblique images or two heights"

@@ -10,6 +10,7 @@ from corridor.effects.focal import Focal
 class FocalPerFlight(Focal):
     slug = "focal_per_flight"
     title = "Focal length of each flight (true minus stated)"
+    called = "a focal length of its own in each flight"
     group = "flight"
     revealed_by = "flights over the same ground with GNSS or control, whose heights disagree"
     unobservable_when = "each flight has its own free GNSS height and neither control nor obliques"

@@ -10,6 +10,7 @@ from corridor.effects.focal import Focal
 class FocalPerImage(Focal):
     slug = "focal_per_image"
     title = "Focal length of each image (true minus stated)"
+    called = "a focal length that changes from image to image"
     group = "image"
     generic = True
     revealed_by = "GNSS heights image by image, tilted images, or ground with relief"

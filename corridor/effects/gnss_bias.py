@@ -13,6 +13,7 @@ from corridor.effects.contract import Effect, Parameter
 class GnssBias(Effect):
     slug = "gnss_bias"
     title = "Constant error of the GNSS positions"
+    called = "a constant error of the GNSS positions"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z")
     revealed_by = "ground control, with lever arms held or a camera that turns about its axis"

@@ -12,6 +12,7 @@ from corridor.effects.contract import Effect, Parameter, linear
 class GnssDrift(Effect):
     slug = "gnss_drift"
     title = "GNSS positions that drift with time"
+    called = "a drift of the GNSS positions with time"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z", "images.time_s")
     revealed_by = "ground control, or strips that see the same ground at different times"

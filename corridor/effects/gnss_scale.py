@@ -11,6 +11,7 @@ from corridor.effects.contract import Effect, Parameter, linear
 class GnssScale(Effect):
     slug = "gnss_scale"
     title = "Scale of the GNSS positions (measured over true, minus 1)"
+    called = "an error in the scale of the GNSS positions"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z")
     revealed_by = "ground control along the corridor, or a held focal length and known heights"

@@ -14,6 +14,7 @@ _MOST = 6
 class GnssSpline(Effect):
     slug = "gnss_spline"
     title = "GNSS positions that wander with time, smoothly, in each flight"
+    called = "a slow wandering of the GNSS positions"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z", "images.time_s")
     group = "flight"

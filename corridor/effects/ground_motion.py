@@ -14,6 +14,7 @@ _MOST = 6
 class GroundMotion(Effect):
     slug = "ground_motion"
     title = "Motion of the ground control along the corridor, smooth from end to end"
+    called = "a motion of the ground control that changes along the corridor"
     place = "ground"
     needs = ("ground.x", "ground.y", "ground.z")
     generic = True

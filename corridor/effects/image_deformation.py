@@ -14,6 +14,7 @@ COLUMNS, ROWS = 9, 7
 class ImageDeformation(Effect):
     slug = "image_deformation"
     title = "Any smooth deformation of the picture, B-splines on a grid of 9 x 7"
+    called = "a deformation of the picture, the same in all images"
     place = "image"
     group = "camera"
     stands_in_for = ("k1", "k2", "k3", "p1", "p2")

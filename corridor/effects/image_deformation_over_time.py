@@ -14,6 +14,7 @@ COLUMNS, ROWS = 5, 4
 class ImageDeformationOverTime(Effect):
     slug = "image_deformation_over_time"
     title = "Coarse deformation of the picture that grows with time, B-splines on a grid of 5 x 4"
+    called = "a deformation of the picture that grows with time"
     place = "image"
     needs = ("images.time_s",)
     generic = True

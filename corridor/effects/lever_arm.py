@@ -11,6 +11,7 @@ from corridor.effects.contract import Effect, Parameter
 class LeverArm(Effect):
     slug = "lever_arm"
     title = "Lever arm of the GNSS antenna, to be added to the stated one"
+    called = "a correction of the stated lever arm of the GNSS antenna"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z")
     revealed_by = "images of several headings and tilts with control, flights both ways"

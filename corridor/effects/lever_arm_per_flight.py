@@ -9,6 +9,7 @@ from corridor.effects.lever_arm import LeverArm
 class LeverArmPerFlight(LeverArm):
     slug = "lever_arm_per_flight"
     title = "Lever arm of the GNSS antenna in each flight, to be added to the stated one"
+    called = "a correction of the GNSS antenna's lever arm, another in each flight"
     group = "flight"
     revealed_by = "images of several headings and tilts in each flight, with control"
     unobservable_when = (

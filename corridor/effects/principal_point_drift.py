@@ -14,6 +14,7 @@ from corridor.effects.contract import Effect, Parameter
 class PrincipalPointDrift(Effect):
     slug = "principal_point_drift"
     title = "Principal point that drifts with time"
+    called = "a drift of the principal point with time"
     place = "camera"
     needs = ("images.time_s",)
     revealed_by = "the same ground minutes apart and from both directions, with GNSS or control"

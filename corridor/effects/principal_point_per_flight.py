@@ -13,6 +13,7 @@ from corridor.effects.contract import Effect, Parameter, linear
 class PrincipalPointPerFlight(Effect):
     slug = "principal_point_per_flight"
     title = "Principal point of each flight (true minus stated)"
+    called = "a principal point of its own in each flight"
     place = "camera"
     group = "flight"
     stands_in_for = ("cx", "cy")

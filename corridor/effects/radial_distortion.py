@@ -14,6 +14,7 @@ _NAMES = ("k1", "k2", "k3")
 class RadialDistortion(Effect):
     slug = "radial_distortion"
     title = "Radial distortion that differs from the stated one (true minus stated)"
+    called = "a correction of the stated radial distortion"
     place = "camera"
     group = "camera"
     stands_in_for = _NAMES

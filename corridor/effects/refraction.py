@@ -19,6 +19,7 @@ _FLATTEST = np.cos(np.radians(80.0))
 class Refraction(Effect):
     slug = "refraction"
     title = "Refraction of the atmosphere"
+    called = "the refraction of the atmosphere"
     place = "image"
     revealed_by = "flights at several kilometres: 0.16 px for a camera of 5,500 px at 3 km"
     unobservable_when = (

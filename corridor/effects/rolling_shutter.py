@@ -14,6 +14,7 @@ from corridor.effects.contract import Effect, Parameter
 class RollingShutter(Effect):
     slug = "rolling_shutter"
     title = "Rolling shutter: rows read one after the other while the camera moves"
+    called = "the camera's rolling shutter"
     place = "motion"
     needs = ("images.vx", "images.vy", "images.vz")
     revealed_by = "strips flown both ways, across each other, at several speeds or tilts"

@@ -13,6 +13,7 @@ from corridor.effects.contract import Effect, Parameter
 class RollingShutterRotation(Effect):
     slug = "rolling_shutter_rotation"
     title = "Rolling shutter: rotation of the camera during the readout, an image"
+    called = "the camera's rotation while the rows are read"
     place = "motion"
     group = "image"
     revealed_by = "many tie points in every image, over all of its rows"

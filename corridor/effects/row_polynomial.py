@@ -11,6 +11,7 @@ from corridor.effects.contract import Effect, Parameter, linear
 class RowPolynomial(Effect):
     slug = "row_polynomial"
     title = "Shift of the rows of each image, linear and quadratic in the row"
+    called = "a shift of the rows that differs from image to image"
     place = "image"
     group = "image"
     generic = True

@@ -16,6 +16,7 @@ _TERMS = [(total - j, j) for total in (2, 3, 4) for j in range(total + 1)]
 class SensorUnflatness(Effect):
     slug = "sensor_unflatness"
     title = "Smooth deformation of the picture, degree 2 to 4"
+    called = "an unevenness of the sensor"
     place = "image"
     group = "camera"
     stands_in_for = ("k1", "k2", "k3", "p1", "p2")

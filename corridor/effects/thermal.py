@@ -15,6 +15,7 @@ from corridor.effects.contract import Effect, Parameter, linear
 class Thermal(Effect):
     slug = "thermal"
     title = "Thermal expansion of the image plane: scale, cubic and shift per degree"
+    called = "the thermal expansion of the image plane"
     place = "image"
     needs = ("images.temperature_c",)
     revealed_by = "a camera that warms by several degrees between images of the same ground"

@@ -10,6 +10,7 @@ from corridor.effects.contract import Parameter
 class TimeRounding(ClockOffset):
     slug = "time_rounding"
     title = "Error of the exposure time of each image (true minus stated)"
+    called = "an error in the exposure time of each image"
     group = "image"
     revealed_by = "GNSS residuals along the flight that other directions do not share"
     unobservable_when = (

@@ -4,8 +4,9 @@ from corridor.figures.alike import alike
 from corridor.figures.camera_views import camera_views
 from corridor.figures.check_points import check_points, compare_check_points
 from corridor.figures.correlation import correlation_matrix
-from corridor.figures.counterpart import counterpart, counterpart_maps
+from corridor.figures.counterpart import counterpart, counterpart_axes, counterpart_maps
 from corridor.figures.curves import Panel, curves, histograms
+from corridor.figures.diagnosis import evidence_bars
 from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
 from corridor.figures.planning import accuracy_by_control
@@ -24,9 +25,11 @@ __all__ = [
     "compare_check_points",
     "correlation_matrix",
     "counterpart",
+    "counterpart_axes",
     "counterpart_maps",
     "curves",
     "error_maps",
+    "evidence_bars",
     "first_look",
     "histograms",
     "readout_picture",

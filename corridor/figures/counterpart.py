@@ -26,6 +26,7 @@ BAND = "#d9d9d9"
 # Panels of the first picture, and maps.
 MOST = 9
 MOST_MAPS = 4
+MOST_AXES = 12
 # Deviations from which on a cell is as dark or as light as can be.
 DARKEST = 8.0
 SIGNED = LinearSegmentedColormap.from_list(
@@ -40,15 +41,19 @@ HEIGHT, BETWEEN, LEFT, PER_ROW = 1.1, 0.24, 0.65, 4
 
 
 def counterpart(
-    before: Comparison, after: Comparison | None = None, names: Sequence[str] | None = None
+    before: Comparison,
+    after: Comparison | None = None,
+    names: Sequence[str] | None = None,
+    what: str = "measured beside simulated",
 ) -> Figure:
     """Measured beside simulated, a small panel a statistic; below each other before and after.
 
     names: statistics to show; default: those that leave the band farthest before, then those that
     tell most of the block, nine together. Curves only: `counterpart_maps` draws the maps.
+    what: words of the title.
     """
     chosen = _chosen(before, names)
-    title = f"{style.short(before.name, 40)}: measured beside simulated"
+    title = f"{style.short(before.name, 40)}: {what}"
     if not chosen:
         return style.sentence("No statistic could be formed.", title)
     cases = [("before", before)] + ([("after", after)] if after is not None else [])
@@ -103,6 +108,30 @@ def _places(before, wide, small, cases) -> tuple[dict, float]:
     return places, top - 0.3
 
 
+def counterpart_axes(before: Comparison, after: Comparison | None = None) -> Figure:
+    """Where the disagreement lies along time, temperature, row, flight, velocity, height, corridor.
+
+    Of each axis, and of images, antenna, control and check points apart, the statistic that goes
+    farthest from its counterparts, so that every axis is seen, whether it leaves its band or not.
+    """
+    best: dict[tuple[str, str], Compared] = {}
+    for one in before.statistics:
+        statistic = one.statistic
+        if statistic.shape is not None or statistic.kind == "signature" or len(statistic) < 2:
+            continue
+        key = statistic.kind, statistic.axis
+        if key not in best or _far(one) > _far(best[key]):
+            best[key] = one
+    chosen = sorted(best.values(), key=_far, reverse=True)[:MOST_AXES]
+    names = [one.statistic.name for one in chosen]
+    return counterpart(before, after, names, "where along each axis")
+
+
+def _far(one: Compared) -> float:
+    """Largest distance from the counterparts, in half widths of the band."""
+    return float(np.abs(one.z).max(initial=0.0) / one.limit)
+
+
 def counterpart_maps(before: Comparison, after: Comparison | None = None) -> Figure:
     """Where the disagreement lies: maps over the image and the ground, in deviations.
 
@@ -111,11 +140,9 @@ def counterpart_maps(before: Comparison, after: Comparison | None = None) -> Fig
     that structure is disagreement and an even cloud is noise.
     """
     title = f"{style.short(before.name, 40)}: where simulation and measurement disagree"
-    maps = [one for one in before.statistics if one.statistic.shape is not None]
-    if not maps:
+    chosen = _maps(before)
+    if not chosen:
         return style.sentence("No statistic is a map.", title)
-    maps.sort(key=lambda one: -one.excess)
-    chosen = maps[:MOST_MAPS]
     cases = [("before", before)] + ([("after", after)] if after is not None else [])
     gap, width, height = 0.75, 1.5, 1.2
     figure = style.sheet(1.5 + len(cases) * (height + 0.62), title, _note(before, after))
@@ -176,6 +203,20 @@ def _chosen(before: Comparison, names: Sequence[str] | None) -> list[str]:
         if name not in out and _find(before, name) is not None:
             out.append(name)
     return out
+
+
+def _maps(before: Comparison) -> list[Compared]:
+    """The maps that tell most, each of another kind, one of the ground among them."""
+    maps = [one for one in before.statistics if one.statistic.shape is not None]
+    kinds: dict[tuple, Compared] = {}
+    for one in sorted(maps, key=_far, reverse=True):
+        # What grows with time, temperature or velocity shows the same picture again and again.
+        name, grows, _ = one.statistic.name.partition(", growing with ")
+        kinds.setdefault((name, bool(grows)), one)
+    every = list(kinds.values())
+    ground = [one for one in every if "image" not in one.statistic.axis][:1]
+    rest = [one for one in every if one not in ground]
+    return [*rest[: MOST_MAPS - len(ground)], *ground]
 
 
 def _find(case: Comparison, name: str) -> Compared | None:

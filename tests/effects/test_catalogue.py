@@ -226,6 +226,7 @@ class TestEveryEffect:
 
     def test_it_says_what_it_is_and_where_it_acts(self, effect):
         assert effect.title and effect.title == effect.title.strip()
+        assert effect.called[0].islower() and not effect.called.endswith(".")
         assert effect.place in PLACES
         assert effect.group in GROUPS
         assert (effect.group == "point") <= (effect.place == "ground")

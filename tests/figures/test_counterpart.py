@@ -123,3 +123,19 @@ class TestMaps:
         flat.statistics = [one for one in pair[0].statistics if one.statistic.shape is None]
         texts = [t.get_text() for t in figures.counterpart_maps(flat).texts]
         assert "No statistic is a map." in texts
+
+
+class TestAxes:
+    def test_every_axis_is_there_once_farthest_first(self, pair):
+        """The signatures are no axis; of row and time one statistic each."""
+        drawn = panels(figures.counterpart_axes(pair[0]))
+        labels = [axes.get_xlabel() for axes in drawn]
+        assert sorted(labels) == ["row (fraction)", "time (s)"]
+        far = [
+            max(abs(pair[0][name].z)) / pair[0][name].limit
+            for name in ("tie x by row", "GNSS z by time")
+        ]
+        assert labels[0] == ("row (fraction)" if far[0] > far[1] else "time (s)")
+
+    def test_it_is_drawn_before_and_after(self, pair):
+        assert len(panels(figures.counterpart_axes(*pair))) == 4

@@ -1,0 +1,11 @@
+"""What a diagnosis found, as a folder: report.html, diagnosis.json, two blocks and pictures.
+
+report.html is made by executing a notebook, `template.py`, with the `Contents` of a diagnosis.
+"""
+
+from corridor.diagnosis.report.contents import Contents
+from corridor.diagnosis.report.corrected import corrected
+from corridor.diagnosis.report.folder import check_output, save
+from corridor.diagnosis.report.text import as_text
+
+__all__ = ["Contents", "as_text", "check_output", "corrected", "save"]

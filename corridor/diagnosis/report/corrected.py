@@ -1,0 +1,73 @@
+"""The measured block from which the effects that were found have been taken out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from corridor.adjustment import Adjustment
+from corridor.block import Block
+from corridor.effects import take_out
+
+_MEASURED = {
+    "tie_points": ["x", "y"],
+    "marks": ["x", "y"],
+    "gnss": ["x", "y", "z"],
+    "ground": ["x", "y", "z"],
+}
+
+
+def corrected(block: Block, adjustment: Adjustment, slugs: Iterable[str]) -> Block:
+    """The block as it would have been measured without some effects.
+
+    block: as measured. adjustment: of the same block with the effects, whose estimates are taken
+    out at its poses, points and cameras. Measurements change; start values, roles and all other
+    columns stay. A track is left out where the antenna positions that came with it have changed.
+    """
+    values = estimates(adjustment, slugs)
+    out = block.copy()
+    out.ground = out.ground.assign(role=adjustment.problem.roles) if len(out.ground) else out.ground
+    if not values:
+        return out
+    there = adjustment.block.copy()
+    for table in _MEASURED:
+        setattr(there, table, getattr(out, table).copy())
+    moved = take_out(there, values)
+    for table, columns in _MEASURED.items():
+        setattr(out, table, getattr(out, table).assign(**getattr(moved, table)[columns]))
+    if len(out.track) and not np.array_equal(
+        out.gnss[["x", "y", "z"]], block.gnss[["x", "y", "z"]]
+    ):
+        out.track = out.track.iloc[:0]
+    told = "; ".join(f"{slug} ({_told(groups)})" for slug, groups in values.items())
+    description = f"{block.description} " if block.description else ""
+    return replace(
+        out,
+        description=f"{description}Taken out of the measurements by corridor diagnose: {told}.",
+    )
+
+
+def estimates(adjustment: Adjustment, slugs: Iterable[str]) -> dict[str, dict]:
+    """Values of effects as `take_out` wants them: slug -> parameter -> group -> value."""
+    table, out = adjustment.effects, {}
+    for slug in slugs:
+        mine = table[table["slug"] == slug]
+        out[slug] = {
+            str(name): dict(zip(part["group"].astype(str), part["value"], strict=True))
+            for name, part in mine.groupby("parameter", sort=False)
+        }
+    return out
+
+
+def _told(parameters: dict[str, dict]) -> str:
+    """readout = 0.0248; of many values, how many."""
+    flat = [
+        (f"{name} of {group}" if len(groups) > 1 else name, value)
+        for name, groups in parameters.items()
+        for group, value in groups.items()
+    ]
+    if len(flat) > 12:
+        return f"{len(flat)} values"
+    return ", ".join(f"{name} = {value:.6g}" for name, value in flat)

@@ -1,0 +1,168 @@
+"""A diagnosis saved into a folder, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from corridor.adjustment import Adjustment
+from corridor.block import check_folder, whole_folder
+from corridor.diagnosis.comparison import Comparison, compare
+from corridor.diagnosis.counterpart import counterparts as simulate_counterparts
+from corridor.diagnosis.report.contents import Contents
+from corridor.diagnosis.report.corrected import corrected
+from corridor.diagnosis.report.page import make_page
+from corridor.errors import AdjustmentFailed, InputError
+
+if TYPE_CHECKING:
+    from corridor.diagnosis.diagnose import Diagnosis
+
+RESULT = "diagnosis.json"
+COUNT = 20
+
+
+def check_output(folder: str | os.PathLike) -> None:
+    """Raises InputError where `save` would refuse `folder`: a file, or no earlier diagnosis."""
+    check_folder(folder, RESULT)
+
+
+def save(
+    diagnosis: Diagnosis,
+    folder: str | os.PathLike,
+    counterparts: int = COUNT,
+    threads: int = 1,
+    command: str = "",
+    progress: Callable[[dict], None] | None = None,
+) -> list[Path]:
+    """Writes a diagnosis into `folder`, whole or not at all; returns the paths, sorted.
+
+    report.html (one page, no links), diagnosis.json, block/ (adjusted with the effects found),
+    corrected/ (as measured, those effects taken out) and the pictures of the page.
+    counterparts: how many simulated ones stand beside the measured block, 19 or more. threads: 1
+    or 2. command: what was typed, for the page. progress: called with a dictionary that holds a
+    message.
+    Suspected effects, and shapes that do not help held-out data, are in neither block.
+    An earlier result in `folder` is replaced; what else lies there stays. Raises InputError where
+    `folder` is a file, or holds something but no earlier diagnosis.
+    """
+    folder = Path(folder)
+    say = progress or (lambda _: None)
+    check_output(folder)
+    before, after, notes = _beside(diagnosis, counterparts, threads, say)
+    slugs, adjustment = _believable(diagnosis, say)
+    earlier = _earlier(folder)
+    with whole_folder(folder, RESULT, lambda name: name in earlier) as part:
+        say({"message": "writing the blocks"})
+        adjustment.block.write(part / "block")
+        corrected(diagnosis.block, adjustment, slugs).write(part / "corrected")
+        say({"message": "making the page"})
+        contents = Contents.of(diagnosis, before, after, slugs, notes, command)
+        page = make_page(contents, part)
+        (part / "report.html").write_text(page, encoding="utf-8")
+        content = diagnosis.to_dict()
+        content["notes"] = contents.notes
+        content["written"] = slugs
+        content["counterparts"] = {
+            word: _told(case) for word, case in (("before", before), ("after", after))
+        }
+        content["files"] = sorted([RESULT, *_files(part)])
+        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+        (part / RESULT).write_text(text + "\n", encoding="utf-8")
+        written = _files(part)
+    return [folder / name for name in written]
+
+
+def _beside(
+    diagnosis: Diagnosis, count: int, threads: int, say: Callable
+) -> tuple[Comparison | None, Comparison | None, list[str]]:
+    """The block beside its counterparts before and, where something was added, after."""
+    cases: list[Comparison | None] = [None, None]
+    notes: list[str] = []
+    wanted = [lambda: diagnosis.before]
+    if diagnosis.after is not diagnosis.before:
+        wanted.append(lambda: _without_shapes(diagnosis))
+    for k, adjustment in enumerate(wanted):
+        word = ("the believed model", "the model with what was found")[k]
+
+        def tell(done: int, of: int, word=word) -> None:
+            say({"message": f"simulating counterparts of {word}", "done": done, "of": of})
+
+        try:
+            cases[k] = compare(
+                simulate_counterparts(adjustment(), count, diagnosis.seed, threads, tell)
+            )
+        except (InputError, AdjustmentFailed) as failed:
+            notes.append(f"Counterparts of {word} could not be adjusted: {failed}")
+            break
+    return *cases, notes
+
+
+def _without_shapes(diagnosis: Diagnosis) -> Adjustment:
+    """The adjustment with what was found; its generic shapes taken out beforehand.
+
+    Estimating a hundred columns anew in every counterpart would take minutes.
+    """
+    after = diagnosis.after
+    shapes = [one["group"] for one in diagnosis.unknown]
+    if not shapes:
+        return after
+    believed = {effect.slug for effect in diagnosis.believed.effects}
+    named = [
+        member.effect
+        for slug, member in after.problem.stack.members.items()
+        if slug not in believed and slug not in shapes
+    ]
+    block = corrected(diagnosis.block, after, shapes)
+    return diagnosis.believed.adjust(named, block=block)
+
+
+def _believable(diagnosis: Diagnosis, say: Callable) -> tuple[list[str], Adjustment]:
+    """Slugs of the effects that are beyond doubt and help, and the block adjusted with them."""
+    firm = [one.slug for one in diagnosis.findings.effects if one.kind != "suspected"]
+    firm += [one["group"] for one in diagnosis.unknown if one["class"] == "unknown" and one["kept"]]
+    slugs = list(dict.fromkeys(firm))
+    if not slugs:
+        return [], diagnosis.before
+    believed = {effect.slug for effect in diagnosis.believed.effects}
+    inside = [slug for slug in diagnosis.after.problem.stack.members if slug not in believed]
+    if not set(slugs) <= set(inside):
+        # The refit with what was found has failed.
+        return [], diagnosis.before
+    if set(slugs) == set(inside):
+        return slugs, diagnosis.after
+    say({"message": f"adjusting with {', '.join(slugs)}"})
+    members = diagnosis.after.problem.stack.members
+    try:
+        return slugs, diagnosis.believed.adjust([members[slug].effect for slug in slugs])
+    except (InputError, AdjustmentFailed):
+        return [], diagnosis.before
+
+
+def _told(case: Comparison | None) -> dict | None:
+    """What a comparison says, for diagnosis.json."""
+    if case is None:
+        return None
+    return {
+        "count": case.count,
+        "statistics": len(case.statistics),
+        "leaving": [one.statistic.name for one in case.leaving],
+        "gap": case.gap,
+    }
+
+
+def _earlier(folder: Path) -> set[str]:
+    """Entries of `folder` that an earlier diagnosis wrote, as its own list has them."""
+    try:
+        files = json.loads((folder / RESULT).read_text(encoding="utf-8"))["files"]
+        return {RESULT, *(str(name).split("/")[0] for name in files)}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {RESULT}
+
+
+def _files(folder: Path) -> list[str]:
+    return sorted(
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+    )

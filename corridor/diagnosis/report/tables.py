@@ -1,0 +1,349 @@
+"""The tables of the page, in words and digits; a table with nothing to say has no rows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from corridor.diagnosis import gap as gaps
+from corridor.diagnosis.comparison import Comparison
+from corridor.diagnosis.wording import (
+    effects_by_slug,
+    listed,
+    placed,
+    scaled,
+    to_add,
+    two_digits,
+    upper,
+    value_and_sigma,
+)
+
+if TYPE_CHECKING:
+    from corridor.diagnosis.diagnose import Diagnosis
+
+DASH = "\u2013"
+# Parameters of one effect in the table; all of them are in diagnosis.json.
+MOST = 8
+# Statistics in the table of those that leave their band.
+MOST_LEAVING = 15
+CHECK_RMS = "check-point error, RMS"
+CLASSES = {
+    "named": "named",
+    "ambiguous": "cannot be told apart",
+    "suspected": "suspected",
+    "unknown": "outside the catalogue",
+}
+
+
+def found(d: Diagnosis) -> pd.DataFrame:
+    """Effects that were found, a row a parameter."""
+    known, rows = effects_by_slug(), []
+    for one in d.findings.effects:
+        name = upper(placed(known[one.slug].called, one.where))
+        alike = listed([known[slug].called for slug in one.alternatives], "or") or DASH
+        for k, p in enumerate(one.parameters[:MOST]):
+            value, sigma, unit = value_and_sigma(p)
+            first = k == 0
+            rows.append(
+                (
+                    name if first else "", one.slug if first else "",
+                    CLASSES[one.kind] if first else "",
+                    p["name"] + (" (RMS of the images)" if "statistic" in p else ""),
+                    value, f"\u00b1 {sigma}", unit,
+                    f"{one.log_evidence:,.1f}" if first else "", alike if first else "",
+                )
+            )  # fmt: skip
+        more = len(one.parameters) - MOST
+        if more > 0:
+            rows.append(("", "", "", f"{more} more in diagnosis.json", "", "", "", "", ""))
+    columns = [
+        "effect", "slug", "class", "parameter", "value", "sigma", "unit", "log evidence",
+        "cannot be told apart from",
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
+
+
+def separating(d: Diagnosis) -> pd.DataFrame:
+    """What would tell apart what this flight cannot."""
+    known = effects_by_slug()
+    rows = [
+        (
+            upper(listed([known[s].called for s in (one.slug, *one.alternatives)], "or")),
+            one.separate,
+        )
+        for one in d.findings.effects
+        if one.alternatives
+    ]
+    return pd.DataFrame(rows, columns=["look alike here", "told apart by"]).drop_duplicates()
+
+
+def unknown(d: Diagnosis) -> pd.DataFrame:
+    """What lies outside the catalogue: as what it shows, where, and whether a shape helps."""
+    known = effects_by_slug()
+    rows = [
+        (
+            upper(known[one["group"]].called), CLASSES.get(one["class"], one["class"]),
+            one["where"], f"{one['log_evidence']:,.1f}",
+            listed([known[s].called for s in one["parts"]]) or DASH,
+            "yes" if one["kept"] else "no, not applied",
+        )
+        for one in d.unknown
+    ]  # fmt: skip
+    columns = [
+        "it shows as", "class", "where", "log evidence", "overlaps with",
+        "helps held-out data",
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
+
+
+def gap(d: Diagnosis, before: Comparison | None, after: Comparison | None) -> pd.DataFrame:
+    """What data that the fit has not used say before and after, and the floor of noise."""
+    added = bool(d.findings.effects or d.unknown)
+    floor = _floor(after if added else before)
+    rows = []
+    for key, name, factor, unit in (
+        ("tie_px", "image points held out, RMS an axis", 1.0, "px"),
+        ("check_m", "check points, 3D RMS", 1e3, "mm"),
+        ("gnss_m", "GNSS residuals, 3D RMS", 1e3, "mm"),
+    ):
+        mine = d.gap[key]
+        if not mine or mine["before"] is None:
+            continue
+        least = floor if key == "check_m" else None
+        digits = 3 if unit == "px" else 1
+        closed = None
+        if added and least is not None:
+            closed = gaps.closure(mine["before"], mine["after"], least)
+        rows.append(
+            (
+                name, unit, _number(factor * mine["before"], digits),
+                _number(factor * mine["after"], digits) if added else DASH,
+                DASH if least is None else _number(factor * least, digits),
+                # Beside the noise alone a share of hardly anything says nothing.
+                DASH if closed is None or mine["before"] < 1.2 * least else _share(closed),
+            )
+        )  # fmt: skip
+    if before is not None:
+        after_gap = None if after is None else after.gap
+        closed = None if after_gap is None or not before.gap else 1 - after_gap / before.gap
+        rows.append(
+            (
+                "what leaves the bands, sum of squares", "deviations\u00b2", _whole(before.gap),
+                DASH if after_gap is None else _whole(after_gap), "0",
+                DASH if closed is None else f"{100 * closed:.1f} %",
+            )
+        )  # fmt: skip
+        rows.append(
+            (
+                f"statistics that leave, of {len(before.statistics)}", "",
+                str(len(before.leaving)), DASH if after is None else str(len(after.leaving)),
+                f"{0.05 * len(before.statistics):.0f}", DASH,
+            )
+        )  # fmt: skip
+    columns = ["", "unit", "before", "after", "noise alone", "closed"]
+    table = pd.DataFrame(rows, columns=columns)
+    if not added:
+        return table.drop(columns=["after", "closed"]).rename(columns={"before": "measured"})
+    return table
+
+
+def _floor(case: Comparison | None) -> float | None:
+    """3D RMS of check points (m) that the model and its noise alone produce: the counterparts'."""
+    if case is None:
+        return None
+    mine = [one for one in case.statistics if one.statistic.name == CHECK_RMS]
+    return float(np.sqrt((mine[0].middle ** 2).sum())) if mine else None
+
+
+def leaving(before: Comparison | None, after: Comparison | None) -> pd.DataFrame:
+    """Statistics that leave their band before, farthest first, and what becomes of them."""
+    columns = ["statistic", "farthest (deviations)", "band ends at", "where", "after"]
+    if before is None:
+        return pd.DataFrame(columns=columns)
+    table = before.table[before.table["leaves"]].sort_values("excess", ascending=False)
+    then = {} if after is None else {one.statistic.name: one for one in after.statistics}
+    rows = []
+    for row in table.head(MOST_LEAVING).itertuples(index=False):
+        one = then.get(row.statistic)
+        if one is None:
+            told = DASH
+        else:
+            worst = one.z[int(np.argmax(np.abs(one.z)))]
+            told = f"{worst:+.1f}, {'still outside' if one.leaves else 'inside'}"
+        rows.append((row.statistic, f"{row.farthest:+.1f}", f"{row.limit:.1f}", row.where, told))
+    if len(table) > MOST_LEAVING:
+        rows.append((f"{len(table) - MOST_LEAVING} more", "", "", "", ""))
+    made = pd.DataFrame(rows, columns=columns)
+    return made if then else made.drop(columns="after")
+
+
+def evidence(d: Diagnosis) -> pd.DataFrame:
+    """Log evidence of every candidate: name, generic, found, alone, beside (what was found).
+
+    Of single control points the strongest one.
+    """
+    last, known = d.course.last, effects_by_slug()
+    alone = last.evidence.given({})
+    beside = last.evidence.given(last.found.chosen)
+    best: dict[str, tuple] = {}
+    for n, group in enumerate(last.evidence.groups):
+        there = n in last.found.chosen
+        with_others = last.found.evidence[n] if there else beside[n].evidence
+        where = {} if group.point is None else {"point": group.point}
+        row = (
+            upper(placed(known[group.slug].called, where)), group.generic, there,
+            float(alone[n].evidence), float(with_others),
+        )  # fmt: skip
+        if group.slug not in best or (there, row[3]) > (best[group.slug][2], best[group.slug][3]):
+            best[group.slug] = row
+    frame = pd.DataFrame(
+        list(best.values()), columns=["name", "generic", "found", "alone", "beside"]
+    )
+    return frame.sort_values("alone", ascending=False, kind="stable").reset_index(drop=True)
+
+
+def limits(d: Diagnosis) -> pd.DataFrame:
+    """The smallest effect of each kind that would have been seen, beside what is usual."""
+    known, rows = effects_by_slug(), []
+    for slug in sorted(d.detection_limits):
+        mine, effect = d.detection_limits[slug], known[slug]
+        scales = {p.name: p for p in effect.parameters(d.block)}
+        if len(mine) > MOST:
+            values = [v for v in mine.values() if v]
+            unit = next(iter(scales.values())).unit
+            factor, text = scaled(unit, *values)
+            smallest = (
+                f"{two_digits(factor * min(values))} to {two_digits(factor * max(values))}"
+                if values
+                else "not visible"
+            )
+            usual = two_digits(factor * next(iter(scales.values())).scale)
+            rows.append((upper(effect.called), f"{len(mine)} parameters", smallest, usual, text))
+            continue
+        for k, (name, limit) in enumerate(mine.items()):
+            p = scales[name]
+            factor, text = scaled(p.unit, limit, p.scale)
+            rows.append(
+                (
+                    upper(effect.called) if k == 0 else "", name,
+                    "not visible" if limit is None else two_digits(factor * limit),
+                    two_digits(factor * p.scale), text,
+                )
+            )  # fmt: skip
+    columns = ["effect", "parameter", "smallest seen", "usual size", "unit"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def untestable(d: Diagnosis, before: Comparison | None) -> pd.DataFrame:
+    """What could not be tested or compared, and what to hand in."""
+    known = effects_by_slug()
+    by_remedy: dict[str, list[str]] = {}
+    for one in d.untestable:
+        effect = known[one["slug"]]
+        every = ", ".join(effect.missing(d.block))
+        by_remedy.setdefault(to_add(every or one["missing"]), []).append(effect.called)
+    rows = [(upper("; ".join(names)), remedy) for remedy, names in by_remedy.items()]
+    if before is not None:
+        rows += [(upper(what), to_add(column)) for what, column in before.missing.items()]
+    if d.gap["check_m"] is None:
+        rows.append(
+            (
+                "Errors on the ground",
+                "check points (role check in ground.csv), measured in marks.csv",
+            )
+        )
+    return pd.DataFrame(rows, columns=["not tested", "to add"])
+
+
+def variance(d: Diagnosis) -> pd.DataFrame:
+    """Quantities with which the size of the image noise changes."""
+    rows = [
+        (alarm["quantity"], f"{alarm['ratio']:.2f}", f"{alarm['z']:+.1f}") for alarm in d.alarms
+    ]
+    columns = ["noise changes with", "largest over smallest sigma", "deviations"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def rounds(d: Diagnosis) -> pd.DataFrame:
+    """What each round of the search began with and found."""
+    rows = []
+    for n, one in enumerate(d.course.rounds, start=1):
+        gained = ", ".join(f"{key} {value:,.1f}" for key, value in one.log["found"].items())
+        rows.append(
+            (
+                str(n), ", ".join(one.log["model"]) or "nothing more", gained or "nothing",
+                f"{one.log['sigma_px']:.3f}",
+            )
+        )  # fmt: skip
+    columns = ["round", "added to the model", "found, log evidence", "image noise (px)"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def physics(d: Diagnosis) -> pd.DataFrame:
+    """What hides the effects that were found, look alike, or are weak in this block."""
+    known = effects_by_slug()
+    relevant: dict[str, str] = {}
+    for one in d.findings.effects:
+        relevant[one.slug] = "found"
+        relevant |= {s: "looks alike" for s in one.alternatives if s not in relevant}
+    for slug, mine in d.detection_limits.items():
+        scales = {p.name: p.scale for p in known[slug].parameters(d.block)}
+        if slug not in relevant and all(v is None or v > scales[k] for k, v in mine.items()):
+            relevant[slug] = "hardly visible in this flight"
+    rows = [
+        (
+            upper(known[slug].called), why, known[slug].unobservable_when or DASH,
+            known[slug].revealed_by or DASH,
+        )
+        for slug, why in relevant.items()
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=["effect", "here", "hidden when", "shown by"])
+
+
+def believed(d: Diagnosis) -> pd.DataFrame:
+    """The model that was believed in, as adjusted."""
+    rows, p = [], d.before.problem
+    for name, free in p.free.items():
+        rows.append((f"camera {name}", f"free: {', '.join(free)}" if len(free) else "held"))
+    rows.append(("effects", ", ".join(e.slug for e in d.believed.effects) or "none"))
+    if len(p.gnss_image):
+        arms = "one free lever arm a flight" if p.arms_free else "lever arm as stated"
+        rows.append(("GNSS", f"{len(p.gnss_image):,} antenna positions, {arms}"))
+    else:
+        rows.append(("GNSS", "none"))
+    for role in ("control", "check"):
+        names = list(p.block.ground["point"].to_numpy(object)[p.roles == role])
+        told = f"{len(names)}: {', '.join(names[:12])}" + (" ..." if len(names) > 12 else "")
+        rows.append((f"{role} points", told if names else "none"))
+    rows.append(("tie points", f"{p.tie_count:,} observations"))
+    for name, (value, sigma) in d.believed.priors.items():
+        rows.append((f"prior of {name}", f"{value:g} \u00b1 {sigma:g}"))
+    rows.append(("sigma naught", f"{d.before.sigma0:.3f}"))
+    return pd.DataFrame(rows, columns=["model", "as adjusted"])
+
+
+def written(d: Diagnosis, slugs: list[str]) -> pd.DataFrame:
+    """What stands in the two blocks."""
+    told = listed(slugs) or "nothing"
+    with_it = f"adjusted with {told}" if slugs else "adjusted with the believed model"
+    without = (
+        f"the measured block, {told} taken out of its measurements"
+        if slugs
+        else "the measured block, unchanged"
+    )
+    return pd.DataFrame([("block/", with_it), ("corrected/", without)], columns=["folder", "holds"])
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:,.{digits}f}"
+
+
+def _share(closed: float) -> str:
+    """A share in per cent; more than all of it is noise."""
+    return "all" if closed >= 0.995 else f"{100 * closed:.0f} %"
+
+
+def _whole(value: float) -> str:
+    return f"{value:,.0f}" if value >= 10 else f"{value:.1f}"

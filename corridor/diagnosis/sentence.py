@@ -1,0 +1,214 @@
+"""The first sentence of a report: what a surveyor has to know, from the diagnosis alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from corridor.diagnosis.wording import (
+    amount,
+    effects_by_slug,
+    falls,
+    listed,
+    placed,
+    upper,
+    value_and_sigma,
+)
+
+if TYPE_CHECKING:
+    from corridor.diagnosis.diagnose import Diagnosis
+    from corridor.diagnosis.verdict import Estimate
+
+# Parameters told in the sentence; the table has them all.
+MOST = 4
+# Standard deviations from which on one of several parameters is worth a word.
+CLEAR = 2.0
+# A size that changes by less than this share has not changed.
+SAME = 0.02
+# Limits of detection told when nothing is missing.
+LIMITS = 3
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """What is missing, by how much, and what adding it does; two or three short sentences."""
+    tell = {
+        "named": _named,
+        "ambiguous": _ambiguous,
+        "unknown": _unknown,
+        "suspected": _suspected,
+        "nothing": _nothing,
+    }
+    return tell[diagnosis.verdict](diagnosis)
+
+
+def _named(d: Diagnosis) -> str:
+    firm = [one for one in d.findings.effects if one.kind == "named"]
+    told = _told(firm)
+    if len(told) == 1:
+        (name, values) = told[0]
+        text = f"{upper(name)} is missing from the model{f': {values}' if values else ''}."
+    else:
+        parts = [f"{name} ({values})" if values else name for name, values in told]
+        text = f"{upper(listed(parts))} are missing from the model."
+    either = [_either(alike) for alike in _ambiguities(d)]
+    beside = [f"Beside {'it' if len(told) == 1 else 'them'}, either {both}." for both in either]
+    if any(one["class"] == "unknown" for one in d.unknown):
+        beside.append(f"Something outside the catalogue is there too: {_places(d)}.")
+    return " ".join([text, *beside, _effect_of_adding(d, len(told) + len(beside))])
+
+
+def _ambiguous(d: Diagnosis) -> str:
+    first, *others = _ambiguities(d)
+    text = f"Either {_either(first)} is missing from the model; this flight cannot tell them apart"
+    text += f". What would: {first[0].separate}." if first[0].separate else "."
+    more = [alike for alike in others if alike[0].slug not in first[0].alternatives]
+    if more:
+        text += f" Also missing: {listed(_either(alike) for alike in more)}."
+    if any(one["class"] == "unknown" for one in d.unknown):
+        text += f" Something outside the catalogue is there too: {_places(d)}."
+    return f"{text} {_effect_of_adding(d, 1 + len(more), 'one of them')}"
+
+
+def _unknown(d: Diagnosis) -> str:
+    text = f"Something outside the catalogue is missing from the model: {_places(d)}."
+    parts = list(dict.fromkeys(part for one in d.unknown for part in one["parts"]))
+    if parts:
+        known = effects_by_slug()
+        names = listed((known[slug].called for slug in parts), "or")
+        text += f" It overlaps with {names}, which would explain a part of it only."
+    if not all(one["kept"] for one in d.unknown):
+        return f"{text} A smooth shape of it does not help data that the fit has not used."
+    return f"{text} {_effect_of_adding(d, 1, 'a smooth shape of it')}"
+
+
+def _suspected(d: Diagnosis) -> str:
+    told = _told([one for one in d.findings.effects if one.kind == "suspected"])
+    parts = [f"{name} ({values})" if values else name for name, values in told]
+    if d.unknown:
+        parts.append(f"something outside the catalogue ({_places(d)})")
+    return (
+        f"Nothing is missing for certain; suspected is {listed(parts)}. "
+        f"{100 * (1 - d.level):.3g} % certainty is not reached, so nothing was changed: look at "
+        "it in the next flight."
+    )
+
+
+def _nothing(d: Diagnosis) -> str:
+    text = "Nothing is missing from the model that this flight could show."
+    limits = seen_best(d)
+    if limits:
+        text += f" The smallest that would have been seen: {'; '.join(limits)}."
+    for alarm in d.alarms[:1]:
+        text += f" But the image noise changes with the {alarm['quantity']}."
+    return text
+
+
+def seen_best(d: Diagnosis) -> list[str]:
+    """Limits of detection of the effects that this block shows best, beside what is usual."""
+    known, found = effects_by_slug(), []
+    for slug, limits in d.detection_limits.items():
+        effect = known[slug]
+        for parameter in effect.parameters(d.block)[:1]:
+            limit = limits.get(parameter.name)
+            # Told are physical effects whose number speaks for itself.
+            if limit and parameter.unit != "1":
+                found.append((limit / parameter.scale, effect, parameter, limit))
+    found.sort(key=lambda one: one[0])
+    return [
+        f"{effect.called}, {parameter.name} {amount(limit, parameter.unit)}"
+        for _, effect, parameter, limit in found[:LIMITS]
+    ]
+
+
+def _told(estimates: list[Estimate]) -> list[tuple[str, str]]:
+    """What each effect is called, and its values; of flights or cameras apart, once."""
+    known, out = effects_by_slug(), []
+    for slug in dict.fromkeys(one.slug for one in estimates):
+        mine = [one for one in estimates if one.slug == slug]
+        if len(mine) == 1:
+            out.append((placed(known[slug].called, mine[0].where), _values(mine[0])))
+            continue
+        if "point" in mine[0].where:
+            out += [(placed(known[slug].called, one.where), _values(one)) for one in mine]
+            continue
+        parts = []
+        for one in mine:
+            values = _values(one)
+            parts.append(f"{listed(one.where.values())}: {values}" if values else "")
+        out.append((known[slug].called, "; ".join(part for part in parts if part)))
+    return out
+
+
+def _values(estimate: Estimate) -> str:
+    """readout 24.8 +- 0.5 ms; x 60 +- 3, y -40 +- 3 mm."""
+    rows = estimate.parameters
+    if len(rows) > 1:
+        clear = [p for p in rows if abs(p["value"]) > CLEAR * p["sigma"]]
+        rows = clear or rows
+    if len(rows) > MOST:
+        return f"{len(estimate.parameters)} parameters"
+    told, units = [], []
+    for p in rows:
+        value, sigma, unit = value_and_sigma(p)
+        spread = " RMS of the images" if "statistic" in p else ""
+        told.append((f"{p['name']} {value} +- {sigma}", spread))
+        units.append(unit)
+    out = []
+    for n, (text, spread) in enumerate(told):
+        last = n == len(told) - 1 or units[n + 1] != units[n]
+        out.append(f"{text} {units[n]}".rstrip() + spread if last else text)
+    return ", ".join(out)
+
+
+def _ambiguities(d: Diagnosis) -> list[list[Estimate]]:
+    """Estimates that have look-alikes, those of one effect together."""
+    out: dict[str, list[Estimate]] = {}
+    for one in d.findings.effects:
+        if one.kind == "ambiguous":
+            out.setdefault(one.slug, []).append(one)
+    return list(out.values())
+
+
+def _either(estimates: list[Estimate]) -> str:
+    """An effect with its values, or its look-alikes."""
+    known = effects_by_slug()
+    mine = listed(f"{name} ({values})" if values else name for name, values in _told(estimates))
+    return " or ".join([mine, *(known[slug].called for slug in estimates[0].alternatives)])
+
+
+def _places(d: Diagnosis) -> str:
+    known = effects_by_slug()
+    return "; ".join(f"{known[one['group']].called}, {one['where']}" for one in d.unknown)
+
+
+def _effect_of_adding(d: Diagnosis, number: int, what: str = "") -> str:
+    """What becomes of data that the fit has not used; only what the numbers show."""
+    adding = f"Adding {what or ('it' if number == 1 else 'them')}"
+    check, tie = d.gap["check_m"], d.gap["tie_px"]
+    out = []
+    if check:
+        out.append((check, "the check-point error", 1e3, "mm"))
+    if tie["before"] is not None and tie["after"] is not None:
+        out.append((tie, "the error of image points held out", 1.0, "px"))
+    told = [(_change(gap), gap, name, factor, unit) for gap, name, factor, unit in out]
+    if not told:
+        return "No check points and too few tie points: what adding it does could not be measured."
+    # Check points speak first; where they do not move, the image points may.
+    change, gap, name, factor, unit = told[0]
+    before, after = falls(gap["before"], gap["after"], factor, unit)
+    if change == "lowers":
+        return f"{adding} lowers {name} from {before} to {after}."
+    text = (
+        f"{adding} leaves {name} at {after}"
+        if change == "leaves"
+        else f"{adding} raises {name} from {before} to {after}"
+    )
+    if len(told) > 1 and told[1][0] == "lowers":
+        _, gap, name, factor, unit = told[1]
+        before, after = falls(gap["before"], gap["after"], factor, unit)
+        text += f" and lowers {name} from {before} to {after}"
+    return f"{text}."
+
+
+def _change(gap: dict) -> str:
+    ratio = gap["after"] / gap["before"] if gap["before"] else 1.0
+    return "leaves" if abs(ratio - 1.0) < SAME else "lowers" if ratio < 1.0 else "raises"

@@ -1,0 +1,122 @@
+"""Numbers as a surveyor says them: milliseconds, millimetres, pixels in ten minutes."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+
+from corridor.adjustment import rounded
+from corridor.effects import Effect, catalogue
+
+# Unit of an effect's file -> factor and unit for people.
+_UNITS = {
+    "s": (1e3, "ms"),
+    "m": (1e3, "mm"),
+    "px/s": (600.0, "px per 10 min"),
+    "px/s^2": (600.0**2, "px per (10 min)\u00b2"),
+    "m/s": (6e5, "mm per 10 min"),
+    "px/C": (1.0, "px/\u00b0C"),
+    "rad": (math.degrees(3600.0), "arc seconds"),
+}
+# Without a unit, numbers below this are told in parts per million.
+_SMALL = 0.01
+
+
+def scaled(unit: str, *values: float | None) -> tuple[float, str]:
+    """Factor and unit in which values of a parameter are told; the unit is "" for plain numbers."""
+    if unit == "1":
+        most = max((abs(v) for v in values if v is not None and math.isfinite(v)), default=0.0)
+        return (1e6, "ppm") if most < _SMALL else (1.0, "")
+    return _UNITS.get(unit, (1.0, unit))
+
+
+def value_and_sigma(parameter: dict) -> tuple[str, str, str]:
+    """Value, standard deviation and unit of a parameter of diagnosis.json, for people."""
+    value, sigma = parameter["value"], parameter["sigma"]
+    factor, unit = scaled(parameter["unit"], value, sigma)
+    return *rounded(factor * value, factor * sigma), unit
+
+
+def amount(value: float, unit: str) -> str:
+    """A value of no stated precision, two digits: "4.1 ms"."""
+    factor, unit = scaled(unit, value)
+    return f"{two_digits(factor * value)} {unit}".strip()
+
+
+def two_digits(value: float) -> str:
+    """Two significant digits, never as a power of ten."""
+    if not value or not math.isfinite(value):
+        return "0" if value == 0 else "\u2013"
+    digits = max(1 - math.floor(math.log10(float(f"{abs(value):.1e}"))), 0)
+    return f"{float(f'{value:.1e}'):,.{digits}f}"
+
+
+def falls(before: float, after: float, factor: float, unit: str) -> tuple[str, str]:
+    """Two sizes with as many decimals as tell them apart: "19.5", "4.1 mm"."""
+    least = factor * min(abs(before), abs(after))
+    digits = 0 if least >= 100 else 1 if least >= 1 else 3
+    return f"{factor * before:.{digits}f}", f"{factor * after:.{digits}f} {unit}"
+
+
+def listed(words: Iterable[str], last: str = "and") -> str:
+    """a, b and c."""
+    words = list(words)
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def upper(text: str) -> str:
+    """The same, as the beginning of a sentence."""
+    return text[:1].upper() + text[1:]
+
+
+def effects_by_slug() -> dict[str, Effect]:
+    """The catalogue, by slug."""
+    return {effect.slug: effect for effect in catalogue()}
+
+
+def placed(called: str, where: dict) -> str:
+    """An effect of one control point, flight or camera: "... of control point P7"."""
+    words = {"point": "control point", "flight": "flight", "camera": "camera"}
+    for key, word in words.items():
+        if key not in where:
+            continue
+        mine = f"{word} {where[key]}"
+        general = next((g for g in (f"a {word}", f"each {word}") if g in called), None)
+        called = called.replace(general, mine) if general else f"{called} of {mine}"
+    return called
+
+
+def to_add(missing: str) -> str:
+    """What to hand in so that something can be tested: "time_s in images.csv for every image".
+
+    missing: `table.column`, several with commas; another sentence is handed back as it is.
+    """
+    held = re.fullmatch(r"camera\.(.+)\.calibrated", missing)
+    if held:
+        return (
+            f"calibrated = true for camera {held[1]} in block.toml, or --camera fixed, if it is "
+            "calibrated; now the adjustment estimates these values anyway"
+        )
+    if not re.fullmatch(r"\w+\.\w+(, *\w+\.\w+)*", missing):
+        return missing
+    if missing == "images.flight":
+        return "a second flight (flight in images.csv)"
+    columns: dict[str, list[str]] = {}
+    for word in missing.split(","):
+        table, _, name = word.strip().partition(".")
+        columns.setdefault(table, []).append(name)
+    return listed(_files(table, names) for table, names in columns.items())
+
+
+def _files(table: str, names: list[str]) -> str:
+    if table == "camera":
+        return f"{listed(names)} in [camera.NAME] of block.toml"
+    if table == "gnss":
+        return "antenna positions (gnss.csv, or track.csv and time_s in images.csv)"
+    if table == "ground":
+        return "control points (role control in ground.csv, measured in marks.csv)"
+    every = " for every image" if table == "images" else ""
+    return f"{listed(names)} in {table}.csv{every}"
