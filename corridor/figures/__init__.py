@@ -3,9 +3,11 @@
 from corridor.figures.alike import alike
 from corridor.figures.camera_views import camera_views
 from corridor.figures.check_points import check_points, compare_check_points
+from corridor.figures.confusion import confusion_matrix
 from corridor.figures.correlation import correlation_matrix
 from corridor.figures.counterpart import counterpart, counterpart_axes, counterpart_maps
 from corridor.figures.curves import Panel, curves, histograms
+from corridor.figures.detection import naming_rates
 from corridor.figures.diagnosis import evidence_bars
 from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
@@ -23,6 +25,7 @@ __all__ = [
     "camera_views",
     "check_points",
     "compare_check_points",
+    "confusion_matrix",
     "correlation_matrix",
     "counterpart",
     "counterpart_axes",
@@ -32,6 +35,7 @@ __all__ = [
     "evidence_bars",
     "first_look",
     "histograms",
+    "naming_rates",
     "readout_picture",
     "residual_vectors",
     "residuals_along",

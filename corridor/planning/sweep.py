@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from itertools import combinations
 
 import joblib
@@ -11,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.errors import InputError
+from corridor.parallel import parallel
 from corridor.planning.planner import Control, Planner, subset
 from corridor.planning.surveyed import Surveyed
 from corridor.simulation import Plan, read_plan
@@ -83,8 +83,8 @@ def sweep(
         grids.setdefault(plan.axis_m, []).append(plan)
     points = {axis: given or Surveyed.grid(_joined(group)) for axis, group in grids.items()}
     rows: list[dict] = []
-    with _parallel(jobs, cluster) as parallel:
-        found = parallel(
+    with parallel(jobs, cluster) as share_out:
+        found = share_out(
             joblib.delayed(assess)(plan, list(control), place, points[plan.axis_m], options)
             for plan in read
         )
@@ -119,20 +119,3 @@ def _joined(plans: Sequence[Plan]) -> Plan:
         fresh = [flight.name for flight in plan.flights if flight.name not in known]
         whole = whole + subset(plan, fresh) if fresh else whole
     return whole
-
-
-@contextmanager
-def _parallel(jobs: int, cluster: str | None) -> Iterator[joblib.Parallel]:
-    if cluster is None:
-        yield joblib.Parallel(n_jobs=jobs, return_as="generator")
-        return
-    try:
-        from dask.distributed import Client
-    except ImportError:
-        raise InputError("a cluster needs Dask: install corridor with the extra cluster") from None
-    try:
-        client = Client(cluster, timeout="10s")
-    except (OSError, TimeoutError, ValueError) as error:
-        raise InputError(f"no Dask scheduler answers at {cluster} ({error}): start one") from None
-    with client, joblib.parallel_config("dask", client=client):
-        yield joblib.Parallel(n_jobs=-1, return_as="generator")

@@ -182,8 +182,9 @@ def sensor_unflatness(scene, world, amplitude, rng):
     """A sensor that is bent and twisted: where it stands too far back, rays spread further.
 
     amplitude: rms of the displacement, px. The bump is a polynomial of degree 1 to 3, so that the
-    displacement, bump times tangent of the ray, is of degree 2 to 4. The truth holds its
-    coefficients of Legendre polynomials over the picture, x_ij and y_ij, and a map.
+    displacement, bump times tangent of the ray, is of degree 2 to 4. What of it is a shift or
+    linear, a camera would have been calibrated with: principal point, focal length, affinity. The
+    truth holds its coefficients of Legendre polynomials over the picture, x_ij and y_ij, and a map.
     """
     powers = [(i, j) for i in range(4) for j in range(4) if 1 <= i + j <= 3]
     weight = rng.normal(0, 1, len(powers))
@@ -195,11 +196,21 @@ def sensor_unflatness(scene, world, amplitude, rng):
         return bump * p, bump * q
 
     grid = _grid(scene, 31)
-    size = np.sqrt(np.mean(np.square(raw(*grid))))
-    gain = amplitude / size
+    full = _legendre(scene, *grid)
+    low = [np.linalg.lstsq(full, gain, rcond=None)[0][:3] for gain in raw(*grid)]
+
+    def bent(x, y):
+        x, y = np.broadcast_arrays(x, y)
+        level = _legendre(scene, np.ravel(x), np.ravel(y))[:, :3]
+        return tuple(
+            gain - (level @ part).reshape(np.shape(x))
+            for gain, part in zip(raw(x, y), low, strict=True)
+        )
+
+    gain = amplitude / np.sqrt(np.mean(np.square(bent(*grid))))
 
     def law(x, y, image):
-        dx, dy = raw(x, y)
+        dx, dy = bent(x, y)
         return gain * dx, gain * dy
 
     world.plane.append(law)
@@ -220,17 +231,24 @@ def _plane_entry(slug, scene, law, values, legendre=False, **where):
     out["map"] = np.round(np.stack([x, y, dx + 0 * x, dy + 0 * x], axis=1), 4).tolist()
     if legendre:
         x, y = _grid(scene, 31)
-        along, across = (2 * c / (s - 1) - 1 for c, s in zip((x, y), scene.size, strict=True))
-        a, b = legvander(along, 4), legvander(across, 4)
-        terms = [(t - j, j) for t in range(5) for j in range(t + 1)]
-        design = np.stack([a[:, i] * b[:, j] for i, j in terms], axis=1)
+        design = _legendre(scene, x, y)
         for axis, gain in zip("xy", law(x, y, 0), strict=True):
             found = np.linalg.lstsq(design, gain, rcond=None)[0]
             out["parameters"] += [
                 {"name": f"{axis}_{i}{j}", "value": float(c), "unit": "px"}
-                for (i, j), c in zip(terms, found, strict=True)
+                for (i, j), c in zip(_TERMS, found, strict=True)
             ]
     return out
+
+
+_TERMS = [(t - j, j) for t in range(5) for j in range(t + 1)]  # the first three are no bend
+
+
+def _legendre(scene, x, y):
+    """Products (n, 15) of Legendre polynomials over the picture, `_TERMS`."""
+    along, across = (2 * c / (s - 1) - 1 for c, s in zip((x, y), scene.size, strict=True))
+    a, b = legvander(along, 4), legvander(across, 4)
+    return np.stack([a[:, i] * b[:, j] for i, j in _TERMS], axis=1)
 
 
 # --- the antenna and the clocks --------------------------------------------------------------

@@ -404,6 +404,9 @@ class TestEffectsByHand:
             )  # fmt: skip
             assert moved(hidden)[:, axis] == pytest.approx(series, abs=0.01)
         assert values["rms"] == 0.5
+        # Shift, scale and shear are what a camera is calibrated with.
+        low = [values[f"{axis}_{term}"] for axis in "xy" for term in ("00", "10", "01")]
+        assert low == pytest.approx([0.0] * 6, abs=1e-9)
 
     def test_a_lever_arm_turns_with_the_camera(self):
         hidden = generate(perfect(small("lever_arm")), 2)

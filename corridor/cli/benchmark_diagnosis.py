@@ -1,0 +1,117 @@
+"""Benchmark the diagnosis on blocks in which an effect is hidden.
+
+examples:
+  corridor benchmark-diagnosis --cases all --short -o out/benchmark
+      blocks of 40 images by the independent generator in tests/ (source checkout), each case once
+  corridor benchmark-diagnosis --cases null --count 100 --jobs 2 -o out/nulls
+      a hundred blocks in which nothing is hidden; kinds: null, single, lookalike, together,
+      unknown (outside the catalogue), perfect (no noise), all
+  corridor benchmark-diagnosis --blocks FOLDER -o out/theirs
+      blocks of anybody's: FOLDER/NAME with FOLDER/NAME.truth.json and, where there is one,
+      FOLDER/NAME_twin, the same block without the effect
+  corridor benchmark-diagnosis --cases single --cluster tcp://host:8786 -o out/single
+      on the workers of a Dask cluster, which need corridor and nothing else
+
+The truth needs {"effects": [{"slug": "rolling_shutter"}]}; with parameters (name, value, unit; the
+names and units of the effects), errors and signal-to-noise ratios come too, with a twin the closing
+of the gap. An interrupted run goes on where it stopped when the same command is given again.
+
+OUT holds benchmark.json, benchmark.csv (a row a block), report.txt, confusion.png, rates.png and,
+for each block, blocks/NAME.json, written as soon as it is done.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+KINDS = ("null", "single", "lookalike", "together", "unknown", "perfect", "all")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `corridor benchmark-diagnosis`."""
+    add = parser.add_argument
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--blocks", metavar="FOLDER", type=Path, help="folder of blocks and truths")
+    source.add_argument(
+        "--cases", metavar="KIND", type=_kinds, help=f"made on demand: {', '.join(KINDS)}; or A,B"
+    )
+    add("-o", "--output", metavar="OUT", type=Path, required=True, help="folder to write")
+    add("--count", metavar="N", type=_positive, help="blocks of each kind (default: its cases)")
+    add("--short", action="store_true", help="blocks of 40 images in place of 80")
+    add("--seed", metavar="N", type=int, default=0, help="of the blocks (default 0)")
+    add("--jobs", metavar="N", type=_positive, default=1, help="processes (default 1)")
+    add("--cluster", metavar="ADDRESS", help="Dask scheduler that does the work")
+    add("--level", metavar="P", type=_level, default=0.01, help="of a false name (default 0.01)")
+    add("--without-baselines", action="store_true", help="leave out what others would say")
+    add("--again", action="store_true", help="diagnose blocks anew that are done already")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run, print the table, save it."""
+    from corridor import diagnosis
+
+    benchmark = diagnosis.benchmark
+    if options.blocks is not None:
+        trials = benchmark.of_folder(options.blocks)
+    else:
+        trials = benchmark.of_generator(options.cases, options.count, options.seed, options.short)
+    try:
+        with _Progress(len(trials)) as progress:
+            rows = benchmark.run(
+                trials, options.output, options.jobs, options.cluster, options.again,
+                not options.without_baselines, progress, level=options.level,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"the blocks that were done are kept in {options.output}; the same command goes on"
+        ) from None
+    found = benchmark.summary(rows)
+    aside = ("run", "output", "jobs", "cluster", "again")
+    settings = {k: str(v) for k, v in vars(options).items() if k not in aside and v is not None}
+    written = benchmark.save(rows, found, options.output, settings)
+    print(benchmark.as_text(found))
+    print("\nWrote", *written, options.output / benchmark.KEPT, sep="\n  ")
+
+
+class _Progress:
+    """A bar with the time left, and the block that was done last."""
+
+    def __init__(self, total: int):
+        self.total = total
+
+    def __enter__(self):
+        from tqdm import tqdm
+
+        self.bar = tqdm(total=self.total, unit="block", file=sys.stderr, mininterval=1.0)
+        return self
+
+    def __exit__(self, *_):
+        self.bar.close()
+
+    def __call__(self, row: dict, done: int, of: int) -> None:
+        self.bar.set_postfix_str(f"{row['name']}: {row.get('verdict') or 'failed'}", refresh=False)
+        self.bar.update(done - self.bar.n)
+
+
+def _kinds(text):
+    kinds = text.split(",")
+    wrong = [kind for kind in kinds if kind not in KINDS]
+    if wrong:
+        raise argparse.ArgumentTypeError(f"{wrong[0]!r} is unknown: use {', '.join(KINDS)}")
+    return kinds
+
+
+def _level(text):
+    try:
+        level = float(text)
+    except ValueError:
+        level = 0.0
+    if not 0.0 < level < 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no probability between 0 and 1")
+    return level
+
+
+def _positive(text):
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
+    return int(text)

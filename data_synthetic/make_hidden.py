@@ -1,0 +1,66 @@
+"""Make the small set of blocks with hidden effects: `python data_synthetic/make_hidden.py`.
+
+Writes data_synthetic/hidden/A to F by the independent generator in tests/hidden; what is hidden in
+each stands beside it, in NAME.truth.json, for whoever wants to look before guessing. Guess first:
+
+    corridor benchmark-diagnosis --blocks data_synthetic/hidden -o out/hidden
+"""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from tests.hidden import Case, null, single, together  # noqa: E402
+from tests.hidden.generate import generate  # noqa: E402
+
+# Decimals worth shipping: far below the noise.
+DIGITS = {
+    "images": dict.fromkeys(("x", "y", "z", "time_s", "temperature_c", "vx", "vy", "vz"), 3)
+    | dict.fromkeys(("wx", "wy", "wz"), 5)
+    | dict.fromkeys(("qw", "qx", "qy", "qz"), 7),
+    "tie_points": dict.fromkeys("xy", 2),
+    "marks": dict.fromkeys("xy", 2),
+    "points": dict.fromkeys("xyz", 2),
+    "ground": dict.fromkeys("xyz", 4),
+    "gnss": dict.fromkeys("xyz", 4),
+}
+# Of what is true, that which a diagnosis is asked for; poses and points would weigh a megabyte.
+TOLD = ("seed", "effects", "outside", "moved", "camera", "readout_s", "lever_arm")
+SIZE = {"images": 30, "observations": 110, "check": 6}
+
+
+def cases() -> dict[str, tuple[Case, int]]:
+    """Name -> case and seed."""
+    return {
+        "A": (single("control_blunder", **SIZE), 41),
+        "B": (single("local_bump", 1.5, **SIZE), 42),
+        "C": (single("rolling_shutter", **SIZE), 43),
+        "D": (null("everyday", **SIZE), 44),
+        "E": (single("gnss_bias", 1.5, **SIZE), 45),
+        "F": (together("radial_distortion", "control_blunder", **SIZE), 46),
+    }
+
+
+def write(folder: Path = HERE / "hidden") -> Path:
+    """Write all blocks and their truth into a folder; returns it."""
+    for name, (case, seed) in cases().items():
+        made = generate(case, seed)
+        block = replace(
+            made.block, name=name, licence="BSD-3-Clause",
+            description="Something may be hidden in this block",
+        )  # fmt: skip
+        for table, places in DIGITS.items():
+            setattr(block, table, getattr(block, table).round(places))
+        block.write(folder / name)
+        truth = {key: made.truth[key] for key in TOLD}
+        text = json.dumps(truth, indent=1)
+        (folder / f"{name}.truth.json").write_text(text + "\n", encoding="utf-8", newline="\n")
+    return folder
+
+
+if __name__ == "__main__":
+    print(f"wrote {write()}")

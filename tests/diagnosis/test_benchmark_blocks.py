@@ -1,0 +1,239 @@
+"""The benchmark on real, tiny blocks: from a folder, gone on with, and how an effect shows."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import corridor
+from corridor.cli import main
+from corridor.diagnosis import benchmark
+from corridor.diagnosis.believed import Believed
+from corridor.diagnosis.benchmark.baselines import METHODS, baselines
+from corridor.diagnosis.benchmark.signal import _as_one, signals
+from corridor.diagnosis.benchmark.trials import generator
+from corridor.diagnosis.benchmark.truth import truth_of
+from corridor.errors import InputError
+
+made = generator()
+TINY = {"images": 24, "observations": 80, "check": 4, "noise": made.null("clean").noise}
+
+
+def hidden(slug, factor=1.0, **changes):
+    """A block of 24 images with one effect, white noise of 0.3 px and 8 mm."""
+    return made.generate(made.single(slug, factor, **(TINY | changes)), 3)
+
+
+def signal_of(one, **changes):
+    found = corridor.diagnose(one.twin, only=changes.pop("only", None))
+    evidence = found.course.rounds[0].evidence
+    return signals(truth_of(one.truth | changes), evidence, one.block, one.twin, {})
+
+
+@pytest.fixture(scope="module")
+def shutter():
+    return hidden("rolling_shutter")
+
+
+class TestSignal:
+    def test_two_ways_to_the_signal_to_noise_ratio_agree(self, shutter):
+        """theta' M theta of the reduced system, and what two adjustments by plain least squares
+        differ by in their residuals. The reduced system weighs image and GNSS noise as the block
+        shows them: in 24 images within 15 per cent of what is stated."""
+        (reduced,) = signal_of(shutter, only=["rolling_shutter"]).values()
+        bare = {"effects": [{"slug": "rolling_shutter"}]}
+        (residual,) = signal_of(shutter, only=["rolling_shutter"], **bare).values()
+        assert (reduced.by, residual.by) == ("reduced", "residuals")
+        assert reduced.ratio == pytest.approx(residual.ratio, rel=0.15)
+
+    def test_it_is_the_truth_over_its_sigma(self, shutter):
+        bare = {"effects": [{"slug": "rolling_shutter"}]}
+        (found,) = signal_of(shutter, only=["rolling_shutter"], **bare).values()
+        adjusted = corridor.adjust(shutter.twin, "fraser10", ["rolling_shutter"])
+        assert found.ratio == pytest.approx(0.025 / adjusted.effects["sigma"].item(), rel=0.05)
+
+    def test_a_bias_of_the_gnss_is_never_apart_from_one_of_the_control(self):
+        one = hidden("gnss_bias", geometry="oblique")
+        (found,) = signal_of(one, only=["gnss_bias", "control_datum", "thermal"]).values()
+        assert found.rival == "control_datum" and not found.separable
+        assert found.alike and found.apart < 0.05 * found.ratio
+
+    def test_forty_values_as_large_as_their_noise_bring_6_log_units(self):
+        """40 (1 - log 2) / 2 = 6.137 for s^2 = 1, twice that is the square of the ratio."""
+        assert _as_one(40.0, np.eye(40)) == pytest.approx(12.274, abs=1e-3)
+
+    def test_nothing_is_known_of_blocks_whose_rows_differ_from_their_twins(self, shutter):
+        fewer = shutter.block.copy()
+        fewer.tie_points = fewer.tie_points.iloc[20:].reset_index(drop=True)
+        evidence = corridor.diagnose(shutter.twin, only=["thermal"]).course.last.evidence
+        truth = truth_of({"effects": ["rolling_shutter"]})
+        (found,) = signals(truth, evidence, fewer, shutter.twin, {}).values()
+        assert found.ratio is None and found.separable is None
+
+
+@pytest.fixture(scope="module")
+def said(shutter):
+    believed = Believed.of(shutter.block, None, [], None, None, None, 1)
+    return baselines(believed, believed.adjust())
+
+
+class TestBaselines:
+    def test_each_has_a_number_for_every_effect_that_can_be_tested(self, said):
+        assert set(said) == set(METHODS)
+        assert {"rolling_shutter", "gnss_bias", "thermal"} <= set(said["bic"])
+        control = {key for key in said["bic"] if key.startswith("control_blunder.")}
+        assert len(control) == 5 and control <= set(said["correlation"])
+
+    def test_an_expert_finds_a_strong_rolling_shutter_by_bic(self, said):
+        assert max(said["bic"], key=said["bic"].get) == "rolling_shutter"
+
+    def test_correlations_are_shares_of_the_residuals(self, said):
+        assert all(0 <= value <= 1 for value in said["correlation"].values())
+
+
+@pytest.fixture(scope="module")
+def folder(shutter, tmp_path_factory):
+    """A stranger's folder: a block with twin and truth, another with the least truth there is."""
+    path = tmp_path_factory.mktemp("theirs")
+    shutter.write(path / "first")
+    other = made.generate(made.null("clean", **{k: v for k, v in TINY.items() if k != "noise"}), 4)
+    (path / "more").mkdir()
+    other.block.write(path / "more" / "second")
+    (path / "more" / "second.truth.json").write_text('{"effects": []}', encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def done(folder, tmp_path_factory):
+    out = tmp_path_factory.mktemp("out") / "b"
+    code = main(["benchmark-diagnosis", "--blocks", str(folder), "-o", str(out),
+                 "--without-baselines"])  # fmt: skip
+    return out, code
+
+
+class TestCommand:
+    def test_a_strangers_folder_is_diagnosed(self, done):
+        out, code = done
+        assert code == 0
+        content = json.loads((out / "benchmark.json").read_text(encoding="utf-8"))
+        first, second = content["rows"]
+        assert (first["name"], second["name"]) == ("first", "more-second")
+        assert first["named"] == ["rolling_shutter"] and first["twin"]["verdict"] == "nothing"
+        assert min(first["check_before"], first["check_after"], first["check_twin"]) > 0.001
+        assert abs(first["parameters"][0]["sigmas"]) < 4
+        assert second["verdict"] == "nothing" and second["kind"] == "null"
+        assert content["summary"]["null"]["all"]["false_name"]["count"] == 2
+
+    def test_a_row_for_each_block_and_pictures_are_written(self, done):
+        out, _ = done
+        table = pd.read_csv(out / "benchmark.csv")
+        assert table["answer"].tolist() == ["rolling_shutter", "nothing"]
+        assert table["ratio"].iloc[0] > 8
+        for name in ("confusion.png", "rates.png"):
+            assert (out / name).read_bytes()[:4] == b"\x89PNG"
+
+    def test_blocks_that_are_done_are_not_diagnosed_again(self, done, folder):
+        out, _ = done
+        before = {p.name: p.stat().st_mtime_ns for p in (out / "blocks").iterdir()}
+        (out / "blocks" / "first.json").unlink()
+        rows = benchmark.run(benchmark.of_folder(folder), out, rivals=False, level=0.01)
+        after = {p.name: p.stat().st_mtime_ns for p in (out / "blocks").iterdir()}
+        assert before["more-second.json"] == after["more-second.json"]
+        assert before["first.json"] < after["first.json"]
+        assert [row["name"] for row in rows] == ["first", "more-second"]
+
+    def test_a_truth_that_cannot_be_read_is_a_result_and_costs_no_other_block(
+        self, done, folder, tmp_path
+    ):
+        out, _ = done
+        trials = benchmark.of_folder(folder)
+        broken = folder / "broken.truth.json"
+        broken.write_text("{", encoding="utf-8")
+        (folder / "broken").mkdir()
+        (folder / "broken" / "block.toml").write_text("name = 'x'", encoding="utf-8")
+        try:
+            rows = benchmark.run(benchmark.of_folder(folder), out, rivals=False, level=0.01)
+        finally:
+            broken.unlink()
+            (folder / "broken" / "block.toml").unlink()
+            (folder / "broken").rmdir()
+        assert len(rows) == len(trials) + 1
+        failed = {row["name"]: row["failed"] for row in rows if row["failed"]}
+        assert list(failed) == ["broken"]
+        assert "broken" in benchmark.as_text(benchmark.summary(rows))
+
+
+class TestRefused:
+    def test_a_folder_without_blocks(self, tmp_path, capsys):
+        code = main(["benchmark-diagnosis", "--blocks", str(tmp_path), "-o", str(tmp_path / "o")])
+        assert code == 2 and "holds no block" in capsys.readouterr().err
+
+    def test_an_output_folder_that_holds_something_else(self, folder, tmp_path):
+        (tmp_path / "thesis.txt").write_text("years of work", encoding="utf-8")
+        with pytest.raises(InputError, match="no earlier benchmark"):
+            benchmark.run(benchmark.of_folder(folder), tmp_path)
+
+    @pytest.mark.parametrize(
+        "options", [["--cases", "nul"], ["--cases", "null", "--count", "0"], ["--level", "2"], []]
+    )
+    def test_options_that_cannot_be(self, options, tmp_path, capsys):
+        with pytest.raises(SystemExit) as stop:
+            main(["benchmark-diagnosis", *options, "-o", str(tmp_path / "o")])
+        assert stop.value.code == 2
+
+    def test_cases_without_the_generator(self, monkeypatch, tmp_path, capsys):
+        from corridor.diagnosis.benchmark import trials
+
+        monkeypatch.setattr(trials, "_LOADED", "not_loaded_yet")
+        monkeypatch.setattr(trials, "_GENERATOR", tmp_path / "nowhere")
+        code = main(["benchmark-diagnosis", "--cases", "null", "-o", str(tmp_path / "o")])
+        assert code == 2 and "source checkout" in capsys.readouterr().err
+
+
+class TestPlan:
+    @pytest.mark.parametrize("kind", made.KINDS)
+    def test_names_are_unique_and_seeds_too(self, kind):
+        cases = made.plan(kind, None, 0, True)
+        assert len({name for name, *_ in cases}) == len(cases) > 5
+        assert len({seed for *_, seed in cases}) == len(cases)
+
+    def test_single_effects_are_of_every_slug_geometry_and_ratio(self):
+        cases = made.plan("single", None, 0, True)
+        assert len(cases) == 23 * 5 * 3
+        assert len({name.split("-", 2)[2] for name, *_ in cases}) == len(cases)
+
+    def test_a_trial_is_made_when_it_is_its_turn(self):
+        first, second = benchmark.of_generator(["single"], 2, seed=7, short=True)
+        block, twin, truth = second.load()
+        assert first.name != second.name and len(block.images) == len(twin.images) == 40
+        assert truth.kind == "single" and truth.label in second.name
+
+    def test_more_blocks_than_cases_begin_again_with_other_seeds(self):
+        every = made.plan("together", None, 0, True)
+        more = made.plan("together", len(every) + 1, 0, True)
+        assert more[-1][1] == every[0][1] and more[-1][2] != every[0][2]
+
+
+def test_a_cluster_gives_the_same_answer(done, folder, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    (trial,) = benchmark.of_folder(folder / "more")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
+    ) as cluster:
+        (row,) = benchmark.run(
+            [trial], tmp_path / "o", cluster=cluster.scheduler_address, rivals=False
+        )
+    kept = json.loads((done[0] / "blocks" / "more-second.json").read_text(encoding="utf-8"))
+    assert row["said"]["threshold"] == kept["said"]["threshold"]
+    assert row["check_before"] == pytest.approx(kept["check_before"], rel=1e-9)
+
+
+@pytest.mark.slow
+def test_two_processes_give_the_same_rows(done, folder, tmp_path):
+    out, _ = done
+    rows = benchmark.run(benchmark.of_folder(folder), tmp_path / "o", jobs=2, rivals=False)
+    kept = json.loads((out / "benchmark.json").read_text(encoding="utf-8"))["rows"]
+    for one, other in zip(rows, kept, strict=True):
+        assert one["verdict"] == other["verdict"]
+        assert one["parameters"] == other["parameters"]
