@@ -4,6 +4,9 @@ Writes data_synthetic/hidden/A to F by the independent generator in tests/hidden
 each stands beside it, in NAME.truth.json, for whoever wants to look before guessing. Guess first:
 
     corridor benchmark-diagnosis --blocks data_synthetic/hidden -o out/hidden
+
+data_synthetic/stories holds the flights of chapter 5, some with their twin: the same flight and
+noise, nothing hidden.
 """
 
 import json
@@ -14,7 +17,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from tests.hidden import Case, null, single, together  # noqa: E402
+from corridor import Block  # noqa: E402
+from tests.hidden import CALM, Case, null, single, together  # noqa: E402
 from tests.hidden.generate import generate  # noqa: E402
 
 # Decimals worth shipping: far below the noise.
@@ -45,22 +49,39 @@ def cases() -> dict[str, tuple[Case, int]]:
     }
 
 
-def write(folder: Path = HERE / "hidden") -> Path:
-    """Write all blocks and their truth into a folder; returns it."""
-    for name, (case, seed) in cases().items():
-        made = generate(case, seed)
-        block = replace(
-            made.block, name=name, licence="BSD-3-Clause",
-            description="Something may be hidden in this block",
-        )  # fmt: skip
-        for table, places in DIGITS.items():
-            setattr(block, table, getattr(block, table).round(places))
-        block.write(folder / name)
-        truth = {key: made.truth[key] for key in TOLD}
+def stories() -> dict[str, tuple[Case, int]]:
+    """Name -> case and seed of the flights of chapter 5."""
+    size = {"images": 45, "observations": 160}
+    return {
+        "levee": (single("rolling_shutter", calibrated=True, air=CALM, **size), 3),
+        "towpath": (together("rolling_shutter", "lever_arm", **size), 4),
+        "weir": (single("local_bump", **size), 5),
+    }
+
+
+def write(folder: Path, made: dict[str, tuple[Case, int]], twins: tuple[str, ...] = ()) -> Path:
+    """Write blocks and their truth into a folder, and the twins of some; returns the folder."""
+    for name, (case, seed) in made.items():
+        hidden = generate(case, seed)
+        _write(hidden.block, folder / name)
+        if name in twins:
+            _write(hidden.twin, folder / f"{name}_twin")
+        truth = {key: hidden.truth[key] for key in TOLD}
         text = json.dumps(truth, indent=1)
         (folder / f"{name}.truth.json").write_text(text + "\n", encoding="utf-8", newline="\n")
     return folder
 
 
+def _write(block: Block, folder: Path) -> None:
+    block = replace(
+        block, name=folder.name, licence="BSD-3-Clause",
+        description="Something may be hidden in this block",
+    )  # fmt: skip
+    for table, places in DIGITS.items():
+        setattr(block, table, getattr(block, table).round(places))
+    block.write(folder)
+
+
 if __name__ == "__main__":
-    print(f"wrote {write()}")
+    print(f"wrote {write(HERE / 'hidden', cases())}")
+    print(f"wrote {write(HERE / 'stories', stories(), twins=('levee', 'towpath'))}")

@@ -46,7 +46,7 @@ from corridor.diagnosis import Closing, compare, confusability, counterparts
 from corridor.published import compare as beside_published
 from corridor.simulation import read_plan
 
-sealed = Path("../data_synthetic/hidden")
+sealed = Path("../data_synthetic/stories")
 count = 19 if fast else 39
 
 
@@ -68,7 +68,7 @@ def beside(adjustment):
 
 # %%
 levee = corridor.read(sealed / "levee")
-believed = corridor.adjust(levee)
+believed = corridor.adjust(levee, loss="cauchy:2")
 tie = believed.observations["tie"]["rms"]
 print(f"sigma naught {believed.sigma0:.2f}, tie residuals {tie:.2f} px")
 print(f"check points {1000 * believed.check_rms.d3:.0f} mm")
@@ -111,7 +111,7 @@ print(levee_found.sentence)
 levee_found
 
 # %%
-figures.evidence(levee_found)
+figures.evidence_bars(levee_found.evidence, levee_found.course.last.threshold, "levee")
 
 # %% [markdown]
 # Before and after, beside the simulated counterparts. The sum of what leaves the bands is the gap

@@ -15,7 +15,7 @@ from corridor.block import Block
 from corridor.diagnosis import gap
 from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.location import locate
-from corridor.diagnosis.report import as_text, save
+from corridor.diagnosis.report import as_html, as_text, evidence, save
 from corridor.diagnosis.rounds import Course, members, run
 from corridor.diagnosis.sentence import sentence
 from corridor.diagnosis.variance import variance_alarms
@@ -24,7 +24,7 @@ from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
 
 
-@dataclass
+@dataclass(repr=False)
 class Diagnosis:
     """What is missing, how sure that is, and what it does.
 
@@ -51,7 +51,9 @@ class Diagnosis:
     seed: int = 0
 
     sentence = property(sentence, doc="What is missing, in a sentence that a surveyor understands.")
-    __str__ = as_text
+    evidence = property(evidence, doc=evidence.__doc__)
+    __str__ = __repr__ = as_text
+    _repr_html_ = as_html
     save = save
 
     @property

@@ -1,8 +1,9 @@
-"""A diagnosis for a terminal: the sentence, what was found, and what it does."""
+"""A diagnosis for a terminal or a notebook: the sentence, what was found, and what it does."""
 
 from __future__ import annotations
 
 import textwrap
+from html import escape
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -18,10 +19,7 @@ WIDTH = 100
 def as_text(diagnosis: Diagnosis) -> str:
     """The sentence and short tables, as plain text."""
     parts = [textwrap.fill(diagnosis.sentence, WIDTH)]
-    shown = ["slug", "class", "parameter", "value", "sigma", "unit", "log evidence"]
-    parts += [_table(tables.found(diagnosis)[shown]), _table(tables.variance(diagnosis))]
-    gap = tables.gap(diagnosis, None, None)
-    parts.append(_table(gap.drop(columns=["noise alone", "closed"], errors="ignore")))
+    parts += [_table(frame) for frame in _short(diagnosis)]
     missing = tables.untestable(diagnosis, None)
     if len(missing):
         parts.append(
@@ -35,6 +33,23 @@ def as_text(diagnosis: Diagnosis) -> str:
         )
     parts += [textwrap.fill(note, WIDTH) for note in diagnosis.notes]
     return "\n\n".join(part for part in parts if part)
+
+
+def as_html(diagnosis: Diagnosis) -> str:
+    """The sentence and the same tables, for a notebook."""
+    parts = [frame.to_html(index=False, border=0) for frame in _short(diagnosis) if len(frame)]
+    return f"<p><b>{escape(diagnosis.sentence)}</b></p>" + "".join(parts)
+
+
+def _short(diagnosis: Diagnosis) -> list[pd.DataFrame]:
+    """What was found, where the noise changes, and the gap."""
+    shown = ["slug", "class", "parameter", "value", "sigma", "unit", "log evidence"]
+    gap = tables.gap(diagnosis, None, None)
+    return [
+        tables.found(diagnosis)[shown],
+        tables.variance(diagnosis),
+        gap.drop(columns=["noise alone", "closed"], errors="ignore"),
+    ]
 
 
 def _table(frame: pd.DataFrame) -> str:
