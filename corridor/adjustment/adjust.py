@@ -16,7 +16,7 @@ from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
 from corridor.block import Block
 from corridor.effects import Effect, check_needs, find
-from corridor.errors import InputError
+from corridor.errors import AdjustmentFailed, InputError
 
 
 def adjust(
@@ -53,19 +53,52 @@ def adjust(
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
     iterations get nowhere.
     """
-    began = time.perf_counter()
+    if threads < 1:
+        raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
+    effects = [effect if isinstance(effect, Effect) else find(effect) for effect in effects]
+    check_needs(block, effects)
+    control = None if control is None else list(control)
+    check = None if check is None else list(check)
 
-    def again(block: Block) -> Adjustment:
-        return adjust(
+    def once(block: Block, effects: list[Effect], priors: Mapping | None) -> Adjustment:
+        return _once(
             block, camera, effects, control, check, loss, priors, lever_arm, threads, progress,
             max_iterations,
         )  # fmt: skip
 
-    if threads < 1:
-        raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
+    def again(part: Block) -> Adjustment:
+        try:
+            return once(part, effects, priors)
+        except AdjustmentFailed:
+            if not effects:
+                raise
+            # Effects look at poses: where those are far off, they lead further away.
+            slugs = {effect.slug for effect in effects}
+            other = {k: v for k, v in (priors or {}).items() if k.partition(".")[0] not in slugs}
+            found = once(once(part, [], other).block, effects, priors)
+            found.start = part
+            return found
+
+    result = again(block)
+    return _without_false_fixes(result, again) if reject_gnss else result
+
+
+def _once(
+    block: Block,
+    camera: str | Mapping[str, str] | None,
+    effects: list[Effect],
+    control: Iterable[str] | None,
+    check: Iterable[str] | None,
+    loss: str,
+    priors: Mapping[str, tuple[float, float]] | None,
+    lever_arm: str | None,
+    threads: int,
+    progress: Callable[[dict], None] | None,
+    max_iterations: int,
+) -> Adjustment:
+    """One adjustment, arguments as of `adjust`."""
+    began = time.perf_counter()
     start, notes = block, []
-    effects = [effect if isinstance(effect, Effect) else find(effect) for effect in effects]
-    check_needs(block, effects)
     if _incomplete(block):
         from corridor.adjustment.initial import complete  # loads OpenCV: 25 MB
 
@@ -95,10 +128,9 @@ def adjust(
     except Singular as singular:
         raise explain(normal, problem.start, singular) from None
     solution.state = state
-    result = Adjustment(
+    return Adjustment(
         start, normal, solution, covariance, time.perf_counter() - began, [*problem.notes, *notes]
     )
-    return _without_false_fixes(result, again) if reject_gnss else result
 
 
 def _without_false_fixes(result: Adjustment, again: Callable[[Block], Adjustment]) -> Adjustment:

@@ -96,11 +96,21 @@ class Normal:
         self.slope = np.tile([1.0, 0.0, 0.0, 1.0], (len(self.modelled), 1))
         # Where the camera moves while rows are read: the row of each as modelled last time, px.
         self.moves = bool(p.stack.at("motion"))
-        down = p.images.row_axis[p.img[: len(p.img) if self.moves else 0]] == 1
-        self.at_row = np.where(down, p.xy[: len(down), 1], p.xy[: len(down), 0])
+        self.at_row = self._measured_rows()
         self.assembled: View | None = None
         self.pins = np.zeros((0, 2), dtype=np.int64)
         self.pin_weight = np.zeros(0)
+
+    def _measured_rows(self) -> np.ndarray:
+        p = self.problem
+        down = p.images.row_axis[p.img[: len(p.img) if self.moves else 0]] == 1
+        return np.where(down, p.xy[: len(down), 1], p.xy[: len(down), 0])
+
+    def forget_trial(self, state: State) -> None:
+        """Look at a state anew: rows of a rejected trial may lie where no motion is known."""
+        if self.moves:
+            self.at_row[:] = self._measured_rows()
+            self.look(state)
 
     # --- what stays the same during one evaluation -----------------------------------------
 

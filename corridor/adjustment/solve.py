@@ -156,7 +156,11 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
                     "no step lowers the residuals: the start values are too far off, check poses, "
                     "camera and the unit of the coordinates"
                 )
+            normal.forget_trial(state)
             normal.assemble(state, damping)
+            if normal.moves:
+                # Where rows were still on their way, so was the cost.
+                cost = normal.cost
         state, cost, damping = trial, reached, relaxed
         if done:
             return Solution(state, True, iteration, cost, history)

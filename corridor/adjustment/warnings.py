@@ -5,12 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 if TYPE_CHECKING:
     from corridor.adjustment.result import Adjustment
 
 # Beyond this a parameter and a height are one quantity for every practical purpose.
 INSEPARABLE = 0.995
+# Residuals that follow the rows of single images: share of their squares, and length in sigmas.
+ROW_SHARE, ROW_SIGMAS = 0.15, 0.5
+_ROW_DEGREE = 4
 
 
 def warnings_of(adjustment: Adjustment) -> list[str]:
@@ -18,6 +22,7 @@ def warnings_of(adjustment: Adjustment) -> list[str]:
     return [
         *_convergence(adjustment),
         *_inseparable(adjustment),
+        *_motion(adjustment),
         *_fit(adjustment),
         *_outliers(adjustment),
         *_insignificant(adjustment),
@@ -58,6 +63,41 @@ def _inseparable(a):
             "oblique images, or hold a calibrated focal length."
         )
         return
+
+
+def _motion(a):
+    """Says so where a motion during the readout is modelled and residuals still follow the rows."""
+    p, ties = a.problem, a.residuals["tie"]
+    if not p.stack.at("motion") or not len(ties):
+        return
+    ties = ties[~ties["gross"]]
+    image = pd.Index(p.images.names).get_indexer(ties["image"].astype(str))
+    axis, factor, offset = p.images.row_of[image].T
+    row = 2 * (factor * np.where(axis == 1, ties["y"], ties["x"]) + offset)
+    basis = np.vander(row, _ROW_DEGREE + 1, increasing=True)
+    v = ties[["vx", "vy"]].to_numpy() / ties[["sigma"]].to_numpy()
+    order = np.argsort(image, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(image[order])) + 1)
+    parts = [part for part in parts if len(part) > 10 * (_ROW_DEGREE + 1)]
+    if len(parts) < 2:
+        return
+    # What all images share is the camera's.
+    v = v - basis @ np.linalg.lstsq(basis, v, rcond=None)[0]
+    count, by_row = 2 * sum(map(len, parts)), 0.0
+    for part in parts:
+        mine = np.linalg.lstsq(basis[part], v[part], rcond=None)[0]
+        by_row += float(np.sum((basis[part] @ mine) ** 2))
+    by_chance = 2.0 * (_ROW_DEGREE + 1) * len(parts) * a.sigma0**2
+    share = (by_row - by_chance) / float(np.sum(v**2))
+    size = np.sqrt(max(by_row - by_chance, 0.0) / count)
+    if share > ROW_SHARE and size > ROW_SIGMAS:
+        names = ", ".join(member.effect.slug for member in p.stack.at("motion"))
+        yield (
+            f"The motion model ({names}) does not explain the pictures: {100 * share:.0f} % of the "
+            f"tie residuals' squares follow the rows of single images ({size:.1f} sigmas). Its "
+            "values are those of a wrong model: the camera moved otherwise during the readout "
+            "(rates that change within it, as a gyroscope records them in rates.csv)."
+        )
 
 
 def _fit(a):

@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--effect",
         metavar="SLUG:PARAMETER=VALUE",
         action="append",
-        type=_effect,
+        type=effect_word,
         default=[],
         help="add this effect; several parameters with commas (may be repeated); with --like, a "
         "SLUG alone is part of the model and estimated",
@@ -158,7 +158,8 @@ class _Bars:
         self.bar.update(100 * share - self.bar.n)
 
 
-def _effect(text):
+def effect_word(text: str) -> tuple[str, dict[str, float] | None]:
+    """Slug and values of SLUG:PARAMETER=VALUE,...; no values where it is a SLUG alone."""
     slug, colon, rest = text.partition(":")
     if slug and not colon and not any(mark in slug for mark in "=, "):
         return slug.strip(), None

@@ -84,7 +84,7 @@ def candidates(
     free: estimated interior parameters of each camera. control: measured control points.
     only, without: slugs that restrict the choice. Raises InputError for a slug that is unknown.
     """
-    every = catalogue()
+    every = [effect.form(block) for effect in catalogue()]
     names = {effect.slug for effect in every}
     for slug in [*(only or ()), *without]:
         if slug not in names:
@@ -96,7 +96,7 @@ def candidates(
         taken |= names - set(only)
     found = Candidates([])
     for effect in every:
-        if effect.slug in taken:
+        if effect.slug in taken or not (effect.searched or only):
             continue
         missing = _missing(block, effect, free, list(control)) or _same_as(block, effect, every)
         if missing:

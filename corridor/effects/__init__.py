@@ -1,8 +1,8 @@
 """Physical effects: one file each, found by looking in this folder.
 
 `catalogue()` lists them, `find(slug)` makes one; `add` simulates effects in a block, `take_out`
-corrects them, `predict` is the whole forward model. A new effect is a new file with one class
-(`corridor.effects.contract.Effect`).
+undoes that, `correct` with all that a person may have forgotten; `predict` is the whole forward
+model. A new effect is a new file with one class (`corridor.effects.contract.Effect`).
 """
 
 from corridor.effects.contract import (
@@ -15,6 +15,7 @@ from corridor.effects.contract import (
     group_names,
     group_of_image,
 )
+from corridor.effects.correction import correct, values_of
 from corridor.effects.forward import (
     Prediction,
     add,
@@ -37,6 +38,7 @@ __all__ = [
     "add",
     "catalogue",
     "check_needs",
+    "correct",
     "find",
     "group_names",
     "group_of_image",
@@ -44,4 +46,5 @@ __all__ = [
     "predict",
     "stated_lever_arms",
     "take_out",
+    "values_of",
 ]

@@ -16,6 +16,7 @@ import numpy as np
 
 from corridor.block import Block
 from corridor.camera import INTERIOR, rotation_from_quaternion
+from corridor.effects.gyroscope import RATES, Gyroscope
 from corridor.errors import InputError
 
 # Shape of one row's shift, by place (design, section 3).
@@ -41,9 +42,11 @@ class Effect(ABC):
 
     slug: public name. title: one line. place: one of `PLACES`.
     called: the effect in the middle of a sentence, "... is missing from the model".
-    needs: columns that must be known, `table.column`, or `camera.key`.
+    needs: columns that must be known, `table.column`, or `camera.key`. takes: columns that are
+    used where they are known.
     group: who shares a set of values: the block, a camera, a flight, an image or a ground point.
     generic: a mathematical shape that stands for the unknown, not a physical cause.
+    searched: whether the diagnosis asks for it; not where others of the catalogue say it better.
     row_degree: of the place motion: degree of the polynomial in the row that holds the shift.
     stands_in_for: camera parameters that have to be held, or the effect to have a prior: it can
     move what they move.
@@ -55,8 +58,10 @@ class Effect(ABC):
     called: str
     place: str
     needs: tuple[str, ...] = ()
+    takes: tuple[str, ...] = ()
     group: str = "block"
     generic: bool = False
+    searched: bool = True
     row_degree: int = 1
     stands_in_for: tuple[str, ...] = ()
     revealed_by: str = ""
@@ -82,6 +87,17 @@ class Effect(ABC):
         its derivative (rows, dimension, parameters) by the values of the row's group.
         """
 
+    def form(self, block: Block) -> Effect:
+        """The effect as this block's data let it be: other parameters, another group."""
+        return self
+
+    def stated(self, block: Block) -> dict[str, float | dict[str, float]] | None:
+        """Values that the block itself states, `{parameter: number or {group: number}}`, or None.
+
+        They are taken where somebody corrects the effect without giving values.
+        """
+        return None
+
     def missing(self, block: Block) -> list[str]:
         """Those of `needs` that the block does not have."""
         return [column for column in self.needs if not block.has(column)]
@@ -104,7 +120,8 @@ class Images:
     """What is known of each image of a block, row for row.
 
     names, cameras, flights: text. centre (m, 3) and rotation (m, 3, 3) are the current pose;
-    the rest comes from images.csv, NaN where unknown. start_centre, start_rotation: the pose that
+    the rest comes from images.csv, NaN where unknown. record: row of each image in `gyroscope`,
+    which rates.csv gives (None without). start_centre, start_rotation: the pose that
     images.csv states, which stays. ground: mean height of the points, m; elevation: of z = 0
     above the sea, m.
     """
@@ -128,6 +145,8 @@ class Images:
     start_rotation: np.ndarray
     ground: float
     elevation: float = 0.0
+    record: np.ndarray | None = None
+    gyroscope: Gyroscope | None = None
 
     @classmethod
     def of(cls, block: Block) -> Images:
@@ -164,6 +183,10 @@ class Images:
             start_rotation=rotation,
             ground=float(np.mean(block.points["z"])) if len(block.points) else 0.0,
             elevation=float(block.offset[2]),
+            record=np.arange(len(table)),
+            gyroscope=Gyroscope(block)
+            if set(RATES) <= set(block.rates) and len(block.rates)
+            else None,
         )
 
     def reordered(self, order: np.ndarray) -> Images:
@@ -277,6 +300,15 @@ class Context:
     def angular_rate(self) -> np.ndarray:
         """Angular rate of the camera (rows, 3), rad/s, camera frame."""
         return self.images.angular_rate[self.image]
+
+    def turn(self, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Turn of the camera (rows, 3), rad, and its derivatives by end and begin, rad/s.
+
+        begin, end: (rows,) s from the image's time, on the clock of rates.csv.
+        """
+        time = self.images.time[self.image]
+        record = self.images.record[self.image]
+        return self.images.gyroscope.turn(record, time + begin, time + end)
 
     @property
     def rotation(self) -> np.ndarray:

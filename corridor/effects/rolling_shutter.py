@@ -1,7 +1,7 @@
 """The shutter reads its rows one after the other while the camera moves on.
 
 Exact in the row: the centre moves with the velocity and the camera turns with its angular rate
-(where the block knows it) for the time between the middle row and the row of the point.
+(where images.csv gives one) for the time between the middle row and the row of the point.
 
 Source: thesis, chapter 7; Zhou et al. 2020, two-step correction.
 """
@@ -9,6 +9,7 @@ Source: thesis, chapter 7; Zhou et al. 2020, two-step correction.
 import numpy as np
 
 from corridor.effects.contract import Effect, Parameter
+from corridor.errors import InputError
 
 
 class RollingShutter(Effect):
@@ -17,6 +18,7 @@ class RollingShutter(Effect):
     called = "the camera's rolling shutter"
     place = "motion"
     needs = ("images.vx", "images.vy", "images.vz")
+    takes = ("images.wx", "images.wy", "images.wz")
     revealed_by = "strips flown both ways, across each other, at several speeds or tilts"
     unobservable_when = (
         "the drone hovers, or all strips have one speed relative to the picture and the camera is "
@@ -25,6 +27,20 @@ class RollingShutter(Effect):
 
     def parameters(self, block):
         return [Parameter("readout", "s", scale=0.030)]
+
+    def stated(self, block):
+        """The readout_s of the cameras in block.toml."""
+        given = {name: c.readout_s for name, c in block.cameras.items() if c.readout_s is not None}
+        if not given:
+            return None
+        if self.group == "camera":
+            return {"readout": given}
+        if len(set(given.values())) > 1 or len(given) < len(block.cameras):
+            raise InputError(
+                "block.toml: its cameras state different values of readout_s, or not all state "
+                f"one: write {self.slug}@camera, or give one readout for all"
+            )
+        return {"readout": next(iter(given.values()))}
 
     def shift(self, context, values):
         """Centre v t and rotation w t, with t = readout (row - middle row) / (rows - 1)."""

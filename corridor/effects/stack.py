@@ -46,6 +46,7 @@ class Stack:
 
     def __init__(self, block: Block, effects: list[Effect], points: list[str] = ()):
         images = Images.of(block)
+        effects = [effect.form(block) for effect in effects]
         slugs = [effect.slug for effect in effects]
         for slug in slugs:
             if slugs.count(slug) > 1:

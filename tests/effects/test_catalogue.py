@@ -5,6 +5,7 @@ import inspect
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ from corridor.simulation import add_noise, corridor_block
 from corridor.simulation.strips import CAMLIGHT
 
 FOLDER = Path(inspect.getfile(Effect)).parent
-MECHANISM = {"__init__", "contract", "stack", "forward", "splines"}
+MECHANISM = {"__init__", "contract", "stack", "forward", "splines", "gyroscope", "correction"}
 # Small enough that nothing hides in the noise, and that GNSS and control hold the block.
 NOISE = {"tie_px": 0.05, "mark_px": 0.05, "gnss_m": 0.002, "control_m": 0.002}
 
@@ -51,6 +52,21 @@ def drone():
 
 
 @pytest.fixture(scope="module")
+def with_gyroscope(drone):
+    """The drone's strip with rates.csv: 2 degrees a second that change within a tenth of one."""
+    block = drone.copy()
+    time = block.images["time_s"].to_numpy()[:, None] + np.arange(-0.2, 0.2, 0.001)
+    phase = np.random.default_rng(3).uniform(0, 2 * np.pi, (3, *block.images.shape[:1], 1))
+    rate = 0.035 * np.sin(2 * np.pi * 2.0 * time + phase)
+    block.rates = pd.DataFrame(
+        {"time_s": time.ravel(), "image": np.repeat(block.images["image"], time.shape[1])}
+        | dict(zip(("wx", "wy", "wz"), rate.reshape(3, -1), strict=True))
+    ).reset_index(drop=True)
+    block.check()
+    return block
+
+
+@pytest.fixture(scope="module")
 def aeroplane():
     return flown(height=3000.0, interval_s=8.0)
 
@@ -62,8 +78,19 @@ def strips(drone, aeroplane):
 
 
 @pytest.fixture
-def strip(effect, strips):
-    return strips[effect.slug]
+def strip(effect, strips, with_gyroscope):
+    return with_gyroscope if gyroscopic(effect) else strips[effect.slug]
+
+
+def gyroscopic(effect):
+    return any(need.startswith("rates.") for need in effect.needs)
+
+
+def every_form():
+    """The catalogue, and those of it that are others where the block has a gyroscope."""
+    recorded = SimpleNamespace(rates=[0.0])
+    forms = [effect.form(recorded) for effect in catalogue()]
+    return catalogue() + [effect for effect in forms if gyroscopic(effect)]
 
 
 def chosen(effect, drone, aeroplane):
@@ -121,7 +148,9 @@ def without(block, column):
     return out
 
 
-@pytest.mark.parametrize("effect", catalogue(), ids=lambda effect: effect.slug)
+@pytest.mark.parametrize(
+    "effect", every_form(), ids=lambda effect: effect.slug + "-by-gyroscope" * gyroscopic(effect)
+)
 class TestEveryEffect:
     def test_derivative_agrees_with_central_differences(self, effect, strip):
         context = context_of(effect, strip)
@@ -290,8 +319,8 @@ def test_nothing_else_in_the_package_knows_an_effect_by_name():
     # `thermal` is a verb of the command.
     slugs = {effect.slug for effect in catalogue()} - {"lever_arm", "thermal"}
     for path in FOLDER.parent.rglob("*.py"):
-        # The package's own __init__ lists its rooms, one of which has an effect's name.
-        if path.parent == FOLDER and path.stem in slugs or path == FOLDER.parent / "__init__.py":
+        # A room may bear the name of what it is about.
+        if path == FOLDER.parent / "__init__.py" or (path.parent == FOLDER and path.stem in slugs):
             continue
         strings = {
             node.value

@@ -1,0 +1,114 @@
+"""Take an effect out of a block's measurements, so that any other program can go on with it.
+
+examples:
+  corridor correct out/a/block --effect rolling_shutter -o out/corrected
+      with the readout time that block.toml states; velocities from images.csv, GNSS or neighbours
+  corridor correct out/a/block --effect rolling_shutter:readout=0.0564 -o out/corrected
+      with a value of your own; several parameters with commas
+  corridor correct out/a/block --effect gnss_bias --from out/a/adjustment.json -o out/corrected
+      with what an adjustment (or a diagnosis.json) found
+  corridor correct out/a/block --effect rolling_shutter --velocity strip -o out/corrected
+      velocities from a smooth flight along each strip: for time stamps in whole seconds
+
+BLOCK needs poses and points: adjust it first and correct OUT/block. BLOCK2 appears whole or not at
+all. Its block.toml says in the table [corrected] what was taken out, with which values and
+velocities, and what was wrong with the time stamps.
+"""
+
+import argparse
+from pathlib import Path
+
+from corridor.cli.simulate import effect_word
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `corridor correct`."""
+    parser.add_argument("block", metavar="BLOCK", type=Path, help="folder of the block")
+    parser.add_argument(
+        "--effect",
+        metavar="SLUG[:PARAMETER=VALUE]",
+        action="append",
+        type=effect_word,
+        required=True,
+        help="take out this effect of `corridor effects`; without values, those that the block "
+        "states or --from holds (may be repeated)",
+    )
+    parser.add_argument(
+        "--from",
+        dest="source",
+        metavar="FILE",
+        type=Path,
+        help="adjustment.json or diagnosis.json that holds the values",
+    )
+    parser.add_argument(
+        "--velocity",
+        choices=("auto", "metadata", "gnss", "strip", "neighbours"),
+        default="auto",
+        help="where velocities come from, for effects that need them: vx, vy, vz of images.csv "
+        "(metadata), antenna positions (gnss), a smooth flight along each strip (strip), the "
+        "images before and after (neighbours); default: the first of these that the block has",
+    )
+    parser.add_argument(
+        "--turning",
+        choices=("metadata", "neighbours"),
+        default="metadata",
+        help="where angular rates come from, for effects that take them: wx, wy, wz of images.csv "
+        "if they are there (metadata, default), attitudes of the images before and after",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="BLOCK2", type=Path, required=True, help="folder to write"
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    """Find velocities and values, take the effect out, say what was done and write the block."""
+    import corridor
+    from corridor.effects import correct, find, values_of
+
+    block = corridor.read(options.block)
+    values, looked_at = {}, set()
+    for name, given in options.effect:
+        if given is None and options.source is not None:
+            given = values_of(name, options.source, block)
+        values[name] = given
+        effect = find(name).form(block)
+        looked_at |= {*effect.needs, *effect.takes}
+    notes = []
+    if "images.wx" in looked_at and options.turning == "neighbours":
+        block = corridor.rolling_shutter.rates_from_neighbours(block)
+        notes.append("angular rates: from the attitudes of the images before and after")
+    if "images.vx" in looked_at:
+        found = corridor.rolling_shutter.velocities(block, options.velocity)
+        block = found.on(block)
+        notes += str(found).splitlines()
+        if "images.wx" in looked_at and not block.has("images.wx"):
+            notes.append("No angular rates are known: the camera is taken not to have turned.")
+    corrected = correct(block, values, notes)
+    for note in notes:
+        print(note)
+    _tell(block, corrected, values)
+    corrected.write(options.output)
+    print(f"wrote {options.output}")
+
+
+def _tell(block, corrected, values):
+    import numpy as np
+
+    for name in values:
+        slug = name.partition("@")[0]
+        told = corrected.extra["corrected"][slug].items()
+        words = (f"{k} = {v:.6g}" if isinstance(v, float) else f"{k} of {len(v)}" for k, v in told)
+        print(f"without {slug}: {', '.join(words)}")
+    for table, columns, unit in (
+        ("tie_points", ["x", "y"], "px"),
+        ("marks", ["x", "y"], "px"),
+        ("gnss", ["x", "y", "z"], "m"),
+        ("ground", ["x", "y", "z"], "m"),
+    ):
+        before, after = (getattr(b, table)[columns].to_numpy(float) for b in (block, corrected))
+        length = np.linalg.norm(after - before, axis=1)
+        if len(length) and np.nanmax(length) > 0:
+            print(
+                f"{table}: {np.count_nonzero(length):,} of {len(length):,} rows moved, median "
+                f"{np.nanmedian(length):.3g} {unit}, largest {np.nanmax(length):.3g} {unit}"
+            )

@@ -1,0 +1,341 @@
+"""How fast each camera flew, from what a block knows: neighbours, strips, GNSS or metadata."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from corridor.block import Block
+from corridor.errors import InputError
+
+METHODS = ("auto", "metadata", "gnss", "strip", "neighbours")
+# No drone and no survey aeroplane flies faster; wrong time stamps easily do.
+FASTEST_M_S = 120.0
+_AXES = ("vx", "vy", "vz")
+# Steps of clocks that write whole seconds, halves, tenths.
+_STEPS = (1.0, 0.5, 0.1)
+
+
+@dataclass
+class Velocities:
+    """Velocity of every image and how it was found.
+
+    velocity: (images, 3) m/s, world, in the order of images.csv; sigma: (images,) m/s, of one
+    axis along the flight, NaN where nothing tells. method: one of METHODS. stamp_s: step to which
+    the time stamps are rounded, 0 where they are not; stamp_sigma_s: their standard error.
+    notes: what was wrong with the time stamps, sentences.
+    """
+
+    velocity: np.ndarray
+    sigma: np.ndarray
+    method: str
+    stamp_s: float = 0.0
+    stamp_sigma_s: float = 0.0
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def speed(self) -> np.ndarray:
+        """(images,) m/s."""
+        return np.linalg.norm(self.velocity, axis=1)
+
+    def __str__(self) -> str:
+        low, middle, high = np.percentile(self.speed, [0, 50, 100])
+        lines = [
+            f"velocities: {_TOLD[self.method]}; {low:.2f} to {high:.2f} m/s, median {middle:.2f}"
+        ]
+        known = self.sigma[np.isfinite(self.sigma)]
+        if len(known):
+            lines[0] += f", sigma {np.median(known):.2f} m/s"
+        return "\n".join([*lines, *self.notes])
+
+    def on(self, block: Block) -> Block:
+        """The block with these velocities in images.csv."""
+        block = block.copy()
+        block.images = block.images.assign(**dict(zip(_AXES, self.velocity.T, strict=True)))
+        return block
+
+
+_TOLD = {
+    "metadata": "vx, vy, vz of images.csv",
+    "gnss": "from antenna positions, not from poses",
+    "strip": "one smooth flight a strip, fitted to its camera positions",
+    "neighbours": "from the images before and after",
+}
+
+
+def velocities(block: Block, method: str = "auto") -> Velocities:
+    """Velocity of every image of a block.
+
+    method: `metadata`: vx, vy, vz of images.csv. `gnss`: from track.csv, or from gnss.csv as
+    `strip` from the poses. `neighbours`: displacement over time between the images before and
+    after (thesis, section 7.5, step 2), one-sided at the ends of a strip. `strip`: a quadratic in
+    time through all camera positions of a strip, which errors of single time stamps hardly move.
+    `auto`: the first of these that the block has; from poses, `strip` where time stamps are
+    rounded, `neighbours` where not.
+
+    Never across the end of a strip or from one flight or camera to another; without a column
+    `strip`, flights are cut where they turn or pause. Equal and unordered time stamps are coped
+    with and told. Raises InputError where there are no times, no neighbours, or a velocity
+    that nothing can fly (`FASTEST_M_S`).
+    """
+    if method not in METHODS:
+        raise InputError(f"velocities by {method!r} are unknown: use {', '.join(METHODS)}")
+    given = np.stack([block.column("images", axis) for axis in _AXES], axis=1)
+    if method == "auto":
+        method = _best(block, given)
+    if method == "metadata":
+        return _checked(block, _from_metadata(block, given))
+    if method == "gnss":
+        if len(block.track):
+            return _checked(block, _from_track(block))
+        return _checked(block, _from_positions(block, _antennas(block), "gnss"))
+    return _checked(block, _from_positions(block, _centres(block), method))
+
+
+def _best(block: Block, given: np.ndarray) -> str:
+    if np.isfinite(given).all():
+        return "metadata"
+    known = block.images["image"].isin(block.gnss["image"]) if len(block.gnss) else [False]
+    if len(block.track) or np.all(known):
+        return "gnss"
+    return "strip" if _rounding(block.column("images", "time_s")) else "neighbours"
+
+
+def _from_metadata(block: Block, given: np.ndarray) -> Velocities:
+    unknown = np.flatnonzero(~np.isfinite(given).all(axis=1))
+    if len(unknown):
+        raise InputError(
+            f"{block.where('images', unknown[0])}: image {block.images['image'].iloc[unknown[0]]} "
+            f"lacks vx, vy or vz ({len(unknown)} images do): fill them in, or take velocities from "
+            "neighbours, strip or gnss"
+        )
+    return Velocities(given, np.full(len(given), np.nan), "metadata")
+
+
+def _from_track(block: Block) -> Velocities:
+    """From the receiver's velocities, or the slope of its positions within a second."""
+    out = np.full((len(block.images), 3), np.nan)
+    time = times(block)
+    track = block.track
+    flights = np.array(block.flight_names, dtype=object)[block.image_flight]
+    own = "flight" in track and track["flight"].notna().any()
+    for flight in dict.fromkeys(flights):
+        mine = np.flatnonzero(flights == flight)
+        rows = track[track["flight"] == flight] if own else track
+        rows = rows.sort_values("time_s", kind="stable").drop_duplicates("time_s")
+        at = rows["time_s"].to_numpy(float)
+        xyz = rows[["x", "y", "z"]].to_numpy(float)
+        stated = set(_AXES) <= set(rows) and rows[list(_AXES)].notna().all(axis=None)
+        outside = [] if len(at) else mine
+        if len(at):
+            outside = mine[(time[mine] < at[0]) | (time[mine] > at[-1])]
+        if len(outside):
+            raise InputError(
+                f"{block.where('images', outside[0])}: image "
+                f"{block.images['image'].iloc[outside[0]]} was taken outside track.csv "
+                f"({len(outside)} images of flight {flight} were): correct time_s, or take "
+                "velocities from neighbours or strip"
+            )
+        slope = rows[list(_AXES)].to_numpy(float) if stated else np.gradient(xyz, at, axis=0)
+        for axis in range(3):
+            out[mine, axis] = np.interp(time[mine], at, slope[:, axis])
+    return Velocities(out, np.full(len(out), np.nan), "gnss")
+
+
+def _from_positions(block: Block, position: np.ndarray, method: str) -> Velocities:
+    time = times(block)
+    step = _rounding(time)
+    notes: list[str] = []
+    runs = list(track_runs(block, time, position, notes))
+    velocity = np.full((len(time), 3), np.nan)
+    off = []
+    for rows in runs:
+        smooth, late = _smooth(time[rows], position[rows])
+        off.append(late)
+        velocity[rows] = smooth
+    late = np.concatenate(off) if off else np.zeros(0)
+    sigma_t = float(np.sqrt(np.nanmean(late**2))) if np.isfinite(late).any() else 0.0
+    if step:
+        notes.append(
+            f"The time stamps are multiples of {step:g} s; camera positions say that they are "
+            f"wrong by {sigma_t:.2f} s (one sigma)."
+        )
+    span = np.full(len(time), np.nan)
+    wide = 0
+    for rows in runs:
+        if method == "neighbours":
+            velocity[rows], span[rows], wider = _central(time[rows], position[rows])
+            wide += wider
+        elif len(rows) > 1:
+            t = time[rows] - time[rows].mean()
+            span[rows] = np.sqrt(max(np.sum(t * t), 1e-12)) * np.sqrt(2)
+    if wide:
+        notes.append(
+            f"{wide} images have a neighbour with the same time stamp: the next ones that differ "
+            "are taken."
+        )
+    _alone(block, velocity)
+    speed = np.linalg.norm(velocity, axis=1)
+    sigma = speed * np.sqrt(2) * sigma_t / span
+    return Velocities(velocity, sigma, method, step, sigma_t, notes)
+
+
+def track_runs(
+    block: Block, time: np.ndarray, position: np.ndarray, notes: list[str]
+) -> Iterator[np.ndarray]:
+    """Rows of images.csv in order of time, one array a strip, camera and flight.
+
+    time: (images,) s; position: (images, 3) m, looked at where no strips are named. notes:
+    receives what was wrong with the time stamps.
+    """
+    images = block.images
+    strip = images["strip"] if "strip" in images else pd.Series([None] * len(images))
+    named = strip.notna().all()
+    keys = [block.image_flight, pd.factorize(images["camera"])[0]]
+    keys.append(pd.factorize(strip)[0] if named else np.zeros(len(images), int))
+    _, group = np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)
+    group = group.ravel()
+    for flight in np.unique(group):
+        rows = np.flatnonzero(group == flight)
+        order = np.argsort(time[rows], kind="stable")
+        if (np.diff(order) < 0).any():
+            notes.append(
+                f"Images of flight {block.flight_names[block.image_flight[rows[0]]]} do not stand "
+                "in the order of their time stamps: they are put in that order."
+            )
+        rows = rows[order]
+        if named or len(rows) < 3:
+            yield rows
+        else:
+            yield from np.split(rows, _turns(time[rows], position[rows]))
+    if not named:
+        notes.append("images.csv has no strips: flights are cut where they turn or pause.")
+    spans = {f: (time[block.image_flight == f].min(), time[block.image_flight == f].max())
+             for f in np.unique(block.image_flight)}  # fmt: skip
+    ordered = sorted(spans.values())
+    if any(a[1] > b[0] for a, b in zip(ordered[:-1], ordered[1:], strict=True)):
+        notes.append("Time stamps of several flights interleave: each flight stands for itself.")
+
+
+def _turns(time, position):
+    """Where a flight is cut: the direction turns by more than 45 degrees, or it pauses."""
+    step, dt = np.diff(position, axis=0), np.diff(time)
+    usual = np.median(np.linalg.norm(step, axis=1))
+    direction = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
+    bend = np.concatenate([[1.0], np.sum(direction[1:] * direction[:-1], axis=1)])
+    long = (dt > 4 * max(np.median(dt), 1.0)) | (np.linalg.norm(step, axis=1) > 4 * usual)
+    # The way from strip to strip bends at both its ends: it is one cut, not two.
+    cuts: list[int] = []
+    for step_number in np.flatnonzero(long | (bend < np.cos(np.pi / 4))).tolist():
+        if not cuts or step_number > cuts[-1] + 1:
+            cuts.append(step_number)
+    return np.array(cuts, dtype=int) + 1
+
+
+def _smooth(time, position):
+    """Velocity (n, 3) of a quadratic in time, and by how much each time stamp is late (n,), s."""
+    count, t = len(time), time - time.mean()
+    if count < 2 or np.ptp(t) <= 0:
+        return np.full((count, 3), np.nan), np.full(count, np.nan)
+    degree = 2 if count >= 8 else 1
+    half = np.ptp(t) / 2
+    basis = np.vander(t / half, degree + 1, increasing=True)
+    found = np.linalg.lstsq(basis, position, rcond=None)[0]
+    powers = np.arange(1, degree + 1)
+    slope = np.vander(t / half, degree, increasing=True) * powers / half
+    velocity = slope @ found[1:]
+    if count <= degree + 2:
+        return velocity, np.full(count, np.nan)
+    mean = velocity.mean(axis=0)
+    residual = basis @ found - position
+    late = residual @ mean / max(mean @ mean, 1e-12)
+    return velocity, late * np.sqrt(count / (count - degree - 1))
+
+
+def _central(time, position):
+    """Displacement over time between neighbours (n, 3), their distance in time (n,), s."""
+    count = len(time)
+    velocity, span, wider = np.full((count, 3), np.nan), np.full(count, np.nan), 0
+    for n in range(count):
+        before, after = max(n - 1, 0), min(n + 1, count - 1)
+        while time[after] <= time[before] and (before > 0 or after < count - 1):
+            before, after = max(before - 1, 0), min(after + 1, count - 1)
+        wider += bool(
+            (n > 0 and time[n - 1] == time[n]) or (n < count - 1 and time[n + 1] == time[n])
+        )
+        span[n] = time[after] - time[before]
+        if span[n] > 0:
+            velocity[n] = (position[after] - position[before]) / span[n]
+    return velocity, span, wider
+
+
+def _rounding(time: np.ndarray) -> float:
+    """Step, s, of which all time stamps are multiples; 0 for finer ones."""
+    known = time[np.isfinite(time)]
+    if len(known) < 3:
+        return 0.0
+    return next((q for q in _STEPS if np.allclose(known / q, np.round(known / q), atol=1e-6)), 0.0)
+
+
+def times(block: Block) -> np.ndarray:
+    """Seconds (images,). Raises InputError where an image has none."""
+    time = block.column("images", "time_s")
+    unknown = np.flatnonzero(np.isnan(time))
+    if len(unknown):
+        raise InputError(
+            f"{block.where('images', unknown[0])}: image {block.images['image'].iloc[unknown[0]]} "
+            f"has no time_s ({len(unknown)} images have none), from which velocities follow: fill "
+            "it in, or give vx, vy, vz"
+        )
+    return time
+
+
+def _centres(block: Block) -> np.ndarray:
+    centre = np.stack([block.column("images", axis) for axis in "xyz"], axis=1)
+    unknown = np.flatnonzero(np.isnan(centre).any(axis=1))
+    if len(unknown):
+        raise InputError(
+            f"{block.where('images', unknown[0])}: image {block.images['image'].iloc[unknown[0]]} "
+            "has no position, from which velocities follow: run `corridor adjust` first and take "
+            "the adjusted block"
+        )
+    return centre
+
+
+def _antennas(block: Block) -> np.ndarray:
+    at = pd.Index(block.gnss["image"]).get_indexer(block.images["image"])
+    if (at < 0).any():
+        row = int(np.flatnonzero(at < 0)[0])
+        raise InputError(
+            f"gnss.csv has no position of image {block.images['image'].iloc[row]} "
+            f"({int((at < 0).sum())} images have none): take velocities from neighbours or strip"
+        )
+    return block.gnss[["x", "y", "z"]].to_numpy(float)[at]
+
+
+def _alone(block: Block, velocity: np.ndarray) -> None:
+    lost = np.flatnonzero(~np.isfinite(velocity).all(axis=1))
+    if len(lost):
+        raise InputError(
+            f"{block.where('images', lost[0])}: image {block.images['image'].iloc[lost[0]]} has no "
+            f"neighbour in its strip with another time stamp ({len(lost)} images have none): "
+            "correct time_s, or give vx, vy, vz"
+        )
+
+
+def _checked(block: Block, found: Velocities) -> Velocities:
+    """Refuse what nothing can fly."""
+    worst = int(np.argmax(found.speed))
+    if found.speed[worst] > FASTEST_M_S:
+        time = block.column("images", "time_s")[worst]
+        many = int(np.sum(found.speed > FASTEST_M_S))
+        raise InputError(
+            f"{block.where('images', worst)}: image {block.images['image'].iloc[worst]} would fly "
+            f"{found.speed[worst]:.0f} m/s at time_s = {time:g} ({many} of {len(found.speed)} "
+            f"images faster than {FASTEST_M_S:g} m/s): its time stamp or its flight and strip are "
+            "wrong, correct them or give vx, vy, vz"
+        )
+    return found
