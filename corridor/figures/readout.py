@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from corridor.figures import style
 
@@ -23,9 +25,9 @@ def readout_picture(readout: Readout) -> Figure:
     """Picture of one measured readout time.
 
     Star and wheel: both photographs with the straight and the bent edges or spokes that were
-    fitted, the turn of every measured point against its row with the line whose slope is the
-    answer (thesis, figures 7.7 and 7.10), and the residuals along the rows. LED: the photograph,
-    the rows' light with its model, and the residuals.
+    fitted, the turn of every measured point against its row with the line whose slope, times the
+    rows, is the turn during the readout (thesis, figures 7.7 and 7.10), and the residuals. LED: the
+    photograph, the rows' light with its model, and the residuals.
     """
     return _led(readout) if readout.target == "led" else _turning(readout)
 
@@ -36,41 +38,49 @@ def _turning(readout):
     height, width = photos[0][1].shape
     wide = (style.WIDTH - 2 * _MARGIN - _GAP) / 2
     tall = min(wide * height / width, 1.2 * wide)
-    top = 1.05
-    lower = top + tall + 0.75
+    top = 1.3
+    lower = top + tall + 0.95
     figure = style.sheet(lower + 3.0, _title(readout), _note(readout))
+    measured = {"color": style.MIDDLE, "linestyle": "", "marker": "."}
+    keys = [
+        Line2D([], [], **measured, markersize=5, label="measured"),
+        Line2D([], [], color=style.DARK, linewidth=1.2, label="fitted"),
+    ]
+    style.legend(figure, 0.86, keys)
+    smeared = readout.extra.get("exposure_ms") is not None
     for k, (name, grey) in enumerate(photos):
         axes = style.panel(figure, _MARGIN + k * (wide + _GAP), top, wide, tall)
-        what = "fitted straight" if k == 0 and readout.extra.get("exposure_ms") is None else "bent"
-        style.caption(axes, f"{style.short(name, 40)}, {what}")
+        what = "at rest, straight" if k == 0 and not smeared else "turning, bent"
+        style.caption(axes, f"{style.short(name, 40)}: {what}")
         _photo(axes, grey)
-        colour = style.LIGHT
-        axes.add_collection(LineCollection(drawing["curves"][k], colors=colour, linewidths=0.7))
         used = drawing["weights"][k] > 0.1
-        axes.plot(*drawing["points"][k][used].T, ".", color=style.MIDDLE, markersize=0.8, zorder=3)
+        axes.plot(*drawing["points"][k][used].T, **measured, markersize=1.6, zorder=2)
+        axes.add_collection(
+            LineCollection(drawing["curves"][k], colors=style.DARK, linewidths=0.6, zorder=3)
+        )
+    # Rows of the sensor are columns of the picture where they follow each other along x.
+    along_y = drawing["axis"] == "y"
+    letter = "row" if along_y else "column"
     line = style.panel(figure, _MARGIN, lower, wide, 2.35)
-    style.caption(line, "turn against row: the slope is the answer")
+    rate, steps = drawing["rate_deg"], readout.rows - 1
+    style.caption(
+        line, f"slope {abs(rate):.4g}\u00b0/px, times {steps} px: {abs(rate) * steps:.4g}\u00b0"
+    )
     used = drawing.get("line_weights", drawing["weights"][1]) > 0.1
     row, turned = drawing["row"][used], drawing["turned_deg"][used]
-    line.plot(row, turned, ".", color=style.DARK, markersize=1.5)
+    line.plot(row, turned, **measured, markersize=2.5)
     ends = np.array([row.min(), row.max()])
-    line.plot(ends, drawing["rate_deg"] * ends, color=style.LIGHT, linewidth=1.2)
-    letter = "row" if drawing["axis"] == "y" else "column"
+    line.plot(ends, rate * ends, color=style.DARK, linewidth=0.9)
     style.label(line, f"{letter} from the axis (px)", "turn (degrees)")
     style.open_frame(line)
     rest = style.panel(figure, _MARGIN + wide + _GAP, lower, wide, 2.35)
-    style.caption(rest, "residuals of the bent ones")
-    index = 1 if drawing["axis"] == "y" else 0
     used = drawing["weights"][1] > 0.1
+    left = drawing["residuals"][1][used]
+    style.caption(rest, f"residuals, turning: RMS {np.sqrt(np.mean(left**2)):.2g} px")
     rest.axhline(0, color=style.FAINT, linewidth=0.8)
-    rest.plot(
-        drawing["points"][1][used][:, index],
-        drawing["residuals"][1][used],
-        ".",
-        color=style.DARK,
-        markersize=1.5,
-    )
-    style.label(rest, f"{letter} (px)", "measured minus modelled (px)")
+    at = drawing["points"][1][used][:, 1 if along_y else 0]
+    rest.plot(at, left, **measured, markersize=2.5)
+    style.label(rest, f"{letter} (px)", "measured minus fitted (px)")
     style.open_frame(rest)
     return figure
 
@@ -80,46 +90,59 @@ def _led(readout):
     ((name, grey),) = drawing["photos"]
     height, width = grey.shape
     wide = 4.0
-    tall = float(np.clip(wide * height / width, 2.2, 4.4))
-    figure = style.sheet(1.05 + tall + 0.6, _title(readout), _note(readout))
-    axes = style.panel(figure, _MARGIN, 1.05, wide, tall)
+    tall = float(np.clip(wide * height / width, 2.6, 4.4))
+    top = 1.3
+    figure = style.sheet(top + tall + 0.65, _title(readout), _note(readout))
+    keys = [
+        Line2D([], [], color=style.LIGHT, linewidth=2.4, label="measured"),
+        Line2D([], [], color=style.DARK, linewidth=0.8, label="fitted"),
+    ]
+    style.legend(figure, 0.86, keys)
+    axes = style.panel(figure, _MARGIN, top, wide, tall)
     style.caption(axes, style.short(name, 40))
-    _photo(axes, grey)
-    left = _MARGIN + wide + _GAP
+    _photo(axes, grey, pale=False)
+    left = _MARGIN + wide + _GAP + 0.15
     right = style.WIDTH - left - 0.25
-    signal, model = drawing["signal"], drawing["model"]
+    signal, model = 100 * drawing["signal"], 100 * drawing["model"]
     rows = np.arange(len(signal))
-    upper = style.panel(figure, left, 1.05, right, 0.58 * tall)
-    style.caption(upper, "light of the rows, and its model")
-    upper.plot(rows, signal, color=style.DARK, linewidth=0.7)
-    upper.plot(rows, model, color=style.LIGHT, linewidth=0.9)
-    style.label(upper, None, "linear light")
+    upper = style.panel(figure, left, top, right, 0.55 * tall)
+    style.caption(upper, f"light of the rows: {readout.extra['stripes']:.2f} periods")
+    upper.plot(rows, signal, color=style.LIGHT, linewidth=2.0)
+    upper.plot(rows, model, color=style.DARK, linewidth=0.6)
+    upper.tick_params(labelbottom=False)
+    style.label(upper, None, "linear light (% of white)")
     style.open_frame(upper)
-    lower = style.panel(figure, left, 1.05 + 0.7 * tall, right, 0.3 * tall)
+    lower = style.panel(figure, left, top + 0.68 * tall, right, 0.32 * tall)
     lower.axhline(0, color=style.FAINT, linewidth=0.8)
     lower.plot(rows, signal - model, color=style.DARK, linewidth=0.6)
     letter = "row" if drawing["axis"] == "y" else "column"
-    style.label(lower, f"{letter} (px)", "residual")
+    style.label(lower, f"{letter} (px)", "residual (%)")
     style.open_frame(lower)
     return figure
 
 
-def _photo(axes: Axes, grey):
+def _photo(axes: Axes, grey, pale=True):
+    """The photograph; pale where something is drawn over it that dark parts would hide."""
     height, width = grey.shape
     factor = max(1.0, max(height, width) / _LONG)
     small = cv2.resize(
         grey, (round(width / factor), round(height / factor)), interpolation=cv2.INTER_AREA
     )
     edge = (-0.5, width - 0.5, height - 0.5, -0.5)
-    axes.imshow(small, cmap="gray", vmin=0, vmax=255, extent=edge, interpolation="bilinear")
+    darkest = -255 if pale else 0
+    axes.imshow(small, cmap="gray", vmin=darkest, vmax=255, extent=edge, interpolation="bilinear")
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", anchor="N")
+    style.label(axes, "column (px)", "row (px)")
 
 
 def _title(readout):
+    # Two digits of the sigma, and as many decimals of the value.
+    sigma = max(readout.sigma_ms, 1e-5)
+    decimals = max(0, 1 - math.floor(math.log10(sigma)))
     return (
-        f"Readout time {readout.readout_ms:.4g} ± {readout.sigma_ms:.2g} ms, "
+        f"Readout time {readout.readout_ms:.{decimals}f} \u00b1 {sigma:.{decimals}f} ms, "
         f"first to last of {readout.rows} rows"
     )
 

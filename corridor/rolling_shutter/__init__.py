@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from corridor.rolling_shutter import lesson as lesson
     from corridor.rolling_shutter import render as render
     from corridor.rolling_shutter.readout import readout_from_led as readout_from_led
     from corridor.rolling_shutter.readout import readout_from_star as readout_from_star
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from corridor.rolling_shutter.readout.result import save_readout as save_readout
 
 _HOME = {
+    "lesson": "corridor.rolling_shutter.lesson",
     "render": "corridor.rolling_shutter.render",
     "readout_from_star": "corridor.rolling_shutter.readout",
     "readout_from_wheel": "corridor.rolling_shutter.readout",
@@ -60,8 +62,9 @@ __all__ = list(_HOME)
 def __getattr__(name):
     if name not in _HOME:
         raise AttributeError(f"module 'corridor.rolling_shutter' has no attribute {name!r}")
-    module = import_module(_HOME[name])
-    value = module if name == "render" else getattr(module, name)
+    home = _HOME[name]
+    module = import_module(home)
+    value = module if home.endswith(f"shutter.{name}") else getattr(module, name)
     globals()[name] = value
     return value
 

@@ -65,7 +65,7 @@ def photograph(
     exposure=0.0,
     direction="down",
     tilt=(0.0, 0.0),
-    focal=None,
+    camera=None,
     phase_deg=0.0,
     noise=0.004,
     blur=0.7,
@@ -77,19 +77,33 @@ def photograph(
     """8-bit sRGB picture of a texture turning (clockwise positive) about its middle.
 
     scale: pixels of the radius `EDGE`; tilt: slopes of the plane's depth along x and y.
+    camera: f, cx, cy, k1; default: a pinhole of the focal length `width` before the centre.
     """
     width, height = size
-    focal = focal or 1.0 * width
+    focal, *principal, k1 = camera or (1.0 * width, *centre, 0.0)
+    far = np.linspace(0, 1.5, 300_001)
+
+    def rays(x, y):
+        """A long table of the lens, read backwards."""
+        u, v = (x - principal[0]) / focal, (y - principal[1]) / focal
+        r = np.hypot(u, v)
+        grow = np.interp(r, far * (1 + k1 * far**2), far) / np.maximum(r, 1e-12)
+        return np.stack([u * grow, v * grow], axis=-1)
+
+    u0, v0 = rays(np.array([centre[0]]), np.array([centre[1]]))[0]
     total = np.zeros((height, width), np.float32)
     behind = background if np.ndim(background) else np.full((height, width), background, np.float32)
     places = (np.arange(fine) + 0.5) / fine - 0.5
     for dy in places:
         for dx in places:
-            y, x = np.mgrid[:height, :width].astype(np.float32)
-            x, y = x + np.float32(dx) - centre[0], y + np.float32(dy) - centre[1]
-            # The plane z = 1 + a X + b Y seen through a pinhole ahead of its middle.
-            depth = 1 / (1 - (tilt[0] * x + tilt[1] * y) / focal)
-            px, py = x * depth / scale, y * depth / scale
+            y, x = np.mgrid[:height, :width].astype(np.float64)
+            ray = rays(x + dx, y + dy)
+            # The plane z = 1 + a (X - u0) + b (Y - v0), met by the rays.
+            depth = (1 - tilt[0] * u0 - tilt[1] * v0) / (
+                1 - tilt[0] * ray[..., 0] - tilt[1] * ray[..., 1]
+            )
+            px = (focal / scale) * (depth * ray[..., 0] - u0).astype(np.float32)
+            py = (focal / scale) * (depth * ray[..., 1] - v0).astype(np.float32)
             # Lengths in the plane itself, along and across the slope.
             slope = np.hypot(*tilt)
             if slope:
@@ -123,6 +137,42 @@ def photograph(
     total /= fine * fine * (instants if exposure else 1)
     total = cv2.GaussianBlur(total, (0, 0), blur)
     random = np.random.default_rng(seed)
-    total = np.clip(total + noise * random.standard_normal(total.shape), 0, 1)
-    encoded = np.where(total <= 0.0031308, 12.92 * total, 1.055 * total ** (1 / 2.4) - 0.055)
-    return np.round(255 * encoded).astype(np.uint8)
+    return encoded(total + noise * random.standard_normal(total.shape))
+
+
+def stripes(
+    size,
+    frequency,
+    readout=0.03,
+    exposure=0.0003,
+    direction="down",
+    duty=0.5,
+    phase=0.0,
+    light=0.8,
+    noise=0.01,
+    instants=400,
+    seed=0,
+):
+    """8-bit sRGB picture of a lamp's glow that blinks; the light of a row by counting instants."""
+    width, height = size
+    count = height if direction in ("down", "up") else width
+    times = readout * (np.arange(count) / (count - 1) - 0.5)
+    if direction in ("up", "left"):
+        times = times[::-1]
+    late = exposure * ((np.arange(instants) + 0.5) / instants - 0.5)
+    lit = ((frequency * (times[:, None] + late) + phase) % 1.0 < duty).mean(axis=1)
+    y, x = np.mgrid[:height, :width]
+    glow = np.exp(
+        -((x - 0.4 * width) ** 2 + (y - 0.55 * height) ** 2) / (2 * (0.4 * max(size)) ** 2)
+    )
+    lit = lit[:, None] if direction in ("down", "up") else lit[None, :]
+    random = np.random.default_rng(seed)
+    total = 0.02 + 0.03 * x / width + light * glow * lit
+    return encoded(total + noise * random.standard_normal(total.shape))
+
+
+def encoded(light):
+    """8-bit sRGB values of linear light (IEC 61966-2-1)."""
+    light = np.clip(light, 0, 1)
+    value = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.round(255 * value).astype(np.uint8)

@@ -26,6 +26,13 @@ def folder(tmp_path_factory):
         cv2.imwrite(str(path / f"{name}.png"), render.develop(light, noise=0.005, seed=1))
     light = render.led(CAMERA, shutter, 800.0)
     cv2.imwrite(str(path / "led.png"), render.develop(light, noise=0.01, seed=2))
+    # Lit for a part of every row's exposure, and far too bright even so.
+    light = render.led(CAMERA, render.Shutter(0.03, 0.001), 800.0, light=500.0)
+    cv2.imwrite(str(path / "bright.png"), render.develop(light, noise=0.01, seed=3))
+    light = render.wheel(view, shutter, 0.0, radius=0.29, spokes=24, crosses=2, spoke_width=0.004)
+    for seed in (1, 2):
+        grey = render.develop(light, noise=0.005, blur_px=0.6, seed=seed)
+        cv2.imwrite(str(path / f"wheel{seed}.png"), grey)
     cv2.imwrite(str(path / "small.png"), np.full((300, 420), 90, np.uint8))
     cv2.imwrite(str(path / "grey.png"), np.full((420, 600), 90, np.uint8))
     cv2.imwrite(str(path / "white.png"), np.full((420, 600), 255, np.uint8))
@@ -83,6 +90,9 @@ class TestWhatItWrites:
     [
         (2, "star still.png small.png --turns-per-second 3", "one camera and size"),
         (2, "star still.png turned.jpg --turns-per-second 3", "orientation 6"),
+        (2, "wheel still.png small.png --turns-per-second 3", "one camera and size"),
+        (2, "wheel turned.jpg still.png --turns-per-second 3", "orientation 6"),
+        (2, "led turned.jpg --frequency 800", "orientation 6"),
         (2, "star still.png resized.jpg --turns-per-second 3", "1200 x 840"),
         (2, "star still.png text.jpg --turns-per-second 3", "not a photograph"),
         (2, "star still.png nowhere.png --turns-per-second 3", "no such photograph"),
@@ -99,7 +109,9 @@ class TestWhatItWrites:
         (1, "star grey.png grey.png --turns-per-second 3", "no star"),
         (1, "star still.png still.png --turns-per-second 3", "does not turn"),
         (1, "wheel grey.png grey.png --turns-per-second 3", "no wheel"),
+        (1, "wheel wheel1.png wheel2.png --turns-per-second 3", "does not turn"),
         (1, "led grey.png --frequency 800", "no stripes"),
+        (1, "led bright.png --frequency 800", "overexposed"),
         (1, "led white.png --frequency 800", "overexposed"),
     ],
 )

@@ -36,7 +36,11 @@ class TestAnIndependentPhotograph:
     """Brute force over instants and sub-pixels; sizes of the errors as the issue asks for them."""
 
     @pytest.mark.parametrize(
-        ("direction", "turns", "sense"), [("down", 3.0, "cw"), ("left", -4.0, "ccw")]
+        ("direction", "turns", "sense"),
+        [
+            ("down", 3.0, "cw"),
+            pytest.param("left", -4.0, "ccw", marks=pytest.mark.slow),
+        ],
     )
     def test_the_readout_time_is_found(self, direction, turns, sense):
         texture = independent.star_texture(16)
@@ -58,7 +62,13 @@ class TestAnIndependentPhotograph:
 
 class TestEverySenseAndDirection:
     @pytest.mark.parametrize(
-        ("direction", "turns"), [("down", -2.5), ("up", -2.5), ("left", 2.5), ("right", 2.5)]
+        ("direction", "turns"),
+        [
+            ("down", -2.5),
+            ("right", 2.5),
+            pytest.param("up", -2.5, marks=pytest.mark.slow),
+            pytest.param("left", 2.5, marks=pytest.mark.slow),
+        ],
     )
     def test_with_a_calibrated_camera_a_tenth_of_a_per_cent(self, direction, turns):
         found = measure_star(*pair(direction, turns), 2.5, camera=CAMERA, row_direction=direction)

@@ -42,10 +42,10 @@ def pair(direction="down", turns=2.0, readout=0.04, exposure=0.001, tilt=12.0, s
 def test_an_independent_photograph():
     """Drawn spokes, brute force over instants; within the 1.2 % asked for one wheel."""
     texture = independent.wheel_texture(32, 3)
-    common = dict(texture=texture, size=(720, 540), scale=210, tilt=(0.1, -0.15))
-    still = independent.photograph(centre=(370.0, 262.0), phase_deg=7.0, **common)
+    common = dict(texture=texture, size=(640, 480), scale=190, tilt=(0.1, -0.15))
+    still = independent.photograph(centre=(330.0, 232.0), phase_deg=7.0, **common)
     turning = independent.photograph(
-        centre=(372.0, 261.0), phase_deg=50.0, turns_per_second=-3.0, readout=0.03,
+        centre=(332.0, 231.0), phase_deg=50.0, turns_per_second=-3.0, readout=0.03,
         exposure=0.0006, instants=3, seed=1, **common,
     )  # fmt: skip
     found = measure_wheel(Photograph("a", still), Photograph("b", turning), 3.0, sense="ccw")
@@ -54,7 +54,10 @@ def test_an_independent_photograph():
     assert (found.row_direction, found.extra["spokes"]) == ("down", 32)
 
 
-@pytest.mark.parametrize(("direction", "turns"), [("up", 2.0), ("right", -2.0)])
+@pytest.mark.parametrize(
+    ("direction", "turns"),
+    [pytest.param("up", 2.0, marks=pytest.mark.slow), ("right", -2.0)],
+)
 def test_row_order_and_sense_are_found(direction, turns):
     found = measure_wheel(*pair(direction, turns), 2.0, row_direction=direction)
     assert found.readout_ms == pytest.approx(40.0, rel=0.012)
@@ -92,11 +95,6 @@ class TestWhatCannotBeMeasured:
         grey = cv2.GaussianBlur(random.integers(0, 255, (400, 600)).astype(np.uint8), (0, 0), 5)
         with pytest.raises(CannotMeasure, match="no wheel"):
             measure_wheel(Photograph("a", grey), Photograph("b", grey), 1.0)
-
-    def test_a_wheel_that_does_not_turn(self):
-        still, _ = pair()
-        with pytest.raises(CannotMeasure, match="does not turn"):
-            measure_wheel(still, still, 1.0)
 
     def test_two_sizes(self):
         still, turning = pair()

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 from corridor.errors import InputError
 from corridor.rolling_shutter.readout.lens import read_camera
-from corridor.rolling_shutter.readout.photograph import read
+from corridor.rolling_shutter.readout.photograph import Photograph, read
 from corridor.rolling_shutter.readout.published import compared
 from corridor.rolling_shutter.readout.result import Readout
 
 
 def readout_from_star(
-    static: str | os.PathLike,
-    rotating: str | os.PathLike,
+    static: str | os.PathLike | Photograph,
+    rotating: str | os.PathLike | Photograph,
     turns_per_second: float,
     *,
     camera: str | os.PathLike | None = None,
@@ -22,6 +22,7 @@ def readout_from_star(
 ) -> Readout:
     """Readout time from two photographs of a Siemens star, at rest and turning.
 
+    static, rotating: files, or photographs that have been read.
     camera: TOML file with its calibration. known: speed_sigma_percent, sense, row_direction,
     sectors, as `corridor readout star` has them.
     Raises InputError where the input is wrong, CannotMeasure where the pictures do not show it.
@@ -36,8 +37,8 @@ def readout_from_star(
 
 
 def readout_from_wheel(
-    static: str | os.PathLike,
-    rotating: str | os.PathLike,
+    static: str | os.PathLike | Photograph,
+    rotating: str | os.PathLike | Photograph,
     turns_per_second: float | None = None,
     *,
     video: str | os.PathLike | None = None,
@@ -84,7 +85,9 @@ def readout_from_wheel(
     return _compared(replace(found, warnings=(*warnings, *found.warnings)), photos[1])
 
 
-def readout_from_led(photo: str | os.PathLike, frequency_hz: float, **known) -> Readout:
+def readout_from_led(
+    photo: str | os.PathLike | Photograph, frequency_hz: float, **known
+) -> Readout:
     """Readout time from a photograph of something lit by a LED blinking at a known frequency.
 
     known: frequency_sigma_percent, row_direction. Errors as `readout_from_star`.

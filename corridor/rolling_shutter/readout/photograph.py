@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,17 +58,27 @@ class Photograph:
         return _LINEAR[self.grey]
 
 
-def read(path: str | os.PathLike) -> Photograph:
-    """The photograph in a file.
+def read(photo: str | os.PathLike | Photograph) -> Photograph:
+    """The photograph in a file; one that has been read is handed back.
 
-    Raises InputError where there is none, or where its rows are not those of the sensor: turned
-    by an EXIF orientation, or resized since the camera wrote its size.
+    Raises InputError where there is none, or as `decode` does.
     """
-    path = Path(path)
+    if isinstance(photo, Photograph):
+        return photo
+    path = Path(photo)
     if not path.is_file():
         raise InputError(f"{path}: there is no such photograph")
-    facts = _facts(path)
-    bytes_ = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    return decode(path.read_bytes(), path)
+
+
+def decode(content: bytes, path: str | os.PathLike) -> Photograph:
+    """The photograph in the bytes of a file; `path` names it in messages.
+
+    Raises InputError where it is no picture, or where its rows are not those of the sensor: turned
+    by an EXIF orientation, or resized since the camera wrote its size.
+    """
+    facts = _facts(content)
+    bytes_ = np.frombuffer(content, dtype=np.uint8)
     grey = None
     if bytes_.size:
         try:
@@ -94,7 +105,7 @@ def read(path: str | os.PathLike) -> Photograph:
         raise InputError(f"{path} has {width} x {height} pixels: too small to measure in")
     focal = facts.get("focal_35")
     return Photograph(
-        name=path.name,
+        name=Path(path).name,
         grey=grey,
         make=facts.get("make", ""),
         model=facts.get("model", ""),
@@ -112,13 +123,13 @@ def same_size(first: Photograph, second: Photograph) -> None:
         )
 
 
-def _facts(path):
-    """What the EXIF of a file says, as far as it makes sense; empty where there is none."""
+def _facts(content):
+    """What a picture's EXIF says, as far as it makes sense; empty where there is none."""
     from PIL import Image
 
     found = {}
     try:
-        with Image.open(path) as image:
+        with Image.open(io.BytesIO(content)) as image:
             tags = image.getexif()
             details = tags.get_ifd(_EXIF)
     except Exception:  # noqa: BLE001 - a broken EXIF is no EXIF; the picture itself is judged later

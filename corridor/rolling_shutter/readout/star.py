@@ -172,27 +172,27 @@ def _find(photo, sectors):
             continue
         radii, values = radii[whole], values[whole]
         values = values - values.mean(axis=1, keepdims=True)
-        power = np.abs(np.fft.rfft(values, axis=1)) ** 2
+        waves = np.fft.rfft(values, axis=1)
+        power = np.abs(waves) ** 2
         total = power[:, 1:].sum(axis=1) + 1e-6
         share = np.zeros_like(power)
         # A perspective spreads a harmonic to its neighbours of the second order.
         for shift in (-2, -1, 0, 1, 2):
             share += np.roll(power, shift, axis=1)
         share = share / total[:, None]
+        strong = np.sqrt(total / 512**2) > 6
         if sectors is None:
-            spread = np.sqrt(total / 512**2)
-            support = np.where(share > 0.55, 1.0, 0.0) * (spread > 6)[:, None]
-            counts = support.sum(axis=0)
-            counts[:2] = counts[120:] = 0
-            near = counts >= 0.9 * counts.max()
-            fundamental = int(np.argmax(np.where(near, (power * support).sum(axis=0), 0)))
+            support = np.where(share > 0.55, 1.0, 0.0) * strong[:, None]
+            # Sectors keep their phase from circle to circle; what lies beside the star does not.
+            same = np.abs((waves * support / np.sqrt(total)[:, None]).sum(axis=0)) ** 2
+            held = sum(np.roll(same, shift) for shift in (-2, -1, 0, 1, 2))
+            held[:2] = held[120:] = 0
+            near = held >= 0.8 * held.max()
+            fundamental = int(np.argmax(np.where(near, same, 0)))
         else:
             fundamental = sectors // 2
-        run = _longest(
-            (share[:, fundamental] > 0.55)
-            & (np.sqrt(total / 512**2) > 6)
-            & (radii * np.pi / fundamental > 3)
-        )
+        flags = (share[:, fundamental] > 0.55) & strong & (radii * np.pi / fundamental > 3)
+        run = _longest(flags & _alike(waves[:, fundamental], flags))
         if run is None:
             continue
         low, high = radii[run[0]], radii[run[1]]
@@ -209,6 +209,15 @@ def _find(photo, sectors):
     centre = (centre + 0.5) * factor - 0.5
     inner = max(low * factor, _FEWEST * fundamental / math.pi)
     return centre, 2 * fundamental, (inner, 0.97 * high * factor)
+
+
+def _alike(waves, flags):
+    """Circles on which a harmonic has the phase, and some of the size, of most of the flagged."""
+    unit = waves / (np.abs(waves) + 1e-9)
+    phase = (unit * np.conj((unit * flags).sum())).real / (abs((unit * flags).sum()) + 1e-9) > 0.7
+    if not (phase & flags).any():
+        return phase
+    return phase & (np.abs(waves) > 0.4 * np.median(np.abs(waves[phase & flags])))
 
 
 def _longest(flags):

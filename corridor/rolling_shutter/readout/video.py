@@ -28,6 +28,7 @@ _FRAMES = 900  # at most, from the start
 _RINGS = np.linspace(0.3, 0.97, 12)
 _SAMPLES = 720
 _HARMONICS = 150
+_TURNS = 1.5  # fewer do not tell the speed from errors that repeat with every turn
 
 
 @dataclass(frozen=True)
@@ -68,13 +69,12 @@ def speed_from_video(
     omega, sigma = _slope(times, angles, time)
     # An axis or a tilt that is a little off shows as an error that repeats with every turn.
     turned = abs(angles[-1] - angles[0])
-    sigma = math.hypot(sigma, math.radians(0.3) / max(turned, 1e-9) * abs(omega))
-    if turned < 4 * math.pi:
-        warnings = (
-            *warnings,
-            f"the film shows {turned / (2 * math.pi):.1f} turns: with two or more the speed is "
-            "better known",
+    if math.radians(20) <= turned < 2 * math.pi * _TURNS:
+        raise CannotMeasure(
+            f"{path.name} shows {turned / (2 * math.pi):.1f} turns of the wheel, from which its "
+            "speed does not follow well enough: film two turns or more"
         )
+    sigma = math.hypot(sigma, math.radians(0.3) / max(turned, 1e-9) * abs(omega))
     if turned < math.radians(20) or abs(omega) < 5 * sigma:
         raise CannotMeasure(f"the wheel in {path.name} does not turn")
     return Speed(
@@ -281,16 +281,18 @@ def _slope(times, angles, at):
     scale = max(times[-1] / 2, 1e-9)
     x = (times - at) / scale
     for degree in (1, 2, 3):
-        if len(times) < 4 * degree + 6:
+        if len(times) < 4 * degree + 8:
             break
-        design = np.vander(x, degree + 1, increasing=True)
+        # Axis and tilt are a little off: that repeats with every turn.
+        repeats = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        design = np.hstack([np.vander(x, degree + 1, increasing=True), repeats])
         weights = np.ones(len(x))
         for _ in range(5):
             root = np.sqrt(weights)
             found, *_ = np.linalg.lstsq(design * root[:, None], angles * root, rcond=None)
             rest = angles - design @ found
             weights = 1 / np.maximum(1, np.abs(rest) / (3 * robust_scale(rest) + 1e-9))
-        free = len(x) - degree - 1
+        free = len(x) - degree - 3
         # Errors repeat from turn to turn: a good part of them is common to neighbours.
         sigma = 2 * np.sqrt((weights * rest**2).sum() / free)
         cost = (weights * rest**2).sum() / free

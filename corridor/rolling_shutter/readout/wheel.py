@@ -117,11 +117,12 @@ def _measure(static, rotating, rim, lens):
         count = int(2 ** np.clip(math.ceil(math.log2(5.5 * pose.size)), 10, 13))
         light, _ = wheel_view.polar(lights[0], pose, lens, radii, count, 1)
         spokes, polarity, wide = _spokes(light, radii, pose.size)
+        sign = wheel_view.rim_sign(lights[0], pose, lens)
         most = max(most, len(spokes))
         if len(spokes) >= _FEWEST:
             second = wheel_view.moved(*lights, pose, lens)
             for bent in _bent(lights[1], light, second, lens, radii, count, wide):
-                tries.append(_Try((pose, second), spokes, polarity, wide, bent, rim, lens, radii))
+                tries.append(_Try((pose, second), spokes, polarity, wide, bent, sign, lens, radii))
     if most < _FEWEST:
         raise CannotMeasure(
             f"{static.name} shows no wheel at rest: {most} straight spokes were found in the rim"
@@ -421,7 +422,7 @@ def _smear(light, pose, lens, bend, radii, angles, polarity, rate, row, referenc
 class _Try:
     """One hypothesis: pose, lacing, axis and rotation, followed until it holds or does not."""
 
-    def __init__(self, poses, spokes, polarity, wide, bent, rim, lens, radii):
+    def __init__(self, poses, spokes, polarity, wide, bent, sign, lens, radii):
         self.poses, self.spokes, self.polarity, self.wide = poses, spokes, polarity, wide
         self.bent, self.lens, self.radii = bent, lens, radii
         self.row = 1 if bent.axis == "y" else 0
@@ -430,7 +431,7 @@ class _Try:
         self.bend = np.zeros(len(lens.sigmas))
         self.height = np.zeros(len(spokes))
         self.size = poses[0].size
-        self.rims = rim, _rim_points(*poses, rim, lens)
+        self.sign = sign
         self.smear, self.rim_height = 0.0, None
         self.fitted = None
 
@@ -466,8 +467,14 @@ class _Try:
             owner.append(whose[clear])
         if min(len(p) for p in points) < 6 * len(self.spokes):
             return False
+        rims = [
+            wheel_view.rim_edge(light, pose, lens, bend, self.sign)
+            for light, pose in zip(lights, self.poses, strict=True)
+        ]
+        if min(len(rim) for rim in rims) < 60:
+            return False
         fitted = _joint(
-            points, owner, self.rims, first, second, self.spokes, self.height, bend, rate,
+            points, owner, rims, first, second, self.spokes, self.height, bend, rate,
             self.turn, row, reference, lens, self.rim_height, 8 if self.fitted else 4,
         )  # fmt: skip
         self.fitted = fitted
@@ -561,14 +568,6 @@ def _slip(px, py, radii, spokes, at):
     lean = np.clip(spokes[:, 1] / np.maximum(seen, 0.05), -0.99, 0.99)
     wanted = np.clip(spokes[:, 1] / radii[:, None], -0.99, 0.99)
     return np.arcsin(wanted) - np.arcsin(lean)
-
-
-def _rim_points(first, second, rim, lens):
-    """The rim's points of the first picture as they lie in the second."""
-    bend = np.zeros(len(lens.sigmas))
-    camera, direction, depth = wheel_view.rays(first, lens, bend, rim)
-    hit = camera[:2] + depth[:, None] * direction[:, :2]
-    return wheel_view.on_picture(second, lens, bend, hit[:, 0], hit[:, 1])
 
 
 def _joint(
@@ -665,7 +664,9 @@ def _joint(
         steps,
         prior,
         iterations=iterations,
-        floor=0.02,
+        # A thousand points see a hundredth of a pixel, to which neither are spokes straight nor
+        # rims round: what is known beforehand must not give way to that.
+        floor=0.12,
         groups=kind,
         own=(kinds, member),
     )

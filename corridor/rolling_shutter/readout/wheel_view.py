@@ -242,6 +242,41 @@ def sample(light, at):
     return values
 
 
+def rim_edge(light, pose, lens, bend, sign, reach=0.03, angles=180) -> np.ndarray:
+    """Points (n, 2) px at which the rim's edge is seen near a pose, to a fraction of a pixel.
+
+    sign: +1 where light grows outwards across the edge. Directions in which a spoke or something
+    else hides the edge are left out as far as they stand out.
+    """
+    phi = np.arange(angles) * 2 * np.pi / angles
+    half = int(math.ceil(2 * reach * pose.size))
+    offset = np.arange(-half - 2, half + 3) / (2.0 * pose.size)  # half pixels
+    radii = 1 + offset
+    x, y = (radii * np.cos(phi)[:, None]).ravel(), (radii * np.sin(phi)[:, None]).ravel()
+    at = on_picture(pose, lens, bend, x, y).reshape(angles, len(radii), 2)
+    slope = sign * np.gradient(sample(light, at), axis=1)
+    slope = np.where(np.isfinite(slope), slope, 0.0)
+    slope = cv2.GaussianBlur(slope, (0, 0), sigmaX=1.5, sigmaY=1e-3)
+    typical = np.median(slope.max(axis=1))
+    inner = slope[:, 2:-2]
+    top = np.argmax(inner, axis=1)
+    good = (top > 0) & (top < inner.shape[1] - 1)
+    top = np.clip(top, 1, inner.shape[1] - 2)
+    a, b, c = (inner[np.arange(angles), top + d] for d in (-1, 0, 1))
+    bend_ = a - 2 * b + c
+    good &= (b > 0.4 * typical) & (bend_ < 0)
+    place = top + 0.5 * (a - c) / np.where(bend_ < 0, bend_, -1.0)
+    r = np.interp(place + 2, np.arange(len(radii)), radii)[good]
+    return on_picture(pose, lens, bend, r * np.cos(phi[good]), r * np.sin(phi[good]))
+
+
+def rim_sign(light, pose, lens) -> int:
+    """+1 where the light grows outwards across the rim's edge, -1 where it falls."""
+    step = 1.5 / pose.size
+    values, _ = polar(light, pose, lens, np.array([1 - step, 1 + step]), 360, 1)
+    return 1 if np.nanmedian(values[1] - values[0]) > 0 else -1
+
+
 def moved(static, rotating, pose, lens) -> Pose:
     """The pose in the second picture, from the rim, which turning does not change."""
     phi = np.arange(180) * 2 * np.pi / 180
