@@ -12,10 +12,11 @@ is added. `counterpart` gives one of them as a block.
 
 from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.comparison import Closing, Compared, Comparison, compare
-from corridor.diagnosis.counterpart import Counterparts, counterpart, counterparts, measure
+from corridor.diagnosis.counterpart import Counterparts, counterparts, measure
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
 from corridor.diagnosis.estimated_noise import EstimatedNoise
 from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.like import counterpart
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.statistics import Statistic
 
