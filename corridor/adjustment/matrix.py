@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 from corridor.adjustment.kernels import backward, forward
@@ -76,6 +76,17 @@ class Band:
             out[r:] += band[: self.n - r, r : r + 1] * x[: self.n - r]
             out[: self.n - r] += band[: self.n - r, r : r + 1] * x[r:]
         return out
+
+    def symmetric(self) -> csc_array:
+        """B (n, n) as a whole, before factorisation."""
+        n, ld = self.n, self.ld
+        inside = np.arange(ld) < np.minimum(ld, n - np.arange(n))[:, None]
+        indices = (np.arange(n)[:, None] + np.arange(ld))[inside].astype(np.int32)
+        pointer = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int32)
+        values = self.flat[: n * ld].reshape(n, ld)[inside]
+        low = csc_array((values, indices, pointer), shape=(n, n))
+        low.eliminate_zeros()
+        return (low + low.T - diags_array(low.diagonal())).tocsc()
 
     def factor(self, reference: np.ndarray) -> None:
         """Cholesky in place. reference (images, d): diagonal before the points were eliminated.
@@ -145,7 +156,8 @@ class Sparse:
     def diagonal(self) -> np.ndarray:
         return self.flat[self._diagonal_at()]
 
-    def _symmetric(self) -> csc_array:
+    def symmetric(self) -> csc_array:
+        """B (n, n) as a whole, before factorisation."""
         lower = self._row >= self._column
         below = self._row > self._column
         rows = np.concatenate([self._row[lower], self._column[below]])
@@ -154,12 +166,12 @@ class Sparse:
         return csc_array((values, (rows, columns)), shape=(self.n, self.n))
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
-        return self._symmetric() @ x
+        return self.symmetric() @ x
 
     def factor(self, reference: np.ndarray) -> None:
         try:
             self._lu = splu(
-                self._symmetric(),
+                self.symmetric(),
                 permc_spec="MMD_AT_PLUS_A",
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},

@@ -17,10 +17,11 @@ from importlib import import_module
 from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.comparison import Closing, Compared, Comparison, compare
 from corridor.diagnosis.confusability import confusability
-from corridor.diagnosis.counterpart import Counterparts, counterpart, counterparts, measure
+from corridor.diagnosis.counterpart import Counterparts, counterparts, measure
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
 from corridor.diagnosis.estimated_noise import EstimatedNoise
 from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.like import counterpart
 from corridor.diagnosis.report import check_output, corrected
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.statistics import Statistic

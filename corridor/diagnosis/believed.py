@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from corridor import adjustment
 from corridor.adjustment import Adjustment
 from corridor.block import Block
+from corridor.diagnosis.robust import scale_of
 from corridor.effects import Effect, find
 
-LOSS = "cauchy:2"
+# Stated standard deviations are wrong by this much at most, or the loss would see nothing else.
+TRUSTED = 0.02, 20.0
+# Cauchy's weights of this width are Student's t with four degrees of freedom and scale one.
+WIDTH = 2.0
 
 
 @dataclass
@@ -18,7 +24,9 @@ class Believed:
     """A block and the options of its adjustment.
 
     camera, control, check, lever_arm: as of `corridor.adjust`. effects: those the user believes
-    in. priors: of the believed model, and of candidates.
+    in. priors: of the believed model, and of candidates. begun: where poses, points and cameras
+    were left by an adjustment: the next one starts from there, its robust loss anew. scale: of
+    Student's t in stated standard deviations, as that adjustment's tie points have it.
     """
 
     block: Block
@@ -29,6 +37,8 @@ class Believed:
     priors: dict = field(default_factory=dict)
     lever_arm: str | None = None
     threads: int = 1
+    begun: Block | None = None
+    scale: float = 1.0
 
     @classmethod
     def of(cls, block, camera, effects: Iterable, control, check, priors, threads) -> Believed:
@@ -83,13 +93,30 @@ class Believed:
                 wide = 1.0 if effect.group == "image" else 10.0
                 name = f"{effect.slug}.{parameter.name}"
                 priors.setdefault(name, (0.0, wide * parameter.scale))
-        return adjustment.adjust(
-            self.block if block is None else block, self.camera, [*self.effects, *more],
-            self.control, self.check, LOSS, priors, self.lever_arm, self.threads,
-            max_iterations=_enough(more),
+        block = self.block if block is None else block
+        if self.begun is not None:
+            near = self.begun
+            block = replace(block, images=near.images, points=near.points, cameras=near.cameras)
+        result = adjustment.adjust(
+            block, self.camera, [*self.effects, *more],
+            self.control, self.check, f"cauchy:{WIDTH * self.scale!r}", priors, self.lever_arm,
+            self.threads, max_iterations=_enough(more),
         )  # fmt: skip
+        if self.begun is not None:
+            return result
+        self.begun, self.scale = result.block, _scale(result)
+        return self.adjust(more)
+
+
+def _scale(adjustment: Adjustment) -> float:
+    """Scale of Student's t of the tie points in stated standard deviations; 1 without any."""
+    p = adjustment.problem
+    residual, _ = adjustment.normal.look(adjustment.state, passes=5)
+    square = (residual**2).sum(axis=1) * p.weight**2
+    square = square[(p.row < p.tie_count) & np.isfinite(square)]
+    return float(np.clip(scale_of(square), *TRUSTED)) if len(square) else 1.0
 
 
 def _enough(effects: list[Effect]) -> int:
     """Iterations: shapes with a hundred parameters creep to their end, and need not reach it."""
-    return 9 if any(effect.generic for effect in effects) else 50
+    return 6 if any(effect.generic for effect in effects) else 50

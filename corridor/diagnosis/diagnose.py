@@ -23,6 +23,10 @@ from corridor.diagnosis.verdict import Findings, detection_limits, findings
 from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
 
+# Tie observations from which on some can be spared, and look-alikes that are tried in turn.
+FEWEST_TIES = 200
+MOST_RIVALS = 4
+
 
 @dataclass(repr=False)
 class Diagnosis:
@@ -32,6 +36,9 @@ class Diagnosis:
     same where nothing was). course: all rounds of the search, with the reduced systems.
     gap, detection_limits, untestable: as in diagnosis.json. alarms: variance tests. level, seed:
     as asked for.
+    used: what `after` has more than `before`, by slug (`slug.point` for a control point): of
+    effects that cannot be told apart, one. rivals: error with each of the others, over that with
+    the one that was found, of `check` points and of held-out `tie` points.
     """
 
     block: Block
@@ -47,6 +54,8 @@ class Diagnosis:
     alarms: list[dict]
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    used: list[str] = field(default_factory=list)
+    rivals: dict[str, dict[str, float]] = field(default_factory=dict)
     level: float = 0.01
     seed: int = 0
 
@@ -64,7 +73,7 @@ class Diagnosis:
     @property
     def effects(self) -> list[dict]:
         """Effects that were found, as in diagnosis.json."""
-        return [_effect(one) for one in self.findings.effects]
+        return [_effect(one, self.used, self.rivals) for one in self.findings.effects]
 
     def to_dict(self) -> dict:
         """diagnosis.json (design, section 7)."""
@@ -124,16 +133,24 @@ def diagnose(
         course = run(believed, only, list(without), level, seed, progress)
     found = findings(course)
     names = {effect.slug: effect for effect in course.candidates.effects}
-    chosen = members(names, course.last.keys)
-    before, after = course.first, course.last.adjustment
-    if set(course.last.keys) != set(course.last.log["model"]):
-        try:
-            after = believed.adjust(chosen) if chosen else before
-        except (InputError, AdjustmentFailed) as failed:
-            notes.append(f"The adjustment with what was found failed: {failed}")
+    before = course.first
     if progress:
         progress({"message": "measuring the gap"})
-    gaps, kept = _gap(believed, before, after, chosen, found, names, seed, notes)
+    held = _HeldOut(believed, names, course.last.keys, seed, notes)
+    kept = held.supported([one.group for one in found.unknown])
+    used = held.preferred(found.effects)
+    after = course.last.adjustment
+    if set(used) != set(course.last.log["model"]):
+        try:
+            after = believed.adjust(members(names, used)) if used else before
+        except (InputError, AdjustmentFailed) as failed:
+            notes.append(f"The adjustment with what was found failed: {failed}")
+            used = list(course.last.log["model"])
+    gaps = {
+        "tie_px": held.gap,
+        "check_m": gap.check_gap(before, after),
+        "gnss_m": gap.gnss_gap(before, after),
+    }
     unknown = []
     for one in found.unknown:
         text, where = locate(course.last, one.number, one.theta)
@@ -146,36 +163,90 @@ def diagnose(
         )  # fmt: skip
     return Diagnosis(
         block, believed, before, after, course, found, unknown, gaps,
-        detection_limits(course.last.evidence, course.last.found.chosen),
+        detection_limits(course.last),
         [{"slug": s, "missing": m} for s, m in sorted(course.candidates.untestable.items())],
         variance_alarms(course.last.equations), [*course.notes, *notes],
-        time.perf_counter() - began, level, seed,
+        time.perf_counter() - began, used, held.rivals, level, seed,
     )  # fmt: skip
 
 
-def _gap(believed, before, after, chosen, found, names, seed, notes) -> tuple[dict, dict]:
-    """Gap before and after, and which generic groups held-out data do not support."""
-    kept: dict[str, bool] = {}
-    tie = {"before": None, "after": None}
-    if len(believed.block.tie_points) > 200:
-        block, rows = gap.hold_out(believed.block, np.random.default_rng(seed))
+class _HeldOut:
+    """Fits with and without what was found, of which tie observations were held out.
+
+    gap: before and after, px; None where nothing could be held out. rivals: error with effects that
+    cannot be told apart from those found, over the error with those found (`check`, `tie`).
+    """
+
+    def __init__(self, believed: Believed, names: dict, keys: list[str], seed: int, notes: list):
+        self.believed, self.names, self.keys, self.notes = believed, names, keys, notes
+        self.gap: dict = {"before": None, "after": None}
+        self.rivals: dict[str, dict[str, float]] = {}
+        self.second = None
+        if len(believed.block.tie_points) <= FEWEST_TIES:
+            return
+        self.block, self.rows = gap.hold_out(believed.block, np.random.default_rng(seed))
         try:
-            first = believed.adjust(block=block)
-            second = believed.adjust(chosen, block=block) if chosen else first
-            tie = gap.tie_gap(first, second, rows)
-            generic = [one.group for one in found.unknown]
-            if generic and tie["after"] is not None:
-                others = [effect for effect in chosen if effect.slug not in generic]
-                bare = believed.adjust(others, block=block) if others else first
-                without = gap.tie_gap(bare, second, rows)
-                kept = dict.fromkeys(generic, bool(without["after"] < without["before"]))
+            self.first = self._fit([])
+            self.second = self._fit(keys) if keys else self.first
+            self.gap = gap.tie_gap(self.first, self.second, self.rows)
         except (InputError, AdjustmentFailed) as failed:
             notes.append(f"Held-out observations could not be compared: {failed}")
-    return {
-        "tie_px": tie,
-        "check_m": gap.check_gap(before, after),
-        "gnss_m": gap.gnss_gap(before, after),
-    }, kept
+
+    def _fit(self, keys: list[str]) -> Adjustment:
+        return self.believed.adjust(members(self.names, keys), block=self.block)
+
+    def supported(self, generic: list[str]) -> dict[str, bool]:
+        """Whether held-out data are predicted better with the generic groups than without them.
+
+        Tie observations that were held out, and check points where there are enough of them.
+        """
+        if not generic or self.second is None:
+            return {}
+        others = [key for key in self.keys if key not in generic]
+        try:
+            bare = self._fit(others) if others else self.first
+        except (InputError, AdjustmentFailed) as failed:
+            self.notes.append(f"The fit without the unknown failed: {failed}")
+            return {}
+        better = gap.improves(bare, self.second, self.rows)
+        if not better:
+            # A correction stays only if data that no fit has seen improve.
+            self.notes.append(
+                f"The correction by {', '.join(generic)} is not kept: data that no fit has used "
+                "are predicted no better with it."
+            )
+            self.keys, self.second = others, bare
+            self.gap = gap.tie_gap(self.first, bare, self.rows)
+        return dict.fromkeys(generic, better)
+
+    def preferred(self, effects: list) -> list[str]:
+        """Keys of the model to go on with.
+
+        Of effects that cannot be told apart, the one with the least error of check points or of
+        held-out tie points; the one that was found where none is clearly better.
+        """
+        keys = list(self.keys)
+        for one in effects:
+            if one.kind != "ambiguous" or one.key not in keys or self.second is None:
+                continue
+            rivals = {}
+            for rival in [key for key in one.rivals if key not in keys][:MOST_RIVALS]:
+                try:
+                    rivals[rival] = self._fit([rival if k == one.key else k for k in keys])
+                except (InputError, AdjustmentFailed) as failed:
+                    self.notes.append(f"The fit with {rival} failed: {failed}")
+            best, share = gap.preferred(self.second, rivals, self.rows)
+            self.rivals |= share
+            if best is not None:
+                kind = "check points" if "check" in share[best] else "held-out image points"
+                self.notes.append(
+                    f"The fit cannot tell {one.key} and {best} apart; {kind} are predicted better "
+                    f"with {best}, so their error afterwards is no longer independent."
+                )
+                keys = [best if k == one.key else k for k in keys]
+                self.second = rivals[best]
+                self.gap = gap.tie_gap(self.first, self.second, self.rows)
+        return keys
 
 
 def _with_antenna(block: Block) -> tuple[Block, list[str]]:
@@ -191,7 +262,7 @@ def _with_antenna(block: Block) -> tuple[Block, list[str]]:
     return replace(block, gnss=table), notes
 
 
-def _effect(one) -> dict:
+def _effect(one, used: list[str], rivals: dict[str, dict[str, float]]) -> dict:
     out = {
         "slug": one.slug,
         "class": one.kind,
@@ -200,7 +271,14 @@ def _effect(one) -> dict:
         "cannot_be_told_apart_from": one.alternatives,
         **one.where,
     }
-    return out | ({"separated_by": one.separate} if one.separate else {})
+    if not one.rivals:
+        return out
+    adjusted = next((key for key in [one.key, *one.rivals] if key in used), None)
+    return out | {
+        "separated_by": one.separate,
+        "adjusted_with": adjusted,
+        "held_out": {key: rivals[key] for key in one.rivals if key in rivals},
+    }
 
 
 def _plain(value):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse import block_array, csc_array, csr_array, diags_array, vstack
 
 from corridor.adjustment import Adjustment, Loss, Normal
 from corridor.diagnosis.candidates import (
@@ -43,8 +43,8 @@ class Columns:
 class Equations:
     """Everything about a block at a state, points eliminated.
 
-    matrix (n, n), right (n,): poses (6 an image, in the problem's order), then nuisance: free
-    camera, believed effects, lever arms. jacobian (3k, n) sparse, residual (3k,), stated (3k,)
+    matrix (n, n) sparse, right (n,): poses (6 an image, in the problem's order), then nuisance:
+    free camera, believed effects, lever arms. jacobian (3k, n) sparse, residual (3k,), stated (3k,)
     standard deviation, image (k,): of the antenna positions. core: columns that images share;
     own: blocks of per-image columns; between: each of them with the core (p, c); mutual: (i, j)
     -> of two of them, i < j.
@@ -53,7 +53,7 @@ class Equations:
 
     problem: object
     state: object
-    matrix: np.ndarray
+    matrix: csc_array
     right: np.ndarray
     jacobian: csr_array
     residual: np.ndarray
@@ -127,7 +127,7 @@ def _take_apart(normal, p, state, effects, scales, priors) -> Equations:
     """Split the assembled equations into poses and nuisance, core, and per-image columns."""
     m, d, q = p.image_count, p.d, p.shared_count
     slugs = {effect.slug for effect in effects}
-    whole = _symmetric(normal.blocks, m * d)
+    whole = normal.blocks.symmetric()
     border = normal.border[:m].reshape(-1, p.wide)[:, :q]
     corner = normal.corner + np.tril(normal.corner, -1).T
     gradient = normal.gradient[:m].reshape(-1)
@@ -143,12 +143,9 @@ def _take_apart(normal, p, state, effects, scales, priors) -> Equations:
     # Poses first, then what else the believed model estimates.
     first = np.concatenate([pose, more]).astype(int)
     size = len(first) + len(inner)
-    matrix = np.empty((size, size))
-    n = len(first)
-    matrix[:n, :n] = whole[first][:, first].toarray()
-    matrix[:n, n:] = border[first][:, inner]
-    matrix[n:, :n] = matrix[:n, n:].T
-    matrix[n:, n:] = corner[np.ix_(inner, inner)]
+    mine = csc_array(border[first][:, inner])
+    parts = [[whole[first][:, first], mine], [mine.T, csc_array(corner[np.ix_(inner, inner)])]]
+    matrix = csc_array(block_array(parts))
     right = np.concatenate([gradient[first], normal.shared_gradient[inner]])
 
     scale = np.array([_scale_of(p, p.unknowns[k]) for k in outer])
@@ -171,16 +168,11 @@ def _take_apart(normal, p, state, effects, scales, priors) -> Equations:
         rows = (np.arange(m)[:, None] * d + 6 + np.array(numbers)).ravel()
         parameters = p.stack.members[slug].parameters
         unit = np.tile([parameters[p.own_unknowns[k][1]].scale for k in numbers], m)
-        over_poses = whole[first][:, rows]
-        with_inner = border[rows][:, inner].T
-        cross = csc_array(
-            np.concatenate([over_poses.toarray(), with_inner]) * unit
-            if m <= 300
-            else _stacked(over_poses, with_inner) @ diags_array(unit)
-        )
+        over_poses = csc_array(whole[first][:, rows])
+        cross = vstack([over_poses, csc_array(border[rows][:, inner].T)]) @ diags_array(unit)
         own.append(
             Columns(
-                cross,
+                csc_array(cross),
                 csc_array(diags_array(unit) @ whole[rows][:, rows] @ diags_array(unit)),
                 gradient[rows] * unit,
                 csr_array((0, len(rows))),
@@ -216,29 +208,8 @@ def _rescale(groups, core, between, scale) -> None:
             block *= factor
 
 
-def _stacked(sparse, dense):
-    from scipy.sparse import vstack
-
-    return vstack([csc_array(sparse), csc_array(dense)]).tocsc()
-
-
 def _scale_of(p, unknown) -> float:
     return p.stack.members[unknown.owner].parameters[unknown.at[1]].scale
-
-
-def _symmetric(blocks, n: int) -> csc_array:
-    """The matrix of the images' unknowns (n, n), from the storage of `adjustment.matrix`."""
-    if hasattr(blocks, "_symmetric"):
-        return blocks._symmetric()
-    ld = blocks.ld
-    lower = blocks.flat[: n * ld].reshape(n, ld)
-    count = np.minimum(ld, n - np.arange(n))
-    inside = np.arange(ld) < count[:, None]
-    indices = (np.arange(n)[:, None] + np.arange(ld))[inside].astype(np.int32)
-    pointer = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    low = csc_array((lower[inside], indices, pointer), shape=(n, n))
-    low.eliminate_zeros()
-    return (low + low.T - diags_array(low.diagonal())).tocsc()
 
 
 def _add_antenna(out: Equations, normal, gnss, arms_free, adjustment, effects, priors) -> None:

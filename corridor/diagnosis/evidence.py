@@ -26,6 +26,8 @@ LOG_WEIGHT = np.log([0.25, 0.25, 0.25, 0.23, 0.018, 0.0018, 0.0002])
 # A group of more columns, values for each image, keeps the spectrum it has alone when others join
 # the model: what it would bring is then somewhat underrated, and much sooner known.
 LARGE = 130
+# Information below which a direction is one that nothing determines.
+BLIND = 1e-4
 
 
 @dataclass
@@ -127,6 +129,22 @@ class Evidence:
                 total += LOG_WEIGHT[np.argmin(np.abs(KAPPA - k))]
         return float(total), mean + step, factor
 
+    def solution(self, chosen: dict[int, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (p,) of groups n -> kappa together, and their covariance (p, p).
+
+        What the data say nothing about (a focal length common to all flights, where the camera is
+        free) is zero.
+        """
+        M, g = self.joint(chosen)
+        if not len(M):
+            return np.zeros(0), np.zeros((0, 0))
+        kappa = np.concatenate([np.full(len(self.groups[n]), k) for n, k in chosen.items()])
+        mean = np.concatenate([prior_mean(self.groups[n]) for n in chosen])
+        value, vector = eigh(M + np.diag(kappa**-2.0), check_finite=False)
+        inverse = np.where(value > BLIND, 1.0 / np.maximum(value, BLIND), 0.0)
+        covariance = (vector * inverse) @ vector.T
+        return mean + covariance @ (g - M @ mean), covariance
+
     def given(self, chosen: dict[int, float]) -> list[Gain]:
         """What every group would add to a model of groups n -> kappa."""
         r = self.reduced
@@ -142,6 +160,10 @@ class Evidence:
             g = r.g - to_core.T @ theta
             own_g, own_matrix = [], []
             for k in range(len(r.own_g)):
+                if r.own_g[k] is None:
+                    own_g.append(None)
+                    own_matrix.append(None)
+                    continue
                 whole = next(group for group in self.groups if group.own == k)
                 to_own = np.concatenate([self.across(a, whole) for a in members])
                 own_g.append(r.own_g[k] - to_own.T @ theta)
@@ -152,7 +174,7 @@ class Evidence:
                 )
         out = []
         for n, group in enumerate(self.groups):
-            if n in chosen:
+            if n in chosen or (group.own is not None and own_g[group.own] is None):
                 out.append(Gain(-np.inf, 1.0, 0.0))
                 continue
             if group.own is None:

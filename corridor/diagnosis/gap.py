@@ -14,6 +14,10 @@ from corridor.block import Block
 HELD_OUT = 0.08
 NO_WEIGHT = 1e4
 WRONG = 6.0
+# Look-alikes predict alike but for chance: one in two hundred is more than that.
+CLEARLY_LESS = 0.995
+# Check points are few, and each shift of the datum moves them all.
+CLEARLY_LESS_CHECK, ENOUGH_CHECKS = 0.8, 3
 
 
 def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:
@@ -33,6 +37,38 @@ def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]
     sigma[chosen] *= NO_WEIGHT
     out.tie_points = ties.assign(sigma=sigma)
     return out, chosen
+
+
+def preferred(
+    second: Adjustment, rivals: dict[str, Adjustment], rows: np.ndarray
+) -> tuple[str | None, dict[str, dict[str, float]]]:
+    """The rival that does clearly better than `second` where no fit has looked, None without one.
+
+    Check points decide where there are enough of them, tie observations held out where not. Also
+    the error of each rival over that of `second`: `tie`, `check`.
+    """
+    share: dict[str, dict[str, float]] = {}
+    many = len(second.check_points) >= ENOUGH_CHECKS
+    for key, fit in rivals.items():
+        share[key] = {}
+        if many:
+            share[key]["check"] = float(fit.check_rms.d3 / second.check_rms.d3)
+        found = tie_gap(second, fit, rows)
+        if found["before"]:
+            share[key]["tie"] = found["after"] / found["before"]
+    kind, limit = ("check", CLEARLY_LESS_CHECK) if many else ("tie", CLEARLY_LESS)
+    known = {key: one[kind] for key, one in share.items() if kind in one}
+    best = min(known, key=known.get, default=None)
+    return (best if best is not None and known[best] < limit else None), share
+
+
+def improves(without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> bool:
+    """Whether held-out ties are predicted better, and check points, where many, no worse."""
+    if len(with_it.check_points) >= ENOUGH_CHECKS:
+        if CLEARLY_LESS_CHECK * with_it.check_rms.d3 > without.check_rms.d3:
+            return False
+    found = tie_gap(without, with_it, rows)
+    return bool(found["after"] < found["before"])
 
 
 def tie_gap(before: Adjustment, after: Adjustment, rows: np.ndarray) -> dict[str, float | None]:

@@ -15,6 +15,7 @@ unequal"; Harville 1977 for the gradient, tr(V dSigma) - v' dSigma v.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +25,18 @@ from scipy.sparse import csr_array
 
 from corridor.diagnosis.evidence import Evidence
 
-# Weak knowledge: mean and standard deviation of the logarithms of w, c over the stated sigma, and
-# tau in seconds. It keeps short flights sensible.
-PRIOR_WHITE = (np.log(0.7), 0.7)
-PRIOR_COLOURED = (np.log(0.6), 0.9)
-PRIOR_TAU = (np.log(60.0), 0.6)
+# Weak knowledge: mean of the logarithms of w and c over the stated sigma, of tau in seconds, and
+# their standard deviations: of what all flights and axes have in common (one receiver, stated too
+# good or too bad), and of each by itself. It keeps short flights sensible, and a bias of one axis
+# from passing for slow noise that the other axes do not show.
+PRIOR_WHITE = (np.log(0.7), 0.5, 0.35)
+PRIOR_COLOURED = (np.log(0.6), 0.35, 0.35)
+PRIOR_TAU = (np.log(60.0), 0.4, 0.4)
 TAU_LEAST, TAU_MOST = 4.0, 240.0
+# Noises that an effect's uncertainty is averaged over, and how much wider than the curvature says
+# they are drawn.
+DRAWS, FEW_DRAWS = 48, 16
+WIDENED = 1.2
 # Positions whose noise is estimated together; more are taken flight by flight, axis by axis.
 TOGETHER = 900
 
@@ -39,7 +46,7 @@ class GnssNoise:
     """Noise of antenna positions.
 
     flight, time: (k,) of each position. stated: (3k,) m. white: (flights, 3) factor on the stated
-    standard deviation; coloured: (flights, 3) m; tau: (flights,) s.
+    standard deviation; coloured: (flights, 3) m; tau: (flights, 3) s.
     """
 
     flight: np.ndarray
@@ -64,7 +71,7 @@ class GnssNoise:
         """White and coloured covariance (n, n) of a block."""
         white = np.diag((self.white[f, axis] * self.stated[rows]) ** 2)
         lag = np.abs(self.time[rows // 3][:, None] - self.time[rows // 3])
-        return white, self.coloured[f, axis] ** 2 * np.exp(-lag / self.tau[f]), lag
+        return white, self.coloured[f, axis] ** 2 * np.exp(-lag / self.tau[f, axis]), lag
 
     def weigh(self, rows):
         """Inverse covariance times rows (3k, ...), sparse or dense."""
@@ -111,7 +118,7 @@ def stated_noise(equations) -> GnssNoise:
     flights = len(images.flight_names)
     return GnssNoise(
         images.flight[equations.image], times_of(images, equations.image), equations.stated,
-        np.ones((flights, 3)), np.zeros((flights, 3)), np.full(flights, np.exp(PRIOR_TAU[0])),
+        np.ones((flights, 3)), np.zeros((flights, 3)), np.full((flights, 3), np.exp(PRIOR_TAU[0])),
     )  # fmt: skip
 
 
@@ -144,8 +151,18 @@ class NoiseModel:
         seen = np.einsum("ij,ij->j", across, across * (self.stated.stated**2)[:, None])
         return float(np.max(seen / np.maximum(inside, 1e-12), initial=0.0))
 
-    def _across(self, group) -> np.ndarray:
+    def _across(self, group) -> np.ndarray | None:
         return self.core[:, group.columns] if group.own is None else self.own[group.own]
+
+    def freedom(self, noise: GnssNoise) -> float:
+        """Degrees of freedom with which the size of slow noise is known.
+
+        Correlation times of all flights and axes, and what the prior knowledge is worth.
+        """
+        span = [
+            np.ptp(noise.time[rows // 3]) / noise.tau[f, axis] for rows, f, axis in noise.blocks()
+        ]
+        return float(np.sum(span)) + 0.5 / PRIOR_COLOURED[1] ** 2
 
     def given(self, chosen: dict[int, float], start: GnssNoise | None = None):
         """The noise of a model of groups n -> kappa, and the log probability of the data."""
@@ -156,103 +173,206 @@ class NoiseModel:
         if key not in self._found:
             P, rho = self.P, self.rho
             if chosen:
-                groups = [self.evidence.groups[n] for n in chosen]
-                across = np.concatenate(
-                    [
-                        np.zeros((len(rho), len(group)))
-                        if self._across(group) is None
-                        else self._across(group)
-                        for group in groups
-                    ],
-                    axis=1,
-                )
-                P = P - across @ cho_solve(factor, across.T, check_finite=False)
-                rho = rho - across @ theta
+                A = self._columns(chosen)
+                P = P - A @ cho_solve(factor, A.T, check_finite=False)
+                rho = rho - A @ theta
             noise, value = _estimate(self.stated, P, rho, start)
             self._found[key] = noise, base - 0.5 * value
         return self._found[key]
 
+    def _columns(self, chosen: Iterable[int]) -> np.ndarray:
+        """Between the antenna positions and groups together (3k, columns)."""
+        parts = []
+        for n in chosen:
+            across = self._across(self.evidence.groups[n])
+            empty = np.zeros((len(self.rho), len(self.evidence.groups[n])))
+            parts.append(empty if across is None else across)
+        return np.concatenate(parts, axis=1)
+
+    def parameters(
+        self, chosen: dict[int, float], noise: GnssNoise, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Parameters (p,) of groups n -> kappa together and their covariance (p, p).
+
+        Averaged over the noises that the data allow, near `noise`: how slow and how large it is
+        is known from a few correlation times, and what looks like slow noise (a lever arm, a
+        drift) is the less certain for it. None where the stated noise knows nothing of a group.
+        """
+        groups = [self.evidence.groups[n] for n in chosen]
+        if any(g.own is not None and self.evidence.block(g)[0] is None for g in groups):
+            return None
+        theta, K = self.evidence.solution(chosen)
+        if self.few:
+            return theta, K
+        A = self._columns(chosen)
+        turned = A @ K
+        P, rho = self.P - turned @ A.T, self.rho - A @ theta
+        parts = _parts(self.stated, P, rho)
+        count = DRAWS if len(parts) == 1 else FEW_DRAWS
+        drawn, log_weight = [], np.zeros(count)
+        for one in parts:
+            x, length = one.likely(one.arguments(noise), count, rng)
+            log_weight -= 0.5 * (np.array([one(each)[0] for each in x]) - length)
+            drawn.append(x)
+        weight = np.exp(log_weight - log_weight.max())
+        weight /= weight.sum()
+        whole = Likelihood(self.stated, P, rho, list(self.stated.blocks()))
+        columns = np.column_stack([turned, rho])
+        found, spread = [], np.zeros_like(K)
+        for k, share in enumerate(weight):
+            one = noise
+            for part, x in zip(parts, drawn, strict=True):
+                one = part.noise_at(x[k], one)
+            left = turned.T @ whole.solved(one, columns)
+            found.append(theta - left[:, -1])
+            spread += share * (K + left[:, :-1])
+        mean = weight @ np.array(found)
+        away = np.array(found) - mean
+        return mean, spread + (away * weight[:, None]).T @ away
+
 
 def _estimate(noise: GnssNoise, P, rho, start=None) -> tuple[GnssNoise, float]:
     """The noise that P and rho, made with `noise` stated, tell of; and -2 log L."""
-    blocks = list(noise.blocks())
-    if len(rho) <= TOGETHER:
-        return _fit(noise, P, rho, blocks, start)
     value = 0.0
-    for block in blocks:
-        # The others stay as stated: their part of D is zero in this block's equations.
-        rows = block[0]
-        noise, part = _fit(noise, P[np.ix_(rows, rows)], rho[rows], [block], start, own=True)
-        value += part
+    for one in _parts(noise, P, rho):
+        found = one.minimum(start)
+        noise = one.noise_at(found.x, noise)
+        value += float(found.fun)
     return noise, value
 
 
-def _fit(noise, P, rho, blocks, begin=None, own=False) -> tuple[GnssNoise, float]:
-    """Parameters of some blocks, and -2 log L; own: P and rho hold those blocks only."""
-    flights = sorted({f for _, f, _ in blocks})
-    stated = {(f, axis): np.sqrt(np.mean(noise.stated[rows] ** 2)) for rows, f, axis in blocks}
-    count = len(blocks)
-    start = np.concatenate(
-        [np.full(count, PRIOR_WHITE[0]), np.full(count, PRIOR_COLOURED[0]),
-         np.full(len(flights), PRIOR_TAU[0])]
-    )  # fmt: skip
-    centre = start.copy()
-    width = np.concatenate(
-        [np.full(count, PRIOR_WHITE[1]), np.full(count, PRIOR_COLOURED[1]),
-         np.full(len(flights), PRIOR_TAU[1])]
-    )  # fmt: skip
-    if begin is not None:
-        for n, (_, f, axis) in enumerate(blocks):
-            start[n] = np.log(begin.white[f, axis])
-            start[count + n] = np.log(max(begin.coloured[f, axis] / stated[f, axis], 0.03))
-            start[2 * count + flights.index(f)] = np.log(begin.tau[f])
-    lags = [np.abs(noise.time[r // 3][:, None] - noise.time[r // 3]) for r, _, _ in blocks]
-    place = [np.arange(len(r)) if own else r for r, _, _ in blocks]
-    first = [noise.stated[r] ** 2 for r, _, _ in blocks]
+def _parts(noise: GnssNoise, P, rho) -> list[Likelihood]:
+    """The likelihood as a whole, or of long flights axis by axis.
 
-    def minus_two_log(x):
-        inner = np.eye(len(P))
-        right = np.zeros(len(P))
+    Axis by axis the others stay as stated: their part of D is zero in this axis's equations.
+    """
+    blocks = list(noise.blocks())
+    if len(rho) <= TOGETHER:
+        return [Likelihood(noise, P, rho, blocks)]
+    return [
+        Likelihood(noise, P[np.ix_(block[0], block[0])], rho[block[0]], [block], own=True)
+        for block in blocks
+    ]
+
+
+class Likelihood:
+    """-2 log L of the noise of some blocks (rows, flight, axis), with weak prior knowledge.
+
+    Arguments x: logarithms of w of each block, of c over the stated sigma of each, of tau of each
+    flight. own: P and rho hold the rows of these blocks only.
+    """
+
+    def __init__(self, noise: GnssNoise, P, rho, blocks, own: bool = False):
+        self.P, self.rho, self.blocks, self.time = P, rho, blocks, noise.time
+        self.flights = sorted({f for _, f, _ in blocks})
+        self.count = len(blocks)
+        self.stated = np.array([np.sqrt(np.mean(noise.stated[rows] ** 2)) for rows, *_ in blocks])
+        self.first = [noise.stated[rows] ** 2 for rows, *_ in blocks]
+        time = [noise.time[rows // 3] for rows, *_ in blocks]
+        self.lags = [np.abs(t[:, None] - t) for t in time]
+        self.place = [np.arange(len(rows)) if own else rows for rows, *_ in blocks]
+        many = [self.count, self.count, len(self.flights)]
+        prior = PRIOR_WHITE, PRIOR_COLOURED, PRIOR_TAU
+        self.centre = np.repeat([p[0] for p in prior], many)
+        covariance = np.diag(np.repeat([p[2] ** 2 for p in prior], many))
+        kind = np.repeat([0, 1, 2], many)
+        covariance += (kind[:, None] == kind) * np.repeat([p[1] ** 2 for p in prior], many)
+        self.precision = np.linalg.inv(covariance)
+        self.low = np.repeat([np.log(0.03), np.log(0.03), np.log(TAU_LEAST)], many)
+        self.high = np.repeat([np.log(30.0), np.log(30.0), np.log(TAU_MOST)], many)
+
+    def minimum(self, start: GnssNoise | None = None):
+        """Where -2 log L is least (x, fun), as of `scipy.optimize.minimize`."""
+        x = self.centre.copy()
+        if start is not None:
+            x = self.arguments(start)
+        return minimize(
+            self, x, jac=True, method="L-BFGS-B",
+            bounds=list(zip(self.low, self.high, strict=True)),
+            # From where another model ended, little is left to do.
+            options={"maxiter": 40 if start is None else 12, "ftol": 1e-6},
+        )  # fmt: skip
+
+    def arguments(self, noise: GnssNoise) -> np.ndarray:
+        """The arguments of a noise."""
+        x = np.empty_like(self.centre)
+        for n, (_, f, axis) in enumerate(self.blocks):
+            x[n] = np.log(noise.white[f, axis])
+            x[self.count + n] = np.log(max(noise.coloured[f, axis] / self.stated[n], 0.03))
+            x[2 * self.count + self.flights.index(f)] = np.log(noise.tau[f, axis])
+        return x
+
+    def noise_at(self, x, noise: GnssNoise) -> GnssNoise:
+        """`noise` with these parameters in place of its own."""
+        white, coloured, tau = noise.white.copy(), noise.coloured.copy(), noise.tau.copy()
+        for n, (_, f, axis) in enumerate(self.blocks):
+            white[f, axis] = np.exp(x[n])
+            coloured[f, axis] = np.exp(x[self.count + n]) * self.stated[n]
+            tau[f, axis] = np.exp(x[2 * self.count + self.flights.index(f)])
+        return GnssNoise(noise.flight, noise.time, noise.stated, white, coloured, tau)
+
+    def parts(self, x):
+        """White variances (n,), coloured covariance (n, n) and tau of each block."""
+        for n, (_, f, _) in enumerate(self.blocks):
+            tau = np.exp(x[2 * self.count + self.flights.index(f)])
+            coloured = np.exp(2 * x[self.count + n]) * self.stated[n] ** 2
+            yield np.exp(2 * x[n]) * self.first[n], coloured * np.exp(-self.lags[n] / tau), tau
+
+    def factor(self, parts):
+        """LU of I + P D, and D rho."""
+        inner = np.eye(len(self.P))
+        right = np.zeros(len(self.P))
+        for (white, coloured, _), first, at in zip(parts, self.first, self.place, strict=True):
+            D = coloured + np.diag(white - first)
+            inner[:, at] += self.P[:, at] @ D
+            right[at] = D @ self.rho[at]
+        return lu_factor(inner, check_finite=False, overwrite_a=True), right
+
+    def solved(self, noise: GnssNoise, columns) -> np.ndarray:
+        """D (I + P D)^-1 columns (n, k) of a noise."""
         parts = []
-        for n, (_, f, axis) in enumerate(blocks):
-            tau = np.exp(x[2 * count + flights.index(f)])
-            white = np.exp(2 * x[n]) * first[n]
-            coloured = np.exp(2 * x[count + n]) * stated[f, axis] ** 2 * np.exp(-lags[n] / tau)
-            block = coloured.copy()
-            block[np.diag_indices(len(white))] += white - first[n]
-            inner[:, place[n]] += P[:, place[n]] @ block
-            right[place[n]] = block @ rho[place[n]]
-            parts.append((white, coloured, tau))
-        factor = lu_factor(inner, check_finite=False)
+        for rows, f, axis in self.blocks:
+            white, coloured, _ = noise.parts(rows, f, axis)
+            parts.append((np.diag(white), coloured, None))
+        inner = lu_solve(self.factor(parts)[0], columns, check_finite=False)
+        out = np.zeros_like(inner)
+        for (white, coloured, _), first, at in zip(parts, self.first, self.place, strict=True):
+            out[at] = coloured @ inner[at] + (white - first)[:, None] * inner[at]
+        return out
+
+    def __call__(self, x):
+        """-2 log L at x, and its gradient."""
+        parts = list(self.parts(x))
+        factor, right = self.factor(parts)
         logdet = float(np.sum(np.log(np.abs(np.diag(factor[0])))))
-        V = lu_solve(factor, P, check_finite=False)
-        v = lu_solve(factor, rho, check_finite=False)
-        value = logdet - float(right @ v)
+        V = lu_solve(factor, self.P, check_finite=False)
+        v = lu_solve(factor, self.rho, check_finite=False)
         slope = np.zeros_like(x)
-        for n, (_, f, _) in enumerate(blocks):
-            white, coloured, tau = parts[n]
-            at = place[n]
+        for n, ((white, coloured, tau), at) in enumerate(zip(parts, self.place, strict=True)):
             inside = V[np.ix_(at, at)] - np.outer(v[at], v[at])
             slope[n] = 2.0 * np.sum(np.diag(inside) * white)
             weighted = inside * coloured
-            slope[count + n] = 2.0 * weighted.sum()
-            slope[2 * count + flights.index(f)] += np.sum(weighted * lags[n]) / tau
-        away = (x - centre) / width
-        return value + away @ away, slope + 2.0 * away / width
+            slope[self.count + n] = 2.0 * weighted.sum()
+            flight = self.flights.index(self.blocks[n][1])
+            slope[2 * self.count + flight] += np.sum(weighted * self.lags[n]) / tau
+        away = x - self.centre
+        pull = self.precision @ away
+        return logdet - float(right @ v) + float(away @ pull), slope + 2.0 * pull
 
-    low = np.concatenate([np.full(2 * count, np.log(0.03)), np.full(len(flights), 0.0)])
-    high = np.concatenate([np.full(2 * count, np.log(30.0)), np.full(len(flights), 0.0)])
-    low[2 * count :], high[2 * count :] = np.log(TAU_LEAST), np.log(TAU_MOST)
-    found = minimize(
-        minus_two_log, start, jac=True, method="L-BFGS-B",
-        bounds=list(zip(low, high, strict=True)),
-        # From where another model ended, little is left to do.
-        options={"maxiter": 40 if begin is None else 12, "ftol": 1e-6},
-    )  # fmt: skip
-    white, coloured, tau = noise.white.copy(), noise.coloured.copy(), noise.tau.copy()
-    for n, (_, f, axis) in enumerate(blocks):
-        white[f, axis] = np.exp(found.x[n])
-        coloured[f, axis] = np.exp(found.x[count + n]) * stated[f, axis]
-        tau[f] = np.exp(found.x[2 * count + flights.index(f)])
-    made = GnssNoise(noise.flight, noise.time, noise.stated, white, coloured, tau)
-    return made, float(found.fun)
+    def likely(self, x, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Arguments (count, n) that are likely too, and -2 log of the density of each.
+
+        From the normal distribution of the curvature at x, somewhat widened.
+        """
+        step = 1e-3
+        rows = [
+            (self(x + step * one)[1] - self(x - step * one)[1]) / (2 * step)
+            for one in np.eye(len(x))
+        ]
+        value, vector = np.linalg.eigh(0.25 * (np.array(rows) + np.array(rows).T))
+        # Nothing is known less well than the prior says.
+        least = np.linalg.eigvalsh(self.precision)[0]
+        spread = 1.0 / np.sqrt(np.maximum(value, least))
+        unit = rng.standard_normal((count, len(x)))
+        made = np.clip(x + WIDENED * (unit * spread) @ vector.T, self.low, self.high)
+        return made, np.sum(unit**2, axis=1)

@@ -10,14 +10,18 @@ M theta = g is one more step of Newton's; under the null hypothesis g ~ N(0, M).
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.sparse import csr_array, issparse
+from scipy.sparse import issparse
 
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.equations import Equations
+
+# Columns of the antenna's part that are made together.
+CHUNK = 600
 
 
 @dataclass
@@ -28,14 +32,14 @@ class Reduced:
 
     g is that of no effect at all: where candidates stand at a value, their part has been put
     back. here: (c,) values of the core's parameters at the linearisation, in prior sigmas;
-    own_here: of the per-image blocks.
+    own_here: of the per-image blocks. Blocks that were left out are None.
     """
 
     M: np.ndarray
     g: np.ndarray
-    own_matrix: list[np.ndarray]
-    own_g: list[np.ndarray]
-    between: list[np.ndarray]
+    own_matrix: list[np.ndarray | None]
+    own_g: list[np.ndarray | None]
+    between: list[np.ndarray | None]
     mutual: dict[tuple[int, int], np.ndarray]
     groups: list[Group]
     here: np.ndarray
@@ -49,88 +53,114 @@ class Elimination:
         """noise: `GnssNoise`; or None for the stated standard deviations."""
         self.equations, self.noise = equations, noise
         e = equations
-        matrix = e.matrix.copy()
         self.right = e.right.copy()
-        self.heavy = csr_array((0, len(e.right)))
         if len(e.residual):
-            self.heavy = self.weigh(e.jacobian)
-            matrix += (e.jacobian.T @ self.heavy).toarray()
-            self.right += self.heavy.T @ e.residual
+            self.right += e.jacobian.T @ self.weigh(e.residual)
+        try:
+            self.unit, self.factor = self._factor(0.0)
+        except np.linalg.LinAlgError:
+            # What nothing determines is held a little.
+            self.unit, self.factor = self._factor(1e-10)
+        self.half_right = self.half(self.right)
+
+    def _factor(self, held: float) -> tuple[np.ndarray, np.ndarray]:
+        """Units (n,) and lower Cholesky factor (n, n).
+
+        In units of their own weight, or metres and radians would meet. With a thousand images the
+        matrix is a third of a gigabyte: there is this one, and no copy of it.
+        """
+        e = self.equations
+        matrix = e.matrix.toarray(order="F")
+        if len(e.residual):
+            self._add_antenna(matrix)
         if e.free_motions is not None:
             g = e.free_motions / np.linalg.norm(e.free_motions, axis=0)
             matrix += np.median(np.diag(matrix)) * (g @ g.T)
-        # In units of their own weight, or metres and radians would meet.
-        self.unit = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        matrix *= self.unit[:, None]
-        matrix *= self.unit
-        self.factor = _factor(matrix)
-        self.half_right = self.half(self.right)
+        unit = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+        matrix *= unit[:, None]
+        matrix *= unit
+        matrix[np.diag_indices_from(matrix)] += held
+        return unit, cholesky(matrix, lower=True, check_finite=False, overwrite_a=True)
+
+    def _add_antenna(self, matrix: np.ndarray) -> None:
+        """Add J' Sigma^-1 J, a few columns at a time."""
+        jacobian = self.equations.jacobian.tocsc()
+        for first in range(0, matrix.shape[1], CHUNK):
+            some = slice(first, first + CHUNK)
+            matrix[:, some] += jacobian.T @ self.weigh(jacobian[:, some].toarray())
 
     def weigh(self, rows):
         """Inverse covariance of the antenna positions times rows (3k, ...)."""
         if self.noise is None:
             weight = self.equations.stated**-2.0
-            if issparse(rows):
-                return csr_array(rows.multiply(weight[:, None]))
             return rows * (weight[:, None] if rows.ndim == 2 else weight)
         return self.noise.weigh(rows)
 
     def half(self, right: np.ndarray) -> np.ndarray:
         """L^-1 right; products of two halves are what the elimination takes away."""
-        right = right.toarray() if issparse(right) else right
-        scaled = right * (self.unit[:, None] if right.ndim == 2 else self.unit)
-        return solve_triangular(self.factor, scaled, lower=True, check_finite=False)
+        right = right.toarray(order="F") if issparse(right) else np.array(right, order="F")
+        right *= self.unit[:, None] if right.ndim == 2 else self.unit
+        return solve_triangular(
+            self.factor, right, lower=True, check_finite=False, overwrite_b=True
+        )
 
     def columns(self, block):
-        """Of one block of columns: half solution (n, p), weighted antenna (3k, p), right (p,)."""
+        """Of one block of columns: half solution (n, p), weighted antenna (3k, p), right (p,).
+
+        The weighted antenna is None where the columns do not touch it.
+        """
         e = self.equations
-        if not len(e.residual):
+        touched = block.antenna.nnz if issparse(block.antenna) else block.antenna.size
+        if not touched:
             half = self.half(block.cross)
-            return half, np.zeros((0, half.shape[1])), block.right - half.T @ self.half_right
-        heavy = self.weigh(block.antenna)
-        heavy = heavy.toarray() if issparse(heavy) else heavy
-        cross = block.cross.toarray() if issparse(block.cross) else block.cross
-        half = self.half(cross + e.jacobian.T @ heavy)
+            return half, None, block.right - half.T @ self.half_right
+        heavy = self.weigh(_dense(block.antenna))
+        half = self.half(_dense(block.cross) + e.jacobian.T @ heavy)
         right = block.right + heavy.T @ e.residual - half.T @ self.half_right
         return half, heavy, right
 
-    def reduce(self) -> Reduced:
-        """M and g of all candidates."""
+    def reduce(self, but: Container[int] = ()) -> Reduced:
+        """M and g of all candidates, but for some of the blocks of per-image columns."""
         e = self.equations
         half, heavy, g = self.columns(e.core)
-        M = e.core.inside + e.core.antenna.T @ heavy if len(e.residual) else e.core.inside
-        M = M - half.T @ half
+        M = e.core.inside - half.T @ half
+        if heavy is not None:
+            M += e.core.antenna.T @ heavy
         here = e.core.value
         g = g + M @ here
-        own_matrix, own_g, between, own_here = [], [], [], []
-        mutual, halves = {}, []
+        count = len(e.own)
+        out = Reduced(
+            M, g, [None] * count, [None] * count, [None] * count, {}, e.groups, here,
+            [block.value for block in e.own],
+        )  # fmt: skip
+        halves: dict[int, np.ndarray] = {}
         for n, (block, cross) in enumerate(zip(e.own, e.between, strict=True)):
-            mine, own_heavy, own_right = self.columns(block)
-            for i, other in enumerate(halves):
+            if n in but:
+                continue
+            mine, own_heavy, right = self.columns(block)
+            for i, other in halves.items():
                 both = -(other.T @ mine)
                 if (i, n) in e.mutual:
-                    both += e.mutual[i, n].toarray()
-                if len(e.residual):
+                    both += e.mutual[i, n]
+                if own_heavy is not None:
                     both += _dense(e.own[i].antenna.T @ own_heavy)
-                mutual[i, n] = both
-            halves.append(mine)
-            inside = _dense(block.inside) - mine.T @ mine
+                out.mutual[i, n] = both
+            halves[n] = mine
+            inside = -(mine.T @ mine)
+            inside += block.inside
             with_core = cross - mine.T @ half
-            if len(e.residual):
-                inside = inside + _dense(block.antenna.T @ own_heavy)
+            if own_heavy is not None:
+                inside += _dense(block.antenna.T @ own_heavy)
+            if heavy is not None:
                 with_core = with_core + _dense(block.antenna.T @ heavy)
-            value = block.value
             # What has been estimated counts as missing again: in all that is tested.
-            own_right = own_right + inside @ value + with_core @ here
-            g = g + with_core.T @ value
-            own_matrix.append(inside)
-            own_g.append(own_right)
-            between.append(with_core)
-            own_here.append(value)
-        for (i, j), both in mutual.items():
-            own_g[i] += both @ own_here[j]
-            own_g[j] += both.T @ own_here[i]
-        return Reduced(M, g, own_matrix, own_g, between, mutual, e.groups, here, own_here)
+            out.own_g[n] = right + inside @ block.value + with_core @ here
+            out.g = out.g + with_core.T @ block.value
+            out.own_matrix[n], out.between[n] = inside, with_core
+        for (i, j), both in out.mutual.items():
+            out.own_g[i] += both @ e.own[j].value
+            out.own_g[j] += both.T @ e.own[i].value
+        return out
 
     def antennas(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray | None]]:
         """M (3k, 3k) and g (3k,) of one unit column for each antenna coordinate.
@@ -148,22 +178,19 @@ class Elimination:
         g = g + core @ e.core.value
         own = []
         for block in e.own:
-            mine, heavy, _ = self.columns(block)
-            across = heavy - half.T @ mine
-            g = g + across @ block.value
             # Several values for each image tell of the picture; the antenna hardly feels them.
-            own.append(across if len(block.value) <= e.problem.image_count else None)
-        return unit - half.T @ half, g, core, own
+            few = len(block.value) <= e.problem.image_count
+            across = None
+            if few or block.value.any():
+                mine, heavy, _ = self.columns(block)
+                across = -(half.T @ mine)
+                if heavy is not None:
+                    across += heavy
+                g = g + across @ block.value
+            own.append(across if few else None)
+        unit -= half.T @ half
+        return unit, g, core, own
 
 
 def _dense(matrix):
     return matrix.toarray() if issparse(matrix) else np.asarray(matrix)
-
-
-def _factor(matrix: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor; what nothing determines is held a little."""
-    try:
-        return cholesky(matrix, lower=True, check_finite=False)
-    except np.linalg.LinAlgError:
-        held = matrix + 1e-10 * np.eye(len(matrix))
-        return cholesky(held, lower=True, check_finite=False)

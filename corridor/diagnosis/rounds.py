@@ -26,12 +26,17 @@ MOST_ROUNDS = 3
 # Effects this strong show through any noise; weaker ones are compared together with it.
 CLEAR = 40.0
 SHORTLIST = 6
+# Share of what a group explains from which on the antenna positions feel it.
+FELT = 0.01
 # Images from which on earlier rounds keep no matrices.
 LARGE = 400
 # Log evidence by which another model has to be better to take the place of one.
 HARDLY = 3.0
 # A group this weak beside a generic one of the same side is what a wrong model leaves.
 BESIDE = 0.5
+# So many prior standard deviations beside a generic one of the same side: two shapes that nearly
+# cancel, and no cause.
+ABSURD = 100.0
 
 
 @dataclass
@@ -45,6 +50,7 @@ class Round:
     adjustment: Adjustment
     equations: Equations | None
     noise: GnssNoise
+    noises: NoiseModel | None
     evidence: Evidence | None
     threshold: dict[str, float]
     found: Found
@@ -54,7 +60,7 @@ class Round:
     def shed(self) -> None:
         """Let go of what weighs gigabytes in a block of a thousand images."""
         if self.adjustment.problem.image_count > LARGE:
-            self.equations = self.evidence = None
+            self.equations = self.evidence = self.noises = None
 
 
 @dataclass
@@ -130,7 +136,13 @@ def _round(adjustment, believed, effects, model, threshold, level, seed) -> Roun
         believed.priors_of(effects),
     )  # fmt: skip
     stated = Elimination(e, None)
-    plain = Evidence(stated.reduce())
+    # The stated noise is asked about what the antenna feels and what is in the model: no more.
+    several = {
+        group.own
+        for group in e.groups
+        if group.own is not None and len(group) > e.problem.image_count and group.key not in model
+    }
+    plain = Evidence(stated.reduce(but=several))
     noises = NoiseModel(e, stated, plain)
     # A third of a gigabyte with a thousand images, and no longer needed.
     del stated
@@ -151,7 +163,7 @@ def _round(adjustment, believed, effects, model, threshold, level, seed) -> Roun
     found = _without_parts(evidence, found, threshold["suspected"])
     log["found"] = {evidence.groups[n].key: float(v) for n, v in found.evidence.items()}
     keys = [evidence.groups[n].key for n in found.chosen]
-    return Round(adjustment, e, noise, evidence, threshold, found, keys, log)
+    return Round(adjustment, e, noise, noises, evidence, threshold, found, keys, log)
 
 
 def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
@@ -183,7 +195,11 @@ def _without_parts(evidence: Evidence, found: Found, threshold: float) -> Found:
         n: kappa
         for n, kappa in found.chosen.items()
         if not any(
-            found.evidence[n] < BESIDE * found.evidence[k] and _side(groups[n]) == _side(groups[k])
+            _side(groups[n]) == _side(groups[k])
+            and (
+                found.evidence[n] < BESIDE * found.evidence[k]
+                or (kappa >= ABSURD and not groups[n].generic)
+            )
             for k in generic
             if k != n
         )
@@ -229,7 +245,7 @@ def _through_noise(noises, plain, evidence, found, threshold, model) -> dict[int
     short = [n for n in order if at_stated[n].evidence > threshold["named"]][:SHORTLIST]
     ranked = sorted(range(len(here)), key=lambda n: -here[n].evidence)
     short += [n for n in ranked[:2] if n not in short and here[n].evidence > 0.0]
-    short = [n for n in short if n not in base and noises.touches(n) > 0.01]
+    short = [n for n in short if n not in base and noises.touches(n) > FELT]
     if not short:
         return None
     noise, total = noises.given(base)

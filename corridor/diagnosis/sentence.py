@@ -98,7 +98,7 @@ def _nothing(d: Diagnosis) -> str:
     if limits:
         text += f" The smallest that would have been seen: {'; '.join(limits)}."
     for alarm in d.alarms[:1]:
-        text += f" But the image noise changes with the {alarm['quantity']}."
+        text += f" But the image noise is uneven: {alarm['where']}."
     return text
 
 

@@ -53,7 +53,7 @@ class Signatures:
 def signatures(believed) -> Signatures | None:
     """Signatures of the physical effects that the believed model lacks; None where all are gone.
 
-    believed: see `corridor.diagnosis.counterpart.Simulator`. Effects of single images have no
+    believed: see `corridor.diagnosis.simulator.Simulator`. Effects of single images have no
     common signature (see `of_single_images`); those of a control point have one for each point.
     """
     p = believed.problem

@@ -1,58 +1,152 @@
-"""Effects without a mean: noise that grows with time, row or distance from the middle.
+"""Effects without a mean: noise that changes over time, row or radius, and vibration.
 
 The length of each pseudo-residual, bounded as Student's t bounds it and freed of what few rays
-take away, is regressed on time, row and radius. Images share a good or a bad day: the test is on
-means of images and of cells of the picture, and says only what is large.
+take away, is compared between parts of the flight and of the picture. Images share a good or a
+bad day, so that images and not observations are counted. A camera that shakes while its rows are
+read moves neighbours in one image together: residuals of a strip of rows then add up to more than
+chance would have it.
+
+Source: White 1980 (covariance of a regression whose errors are not alike), clustered by image.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import norm
 
 from corridor.diagnosis.equations import Equations
 
-ALARM = 6.0
+# Chance of an alarm in a block without any cause, over all quantities.
+LEVEL = 0.01
+# Standard deviations at both ends: what is smaller is no alarm, however certain. The noise that
+# points with few rays leave is known no better.
 LEAST_RATIO = 1.25
+FEWEST, FEWEST_IMAGES = 500, 8
+# The same of a vibration: a fiftieth of the noise's variance that rows read together share.
+LEAST_SHAKE = 1.01
+# Strips of rows of one image that are taken together, and observations that one of them needs.
+STRIPS, IN_STRIP = 16, 3
+MOST = 6.0
 
 
 def variance_alarms(equations: Equations) -> list[dict]:
     """Quantities with which the image noise changes.
 
-    Each: `quantity` (time, row, radius), `ratio` of the standard deviations at both ends, `z`.
+    Each: `quantity` (time, row, radius, vibration), `ratio` of the standard deviations at both
+    ends (of vibration: with and without it), `z`, `where` in words and `location` with the keys
+    of the diagnosis.
     """
     e, p = equations, equations.problem
-    tie = p.row < p.tie_count
     rays = np.repeat(np.diff(p.ptr), np.diff(p.ptr))
     r = e.pixels / e.scales.of_observation[:, None]
     length = 0.5 * (r**2).sum(axis=1) / np.maximum(1.0 - 1.5 / rays, 0.2)
-    good = tie & (length > 0)
-    if good.sum() < 500:
-        return []
-    value = np.minimum(length[good], 6.0)
+    good = (p.row < p.tie_count) & (length > 0)
     image, pixel = p.img[good], p.xy[good]
-    size = p.images.size[image]
-    half = (size - 1) / 2
+    if good.sum() < FEWEST or len(np.unique(image)) < FEWEST_IMAGES:
+        return []
+    value = np.minimum(length[good], MOST)
+    half = (p.images.size[image] - 1) / 2
     place = (pixel - half) / half
-    row_of = p.images.row_of[image]
-    along = np.where(row_of[:, 0] == 1, place[:, 1], place[:, 0]) * np.sign(row_of[:, 1])
+    axis, sign = p.images.row_of[image, 0], np.sign(p.images.row_of[image, 1])
+    along = np.where(axis == 1, place[:, 1], place[:, 0]) * sign
     quantities = {"row": along, "radius": np.linalg.norm(place, axis=1)}
     time = p.images.time[image]
     if np.isfinite(time).all() and np.ptp(time) > 0:
-        quantities["time"] = 2.0 * (time - time.min()) / np.ptp(time) - 1.0
-    count = np.bincount(image, minlength=p.image_count)
+        quantities["time"] = time
+    limit = float(norm.isf(0.5 * LEVEL / (len(quantities) + 1)))
     out = []
     for name, x in quantities.items():
-        centre = x - x.mean()
-        slope = float(centre @ value / (centre @ centre))
-        left = (value - value.mean() - slope * centre) * centre
-        # Sandwich: observations of one image are not independent.
-        spread = np.bincount(image, left, minlength=len(count))
-        error = float(np.sqrt((spread**2).sum()) / (centre @ centre))
-        ends = value.mean() + slope * np.array(
-            [np.quantile(centre, 0.02), np.quantile(centre, 0.98)]
-        )
-        ratio = float(np.sqrt(max(ends.max(), 1e-9) / max(ends.min(), 1e-2)))
+        slope, error = _slope(x, value, image, p.image_count)
+        ends = np.quantile(x, [0.02, 0.98])
+        level = np.maximum(value.mean() + slope * (ends - x.mean()), 1e-2)
+        ratio = float(np.sqrt(level.max() / level.min()))
         z = slope / max(error, 1e-12)
-        if abs(z) > ALARM and ratio > LEAST_RATIO:
-            out.append({"quantity": name, "ratio": ratio, "z": float(z)})
-    return out
+        if abs(z) > limit and ratio > LEAST_RATIO:
+            out.append({"quantity": name, "ratio": ratio, "z": float(z)} | _place(name, z, ends, p))
+    bounded = r[good] * np.sqrt(value / length[good])[:, None]
+    shaking = _vibration(bounded, along, image, p, limit)
+    return out + ([shaking] if shaking else [])
+
+
+def _slope(x, value, image, count: int) -> tuple[float, float]:
+    """Slope of value (n,) on x (n,), and its standard deviation with images as clusters."""
+    centre = x - x.mean()
+    square = centre @ centre
+    slope = float(centre @ value / square)
+    left = (value - value.mean() - slope * centre) * centre
+    seen = len(np.unique(image))
+    # Few clusters: two degrees of freedom went into the line.
+    few = seen / max(seen - 2, 1)
+    spread = np.bincount(image, left, minlength=count)
+    return slope, float(np.sqrt(few * (spread**2).sum()) / square)
+
+
+def _place(name: str, z: float, ends, p) -> dict:
+    """Where the noise is largest, in words and as a location."""
+    if name == "time":
+        moment = float(ends[int(z > 0)])
+        worst = int(np.nanargmin(np.abs(p.images.time - moment)))
+        flight = str(p.images.flight_names[p.images.flight[worst]])
+        return {
+            "where": f"largest at the {'end' if z > 0 else 'beginning'} of the flight, about "
+            f"{moment:.0f} s, flight {flight}",
+            "location": {"time_s": moment, "flight": flight},
+        }
+    if name == "row":
+        which = "last" if z > 0 else "first"
+        return {"where": f"largest in the rows read {which}", "location": {"row": which}}
+    width, height = (p.images.size[0] - 1).tolist()
+    if z > 0:
+        return {
+            "where": "largest at the edges of the picture",
+            "location": {"image": [0.0, 0.0, width, height]},
+        }
+    return {
+        "where": "largest in the middle of the picture",
+        "location": {"image": [0.25 * width, 0.25 * height, 0.75 * width, 0.75 * height]},
+    }
+
+
+def _vibration(r, along, image, p, limit: float) -> dict | None:
+    """Whether residuals (n, 2) of one strip of rows of one image go together more than by chance.
+
+    Under the null hypothesis the squared sum over a strip has the expectation of the sum of the
+    squares; poses and points, which follow the noise, make it smaller.
+    """
+    strip = np.clip(((along + 1.0) / 2.0 * STRIPS).astype(int), 0, STRIPS - 1)
+    code = image * STRIPS + strip
+    size = p.image_count * STRIPS
+    count = np.bincount(code, minlength=size)
+    kept = count >= IN_STRIP
+    excess, usual = np.zeros(size), np.zeros(size)
+    for k in range(2):
+        sums = np.bincount(code, r[:, k], size)
+        squares = np.bincount(code, r[:, k] ** 2, size)
+        # Pairs of different observations alone: wrong matches do not pair.
+        excess += sums**2 - squares
+        usual += squares
+    of_image = np.arange(size) // STRIPS
+    share = np.where(kept, excess, 0.0)
+    total = np.bincount(of_image, share, p.image_count)
+    each = np.bincount(of_image, np.where(kept, usual, 0.0), p.image_count)
+    pairs = float(np.where(kept, usual * (count - 1), 0.0).sum())
+    if pairs <= 0 or (each > 0).sum() < FEWEST_IMAGES:
+        return None
+    # Correlation within a strip, and what images say about how certain it is.
+    correlation = total.sum() / pairs
+    z = float(total.sum() / max(np.sqrt((total**2).sum()), 1e-12))
+    ratio = float(np.sqrt(1.0 / max(1.0 - correlation, 0.01)))
+    if z < limit or ratio < LEAST_SHAKE:
+        return None
+    worst = int(np.argmax(total))
+    name, flight = p.images.names[worst], str(p.images.flight_names[p.images.flight[worst]])
+    where = {"row": "all", "flight": flight}
+    if np.isfinite(p.images.time[worst]):
+        where["time_s"] = float(p.images.time[worst])
+    many = int((total > 0).sum())
+    return {
+        "quantity": "vibration", "ratio": ratio, "z": z,
+        "where": f"rows read together move together in {many} of {int((each > 0).sum())} images, "
+        f"most in {name}",
+        "location": where,
+    }  # fmt: skip

@@ -12,18 +12,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.evidence import Evidence, prior_mean
-from corridor.diagnosis.rounds import Course, Round
+from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.rounds import FELT, Course, Round
 
-# Log units within which two explanations are equally good.
-APART = 3.0
+# Log units within which two explanations are equally good: odds of a hundred, as of the level. By
+# chance alone the difference varies by as many units as the two are standard deviations apart.
+APART = 4.6
 # What one more parameter may cost in evidence while the fit is the same.
 PER_PARAMETER = 4.0
 MOST_MORE = 3
 # Standard deviations at which an effect is seen nearly always.
 LIMIT = 4.5
-# Information below which a direction is one that nothing determines.
-BLIND = 1e-4
+# Share of what a group explains from which on it is a matter of the antenna.
+MAINLY = 0.3
 # Share of what a generic group explains from which on a named effect is a part of it.
 SHARE = 0.1
 ORDER = ("named", "ambiguous", "unknown", "suspected", "nothing")
@@ -34,7 +35,8 @@ class Estimate:
     """One effect that was found (for a flight or a camera of its own, one each).
 
     parameters: name, value, sigma, unit; of an effect with values for each image, their root mean
-    square. alternatives: slugs that cannot be told apart from it. separate: what would.
+    square. alternatives: slugs that cannot be told apart from it. separate: what would. key,
+    rivals: of its group, and of theirs (see `Group`).
     """
 
     slug: str
@@ -44,6 +46,8 @@ class Estimate:
     alternatives: list[str] = field(default_factory=list)
     separate: str = ""
     where: dict = field(default_factory=dict)
+    key: str = ""
+    rivals: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -73,10 +77,10 @@ def findings(course: Course) -> Findings:
     evidence, found = one.evidence, one.found
     numbers = list(found.chosen)
     effects: list[Estimate] = []
+    thetas, spreads = parameters(one)
     for n in numbers:
         if not evidence.groups[n].generic:
-            effects += _estimates(one, n)
-    thetas = parameters(evidence, found.chosen)[0]
+            effects += _estimates(one, n, thetas[n], spreads[n])
     unknown = [
         Unknown(
             evidence.groups[n].slug, found.evidence[n], _kind(one, n), n, thetas[n],
@@ -111,23 +115,19 @@ def _kind(one: Round, n: int) -> str:
     return "named" if one.found.evidence[n] > one.threshold["named"] else "suspected"
 
 
-def parameters(evidence: Evidence, chosen: dict) -> tuple[dict, dict]:
-    """Parameters of each group, and their covariance, in prior standard deviations.
+def parameters(one: Round) -> tuple[dict, dict]:
+    """Parameters of each group found, and their covariance, in prior standard deviations.
 
-    All groups of the model together. Small groups have no prior; what the data say nothing about
-    (a focal length common to all flights, where the camera is free) is zero.
+    All groups of the model together, with the noise of the GNSS as it was estimated and as
+    uncertain as that is. Small groups have no prior.
     """
+    evidence, chosen = one.evidence, one.found.chosen
     loose = {n: k if len(evidence.groups[n]) > 30 else 1e3 for n, k in chosen.items()}
     loose |= {n: 1.0 for n in chosen if evidence.groups[n].known}
-    M, g = evidence.joint(loose)
-    kappa = np.concatenate([np.full(len(evidence.groups[n]), k) for n, k in loose.items()] or [[]])
-    mean = np.concatenate([prior_mean(evidence.groups[n]) for n in loose] or [[]])
-    if not len(M):
-        return {}, {}
-    value, vector = np.linalg.eigh(M + np.diag(kappa**-2.0))
-    inverse = np.where(value > BLIND, 1.0 / np.maximum(value, BLIND), 0.0)
-    covariance = (vector * inverse) @ vector.T
-    theta = mean + covariance @ (g - M @ mean)
+    found = None
+    if any(one.noises.touches(n) > FELT for n in chosen):
+        found = one.noises.parameters(loose, one.noise, np.random.default_rng(0))
+    theta, covariance = found or evidence.solution(loose)
     out, spread, at = {}, {}, 0
     for n in chosen:
         size = len(evidence.groups[n])
@@ -137,12 +137,11 @@ def parameters(evidence: Evidence, chosen: dict) -> tuple[dict, dict]:
     return out, spread
 
 
-def _estimates(one: Round, n: int) -> list[Estimate]:
+def _estimates(one: Round, n: int, theta, spread) -> list[Estimate]:
     evidence, found = one.evidence, one.found
     group = evidence.groups[n]
-    thetas, spreads = parameters(evidence, found.chosen)
-    theta = thetas[n] * group.scale
-    sigma = np.sqrt(np.diag(spreads[n])) * group.scale
+    theta = theta * group.scale
+    sigma = np.sqrt(np.diag(spread)) * group.scale
     kind = _kind(one, n)
     alike = alternatives(evidence, found.chosen, n)
     separate = ""
@@ -158,8 +157,9 @@ def _estimates(one: Round, n: int) -> list[Estimate]:
 
     def estimate(rows, where):
         return Estimate(
-            group.slug, kind, found.evidence[n], [rows[k] for k in rows], slugs, separate, where
-        )
+            group.slug, kind, found.evidence[n], [rows[k] for k in rows], slugs, separate, where,
+            group.key, [evidence.groups[k].key for k in alike],
+        )  # fmt: skip
 
     if group.own is not None:
         rows = {}
@@ -200,17 +200,25 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
         other = evidence.groups[k]
         if k == n or k in chosen or other.generic or refines(other, group):
             continue
-        more = max(len(other) - len(group), 0)
         equal = mine.evidence - gain.evidence <= APART
+        # Sets of values, one a flight, are one more parameter each and no other shape.
+        more = len(parameter_names(other)) - len(parameter_names(group))
+        paid = PER_PARAMETER * max(len(other) - len(group), 1)
         contained = (
             other.own is None
             and more <= MOST_MORE
             and mine.fit - gain.fit <= APART
-            and mine.evidence - gain.evidence <= APART + PER_PARAMETER * more
+            and mine.evidence - gain.evidence <= APART + paid
         )
-        if equal or contained:
+        # Where an effect is weak, what explains nothing is not far behind, and no explanation.
+        if (equal or contained) and gain.fit > 0.5 * mine.fit:
             out.append(k)
     return sorted(out, key=lambda k: -gains[k].evidence)
+
+
+def parameter_names(group: Group) -> set[str]:
+    """Names of the parameters of one set."""
+    return {name for _, name, _ in group.labels}
 
 
 def refines(a: Group, b: Group) -> bool:
@@ -223,17 +231,26 @@ def refines(a: Group, b: Group) -> bool:
     )
 
 
-def detection_limits(evidence: Evidence, chosen: dict) -> dict[str, dict[str, float | None]]:
+def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
     """Smallest value of each parameter that would have been seen, by slug and name.
 
     4.5 standard deviations of the parameter with the others of its group known to be small (one
     prior standard deviation); of values for each image, the root mean square that the variance
     shows. None where this block says nothing.
+
+    What the antenna alone feels can pass for its own slow noise, of which the size is estimated
+    too: chi square grows with the logarithm of the effect then, as of Student's t, and the limit is
+    where it reaches that of 4.5 standard deviations: nu (exp(4.5^2 / nu) - 1) = (limit / sigma)^2.
     """
+    evidence = one.evidence
+    nu = one.noises.freedom(one.noise) if not one.noises.few else np.inf
+    through_noise = float(np.sqrt(nu * np.expm1(LIMIT**2 / nu))) if np.isfinite(nu) else LIMIT
     out: dict[str, dict[str, float | None]] = {}
-    for group in evidence.groups:
+    for n, group in enumerate(evidence.groups):
         if group.generic:
             continue
+        slow = group.effect.place in ("antenna", "ground") and one.noises.touches(n) > MAINLY
+        times = through_noise if slow else LIMIT
         M, _ = evidence.block(group)
         mine = out.setdefault(group.slug, {})
         if group.own is not None:
@@ -251,7 +268,7 @@ def detection_limits(evidence: Evidence, chosen: dict) -> dict[str, dict[str, fl
                 # The prior is all that is known.
                 limit = None
             else:
-                limit = float(LIMIT * group.scale[k] * sigma[k] / np.sqrt(1.0 - sigma[k] ** 2))
+                limit = float(times * group.scale[k] * sigma[k] / np.sqrt(1.0 - sigma[k] ** 2))
             best = mine.get(name)
             mine[name] = limit if best is None else (max(best, limit) if limit else best)
     return out

@@ -7,8 +7,8 @@ from believing import NOISE, believed, flown
 
 import corridor
 from corridor import diagnosis
-from corridor.diagnosis.counterpart import RAYS_LEFT, Simulator
 from corridor.diagnosis.estimated_noise import GRID, lengths
+from corridor.diagnosis.simulator import RAYS_LEFT, Simulator
 from corridor.errors import InputError
 
 

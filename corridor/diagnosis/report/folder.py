@@ -106,7 +106,8 @@ def _without_shapes(diagnosis: Diagnosis) -> Adjustment:
     Estimating a hundred columns anew in every counterpart would take minutes.
     """
     after = diagnosis.after
-    shapes = [one["group"] for one in diagnosis.unknown]
+    inside = after.problem.stack.members
+    shapes = [one["group"] for one in diagnosis.unknown if one["group"] in inside]
     if not shapes:
         return after
     believed = {effect.slug for effect in diagnosis.believed.effects}
@@ -121,7 +122,13 @@ def _without_shapes(diagnosis: Diagnosis) -> Adjustment:
 
 def _believable(diagnosis: Diagnosis, say: Callable) -> tuple[list[str], Adjustment]:
     """Slugs of the effects that are beyond doubt and help, and the block adjusted with them."""
-    firm = [one.slug for one in diagnosis.findings.effects if one.kind != "suspected"]
+    firm = [
+        key.partition(".")[0]
+        for one in diagnosis.findings.effects
+        if one.kind != "suspected"
+        # Of look-alikes the one that data which no fit has used prefer.
+        for key in [next((k for k in [one.key, *one.rivals] if k in diagnosis.used), one.slug)]
+    ]
     firm += [one["group"] for one in diagnosis.unknown if one["class"] == "unknown" and one["kept"]]
     slugs = list(dict.fromkeys(firm))
     if not slugs:

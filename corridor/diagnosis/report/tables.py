@@ -22,6 +22,7 @@ from corridor.diagnosis.wording import (
 
 if TYPE_CHECKING:
     from corridor.diagnosis.diagnose import Diagnosis
+    from corridor.diagnosis.verdict import Estimate
 
 DASH = "\u2013"
 # Parameters of one effect in the table; all of them are in diagnosis.json.
@@ -71,12 +72,26 @@ def separating(d: Diagnosis) -> pd.DataFrame:
     rows = [
         (
             upper(listed([known[s].called for s in (one.slug, *one.alternatives)], "or")),
-            one.separate,
+            one.separate, _chosen(d, one),
         )
         for one in d.findings.effects
         if one.alternatives
-    ]
-    return pd.DataFrame(rows, columns=["look alike here", "told apart by"]).drop_duplicates()
+    ]  # fmt: skip
+    columns = ["look alike here", "told apart by", "adjusted with"]
+    return pd.DataFrame(rows, columns=columns).drop_duplicates()
+
+
+def _chosen(d: Diagnosis, one: Estimate) -> str:
+    """Which of the look-alikes the block was adjusted with, and why."""
+    key = next((key for key in [one.key, *one.rivals] if key in d.used), None)
+    if key is None:
+        return DASH
+    name = effects_by_slug()[key.partition(".")[0]].called
+    if key == one.key:
+        return f"{name}; no data speak for another"
+    kind = "check points" if "check" in d.rivals.get(key, {}) else "image points held out"
+    share = next(iter(d.rivals[key].values()))
+    return f"{name}: {kind} err {share:.2f} times as much with it"
 
 
 def unknown(d: Diagnosis) -> pd.DataFrame:
@@ -260,9 +275,10 @@ def untestable(d: Diagnosis, before: Comparison | None) -> pd.DataFrame:
 def variance(d: Diagnosis) -> pd.DataFrame:
     """Quantities with which the size of the image noise changes."""
     rows = [
-        (alarm["quantity"], f"{alarm['ratio']:.2f}", f"{alarm['z']:+.1f}") for alarm in d.alarms
+        (alarm["quantity"], f"{alarm['ratio']:.2f}", f"{alarm['z']:+.1f}", alarm["where"])
+        for alarm in d.alarms
     ]
-    columns = ["noise changes with", "largest over smallest sigma", "deviations"]
+    columns = ["noise changes with", "largest over smallest sigma", "deviations", "where"]
     return pd.DataFrame(rows, columns=columns)
 
 

@@ -1,0 +1,141 @@
+"""One simulated counterpart as a block that any program can adjust."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from corridor.block import Block
+from corridor.camera import quaternion_from_rotation
+from corridor.diagnosis.simulator import Simulator
+from corridor.effects import add
+from corridor.errors import InputError
+from corridor.simulation import Simulated
+
+if TYPE_CHECKING:
+    from corridor.adjustment import Adjustment
+
+
+def counterpart(
+    adjustment: Adjustment, seed: int = 0, effects: Mapping[str, Mapping] | None = None
+) -> Simulated:
+    """One simulated counterpart as a block: the measured one's, had the model been the truth.
+
+    Start values are those of the measured block. Marks of ground points with the role `unused`
+    are left out, and so is a track: the model says nothing on them. `truth` holds the adjusted
+    model and the noise that was drawn.
+
+    effects: `{slug: {parameter: value}}` on top, which the believed model does not have.
+    """
+    effects = effects or {}
+    with threadpool_limits(1):
+        believed = Simulator(adjustment)
+    p, drawn = believed.problem, believed.draw(np.random.default_rng([seed, 0]))
+    block = p.block.copy()
+    xy = np.full((len(block.tie_points) + len(block.marks), 2), np.nan)
+    xy[p.row] = drawn.xy
+    for table, values in (("tie_points", xy[: p.tie_count]), ("marks", xy[p.tie_count :])):
+        frame = getattr(block, table).assign(x=values[:, 0], y=values[:, 1])
+        frame = frame[np.isfinite(values[:, 0])].reset_index(drop=True)
+        frame["point"] = frame["point"].cat.remove_unused_categories()
+        setattr(block, table, frame)
+    if len(drawn.gnss):
+        known = np.flatnonzero(np.isfinite(block.gnss[["x", "y", "z"]].to_numpy(float)).all(axis=1))
+        block.gnss.loc[block.gnss.index[known], ["x", "y", "z"]] = drawn.gnss
+    for rows, values in ((p.control_rows, drawn.control), (believed.check_rows, drawn.check)):
+        if len(rows):
+            block.ground.loc[block.ground.index[rows], ["x", "y", "z"]] = values
+    block.ground["role"] = p.roles
+    block.track = block.track.iloc[:0]
+    block.folder, block._files = None, {}
+    if effects:
+        block = _with_effects(block, believed, effects)
+    values = {name: getattr(block, name) for name in Block.__dataclass_fields__}
+    truth = _truth(believed, seed)
+    truth["effects"] |= {slug: dict(given) for slug, given in effects.items()}
+    return Simulated(**values, truth=truth)
+
+
+def _with_effects(block: Block, believed: Simulator, effects: Mapping[str, Mapping]) -> Block:
+    """The block as measured with effects on top, which act where the adjusted model has it."""
+    p, state = believed.problem, believed.fit.state
+    doubled = [slug for slug in effects if slug.partition("@")[0] in p.stack.members]
+    if doubled:
+        raise InputError(f"effect {doubled[0]} is estimated already: it cannot come on top as well")
+    there, order = block.copy(), np.argsort(p.order)
+    quaternion = quaternion_from_rotation(state.rotation)[order]
+    pose = np.concatenate([state.centre[order], quaternion], axis=1)
+    names = ["x", "y", "z", "qw", "qx", "qy", "qz"]
+    there.images = there.images.assign(**dict(zip(names, pose.T, strict=True)))
+    points = pd.DataFrame(state.points, columns=["x", "y", "z"])
+    points.insert(0, "point", p.point_names)
+    there.points = points
+    there.cameras = {
+        name: camera.with_interior(interior)
+        for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
+    }
+    moved = add(there, effects)
+    for table in ("tie_points", "marks", "gnss", "ground"):
+        setattr(block, table, getattr(moved, table))
+    return block
+
+
+def _truth(believed: Simulator, seed: int) -> dict:
+    p, state = believed.problem, believed.fit.state
+    noise, block = believed.noise, p.block
+
+    def rows(names, values) -> dict:
+        return dict(zip(list(names), np.asarray(values).tolist(), strict=True))
+
+    effects = {}
+    for slug, member in p.stack.members.items():
+        # Values of images are kept in the order of the problem.
+        groups = list(p.images.names) if member.effect.group == "image" else member.groups
+        by_name = {
+            parameter.name: rows(groups, state.effects[slug][:, n])
+            for n, parameter in enumerate(member.parameters)
+        }
+        single = member.effect.group == "block"
+        effects[slug] = {
+            name: next(iter(values.values())) if single else values
+            for name, values in by_name.items()
+        }
+    named = p.point_names
+    ground = block.ground[["x", "y", "z"]].to_numpy(float).copy()
+    at = pd.Index(named[p.point_kinds]).get_indexer(block.ground["point"])
+    seen = at >= 0
+    ground[seen] = state.points[p.point_kinds][at[seen]]
+    order = np.argsort(p.order)
+    cameras = {
+        name: camera.with_interior(interior).to_table()
+        for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
+    }
+    return {
+        "block": block.name,
+        "like": block.name,
+        "seed": seed,
+        "noise": {
+            "tie_sigmas": noise.tie_sigma,
+            "mark_sigmas": noise.mark,
+            "control_sigmas": noise.control,
+            "gnss": {
+                f"{p.images.flight_names[flight]}.{'xyz'[axis]}": {
+                    "white_sigmas": kind.white,
+                    "slow_sigmas": kind.slow,
+                    "constant_s": kind.constant_s,
+                }
+                for (flight, axis), kind in noise.gnss.items()
+            },
+        },
+        "camera": cameras,
+        "effects": effects,
+        "lever_arm": rows(p.images.flight_names, state.arms) if len(p.gnss_image) else {},
+        "centre": rows(block.images["image"], state.centre[order]),
+        "quaternion": rows(block.images["image"], quaternion_from_rotation(state.rotation)[order]),
+        "ground": rows(block.ground["point"], ground),
+        "points": rows(named[~p.point_kinds], state.points[~p.point_kinds]),
+    }

@@ -1,0 +1,269 @@
+"""Draws counterparts of a block from the model one believes in, and adjusts them as it was.
+
+Every observation anew, from the adjusted model and noise of the sizes and kinds that the residuals
+show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from corridor import adjustment as least_squares
+from corridor.adjustment import LOSSES, Loss, Normal, one_step
+from corridor.diagnosis.estimated_noise import (
+    GRID,
+    TRUST,
+    EstimatedNoise,
+    Series,
+    gnss_noise,
+    lengths,
+    mended,
+    series_of,
+)
+from corridor.diagnosis.statistics import Fit
+
+if TYPE_CHECKING:
+    from corridor.adjustment import Adjustment
+
+# Share of the tie observations that no fit uses, and rays that a point keeps at least.
+HELD_OUT, RAYS_LEFT = 0.05, 3
+# The last tenth of a per mille of a step changes no statistic.
+TOLERANCE = 1e-3
+# With more than this share of the residuals beyond so many usual deviations, matches are wrong.
+WRONG, FAR = 0.002, 6.0
+# Tie observations from which on one trial says enough on the noise.
+MANY = 20_000
+TRIALS = 3
+PULL = 2.5
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Everything measured, in the order of the problem; px and m.
+
+    prior: value of the priors of shared unknowns. check: given coordinates of the check points.
+    """
+
+    xy: np.ndarray
+    gnss: np.ndarray
+    control: np.ndarray
+    prior: np.ndarray
+    check: np.ndarray
+
+
+class Simulator:
+    """The model one believes in, as an adjustment found it; draws counterparts and adjusts them.
+
+    held_out: (observations,) bool, image observations that no fit uses. fit: the measured block
+    adjusted without them, `Fit`. noise: `EstimatedNoise`. Blocks with many wrong matches are fitted
+    robustly, the measured one and its counterparts.
+    """
+
+    def __init__(self, adjustment: Adjustment):
+        p = adjustment.problem
+        self.loss = _loss(adjustment)
+        self.pins = adjustment.normal.pins
+        self.held_out = _held_out(p)
+        weight = np.broadcast_to(p.weight, len(p.img)).copy()
+        self.sigma = 1.0 / weight
+        weight[self.held_out] = 0.0
+        self.is_tie = p.row < p.tie_count
+        self.check_rows, self.check_points = _check_points(p, free=len(self.pins) > 0)
+        ground = p.block.ground
+        given = ground[["x", "y", "z"]].to_numpy(float)
+        self.measured = Measured(
+            p.xy, p.gnss_given, p.control_given, p.prior_value, given[self.check_rows]
+        )
+        self.check_sigma = p.block.ground_sigma()[self.check_rows]
+        self.series: list[Series] = series_of(p)
+        self.problem = replace(p, weight=weight, start=adjustment.state)
+        self.fit, normal = self._adjust(self.measured, near=False)
+        self.problem = replace(self.problem, start=self.fit.state)
+        self.noise = self._estimate(normal)
+
+    # --- adjusting ---------------------------------------------------------------------------
+
+    def adjust(self, measured: Measured) -> Fit:
+        """The believed model fitted to other measurements of the same things."""
+        return self._adjust(measured)[0]
+
+    def absorb(self, pixels: np.ndarray, gnss: np.ndarray, control: np.ndarray) -> Fit:
+        """What is left of shifts (n, 2) px, (k, 3) m, (c, 3) m of what the model says."""
+        p, fit, given = self.problem, self.fit, self.measured
+        shifted = Measured(
+            xy=given.xy - fit.pixels + pixels,
+            gnss=given.gnss - fit.gnss + gnss,
+            control=given.control - fit.control + control,
+            prior=_shared(p, fit.state),
+            check=given.check,
+        )
+        normal = self._normal(shifted, Loss())
+        if normal.looks:
+            normal.look(fit.state)
+        return self._fit(normal, one_step(normal), shifted)
+
+    def _normal(self, measured: Measured, loss: Loss) -> Normal:
+        p = replace(
+            self.problem,
+            xy=measured.xy,
+            gnss_given=measured.gnss,
+            control_given=measured.control,
+            prior_value=measured.prior,
+        )
+        normal = Normal(p, loss)
+        normal.pins = self.pins
+        return normal
+
+    def _adjust(self, measured: Measured, near: bool = True) -> tuple[Fit, Normal]:
+        normal = self._normal(measured, self.loss)
+        state = least_squares.solve(normal, 20, TOLERANCE, near=near).state
+        return self._fit(normal, state, measured), normal
+
+    def _fit(self, normal: Normal, state, measured: Measured) -> Fit:
+        p = normal.problem
+        pixels, _ = normal.look(state, passes=5)
+        gnss = np.zeros((0, 3))
+        if len(p.gnss_image):
+            images = p.images.with_poses(state.centre, state.rotation)
+            gnss = p.gnss_given - normal.antenna(state, images)[0]
+        control = normal.view(state).control_residual
+        check = state.points[self.check_points] - measured.check
+        return Fit(state, pixels, gnss, control, check)
+
+    # --- noise -------------------------------------------------------------------------------
+
+    def _estimate(self, normal: Normal) -> EstimatedNoise:
+        ties = self.is_tie & ~self.held_out
+        marks = ~self.is_tie
+        scaled = self.fit.pixels / self.sigma[:, None]
+        noise = EstimatedNoise(np.sqrt(-2 * np.log1p(-np.minimum(GRID, 1 - 1e-9))))
+        if ties.any():
+            found = lengths(scaled[ties])
+            noise = noise.changed(tie=1.2 * found)
+        if len(self.fit.gnss):
+            usual = noise.tie_sigma if ties.any() else 1.0
+            noise = noise.changed(gnss=gnss_noise(normal, self.fit.state, self.fit.gnss, usual))
+        control_sigma = self.problem.control_weight**-0.5
+        pulls = [
+            _sum_of_squares(scaled[marks]),
+            _sum_of_squares(self.fit.control / control_sigma) if len(control_sigma) else 0.0,
+        ]
+        trials = int(np.clip(MANY // max(int(ties.sum()), 1), 1, 6))
+        for trial in range(TRIALS):
+            left, squares = [], []
+            for k in range(trials):
+                drawn = self.draw(np.random.default_rng([17, trial, k]), noise.changed(control=1.0))
+                fit = self.adjust(drawn)
+                again = fit.pixels / self.sigma[:, None]
+                left.append(again[ties])
+                squares.append(
+                    [
+                        _sum_of_squares(again[marks]),
+                        _sum_of_squares(fit.control / control_sigma) if len(control_sigma) else 0.0,
+                    ]
+                )
+            if ties.any():
+                noise = mended(noise, found, lengths(np.concatenate(left)))
+            mark, control = np.mean(squares, axis=0)
+            if mark > 0:
+                noise = noise.changed(mark=noise.mark * float(np.sqrt(pulls[0] / mark)))
+            # Few points say little on their sigma: what is stated counts too.
+            factor = (TRUST + pulls[1]) / (TRUST + control)
+            noise = noise.changed(control=float(np.sqrt(factor)))
+        return noise
+
+    # --- drawing -----------------------------------------------------------------------------
+
+    def errors(self, drawn: Measured) -> Fit:
+        """The errors of a draw as residuals that nothing has absorbed."""
+        fit, given = self.fit, self.measured
+        return Fit(
+            fit.state,
+            drawn.xy - given.xy + fit.pixels,
+            drawn.gnss - given.gnss + fit.gnss,
+            drawn.control - given.control + fit.control,
+            fit.state.points[self.check_points] - drawn.check,
+        )
+
+    def draw(self, rng: np.random.Generator, noise: EstimatedNoise | None = None) -> Measured:
+        """All measurements anew: what the believed model says, and noise."""
+        noise = noise or self.noise
+        p, fit, given = self.problem, self.fit, self.measured
+        tie, mark, gnss, control, check, prior = rng.spawn(6)
+        error = np.empty_like(fit.pixels)
+        error[self.is_tie] = noise.draw_tie(int(self.is_tie.sum()), tie)
+        marks = ~self.is_tie
+        error[marks] = noise.mark * mark.standard_normal((int(marks.sum()), 2))
+        antenna = noise.draw_gnss(self.series, len(fit.gnss), gnss) * p.gnss_weight**-0.5
+        ground = noise.control * p.control_weight**-0.5
+        of_check = noise.control * self.check_sigma
+        known = p.prior_weight > 0
+        value = given.prior.copy()
+        if known.any():
+            sigma = p.prior_weight[known] ** -0.5
+            value[known] = _shared(p, fit.state)[known] + sigma * prior.standard_normal(len(sigma))
+        return Measured(
+            xy=given.xy - fit.pixels + error * self.sigma[:, None],
+            gnss=given.gnss - fit.gnss + antenna,
+            control=given.control
+            - fit.control
+            + ground * control.standard_normal(fit.control.shape),
+            prior=value,
+            check=fit.state.points[self.check_points]
+            + of_check * check.standard_normal(of_check.shape),
+        )
+
+
+def _loss(adjustment: Adjustment) -> Loss:
+    """The adjustment's loss; a robust one where squares were fitted to many wrong matches.
+
+    Least squares spread a gross error over its surroundings, where no noise can imitate it.
+    """
+    loss, p = adjustment.normal.loss, adjustment.problem
+    if loss.kind != LOSSES["squares"] or not p.tie_count:
+        return loss
+    pixels, _ = adjustment.normal.look(adjustment.state, passes=5)
+    length = (np.hypot(*pixels.T) * p.weight)[p.row < p.tie_count]
+    usual = max(float(np.median(length)) / np.sqrt(2 * np.log(2)), 1e-9)
+    if np.mean(length > FAR * usual) < WRONG:
+        return loss
+    return Loss(LOSSES["huber"], 2 * usual)
+
+
+def _held_out(p) -> np.ndarray:
+    """Tie observations that no fit uses: one at most of a point, which keeps enough rays."""
+    rays = np.diff(p.ptr)
+    rng = np.random.default_rng(11)
+    fit = ~p.point_kinds & (rays > RAYS_LEFT)
+    wanted = HELD_OUT * p.tie_count
+    chosen = np.flatnonzero(fit & (rng.random(len(rays)) < wanted / max(int(fit.sum()), 1)))
+    out = np.zeros(len(p.img), dtype=bool)
+    out[p.ptr[chosen] + rng.integers(0, rays[chosen])] = True
+    return out
+
+
+def _check_points(p, free: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of ground.csv of the check points that images show, and their points."""
+    rows = np.flatnonzero(p.roles == "check")
+    if free or not len(rows):
+        # A free network lies where its start poses were, not where the check points are.
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    marks = np.flatnonzero(p.point_kinds)
+    at = pd.Index(p.point_names[marks]).get_indexer(p.block.ground["point"].iloc[rows])
+    return rows[at >= 0], marks[at[at >= 0]]
+
+
+def _sum_of_squares(pulls: np.ndarray) -> float:
+    """Of residuals in standard deviations, none counting more than PULL of them."""
+    return float(np.sum(np.clip(pulls, -PULL, PULL) ** 2))
+
+
+def _shared(p, state) -> np.ndarray:
+    tables = {"camera": state.interior, "lever_arm": state.arms}
+    return np.array(
+        [tables.get(u.kind, state.effects.get(u.owner))[u.at] for u in p.unknowns], float
+    )

@@ -1,0 +1,47 @@
+"""What held-out data say, on adjustments made up for the purpose."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from corridor.diagnosis import gap
+
+
+def fit(tie, check, points=8):
+    """An adjustment of 400 held-out residuals of this size, px, and check points, m."""
+    rng = np.random.default_rng(1)
+    residual = tie * rng.standard_normal((400, 2))
+    block = SimpleNamespace(tie_points=np.zeros(400), marks=np.zeros(0))
+    return SimpleNamespace(
+        problem=SimpleNamespace(block=block, row=np.arange(400)), state=None,
+        normal=SimpleNamespace(look=lambda state, passes: (residual, 0)),
+        check_points=np.zeros(points), check_rms=SimpleNamespace(d3=check),
+    )  # fmt: skip
+
+
+ROWS = np.arange(400)
+
+
+@pytest.mark.parametrize(
+    ("tie", "check", "points", "stays"),
+    [(0.30, 0.010, 8, True), (0.34, 0.010, 8, False), (0.30, 0.040, 8, False),
+     (0.30, 0.040, 2, True), (0.30, 0.011, 8, True)],
+    ids=["ties better", "ties worse", "check points worse", "too few to tell", "as good"],
+)  # fmt: skip
+def test_a_correction_stays_only_if_unseen_data_improve(tie, check, points, stays):
+    without = fit(0.32, 0.010, points)
+    assert gap.improves(without, fit(tie, check, points), ROWS) == stays
+
+
+def test_check_points_decide_before_ties_do():
+    """A rival that halves the check-point error is taken, though ties speak 1 % against it."""
+    second, rivals = fit(0.300, 0.02), {"datum": fit(0.303, 0.01), "drift": fit(0.290, 0.03)}
+    best, share = gap.preferred(second, rivals, ROWS)
+    assert best == "datum"
+    assert share["datum"] == {"check": pytest.approx(0.5), "tie": pytest.approx(1.01)}
+
+
+def test_look_alikes_that_predict_alike_change_nothing():
+    second = fit(0.3, 0.02, points=0)
+    assert gap.preferred(second, {"other": fit(0.2999, 0.02, points=0)}, ROWS)[0] is None
