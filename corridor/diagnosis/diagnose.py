@@ -15,7 +15,7 @@ from corridor.block import Block
 from corridor.diagnosis import gap
 from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.location import locate
-from corridor.diagnosis.report import as_html, as_text, evidence, save
+from corridor.diagnosis.report import as_html, as_text, beside, evidence, save
 from corridor.diagnosis.rounds import Course, members, run
 from corridor.diagnosis.sentence import sentence
 from corridor.diagnosis.variance import variance_alarms
@@ -63,6 +63,7 @@ class Diagnosis:
     evidence = property(evidence, doc=evidence.__doc__)
     __str__ = __repr__ = as_text
     _repr_html_ = as_html
+    beside = beside
     save = save
 
     @property

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from corridor.adjustment import Adjustment
 from corridor.block import check_folder, whole_folder
-from corridor.diagnosis.comparison import Comparison, compare
-from corridor.diagnosis.counterpart import counterparts as simulate_counterparts
+from corridor.diagnosis.comparison import Comparison
+from corridor.diagnosis.report.beside import COUNT, beside
 from corridor.diagnosis.report.contents import Contents
 from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.report.page import make_page
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from corridor.diagnosis.diagnose import Diagnosis
 
 RESULT = "diagnosis.json"
-COUNT = 20
 
 
 def check_output(folder: str | os.PathLike) -> None:
@@ -51,7 +50,7 @@ def save(
     folder = Path(folder)
     say = progress or (lambda _: None)
     check_output(folder)
-    before, after, notes = _beside(diagnosis, counterparts, threads, say)
+    before, after, notes = beside(diagnosis, counterparts, threads, say)
     slugs, adjustment = _believable(diagnosis, say)
     earlier = _earlier(folder)
     with whole_folder(folder, RESULT, lambda name: name in earlier) as part:
@@ -73,51 +72,6 @@ def save(
         (part / RESULT).write_text(text + "\n", encoding="utf-8")
         written = _files(part)
     return [folder / name for name in written]
-
-
-def _beside(
-    diagnosis: Diagnosis, count: int, threads: int, say: Callable
-) -> tuple[Comparison | None, Comparison | None, list[str]]:
-    """The block beside its counterparts before and, where something was added, after."""
-    cases: list[Comparison | None] = [None, None]
-    notes: list[str] = []
-    wanted = [lambda: diagnosis.before]
-    if diagnosis.after is not diagnosis.before:
-        wanted.append(lambda: _without_shapes(diagnosis))
-    for k, adjustment in enumerate(wanted):
-        word = ("the believed model", "the model with what was found")[k]
-
-        def tell(done: int, of: int, word=word) -> None:
-            say({"message": f"simulating counterparts of {word}", "done": done, "of": of})
-
-        try:
-            cases[k] = compare(
-                simulate_counterparts(adjustment(), count, diagnosis.seed, threads, tell)
-            )
-        except (InputError, AdjustmentFailed) as failed:
-            notes.append(f"Counterparts of {word} could not be adjusted: {failed}")
-            break
-    return *cases, notes
-
-
-def _without_shapes(diagnosis: Diagnosis) -> Adjustment:
-    """The adjustment with what was found; its generic shapes taken out beforehand.
-
-    Estimating a hundred columns anew in every counterpart would take minutes.
-    """
-    after = diagnosis.after
-    inside = after.problem.stack.members
-    shapes = [one["group"] for one in diagnosis.unknown if one["group"] in inside]
-    if not shapes:
-        return after
-    believed = {effect.slug for effect in diagnosis.believed.effects}
-    named = [
-        member.effect
-        for slug, member in after.problem.stack.members.items()
-        if slug not in believed and slug not in shapes
-    ]
-    block = corrected(diagnosis.block, after, shapes)
-    return diagnosis.believed.adjust(named, block=block)
 
 
 def _believable(diagnosis: Diagnosis, say: Callable) -> tuple[list[str], Adjustment]:

@@ -1,0 +1,69 @@
+"""A diagnosed block beside its simulated counterparts, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from corridor.adjustment import Adjustment
+from corridor.diagnosis.comparison import Comparison, compare
+from corridor.diagnosis.counterpart import counterparts
+from corridor.diagnosis.report.corrected import corrected
+from corridor.errors import AdjustmentFailed, InputError
+
+if TYPE_CHECKING:
+    from corridor.diagnosis.diagnose import Diagnosis
+
+COUNT = 20
+
+
+def beside(
+    diagnosis: Diagnosis,
+    count: int = COUNT,
+    threads: int = 1,
+    progress: Callable[[dict], None] | None = None,
+) -> tuple[Comparison | None, Comparison | None, list[str]]:
+    """The block beside its counterparts before and, where something was added, after; notes.
+
+    count: how many counterparts, 19 or more. threads: 1 or 2. progress: called with a dictionary
+    that holds a message, done and of. None where counterparts could not be adjusted, which a note
+    says, and after where nothing was added.
+    """
+    say = progress or (lambda _: None)
+    cases: list[Comparison | None] = [None, None]
+    notes: list[str] = []
+    wanted = [lambda: diagnosis.before]
+    if diagnosis.after is not diagnosis.before:
+        wanted.append(lambda: _without_shapes(diagnosis))
+    for k, adjustment in enumerate(wanted):
+        word = ("the believed model", "the model with what was found")[k]
+
+        def tell(done: int, of: int, word=word) -> None:
+            say({"message": f"simulating counterparts of {word}", "done": done, "of": of})
+
+        try:
+            cases[k] = compare(counterparts(adjustment(), count, diagnosis.seed, threads, tell))
+        except (InputError, AdjustmentFailed) as failed:
+            notes.append(f"Counterparts of {word} could not be adjusted: {failed}")
+            break
+    return *cases, notes
+
+
+def _without_shapes(diagnosis: Diagnosis) -> Adjustment:
+    """The adjustment with what was found; its generic shapes taken out beforehand.
+
+    Estimating a hundred columns anew in every counterpart would take minutes.
+    """
+    after = diagnosis.after
+    inside = after.problem.stack.members
+    shapes = [one["group"] for one in diagnosis.unknown if one["group"] in inside]
+    if not shapes:
+        return after
+    believed = {effect.slug for effect in diagnosis.believed.effects}
+    named = [
+        member.effect
+        for slug, member in after.problem.stack.members.items()
+        if slug not in believed and slug not in shapes
+    ]
+    block = corrected(diagnosis.block, after, shapes)
+    return diagnosis.believed.adjust(named, block=block)
