@@ -45,8 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
         return _end(2, f"error: {error}")
     except AdjustmentFailed as error:
         return _end(1, f"failed: {error}")
-    except KeyboardInterrupt:
-        return _end(130, "interrupted: nothing was written.")
+    except KeyboardInterrupt as stop:
+        return _end(130, f"interrupted: {str(stop) or 'nothing was written'}.")
     except BrokenPipeError:
         # The reader of our output (`| head`) has seen enough; nothing more can be said to it.
         sys.stdout = None
