@@ -48,6 +48,7 @@ _ROOMS = (
     "published",
     "rolling_shutter",
     "simulation",
+    "thermal",
 )
 
 __all__ = [*_HOME, *_ROOMS]

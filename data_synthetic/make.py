@@ -1,7 +1,8 @@
-"""Make the shipped block: `python data_synthetic/make.py` writes data_synthetic/dike/.
+"""Make the shipped data: `python data_synthetic/make.py` writes dike/ and wall/.
 
-The flight is dike.toml; what is true is written beside the folder, to dike.truth.json, never into
-it. The same script writes the same bytes.
+dike: a block; the flight is dike.toml. wall: pictures of a wall by a camera that warms and cools,
+for `corridor thermal`. What is true is written beside the folders, to NAME.truth.json, never into
+them. The same script writes the same bytes.
 """
 
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.simulation import Simulated, simulate
+from corridor.thermal import render, simple_model
 
 HERE = Path(__file__).parent
 NAME = "dike"
@@ -39,6 +41,21 @@ def flown() -> Simulated:
     return block
 
 
+def filmed() -> render.Shots:
+    """The series that is shipped: 13 small pictures, warming for 15 minutes and cooling for 15.
+
+    The optics lag a minute behind a thermometer that is read to a tenth of a degree.
+    """
+    width, height = 400, 300
+    model = simple_model(
+        width, height, 24.0, (24.0, 48.0), scale=(4.0e-5, 2.0e-7), radial=(1.0e-3,),
+        shift=((-0.01, 0.02),),
+    )  # fmt: skip
+    course = render.Course(np.linspace(0, 1800, 13), off_s=900, lag_s=60, rounding_c=0.1)
+    wall = render.Wall(width, height, seed=SEED)
+    return render.Shots(wall, course, model, render.Sensor(vignetting=0.2, seed=SEED))
+
+
 def write(folder: Path = HERE) -> Path:
     """Write the block and its truth into a folder; returns the block's folder."""
     flown().write(folder / NAME)
@@ -46,4 +63,5 @@ def write(folder: Path = HERE) -> Path:
 
 
 if __name__ == "__main__":
-    print(f"wrote {write()} and {NAME}.truth.json beside it")
+    for path in (write(), filmed().write(HERE / "wall")):
+        print(f"wrote {path} and {path.name}.truth.json beside it")

@@ -24,11 +24,18 @@ class Laid(Checked):
 
     similarity: from the adjusted frame to the ground points'. check_points: point, given x, y, z
     and adjusted minus given dx, dy, dz, metres. centre: (images, 3) of the cameras, metres.
+    control_points: the same columns as check_points, of the points that it was laid on.
     """
 
     similarity: Similarity
     check_points: pd.DataFrame
     centre: np.ndarray
+    control_points: pd.DataFrame
+
+    @property
+    def control_error(self) -> np.ndarray:
+        """Distance (points,) of each of `control_points` from where it was given, metres."""
+        return np.linalg.norm(self.control_points[["dx", "dy", "dz"]].to_numpy(float), axis=1)
 
 
 def lay_on_control(adjustment: Adjustment, control: Iterable[str] | None = None) -> Laid:
@@ -60,10 +67,14 @@ def lay_on_control(adjustment: Adjustment, control: Iterable[str] | None = None)
             f"more, images show {int((used & (at >= 0)).sum())}: give more the role control"
         )
     found = similarity(adjusted[used], given[used])
+
+    def differences(rows):
+        table = ground.loc[rows, ["point", "x", "y", "z"]].reset_index(drop=True)
+        table[["dx", "dy", "dz"]] = found.apply(adjusted[rows]) - given[rows]
+        return table
+
     check = ((ground["role"] != "unused") & ~used & (at >= 0)).to_numpy()
-    difference = found.apply(adjusted[check]) - given[check]
-    table = ground.loc[check, ["point", "x", "y", "z"]].reset_index(drop=True)
-    table[["dx", "dy", "dz"]] = difference
     centre = np.empty_like(adjustment.state.centre)
     centre[adjustment.problem.order] = adjustment.state.centre
-    return Laid(found, table, found.apply(centre))
+    laid = (used & (at >= 0)).to_numpy()
+    return Laid(found, differences(check), found.apply(centre), differences(laid))

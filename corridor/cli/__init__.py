@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     except AdjustmentFailed as error:
         return _end(1, f"failed: {error}")
     except KeyboardInterrupt as stop:
-        return _end(130, f"interrupted: {str(stop) or 'nothing was written.'}")
+        return _end(130, f"interrupted: {str(stop) or 'nothing was written'}.")
     except BrokenPipeError:
         # The reader of our output (`| head`) has seen enough; nothing more can be said to it.
         sys.stdout = None

@@ -9,8 +9,10 @@ examples:
       with what an adjustment (or a diagnosis.json) found
   corridor correct out/a/block --effect rolling_shutter --velocity strip -o out/corrected
       velocities from a smooth flight along each strip: for time stamps in whole seconds
+  corridor correct BLOCK --effect thermal --model MODEL.json -o out/corrected
+      with the model of `corridor thermal fit`, by each image's temperature; needs no poses
 
-BLOCK needs poses and points: adjust it first and correct OUT/block. BLOCK2 appears whole or not at
+Otherwise BLOCK needs poses and points: adjust it first and correct OUT/block. BLOCK2 appears whole or not at
 all. Its block.toml says in the table [corrected] what was taken out, with which values and
 velocities, and what was wrong with the time stamps.
 """
@@ -41,6 +43,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="adjustment.json or diagnosis.json that holds the values",
     )
     parser.add_argument(
+        "--model", metavar="MODEL", type=Path, help="thermal model that a laboratory has fitted"
+    )
+    parser.add_argument(
         "--velocity",
         choices=("auto", "metadata", "gnss", "strip", "neighbours"),
         default="auto",
@@ -66,6 +71,9 @@ def run(options: argparse.Namespace) -> None:
     from corridor.effects import correct, find, values_of
 
     block = corridor.read(options.block)
+    if options.model is not None:
+        _by_model(block, options)
+        return
     values, looked_at = {}, set()
     for name, given in options.effect:
         if given is None and options.source is not None:
@@ -91,14 +99,36 @@ def run(options: argparse.Namespace) -> None:
     print(f"wrote {options.output}")
 
 
-def _tell(block, corrected, values):
-    import numpy as np
+def _by_model(block, options):
+    import sys
 
+    import corridor
+
+    if options.effect != [("thermal", None)] or options.source is not None:
+        raise corridor.InputError(
+            "--model holds a thermal model and all its values: use it with --effect thermal alone"
+        )
+    model = corridor.thermal.read_model(options.model)
+    corrected, warnings = corridor.thermal.correct(block, model)
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    _moved(block, corrected)
+    corrected.write(options.output)
+    print(f"wrote {options.output}")
+
+
+def _tell(block, corrected, values):
     for name in values:
         slug = name.partition("@")[0]
         told = corrected.extra["corrected"][slug].items()
         words = (f"{k} = {v:.6g}" if isinstance(v, float) else f"{k} of {len(v)}" for k, v in told)
         print(f"without {slug}: {', '.join(words)}")
+    _moved(block, corrected)
+
+
+def _moved(block, corrected):
+    import numpy as np
+
     for table, columns, unit in (
         ("tie_points", ["x", "y"], "px"),
         ("marks", ["x", "y"], "px"),

@@ -16,12 +16,15 @@ from corridor.figures.readout import readout_picture
 from corridor.figures.report import save_adjustment
 from corridor.figures.residual_vectors import residual_vectors
 from corridor.figures.residuals_along import residuals_along
+from corridor.figures.style import png
+from corridor.figures.thermal import camera_difference, deformation_maps, thermal_parameters
 from corridor.figures.track import track
 
 __all__ = [
     "alike",
     "Panel",
     "accuracy_by_control",
+    "camera_difference",
     "camera_views",
     "check_points",
     "compare_check_points",
@@ -31,14 +34,17 @@ __all__ = [
     "counterpart_axes",
     "counterpart_maps",
     "curves",
+    "deformation_maps",
     "error_maps",
     "evidence_bars",
     "first_look",
     "histograms",
     "naming_rates",
+    "png",
     "readout_picture",
     "residual_vectors",
     "residuals_along",
     "save_adjustment",
+    "thermal_parameters",
     "track",
 ]

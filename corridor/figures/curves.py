@@ -20,6 +20,7 @@ class Panel:
 
     x: (n,). series: name -> (n,) or (n, draws), of which the median is drawn as a line and the
     range as a band. x_label, y_label: with units. zero: the y axis begins at zero.
+    known: the x between which something was measured; beyond them the panel is grey.
     """
 
     title: str
@@ -28,6 +29,7 @@ class Panel:
     x_label: str
     y_label: str
     zero: bool = True
+    known: tuple[float, float] | None = None
 
 
 def curves(panels: Sequence[Panel], title: str, note: str = "") -> Figure:
@@ -59,6 +61,11 @@ def curves(panels: Sequence[Panel], title: str, note: str = "") -> Figure:
                     panel.x, values.min(axis=1), values.max(axis=1),
                     color=looks[name]["color"], alpha=0.18, linewidth=0, zorder=2,
                 )  # fmt: skip
+        if panel.known is not None:
+            left, right = axes.get_xlim()
+            for a, b in ((left, panel.known[0]), (panel.known[1], right)):
+                axes.axvspan(a, max(a, b), color=style.FAINT, alpha=0.45, lw=0, zorder=0)
+            axes.set_xlim(left, right)
         if panel.zero:
             axes.set_ylim(bottom=0)
         else:

@@ -14,7 +14,9 @@ from corridor.simulation.plan import (
     read_plan,
     ready_made,
 )
+from corridor.simulation.ring import ring_block
 from corridor.simulation.simulate import Simulated, perfect_block, simulate
+from corridor.simulation.static import static_block
 from corridor.simulation.strips import CAMLIGHT, corridor_block
 from corridor.simulation.terrain import Dike
 
@@ -36,5 +38,7 @@ __all__ = [
     "reach",
     "read_plan",
     "ready_made",
+    "ring_block",
     "simulate",
+    "static_block",
 ]

@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 from made_up import corridor
 
-from corridor.adjustment import lay_on_control
+from corridor.adjustment import adjust, lay_on_control
 from corridor.adjustment.similarity import Similarity
 from corridor.camera import rotation_from_vector
 from corridor.errors import InputError
+from corridor.simulation import corridor_block
 
 MOVED = Similarity(
     1.02, rotation_from_vector(np.array([0.02, -0.05, 1.3])), np.array([40, -9, 6.0])
@@ -112,3 +113,17 @@ def test_control_on_one_line_is_refused(block):
 def test_a_name_that_is_no_ground_point_is_refused(block):
     with pytest.raises(InputError, match="GCP99"):
         lay_on_control(adjusted(block), control=["GCP11", "GCP12", "GCP13", "GCP99"])
+
+
+def test_the_points_it_is_laid_on_have_residuals_too():
+    """The thesis's tables 6.9 and 6.13: residuals at the ground points of the similarity itself."""
+    block = corridor_block(images=12, strips=2, observations_per_image=60, seed=1)
+    moved = block.ground["point"].tolist()
+    laid = lay_on_control(adjust(block, control=[]), moved)
+    assert laid.control_points["point"].tolist() == moved and not len(laid.check_points)
+    assert laid.control_error.max() < 1e-6
+    block.ground.loc[0, "z"] += 0.5
+    laid = lay_on_control(adjust(block, control=[]), moved)
+    assert np.argmax(laid.control_error) == 0
+    # A similarity through eleven points takes up a part of it.
+    assert 0.2 < laid.control_error[0] < 0.5

@@ -1,0 +1,231 @@
+"""How heat moves the picture: deformation maps, the similarity against temperature, two cameras."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from corridor.figures import style
+from corridor.figures.residual_vectors import arrows, stated_arrow
+
+if TYPE_CHECKING:
+    from corridor.thermal import CameraDifference, Fit, Maps
+
+_MAP = "cividis"  # its lightness grows: the sign shows in grey print too
+_LEFT, _GAP, _KEY = 0.75, 0.6, 0.95
+
+
+def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = None) -> Figure:
+    """Deformation of one picture, and what is measured where there should be none.
+
+    maps: of a series. picture: row; default the one that moved most. null: row of the null map;
+    default the usable picture, not the reference itself, with the temperature nearest to it.
+    Upper row dx, dy on one scale, and arrows; lower row dx, dy of the null map and the predicted
+    sigma of the first picture, on one scale. px; nodes that are not valid stay white.
+    """
+    title = "Deformation maps"
+    usable = np.flatnonzero(maps.valid.any(axis=1))
+    own = maps.reference & (np.count_nonzero(maps.reference) == 1)
+    usable = usable[~own[usable]]
+    if not len(usable):
+        return style.sentence("No picture could be matched.", title)
+    length = np.hypot(maps.dx, maps.dy)
+    if picture is None:
+        picture = int(usable[np.argmax(np.nanmean(length[usable], axis=1))])
+    if null is None:
+        null = _nearest(maps, usable)
+    wide = (style.WIDTH - _LEFT - 2 * _GAP - _KEY) / 3
+    tall = min(wide * maps.height / maps.width, 1.3 * wide)
+    row = tall + 0.95
+    note = f"{_note(maps, picture)} \u00b7 null map: {_note(maps, null)}"
+    figure = style.sheet(1.15 + 2 * row, f"{title}: {style.short(maps.picture[picture], 40)}", note)
+    measured = [maps.dx[picture], maps.dy[picture]]
+    calm = [maps.dx[null], maps.dy[null], maps.sigma[picture]]
+    top = 1.15
+    norm = Normalize(*_ends(measured))
+    for k, (values, name) in enumerate(zip(measured, ("dx", "dy"), strict=True)):
+        axes = style.panel(figure, _LEFT + k * (wide + _GAP), top, wide, tall)
+        image = _field(axes, maps, values, norm, name, k == 0)
+    axes = style.panel(figure, _LEFT + 2 * (wide + _GAP), top, wide, tall)
+    _vectors(figure, axes, maps, picture, _LEFT + 2 * (wide + _GAP), top, wide)
+    _bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "dx, dy (px)")
+    top += row
+    norm = Normalize(*_ends(calm))
+    name = style.short(maps.picture[null], 18)
+    for k, (values, what) in enumerate(
+        zip(calm, (f"null map ({name}): dx", "null map: dy", "predicted sigma"), strict=True)
+    ):
+        axes = style.panel(figure, _LEFT + k * (wide + _GAP), top, wide, tall)
+        image = _field(axes, maps, values, norm, what, k == 0)
+    _bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "px")
+    return figure
+
+
+def thermal_parameters(fit: Fit) -> Figure:
+    """The similarity of each picture against temperature, with the model, and what is left.
+
+    fit: of `corridor.thermal.fit`. Warm-up and cool-down have their own colours and markers; the
+    line is the model. Below it what the model leaves of each picture, and the temperatures.
+    """
+    model, table = fit.model, fit.pictures[fit.pictures["used"]]
+    note = (
+        f"{model.kind}, powers of T up to {len(model.dx)} \u00b7 {model.residual_px:.4f} px RMS "
+        f"left \u00b7 zero at {model.t0_c:.1f} \u00b0C"
+    )
+    if model.lag_s is not None:
+        note += f" \u00b7 the optics lag {model.lag_s:.0f} s"
+    gap, wide, tall, top = 0.85, 2.3, 2.0, 1.35
+    figure = style.sheet(top + 2 * (tall + 0.9) - 0.15, "Heat and the picture", note)
+    phases = [
+        ("warming", ~table["cooling"], *style.SERIES[0]),
+        ("cooling", table["cooling"], *style.SERIES[1]),
+    ]
+    low, high = model.range_c
+    line = np.linspace(low, high, 101)
+    curve = model.parameters(line)
+    panels = (
+        ("shift_x", "shift in x (px)"), ("shift_y", "shift in y (px)"), ("scale", "scale (ppm)"),
+        ("rotation", "rotation (\u00b5rad)"),
+    )  # fmt: skip
+    places = ((0, 0), (1, 0), (0, 1), (1, 1))
+    for (key, name), (column, row) in zip(panels, places, strict=True):
+        axes = style.panel(
+            figure, gap + column * (wide + gap), top + row * (tall + 0.9), wide, tall
+        )
+        style.open_frame(axes)
+        for _, of, colour, marker in phases:
+            axes.plot(table["optics_c"][of], table[key][of], ls="", marker=marker, ms=3.5,
+                      color=colour, mec=style.INK, mew=0.2, zorder=3)  # fmt: skip
+        axes.plot(line, curve[key], color=style.INK, lw=1.0, zorder=2)
+        style.label(axes, "temperature of the optics (\u00b0C)", name)
+    for row in range(2):
+        axes = style.panel(figure, gap + 2 * (wide + gap), top + row * (tall + 0.9), wide, tall)
+        style.open_frame(axes)
+        time = table["time_s"] / 60
+        if row == 0:
+            for _, of, colour, marker in phases:
+                axes.plot(time[of], table["residual_px"][of], ls="", marker=marker, ms=3.5,
+                          color=colour, mec=style.INK, mew=0.2)  # fmt: skip
+            axes.set_ylim(bottom=0)
+            style.label(axes, "time (min)", "left of the picture (px)")
+        else:
+            order = np.argsort(time.to_numpy(), kind="stable")
+            axes.plot(time.iloc[order], table["thermometer_c"].iloc[order], color=style.MIDDLE,
+                      lw=1.0, ls="--")  # fmt: skip
+            axes.plot(time.iloc[order], table["optics_c"].iloc[order], color=style.INK, lw=1.2)
+            style.label(axes, "time (min)", "temperature (\u00b0C)")
+    keys = [
+        Line2D([], [], ls="", marker=marker, ms=5, color=colour, mec=style.INK, mew=0.2, label=name)
+        for name, of, colour, marker in phases
+        if of.any()
+    ]
+    keys.append(Line2D([], [], color=style.INK, lw=1.2, label="model, optics"))
+    keys.append(Line2D([], [], color=style.MIDDLE, lw=1.0, ls="--", label="thermometer"))
+    style.legend(figure, 0.9, keys)
+    return figure
+
+
+def camera_difference(difference: CameraDifference, title: str = "Two cameras") -> Figure:
+    """Where the second camera sees what the first sees, as arrows over the distance in colour.
+
+    difference: of `corridor.thermal.compare_cameras`, px; the best rotation is taken out.
+    """
+    wide = 6.2
+    tall = wide * difference.height / difference.width
+    figure = style.sheet(1.2 + tall + 0.6, title, str(difference), width=8.2)
+    axes = style.panel(figure, _LEFT, 1.2, wide, tall)
+    x, y = np.unique(difference.x), np.unique(difference.y)
+    shape = len(y), len(x)
+    image = axes.pcolormesh(
+        x, y, difference.length.reshape(shape), cmap=style.COUNTS, vmin=0,
+        vmax=max(difference.largest, 1e-12), shading="nearest",
+    )  # fmt: skip
+    step = max(1, len(x) // 14)
+    pick = np.zeros(shape, bool)
+    pick[step // 2 :: step, step // 2 :: step] = True
+    pick = pick.ravel()
+    space = step * (x[1] - x[0])
+    exaggeration = style.nice(space / max(difference.largest, 1e-12))
+    arrows(axes, difference.x[pick], difference.y[pick], difference.dx[pick], difference.dy[pick],
+           exaggeration, style.MIDDLE)  # fmt: skip
+    _frame(axes, difference, True)
+    _bar(figure, image, _LEFT + wide + 0.2, 1.2, tall, "distance (px)")
+    size = style.nice(0.8 / (wide / difference.width * exaggeration))
+    inches = size * exaggeration * wide / difference.width
+    stated_arrow(figure, _LEFT, 0.93, inches, f"{style.plain(size)} px")
+    return figure
+
+
+def _nearest(maps, usable):
+    """The usable picture whose temperature is nearest to the reference's."""
+    warm = maps.temperature_c
+    if not np.isfinite(warm[usable]).any() or not np.isfinite(warm[maps.reference]).any():
+        return int(usable[np.argmin(np.nanmean(np.hypot(maps.dx, maps.dy)[usable], axis=1))])
+    away = np.abs(warm[usable] - np.nanmean(warm[maps.reference]))
+    return int(usable[np.nanargmin(away)])
+
+
+def _note(maps, picture):
+    warm = maps.temperature_c[picture]
+    parts = [f"{100 * maps.valid[picture].mean():.0f} % of {maps.valid.shape[1]:,} nodes valid"]
+    if np.isfinite(warm):
+        cold = maps.temperature_c[maps.reference]
+        if np.isfinite(cold).any():
+            parts.insert(0, f"{warm:.1f} \u00b0C against {np.nanmean(cold):.1f} \u00b0C")
+    return " \u00b7 ".join(parts)
+
+
+def _ends(fields):
+    values = np.concatenate([field[np.isfinite(field)] for field in fields])
+    # A few wild nodes must not wash out the rest.
+    low, high = np.percentile(values, [0.5, 99.5])
+    pad = 0.02 * (high - low) + 1e-9
+    return low - pad, high + pad
+
+
+def _field(axes: Axes, maps, values, norm, name, first):
+    x, y = np.unique(maps.x), np.unique(maps.y)
+    grid = np.full((len(y), len(x)), np.nan)
+    grid[np.searchsorted(y, maps.y), np.searchsorted(x, maps.x)] = values
+    image = axes.pcolormesh(x, y, grid, cmap=_MAP, norm=norm, shading="nearest")
+    style.caption(axes, name)
+    _frame(axes, maps, first)
+    return image
+
+
+def _vectors(figure, axes, maps, picture, left, top, wide):
+    dx, dy = maps.dx[picture], maps.dy[picture]
+    columns = len(np.unique(maps.x))
+    step = max(1, columns // 14)
+    order = np.lexsort((maps.x, maps.y))
+    place = np.empty(len(order), int)
+    place[order] = np.arange(len(order))
+    pick = (place % columns % step == 0) & (place // columns % step == 0) & np.isfinite(dx)
+    longest = max(float(np.nanmax(np.hypot(dx, dy))), 1e-12)
+    exaggeration = style.nice(step * maps.width / columns / longest)
+    arrows(axes, maps.x[pick], maps.y[pick], dx[pick], dy[pick], exaggeration, style.DARK)
+    _frame(axes, maps, False)
+    inch = wide / maps.width
+    size = style.nice(0.6 / (inch * exaggeration))
+    stated_arrow(figure, left, top - 0.13, size * exaggeration * inch, f"{style.plain(size)} px")
+
+
+def _frame(axes, picture, first):
+    axes.set(xlim=(-0.5, picture.width - 0.5), ylim=(picture.height - 0.5, -0.5))
+    axes.add_patch(
+        Rectangle((-0.5, -0.5), picture.width, picture.height, fill=False, ec=style.QUIET, lw=0.6)
+    )
+    style.label(axes, "x (px)", "y (px)" if first else None)
+
+
+def _bar(figure, image, left, top, tall, text):
+    axes = style.panel(figure, left, top, 0.12, tall)
+    figure.colorbar(image, cax=axes)
+    axes.tick_params(labelsize=style.SMALL, colors=style.INK, color=style.QUIET, length=2)
+    style.label(axes, y=text)

@@ -1,0 +1,83 @@
+"""Thermal effect: deformation maps from pictures of a wall, the model of them, its correction.
+
+maps = corridor.thermal.measure_maps("SERIES")
+model = corridor.thermal.fit(maps).model
+block, notes = corridor.thermal.correct(corridor.read("BLOCK"), model)
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from corridor.thermal import render as render
+    from corridor.thermal.comparison import CameraDifference as CameraDifference
+    from corridor.thermal.comparison import calibrated_at as calibrated_at
+    from corridor.thermal.comparison import camera_at as camera_at
+    from corridor.thermal.comparison import compare_cameras as compare_cameras
+    from corridor.thermal.correction import correct as correct
+    from corridor.thermal.correction import laboratory_prior as laboratory_prior
+    from corridor.thermal.correction import uncorrect as uncorrect
+    from corridor.thermal.fitting import Fit as Fit
+    from corridor.thermal.fitting import fit as fit
+    from corridor.thermal.maps import Maps as Maps
+    from corridor.thermal.maps import forget as forget
+    from corridor.thermal.maps import measure_maps as measure_maps
+    from corridor.thermal.maps import read_maps as read_maps
+    from corridor.thermal.matching import Matcher as Matcher
+    from corridor.thermal.model import ThermalModel as ThermalModel
+    from corridor.thermal.model import read_model as read_model
+    from corridor.thermal.model import simple_model as simple_model
+    from corridor.thermal.points import apply as apply
+    from corridor.thermal.resection import Resection as Resection
+    from corridor.thermal.resection import resect as resect
+    from corridor.thermal.rivals import METHODS as METHODS
+    from corridor.thermal.rivals import find_with as find_with
+    from corridor.thermal.series import read_picture as read_picture
+
+_HOME = {
+    "render": "corridor.thermal.render",
+    "CameraDifference": "corridor.thermal.comparison",
+    "calibrated_at": "corridor.thermal.comparison",
+    "camera_at": "corridor.thermal.comparison",
+    "compare_cameras": "corridor.thermal.comparison",
+    "correct": "corridor.thermal.correction",
+    "laboratory_prior": "corridor.thermal.correction",
+    "uncorrect": "corridor.thermal.correction",
+    "Fit": "corridor.thermal.fitting",
+    "fit": "corridor.thermal.fitting",
+    "Maps": "corridor.thermal.maps",
+    "forget": "corridor.thermal.maps",
+    "measure_maps": "corridor.thermal.maps",
+    "read_maps": "corridor.thermal.maps",
+    "Match": "corridor.thermal.matching",
+    "Matcher": "corridor.thermal.matching",
+    "ThermalModel": "corridor.thermal.model",
+    "read_model": "corridor.thermal.model",
+    "simple_model": "corridor.thermal.model",
+    "apply": "corridor.thermal.points",
+    "write_points": "corridor.thermal.points",
+    "METHODS": "corridor.thermal.rivals",
+    "find_with": "corridor.thermal.rivals",
+    "Resection": "corridor.thermal.resection",
+    "resect": "corridor.thermal.resection",
+    "read_picture": "corridor.thermal.series",
+    "degrees": "corridor.thermal.temperature",
+    "optics": "corridor.thermal.temperature",
+    "smoothed": "corridor.thermal.temperature",
+}
+
+__all__ = list(_HOME)
+
+
+# Loaded at first use: correcting a block does not wait for the kernels of matching.
+def __getattr__(name):
+    if name not in _HOME:
+        raise AttributeError(f"module 'corridor.thermal' has no attribute {name!r}")
+    module = import_module(_HOME[name])
+    value = module if name == "render" else getattr(module, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__():
+    return sorted([*globals(), *__all__])

@@ -1,0 +1,297 @@
+"""Matching one window: inverse-compositional Gauss-Newton between two quintic splines.
+
+A picture I stands for the smooth surface sum_k I_k beta5(x - k): the quintic B-spline with the
+grey values themselves as coefficients. That is presmoothing (sigma 0.71 px) and interpolation in
+one, and the surface of the reference and of the picture are sampled alike, so that what the
+smoothing leaves of aliasing is all that can lock the result to whole pixels.
+
+    f(x + d + A x) = gain g(x) + offset + J(x) q,    J = grad g (1, X, Y)
+
+f: picture, g: reference, x: pixels of the window, X, Y: the same from its middle, 1 at its edge.
+The normal matrix belongs to the reference alone; a step is eight sums over the window.
+Source: Baker and Matthews 2004, "Lucas-Kanade 20 years on" (inverse composition); Pan, Li and Tong
+2013, "Fast, robust and accurate digital image correlation calculation without redundant
+computations"; Sutton, Orteu and Schreier 2009 (presmoothing).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_UNKNOWNS = 8  # shift x, y; their slopes along X and Y; offset; gain
+REACH = 3  # px that the surface looks beyond its own place
+# What smoothing leaves of the variance of white noise, in two dimensions.
+SMOOTHED_NOISE = ((2 * 1.0 + 2 * 26.0**2 + 66.0**2) / 120.0**2) ** 2
+
+
+@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+def _inner(a):
+    """beta5 at a, 0 to 1."""
+    a2 = a * a
+    return np.float32(11 / 20) - a2 * (
+        np.float32(1 / 2) - a2 * (np.float32(1 / 4) - a * np.float32(1 / 12))
+    )
+
+
+@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+def _middle(a):
+    """beta5 at 2 - a, a from 0 to 1."""
+    curve = np.float32(1 / 12) + a * (np.float32(1.0) - a) * np.float32(1 / 24)
+    return np.float32(1 / 120) + a * (np.float32(1 / 24) + a * (np.float32(1 / 12) + a * curve))
+
+
+@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+def _outer(a):
+    """beta5 at 3 - a, a from 0 to 1."""
+    a2 = a * a
+    return a2 * a2 * a * np.float32(1 / 120)
+
+
+@njit(cache=True)
+def _window(picture, cx, cy, half, extra, smooth, along_x, along_y):
+    """The surface and its two slopes at the pixels of a window, `extra` px beyond it."""
+    size = 2 * (half + extra) + 1
+    value = (1 / 120, 26 / 120, 66 / 120, 26 / 120, 1 / 120)
+    slope = (-1 / 24, -10 / 24, 0.0, 10 / 24, 1 / 24)
+    left, top = cx - half - extra, cy - half - extra
+    rows = np.zeros((2, size + 4, size))
+    for r in range(size + 4):
+        for c in range(size):
+            a = 0.0
+            b = 0.0
+            for k in range(5):
+                grey = picture[top + r - 2, left + c + k - 2]
+                a += value[k] * grey
+                b += slope[k] * grey
+            rows[0, r, c] = a
+            rows[1, r, c] = b
+    for r in range(size):
+        for c in range(size):
+            a = 0.0
+            b = 0.0
+            d = 0.0
+            for k in range(5):
+                a += value[k] * rows[0, r + k, c]
+                b += value[k] * rows[1, r + k, c]
+                d += slope[k] * rows[0, r + k, c]
+            smooth[r, c] = a
+            along_x[r, c] = b
+            along_y[r, c] = d
+
+
+@njit(cache=True)
+def _smooth_again(source, target, extra):
+    """The smoothing applied once more, where the source has `extra` >= 2 px around the target."""
+    value = (1 / 120, 26 / 120, 66 / 120, 26 / 120, 1 / 120)
+    size = target.shape[0]
+    for r in range(size):
+        for c in range(size):
+            total = 0.0
+            for j in range(5):
+                part = 0.0
+                for i in range(5):
+                    part += value[i] * source[r + extra + j - 2, c + extra + i - 2]
+                total += value[j] * part
+            target[r, c] = total
+
+
+@njit(cache=True)
+def prepare(reference, nodes, half):
+    """What matching needs of the reference at each node.
+
+    reference: (height, width) float32. nodes: (n, 2) whole pixels x, y, at least half + 4 px from
+    the edge. Returns surface, slopes x, y (n, w, w) float32 (surface less its mean), mean (n,),
+    the inverse normal matrix (n, 8, 8), the covariance (n, 2, 2) of the shift for white noise of
+    one grey level in the picture, and whether the matrix could be inverted (n,).
+    """
+    count, size = len(nodes), 2 * half + 1
+    surface = np.empty((count, size, size), np.float32)
+    slope_x = np.empty((count, size, size), np.float32)
+    slope_y = np.empty((count, size, size), np.float32)
+    mean = np.empty(count)
+    inverse = np.zeros((count, _UNKNOWNS, _UNKNOWNS))
+    spread = np.zeros((count, 2, 2))
+    good = np.zeros(count, np.bool_)
+    wide = size + 4
+    g, gx, gy = np.empty((wide, wide)), np.empty((wide, wide)), np.empty((wide, wide))
+    sg, sx, sy = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
+    row = np.empty(_UNKNOWNS)
+    soft = np.empty(_UNKNOWNS)
+    for n in range(count):
+        _window(reference, nodes[n, 0], nodes[n, 1], half, 2, g, gx, gy)
+        middle = g[2:-2, 2:-2].mean()
+        g -= middle
+        _smooth_again(g, sg, 2)
+        _smooth_again(gx, sx, 2)
+        _smooth_again(gy, sy, 2)
+        normal = np.zeros((_UNKNOWNS, _UNKNOWNS))
+        noisy = np.zeros((_UNKNOWNS, _UNKNOWNS))
+        for r in range(size):
+            down = (r - half) / half
+            for c in range(size):
+                across = (c - half) / half
+                a, b = gx[r + 2, c + 2], gy[r + 2, c + 2]
+                _fill(row, a, b, across, down, g[r + 2, c + 2])
+                _fill(soft, sx[r, c], sy[r, c], across, down, sg[r, c])
+                for i in range(_UNKNOWNS):
+                    for j in range(i + 1):
+                        normal[i, j] += row[i] * row[j]
+                        noisy[i, j] += soft[i] * soft[j]
+                surface[n, r, c] = g[r + 2, c + 2]
+                slope_x[n, r, c], slope_y[n, r, c] = a, b
+        for i in range(_UNKNOWNS):
+            for j in range(i):
+                normal[j, i] = normal[i, j]
+                noisy[j, i] = noisy[i, j]
+        mean[n] = middle
+        scale = np.sqrt(np.diag(normal))
+        if scale.min() > 0.0:
+            scaled = normal / np.outer(scale, scale)
+            if np.linalg.cond(scaled) < 1e9:
+                inverse[n] = np.linalg.inv(scaled) / np.outer(scale, scale)
+                spread[n] = (inverse[n] @ noisy @ inverse[n])[:2, :2]
+                good[n] = True
+    return surface, slope_x, slope_y, mean, inverse, spread, good
+
+
+@njit(cache=True)
+def _fill(row, a, b, across, down, grey):
+    row[0], row[1] = a, b
+    row[2], row[3] = a * across, b * across
+    row[4], row[5] = a * down, b * down
+    row[6], row[7] = 1.0, grey
+
+
+@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+def _sums(picture, cx, cy, half, p, surface, slope_x, slope_y, low, right):
+    """Right-hand side: the picture under the warp p, less `low`, times each column of J.
+
+    Returns the sum of squares, or -1 where the warp leaves the picture.
+    """
+    height, width = picture.shape
+    size = 2 * half + 1
+    right[:] = 0.0
+    squares = 0.0
+    weight = np.empty(6, np.float32)
+    # The corners bound an affine warp.
+    for k in range(4):
+        across, down = (-1.0 if k % 2 else 1.0), (-1.0 if k // 2 else 1.0)
+        x = cx + half * across + p[0] + p[2] * across + p[4] * down
+        y = cy + half * down + p[1] + p[3] * across + p[5] * down
+        if not (x >= 2.0 and y >= 2.0 and x < width - 4.0 and y < height - 4.0):
+            return -1.0
+    for r in range(size):
+        down = (r - half) / half
+        base_x = cx - half + p[0] + p[4] * down
+        base_y = cy + (r - half) + p[1] + p[5] * down
+        a0 = a1 = a2 = a3 = grey_sum = gain_sum = 0.0
+        for c in range(size):
+            across = (c - half) / half
+            x = base_x + c + p[2] * across
+            y = base_y + p[3] * across
+            ix, iy = int(x), int(y)
+            t = np.float32(y - iy)
+            s = np.float32(1.0) - t
+            weight[0], weight[1], weight[2] = _outer(s), _middle(s), _inner(t)
+            weight[3], weight[4], weight[5] = _inner(s), _middle(t), _outer(t)
+            t = np.float32(x - ix)
+            s = np.float32(1.0) - t
+            w0, w1, w2, w3, w4, w5 = (
+                _outer(s), _middle(s), _inner(t), _inner(s), _middle(t), _outer(t),
+            )  # fmt: skip
+            total = np.float32(0.0)
+            for j in range(6):
+                line = picture[iy + j - 2]
+                part = (
+                    w0 * line[ix - 2] + w1 * line[ix - 1] + w2 * line[ix]
+                    + w3 * line[ix + 1] + w4 * line[ix + 2] + w5 * line[ix + 3]
+                )  # fmt: skip
+                total += weight[j] * part
+            grey = np.float64(total) - low
+            a, b = slope_x[r, c] * grey, slope_y[r, c] * grey
+            a0 += a
+            a1 += b
+            a2 += a * across
+            a3 += b * across
+            grey_sum += grey
+            gain_sum += grey * surface[r, c]
+            squares += grey * grey
+        right[0] += a0
+        right[1] += a1
+        right[2] += a2
+        right[3] += a3
+        right[4] += a0 * down
+        right[5] += a1 * down
+        right[6] += grey_sum
+        right[7] += gain_sum
+    return squares
+
+
+@njit(cache=True)
+def match(
+    picture, nodes, half, start, surface, slope_x, slope_y, mean, inverse, good, rounds, least
+):
+    """Shift of each node's window from the reference to the picture.
+
+    start: (n, 2) px. The rest as `prepare` returns it. rounds: most steps. least: px, step at
+    which a node has come to rest.
+    Returns shift (n, 2), slopes (n, 4) px at the window's edge, gain, standard deviation of the
+    residual (grey levels, of the smoothed surfaces), correlation coefficient (n,) each, and steps
+    taken (n,), 0 where the node did not come to rest.
+    """
+    count = len(nodes)
+    shift, bend = np.full((count, 2), np.nan), np.full((count, 4), np.nan)
+    gain, rest, like = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
+    steps = np.zeros(count, np.int64)
+    pixels = (2 * half + 1) ** 2
+    right = np.empty(_UNKNOWNS)
+    for n in range(count):
+        if not good[n]:
+            continue
+        p = np.zeros(6)
+        p[0], p[1] = start[n, 0], start[n, 1]
+        for k in range(rounds):
+            squares = _sums(
+                picture, nodes[n, 0], nodes[n, 1], half, p,
+                surface[n], slope_x[n], slope_y[n], mean[n], right,
+            )  # fmt: skip
+            if squares < 0.0:
+                break
+            q = inverse[n] @ right
+            if not q[7] > 0.05:  # what is darker there is lighter here: another place
+                break
+            d = q[:6] / q[7]
+            # W(p) after the inverse of W(d): both are x -> x + shift + slopes X / half.
+            m = np.empty((2, 2))
+            m[0, 0], m[0, 1] = 1.0 + d[2] / half, d[4] / half
+            m[1, 0], m[1, 1] = d[3] / half, 1.0 + d[5] / half
+            det = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+            if not abs(det - 1.0) < 0.5:
+                break
+            b = np.empty((2, 2))
+            b[0, 0], b[0, 1], b[1, 0], b[1, 1] = m[1, 1], -m[0, 1], -m[1, 0], m[0, 0]
+            b /= det
+            bx = -(b[0, 0] * d[0] + b[0, 1] * d[1])
+            by = -(b[1, 0] * d[0] + b[1, 1] * d[1])
+            a00, a01 = 1.0 + p[2] / half, p[4] / half
+            a10, a11 = p[3] / half, 1.0 + p[5] / half
+            p[0] += a00 * bx + a01 * by
+            p[1] += a10 * bx + a11 * by
+            p[2] = (a00 * b[0, 0] + a01 * b[1, 0] - 1.0) * half
+            p[4] = (a00 * b[0, 1] + a01 * b[1, 1]) * half
+            p[3] = (a10 * b[0, 0] + a11 * b[1, 0]) * half
+            p[5] = (a10 * b[0, 1] + a11 * b[1, 1] - 1.0) * half
+            if np.abs(d).max() < least:
+                left = squares
+                for i in range(_UNKNOWNS):
+                    left -= q[i] * right[i]
+                total = squares - right[6] ** 2 / pixels
+                shift[n, 0], shift[n, 1] = p[0], p[1]
+                bend[n] = p[2:]
+                gain[n] = q[7]
+                rest[n] = np.sqrt(max(left, 0.0) / (pixels - _UNKNOWNS))
+                like[n] = np.sqrt(max(0.0, 1.0 - left / total)) if total > 0.0 else 0.0
+                steps[n] = k + 1
+                break
+    return shift, bend, gain, rest, like, steps

@@ -1,0 +1,227 @@
+"""Deformation maps of a series: measured picture by picture, kept meanwhile, saved whole."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from corridor.errors import InputError
+from corridor.thermal.matching import Matcher, fault
+from corridor.thermal.series import another_size, read_series
+
+_MARK = "series.json"
+_METHOD = 1  # raise it when numbers change: an interrupted run must not mix two methods
+_ARRAYS = {
+    "picture": "P", "time_s": "P", "temperature_c": "P", "reference": "P", "width": "",
+    "height": "", "x": "N", "y": "N", "dx": "PN", "dy": "PN", "sigma": "PN", "valid": "PN",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """Where nodes of the reference lie in each picture (design, section 6).
+
+    picture: (P,) names. time_s: (P,) s. temperature_c: (P,) C, NaN unknown. reference: (P,) bool.
+    width, height: px. x, y: (N,) px in the reference. dx, dy: (P, N) px: what lies at (x, y) in
+    the reference lies at (x + dx, y + dy) in the picture; NaN where not valid. sigma: (P, N) px,
+    of dx and of dy. valid: (P, N) bool. warnings: one sentence each.
+    """
+
+    picture: np.ndarray
+    time_s: np.ndarray
+    temperature_c: np.ndarray
+    reference: np.ndarray
+    width: int
+    height: int
+    x: np.ndarray
+    y: np.ndarray
+    dx: np.ndarray
+    dy: np.ndarray
+    sigma: np.ndarray
+    valid: np.ndarray
+    warnings: tuple[str, ...] = ()
+
+    def select(self, rows) -> Maps:
+        """The maps of some pictures: row numbers or a mask (P,)."""
+        values = {
+            name: getattr(self, name)[rows] if shape[:1] == "P" else getattr(self, name)
+            for name, shape in _ARRAYS.items()
+        }
+        return Maps(**values, warnings=self.warnings)
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write MAPS.npz, whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(f".{path.name}.part")
+        values = {name: np.asarray(getattr(self, name)) for name in _ARRAYS}
+        values["picture"] = values["picture"].astype(str)
+        try:
+            with part.open("wb") as stream:
+                np.savez_compressed(stream, **values, warnings=np.array(self.warnings, dtype=str))
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+def read_maps(path: str | os.PathLike) -> Maps:
+    """The maps of a MAPS.npz. Raises InputError where it is missing or not such a file."""
+    path = Path(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            values = {name: file[name] for name in _ARRAYS if name in file}
+            notes = tuple(str(text) for text in file["warnings"]) if "warnings" in file else ()
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError, TypeError, AttributeError) as error:
+        reason = getattr(error, "strerror", None) or "it is no .npz of plain arrays"
+        raise InputError(
+            f"{path} cannot be read as maps ({reason}): give a file that `corridor thermal map` "
+            "wrote"
+        ) from error
+    missing = [name for name in _ARRAYS if name not in values]
+    if missing:
+        raise InputError(f"{path} has no array {missing[0]}: make it with `corridor thermal map`")
+    size = {"P": values["picture"].shape[:1], "N": values["x"].shape[:1]}
+    for name, shape in _ARRAYS.items():
+        wanted = sum((size[letter] for letter in shape), ())
+        if values[name].shape != wanted:
+            raise InputError(
+                f"{path}: array {name} has the shape {values[name].shape}, not {wanted}: make it "
+                "with `corridor thermal map`"
+            )
+    for name, kind in (("reference", bool), ("valid", bool), ("width", int), ("height", int)):
+        values[name] = values[name].astype(kind)
+    values["width"], values["height"] = int(values["width"]), int(values["height"])
+    values["picture"] = values["picture"].astype(str)
+    for name in ("time_s", "temperature_c", "x", "y", "dx", "dy", "sigma"):
+        values[name] = values[name].astype(float)
+    return Maps(**values, warnings=notes)
+
+
+def measure_maps(
+    folder: str | os.PathLike,
+    keep: str | os.PathLike | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Maps:
+    """Deformation maps of the series in a folder.
+
+    keep: folder for finished pictures, so that the same call goes on where an earlier one was
+        stopped, to the same numbers; remove it with `forget` once the maps are safe.
+    progress: called with the number of pictures done, of all, and the name of the last one.
+    Raises InputError where the series cannot be measured: no reference, a picture of another size,
+    unreadable or cut off, no usable picture.
+    """
+    series = read_series(folder)
+    series.check_sizes()
+    kept = _Kept(keep, series.fingerprint()) if keep is not None else None
+    try:
+        maps = measure(series, kept, progress)
+    except InputError:
+        # Nothing to go on from: the series has to be changed.
+        if kept:
+            forget(kept.folder)
+        raise
+    return maps
+
+
+def forget(keep: str | os.PathLike) -> None:
+    """Remove the finished pictures that `measure_maps` kept."""
+    if (Path(keep) / _MARK).is_file():
+        shutil.rmtree(keep, ignore_errors=True)
+
+
+def measure(series, kept=None, progress: Callable[[int, int, str], None] | None = None) -> Maps:
+    """Deformation maps of a series, of files (`Series`) or rendered (`render.Shots`).
+
+    kept: what is finished already. The rest as `measure_maps`.
+    """
+    matcher, notes = _reference(series)
+    height, width = matcher.reference.shape
+    count, nodes = len(series.picture), len(matcher.nodes)
+    dx, dy, sigma = (np.full((count, nodes), np.nan) for _ in range(3))
+    valid = np.zeros((count, nodes), bool)
+    for row, name in enumerate(series.picture):
+        found = kept.get(row) if kept else None
+        if found is None:
+            grey = series.read(row)
+            if grey.shape != (height, width):
+                raise another_size(name, grey.shape, (height, width))
+            match = matcher.find(grey)
+            found = {
+                "shift": match.shift, "sigma": match.sigma, "valid": match.valid,
+                "trouble": np.array(match.trouble),
+            }  # fmt: skip
+            if kept:
+                kept.put(row, found)
+        dx[row], dy[row] = found["shift"].T
+        sigma[row], valid[row] = found["sigma"], found["valid"]
+        if str(found["trouble"]):
+            notes.append(f"picture {name} has no valid node: {found['trouble']}")
+        if progress:
+            progress(row + 1, count, name)
+    if not valid[~series.reference].any() and not series.reference.all():
+        raise InputError(f"no picture of the series can be matched to the reference: {notes[-1]}")
+    return Maps(
+        picture=np.array(series.picture), time_s=series.time_s,
+        temperature_c=series.temperature_c, reference=series.reference, width=width,
+        height=height, x=matcher.nodes[:, 0].astype(float), y=matcher.nodes[:, 1].astype(float),
+        dx=dx, dy=dy, sigma=sigma, valid=valid, warnings=tuple(dict.fromkeys(notes)),
+    )  # fmt: skip
+
+
+def _reference(series) -> tuple[Matcher, list[str]]:
+    """The mean of the reference's pictures, those that are spoilt left out."""
+    notes, total, used = [], None, 0
+    for row in np.flatnonzero(series.reference):
+        grey = series.read(row)
+        if total is None:
+            total = np.zeros(grey.shape)
+        if grey.shape != total.shape:
+            raise another_size(series.picture[row], grey.shape, total.shape)
+        trouble = fault(grey)
+        if trouble:
+            notes.append(f"picture {series.picture[row]} is left out of the reference: {trouble}")
+            continue
+        total += grey
+        used += 1
+    if not used:
+        raise InputError(f"no usable picture, the reference cannot be matched: {notes[0]}")
+    return Matcher((total / used).astype(np.float32)), notes
+
+
+class _Kept:
+    """Finished pictures in a folder, one file each; of another series they do not count."""
+
+    def __init__(self, folder, fingerprint):
+        self.folder = Path(folder)
+        mark = self.folder / _MARK
+        text = json.dumps({"method": _METHOD, "series": fingerprint})
+        if self.folder.exists() and not self.folder.is_dir():
+            raise InputError(f"{self.folder} is in the way: move it, or write to another file")
+        if self.folder.is_dir() and (not mark.is_file() or mark.read_text("utf-8") != text):
+            if any(self.folder.iterdir()) and not mark.is_file():
+                raise InputError(f"{self.folder} is in the way: move it, or write to another file")
+            shutil.rmtree(self.folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        mark.write_text(text, "utf-8")
+
+    def get(self, row):
+        try:
+            with np.load(self.folder / f"{row:06d}.npz", allow_pickle=False) as file:
+                return {name: file[name] for name in ("shift", "sigma", "valid", "trouble")}
+        except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError):
+            return None
+
+    def put(self, row, values):
+        stream = io.BytesIO()
+        np.savez(stream, **values)
+        part = self.folder / f"{row:06d}.part"
+        part.write_bytes(stream.getvalue())
+        part.replace(self.folder / f"{row:06d}.npz")

@@ -1,0 +1,363 @@
+"""How far heat moves an image point: a polynomial in the picture and in temperature.
+
+    X = (x - x0) / scale_px, Y alike, t = (T - t0) / scale_c
+    dx = sum over m >= 1, i, j of a[m, i, j] t^m X^i Y^j px, dy alike
+
+Whatever kind was fitted (similarity, radial, decentring, full polynomial) is written so. The model
+is zero at t0, the temperature of the reference.
+Source: thesis, eq. 6.2 and 6.3; printed with i, j from 1, which can hold no shift and no scale.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from corridor.errors import InputError
+
+KINDS = ("similarity", "radial", "decentring", "polynomial")
+_ROUNDS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class ThermalModel:
+    """A thermal model of one camera.
+
+    kind: one of `KINDS`. width, height: px of its pictures. t0_c: where it is zero, C.
+    range_c: temperatures of the optics that it was fitted to, C.
+    middle: x0, y0, px. scale_px, scale_c: units of X, Y and t.
+    dx, dy: coefficients (powers, columns, rows), px.
+    residual_px: what the model leaves of a measured deformation, RMS an axis, noise included.
+    misfit_px: the share of it that is not noise.
+    lag_s, lag_sigma_s: the optics follow the thermometer through a first-order lag; None: unknown.
+    terms: (k, 2, columns, rows) spatial shapes whose amplitudes were fitted, covariance
+        (powers * k, powers * k) px^2 of the amplitudes, power by power; None: not known.
+    beyond_px_c: (2, 2, columns, rows), below and above the range: px a degree by which models
+        that fit almost as well part from this one.
+    """
+
+    kind: str
+    width: int
+    height: int
+    t0_c: float
+    range_c: tuple[float, float]
+    dx: np.ndarray
+    dy: np.ndarray
+    middle: tuple[float, float]
+    scale_px: float
+    scale_c: float = 10.0
+    residual_px: float = 0.0
+    misfit_px: float = 0.0
+    lag_s: float | None = None
+    lag_sigma_s: float | None = None
+    warnings: tuple[str, ...] = ()
+    terms: np.ndarray | None = field(default=None, repr=False)
+    covariance: np.ndarray | None = field(default=None, repr=False)
+    beyond_px_c: np.ndarray | None = field(default=None, repr=False)
+    extra: Mapping = field(default_factory=dict, repr=False)
+
+    def displacement(self, x, y, temperature_c) -> tuple[np.ndarray, np.ndarray]:
+        """Shift dx, dy, px, of points seen at x, y (px) at t0, once the optics are so warm.
+
+        The three arguments are broadcast against each other.
+        """
+        X, Y, t = self._normalised(x, y, temperature_c)
+        return _sum(self.dx, X, Y, t), _sum(self.dy, X, Y, t)
+
+    def undo(self, x, y, temperature_c) -> tuple[np.ndarray, np.ndarray]:
+        """Shift dx, dy, px, that leads points seen at x, y at a temperature back to t0.
+
+        Raises InputError where the model folds the picture, so that there is no way back.
+        """
+        x, y, temperature_c = np.broadcast_arrays(
+            np.asarray(x, float), np.asarray(y, float), np.asarray(temperature_c, float)
+        )
+        back_x, back_y = np.zeros(x.shape), np.zeros(x.shape)
+        for _ in range(_ROUNDS):
+            dx, dy = self.displacement(x + back_x, y + back_y, temperature_c)
+            step = max(
+                np.max(np.abs(dx + back_x), initial=0.0), np.max(np.abs(dy + back_y), initial=0.0)
+            )
+            back_x, back_y = -dx, -dy
+            if step < 1e-11:
+                return back_x, back_y
+        raise InputError(
+            "the thermal model cannot be inverted there: points or temperatures are far outside "
+            f"what it was fitted to ({self.range_c[0]:.1f} to {self.range_c[1]:.1f} C)"
+        )
+
+    def sigma(self, x, y, temperature_c) -> np.ndarray:
+        """Standard deviation of the predicted shift, px an axis, lack of fit included.
+
+        Outside `range_c` it grows with the distance.
+        """
+        X, Y, t = self._normalised(x, y, temperature_c)
+        X, Y, t = np.broadcast_arrays(X, Y, t)
+        variance = np.full(X.shape, self.misfit_px**2)
+        if self.terms is not None and self.covariance is not None:
+            powers = len(self.dx)
+            shapes = np.stack(
+                [[_sum(one[None], X, Y, 1.0) for one in term] for term in self.terms], axis=-1
+            )  # (2, ..., k)
+            full = np.concatenate([shapes * (t**m)[..., None] for m in range(1, powers + 1)], -1)
+            each = np.einsum("a...i,ij,a...j->a...", full, self.covariance, full)
+            variance = variance + np.maximum(each, 0.0).mean(axis=0)
+        below = np.maximum(self.range_c[0] - self.t0_c - t * self.scale_c, 0.0)
+        above = np.maximum(t * self.scale_c + self.t0_c - self.range_c[1], 0.0)
+        span = max(self.range_c[1] - self.range_c[0], 1e-9)
+        least = max(self.residual_px, self.misfit_px) / span
+        for k, away in enumerate((below, above)):
+            slope = least**2
+            if self.beyond_px_c is not None:
+                parting = [_sum(one[None], X, Y, 1.0) for one in self.beyond_px_c[k]]
+                slope = slope + np.mean(np.square(parting), axis=0)
+            variance = variance + slope * away**2
+        return np.sqrt(variance)
+
+    def outside(self, temperature_c) -> np.ndarray:
+        """Where a temperature, C, lies outside the range that the model was fitted to."""
+        # A temperature written with three decimals is not outside for its rounding.
+        low, high = self.range_c
+        return (np.asarray(temperature_c) < low - 1e-3) | (np.asarray(temperature_c) > high + 1e-3)
+
+    def concern(self, temperatures_c) -> str | None:
+        """One sentence if any temperature lies outside the range."""
+        values = np.asarray(temperatures_c, dtype=float).ravel()
+        out = self.outside(values)
+        if not out.any():
+            return None
+        return (
+            f"{np.count_nonzero(out)} of {out.size} temperatures ({values[out].min():.1f} to "
+            f"{values[out].max():.1f} C) are outside the {self.range_c[0]:.1f} to "
+            f"{self.range_c[1]:.1f} C that the model was fitted to: it is extrapolated there and "
+            "its sigma grows"
+        )
+
+    def parameters(self, temperature_c) -> dict[str, np.ndarray]:
+        """Eq. 6.2 of the thesis at temperatures (n,): the similarity nearest to the model.
+
+        shift_x, shift_y: px, of the picture's middle; scale: parts per million; rotation:
+        microradians, from x to y.
+        """
+        x, y = (v.ravel() for v in np.meshgrid(
+            np.linspace(0, self.width - 1, 33), np.linspace(0, self.height - 1, 25)
+        ))  # fmt: skip
+        warm = np.atleast_1d(np.asarray(temperature_c, dtype=float))
+        dx, dy = self.displacement(x, y, warm[:, None])
+        X, Y, _ = self._normalised(x, y, 0.0)
+        X, Y = X - X.mean(), Y - Y.mean()
+        across = np.sum(X**2 + Y**2) * self.scale_px / 1e6
+        return {
+            "shift_x": dx.mean(axis=1),
+            "shift_y": dy.mean(axis=1),
+            "scale": (dx @ X + dy @ Y) / across,
+            "rotation": (dy @ X - dx @ Y) / across,
+        }
+
+    def _normalised(self, x, y, temperature_c):
+        return (
+            (np.asarray(x, dtype=float) - self.middle[0]) / self.scale_px,
+            (np.asarray(y, dtype=float) - self.middle[1]) / self.scale_px,
+            (np.asarray(temperature_c, dtype=float) - self.t0_c) / self.scale_c,
+        )
+
+    # --- files ---------------------------------------------------------------------------
+
+    def to_dict(self) -> dict:
+        """The content of MODEL.json (design, section 6)."""
+
+        def plain(array):
+            return None if array is None else np.asarray(array).tolist()
+
+        return {
+            "kind": self.kind,
+            "width": self.width,
+            "height": self.height,
+            "t0_c": self.t0_c,
+            "range_c": list(self.range_c),
+            "normalisation": {
+                "x0": self.middle[0],
+                "y0": self.middle[1],
+                "scale_px": self.scale_px,
+                "scale_c": self.scale_c,
+            },
+            "coefficients": {"dx": plain(self.dx), "dy": plain(self.dy)},
+            "residual_px": self.residual_px,
+            "misfit_px": self.misfit_px,
+            "lag_s": self.lag_s,
+            "lag_sigma_s": self.lag_sigma_s,
+            "warnings": list(self.warnings),
+            **self.extra,
+            "terms": plain(self.terms),
+            "covariance": plain(self.covariance),
+            "beyond_px_c": plain(self.beyond_px_c),
+        }
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write MODEL.json, whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(f".{path.name}.part")
+        try:
+            text = json.dumps(self.to_dict(), allow_nan=False, ensure_ascii=False)
+            # One key a line: a person finds the numbers, and the file stays small.
+            text = text.replace(', "', ',\n "')
+            part.write_text(text + "\n", encoding="utf-8", newline="\n")
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+def read_model(path: str | os.PathLike) -> ThermalModel:
+    """The thermal model of a MODEL.json.
+
+    Raises InputError, one sentence, where the file is missing or is not such a model.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): give a model") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not valid JSON ({error}): give a thermal model") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path} is not a thermal model: it holds no table")
+    missing = [
+        key
+        for key in ("kind", "width", "height", "t0_c", "range_c", "normalisation", "coefficients")
+        if key not in content
+    ]
+    if missing:
+        raise InputError(
+            f"{path} is not a thermal model, it has no {missing[0]}: give one that "
+            "`corridor thermal fit` wrote"
+        )
+    try:
+        return _model(content)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(
+            f"{path} is not a thermal model that makes sense ({error}): write it anew with "
+            "`corridor thermal fit`"
+        ) from error
+
+
+def _model(content: dict) -> ThermalModel:
+    unit = content["normalisation"]
+    dx, dy = (np.array(content["coefficients"][key], dtype=float) for key in ("dx", "dy"))
+    if dx.ndim != 3 or dy.ndim != 3 or dx.shape[0] != dy.shape[0]:
+        raise ValueError("coefficients are not [power][column][row]")
+    low, high = (float(v) for v in content["range_c"])
+    numbers = [
+        low, high, float(content["t0_c"]), *(float(unit[k]) for k in ("x0", "y0")),
+        float(unit["scale_px"]), float(unit["scale_c"]),
+    ]  # fmt: skip
+    if not np.isfinite([*numbers, *dx.ravel(), *dy.ravel()]).all():
+        raise ValueError("a number is not finite")
+    if not (unit["scale_px"] > 0 and unit["scale_c"] > 0 and low <= high):
+        raise ValueError("a scale is not positive, or range_c is upside down")
+    if content["kind"] not in KINDS:
+        raise ValueError(f"kind {content['kind']!r} is not one of {', '.join(KINDS)}")
+
+    def optional(key):
+        value = content.get(key)
+        return None if value is None else np.array(value, dtype=float)
+
+    def number(key, default=None):
+        value = content.get(key)
+        return default if value is None else float(value)
+
+    known = {
+        "kind", "width", "height", "t0_c", "range_c", "normalisation", "coefficients",
+        "residual_px", "misfit_px", "lag_s", "lag_sigma_s", "warnings", "terms", "covariance",
+        "beyond_px_c",
+    }  # fmt: skip
+    lag = number("lag_s")
+    if lag is not None and not (math.isfinite(lag) and lag >= 0):
+        raise ValueError(f"lag_s = {lag:g} is negative")
+    residual = number("residual_px", 0.0)
+    return ThermalModel(
+        kind=content["kind"],
+        width=int(content["width"]),
+        height=int(content["height"]),
+        t0_c=float(content["t0_c"]),
+        range_c=(low, high),
+        dx=dx,
+        dy=dy,
+        middle=(float(unit["x0"]), float(unit["y0"])),
+        scale_px=float(unit["scale_px"]),
+        scale_c=float(unit["scale_c"]),
+        residual_px=residual,
+        misfit_px=number("misfit_px", residual),
+        lag_s=lag,
+        lag_sigma_s=number("lag_sigma_s"),
+        warnings=tuple(str(w) for w in content.get("warnings", ())),
+        terms=optional("terms"),
+        covariance=optional("covariance"),
+        beyond_px_c=optional("beyond_px_c"),
+        extra={k: v for k, v in content.items() if k not in known},
+    )
+
+
+def _sum(coefficients: np.ndarray, X, Y, t):
+    """sum a[m, i, j] t^(m+1) X^i Y^j, by Horner; t = 1 for a purely spatial shape."""
+    total = 0.0
+    for layer in coefficients[::-1]:
+        spatial = 0.0
+        for column in layer[::-1]:
+            line = 0.0
+            for value in column[::-1]:
+                line = line * Y + value
+            spatial = spatial * X + line
+        total = (total + spatial) * t
+    return total
+
+
+def simple_model(
+    width: int,
+    height: int,
+    t0_c: float = 24.0,
+    range_c: tuple[float, float] = (24.0, 50.0),
+    *,
+    scale: tuple[float, ...] = (13.7e-6,),
+    radial: tuple[float, ...] = (),
+    decentring: tuple[float, ...] = (),
+    shift: tuple[tuple[float, float], ...] = (),
+    rotation: tuple[float, ...] = (),
+) -> ThermalModel:
+    """A thermal model from numbers a person knows; each a tuple of powers of T - t0.
+
+    scale: share by which the picture grows, 1/C (13.7e-6: what the thesis found of f), then
+    1/C^2. radial: px/C at the corner that grow with the cube of the radius. decentring: px/C at
+    the right edge. shift: x, y px/C of the whole picture. rotation: radians/C from x to y.
+    """
+    unit = math.hypot(width, height) / 2
+    powers = max(1, *(len(part) for part in (scale, radial, decentring, shift, rotation)))
+    dx, dy = np.zeros((2, powers, 4, 4))
+    half = (width - 1) / 2 / unit
+    for m in range(powers):
+        factor = 10.0 ** (m + 1)
+
+        def of(part, m=m):
+            return part[m] if m < len(part) else 0.0
+
+        grow, bend, turn = of(scale) * unit, of(radial), of(rotation) * unit
+        dx[m, 1, 0], dy[m, 0, 1] = grow, grow
+        dx[m, 0, 1], dy[m, 1, 0] = -turn, turn
+        dx[m, 3, 0] = dx[m, 1, 2] = dy[m, 0, 3] = dy[m, 2, 1] = bend
+        side = of(decentring) / (3 * half**2)
+        dx[m, 2, 0], dx[m, 0, 2], dy[m, 1, 1] = 3 * side, side, 2 * side
+        if m < len(shift):
+            dx[m, 0, 0], dy[m, 0, 0] = shift[m]
+        dx[m] *= factor
+        dy[m] *= factor
+    return ThermalModel(
+        kind="decentring" if decentring else "radial" if radial else "similarity",
+        width=width, height=height, t0_c=t0_c, range_c=tuple(range_c), dx=dx, dy=dy,
+        middle=((width - 1) / 2, (height - 1) / 2), scale_px=unit,
+    )  # fmt: skip

@@ -1,0 +1,88 @@
+"""A thermal model applied to a table of points."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.errors import InputError
+from corridor.thermal.model import ThermalModel
+
+
+def apply(
+    model: ThermalModel,
+    points: str | os.PathLike | pd.DataFrame,
+    temperature_c: float | None = None,
+    inverse: bool = False,
+) -> tuple[pd.DataFrame, list[str]]:
+    """Shifts of points, and what is to be said of them.
+
+    points: table or file with x, y (px) and temperature_c (C, of the optics). temperature_c: holds
+        for all points instead. inverse: x, y are seen at that temperature, and dx, dy lead back
+        to t0.
+    Returns x, y, temperature_c, dx, dy, sigma (px an axis), extrapolated (1 outside the model's
+    range), rows in the same order, and warnings. Raises InputError naming row and remedy.
+    """
+    where = "the table of points" if isinstance(points, pd.DataFrame) else str(points)
+    table = points if isinstance(points, pd.DataFrame) else _read(Path(points))
+    if temperature_c is not None and not np.isfinite(temperature_c):
+        raise InputError(f"temperature = {temperature_c} is not a number of degrees Celsius")
+    x, y = _column(table, "x", where), _column(table, "y", where)
+    if temperature_c is None:
+        if "temperature_c" not in table:
+            raise InputError(f"{where} has no column temperature_c: add it or give one temperature")
+        warm = _column(table, "temperature_c", where)
+    else:
+        warm = np.full(len(table), float(temperature_c))
+    dx, dy = (model.undo if inverse else model.displacement)(x, y, warm)
+    at = (x + dx, y + dy) if inverse else (x, y)
+    out = pd.DataFrame(
+        {
+            "x": x, "y": y, "temperature_c": warm, "dx": dx, "dy": dy,
+            "sigma": np.broadcast_to(model.sigma(*at, warm), x.shape),
+            "extrapolated": model.outside(warm).astype(int),
+        }
+    )  # fmt: skip
+    concern = model.concern(warm) if len(out) else None
+    return out, [concern] if concern else []
+
+
+def _read(path):
+    try:
+        table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): give a table") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not a table that can be read: {error}") from error
+    table.columns = [str(name).strip() for name in table.columns]
+    return table
+
+
+def _column(table, name, where):
+    if name not in table:
+        raise InputError(f"{where} has no column {name}: add it")
+    values = pd.to_numeric(table[name], errors="coerce").to_numpy(float)
+    wrong = np.flatnonzero(~np.isfinite(values))
+    if len(wrong):
+        raise InputError(
+            f"{where}, row {wrong[0] + 2}: {name} = {table[name].iloc[wrong[0]]!r} is not a "
+            "number: correct it"
+        )
+    return values
+
+
+def write_points(table: pd.DataFrame, path: str | os.PathLike) -> None:
+    """Write what `apply` returned, with every digit, whole or not at all."""
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: name a file to write")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        table.to_csv(part, index=False, lineterminator="\n", float_format="%.17g")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
