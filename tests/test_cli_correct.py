@@ -96,3 +96,32 @@ def test_time_stamps_that_nothing_can_fly_stop_it(folder, tmp_path, capsys):
     assert main(["correct", str(tmp_path / "fast"), *words]) == 2
     assert "m/s" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_heat_is_taken_out_by_the_model_of_a_laboratory_and_comes_back(tmp_path, capsys):
+    """Issue 9, Must 9."""
+    block = corridor_block(images=8, strips=2, observations_per_image=60, seed=3)
+    block.images["temperature_c"] = np.linspace(26, 34, 8)
+    block.write(tmp_path / "warm")
+    camera = next(iter(block.cameras.values()))
+    model = corridor.thermal.simple_model(camera.width, camera.height, radial=(0.01,))
+    model.write(tmp_path / "model.json")
+    command = ["correct", str(tmp_path / "warm"), "--effect", "thermal"]
+    command += ["--model", str(tmp_path / "model.json"), "-o", str(tmp_path / "cool")]
+    assert main(command) == 0
+    count = len(block.tie_points)
+    assert f"tie_points: {count} of {count} rows moved" in capsys.readouterr().out
+    cool = corridor.read(tmp_path / "cool")
+    assert np.abs(pixels(cool) - pixels(block)).max() > 0.1
+    back, _ = corridor.thermal.uncorrect(cool, model)
+    assert np.abs(pixels(back) - pixels(block)).max() < 1e-6
+
+
+def test_a_thermal_model_is_refused_with_values_or_another_effect(folder, tmp_path, capsys):
+    model = tmp_path / "model.json"
+    corridor.thermal.simple_model(5120, 3840).write(model)
+    for effect in ("rolling_shutter", "thermal:scale=0.1"):
+        command = ["correct", str(folder), "--effect", effect, "--model", str(model)]
+        assert main([*command, "-o", str(tmp_path / "out")]) == 2
+        assert "--effect thermal alone" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -12,9 +12,9 @@ examples:
   corridor correct BLOCK --effect thermal --model MODEL.json -o out/corrected
       with the model of `corridor thermal fit`, by each image's temperature; needs no poses
 
-Otherwise BLOCK needs poses and points: adjust it first and correct OUT/block. BLOCK2 appears whole or not at
-all. Its block.toml says in the table [corrected] what was taken out, with which values and
-velocities, and what was wrong with the time stamps.
+Otherwise BLOCK needs poses and points: adjust it first and correct OUT/block. BLOCK2 appears whole
+or not at all. Its block.toml says in the table [corrected] what was taken out, with which values
+and velocities, and what was wrong with the time stamps.
 """
 
 import argparse
