@@ -44,6 +44,7 @@ _ROOMS = (
     "effects",
     "figures",
     "gnss",
+    "interchange",
     "planning",
     "published",
     "rolling_shutter",

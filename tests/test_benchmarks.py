@@ -25,6 +25,14 @@ def test_reading_and_writing_a_block_is_timed(tmp_path):
     assert all(value > 0 for value in figures.values() if isinstance(value, int | float))
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="peak memory is asked of Unix")
+def test_projects_out_and_in_again_are_timed(tmp_path):
+    done = run("interchange.py", "--observations", "50000", "--json", str(tmp_path / "x.json"))
+    assert done.returncode == 0, done.stderr
+    figures = json.loads((tmp_path / "x.json").read_text())
+    assert all(value > 0 for value in figures.values())
+
+
 @pytest.mark.skipif(
     importlib.util.find_spec("pyceres") is not None, reason="pyceres is installed: the next test"
 )

@@ -273,21 +273,26 @@ class Block:
 
     # --- in and out --------------------------------------------------------------------------
 
-    def check(self) -> None:
-        """Raise InputError for the first fault: one sentence with file, row and remedy."""
-        checking.check(self)
+    def check(self, observed: bool = True) -> None:
+        """Raise InputError for the first fault: one sentence with file, row and remedy.
 
-    def write(self, folder: str | os.PathLike, form: str = "csv") -> None:
+        observed: whether a block without observations is a fault.
+        """
+        checking.check(self, observed)
+
+    def write(self, folder: str | os.PathLike, form: str = "csv", observed: bool = True) -> None:
         """Write the block folder, whole or not at all.
 
         form: "csv", or "parquet" for large blocks. Reading it gives the same block bit for bit.
+        observed: False also writes a block without observations, to which somebody will add
+        tie_points.csv or marks.csv: `read` refuses it until then.
         A block that is there already is replaced; files in its folder that are not of a block
         (a README, a licence) stay.
         Raises InputError where the block has a fault or the folder is something else.
         """
         if form not in ("csv", "parquet"):
             raise InputError(f"a block is not written as {form!r}; choose csv or parquet")
-        self.check()
+        self.check(observed)
         writing.write_block(self, folder, form)
 
     def summary(self, needs: Mapping[str, Iterable[str]] | None = None) -> Summary:

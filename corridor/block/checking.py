@@ -25,14 +25,17 @@ from corridor.block.tables import (
 from corridor.errors import InputError
 
 
-def check(block) -> None:
-    """Raise InputError, one sentence with file, row and remedy, for the first fault."""
+def check(block, observed: bool = True) -> None:
+    """Raise InputError, one sentence with file, row and remedy, for the first fault.
+
+    observed: whether a block without observations is one.
+    """
     _settings(block)
     for table in LAYOUTS:
         _names(block, table)
         _numbers(block, table)
     _images(block)
-    if not len(block.tie_points) and not len(block.marks):
+    if observed and not len(block.tie_points) and not len(block.marks):
         raise InputError(
             "tie_points.csv and marks.csv: neither holds an observation; add rows to one of them"
         )

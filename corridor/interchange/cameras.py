@@ -1,0 +1,141 @@
+"""Cameras of other programs whose formula is not ours: the camera that stands for them.
+
+Ours (corridor.camera) goes from the ray to the image, with b1 and b2 on the undistorted ray. Where
+another formula says something else, the parameters are fitted over the picture and the largest
+difference is told, never passed over.
+"""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from corridor.camera import INTERIOR, Camera, interior_derivatives, project_rays, undistort
+from corridor.errors import InputError
+
+_PICTURE = 41  # nodes a side over the picture
+TOLD_PX = 1e-6
+REFUSED_PX = 0.5
+
+ALL = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "k5", "p1", "p2", "b1", "b2")
+
+
+def grid(camera: Camera, nodes: int = _PICTURE) -> np.ndarray:
+    """Pixels (n, 2) all over the picture, its edges included."""
+    x, y = np.meshgrid(
+        np.linspace(0, camera.width - 1, nodes), np.linspace(0, camera.height - 1, nodes)
+    )
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def rays_over_picture(camera: Camera, project: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Rays (n, 2) that `project` takes into the picture, from a little beyond its edges."""
+    half = np.array([camera.width, camera.height]) / 2
+    beside = np.abs(camera.interior[1:3] - half)
+    reach = 1.3 * (half + beside) / camera["f"]
+    u, v = np.meshgrid(*(np.linspace(-r, r, _PICTURE) for r in reach))
+    rays = np.column_stack([u.ravel(), v.ravel()])
+    pixels = project(rays)
+    inside = (pixels > -0.5).all(1) & (pixels < [camera.width - 0.5, camera.height - 0.5]).all(1)
+    return rays[inside]
+
+
+def difference(
+    camera: Camera, project: Callable[[np.ndarray], np.ndarray], rays: np.ndarray
+) -> float:
+    """Largest distance, pixels, between a formula and our camera at rays (n, 2)."""
+    if not len(rays):
+        return np.inf
+    return float(np.linalg.norm(project(rays) - project_rays(rays, camera.interior), axis=1).max())
+
+
+def fitted(
+    camera: Camera, target: np.ndarray, rays: np.ndarray, names: Iterable[str] = ALL
+) -> Camera:
+    """The camera whose parameters `names` take rays (n, 2) best to pixels; start: the camera."""
+    index = [INTERIOR.index(name) for name in names]
+    interior = camera.interior.copy()
+    for _ in range(8):
+        design = interior_derivatives(rays, interior)[:, :, index].reshape(-1, len(index))
+        scale = np.linalg.norm(design, axis=0)
+        step, *_ = np.linalg.lstsq(
+            design / scale, (target - project_rays(rays, interior)).ravel(), rcond=1e-14
+        )
+        interior = interior.copy()
+        interior[index] += step / scale
+        if np.abs(step).max() < 1e-12:
+            break
+    return camera.with_interior(interior)
+
+
+def standing_for(
+    camera: Camera,
+    project: Callable[[np.ndarray], np.ndarray],
+    notes: list[str],
+    enough_px: float = 0.05,
+) -> Camera:
+    """Our camera for another formula: as it is where that is good enough, else fitted.
+
+    camera: our parameters read directly. project: rays (n, 2) to pixels by the other formula.
+    Raises InputError where no camera of ours comes within half a pixel.
+    """
+    with np.errstate(all="ignore"):
+        rays = rays_over_picture(camera, project)
+        far = difference(camera, project, rays)
+        if far <= TOLD_PX:
+            return camera
+        if far > enough_px:
+            camera = fitted(camera, project(rays), rays)
+            far = difference(camera, project, rays)
+    if not far <= REFUSED_PX:
+        raise InputError(
+            f"camera {camera.name}: no camera of corridor comes nearer to its formula than "
+            f"{far:.2g} px; undistort its images, or leave them out"
+        )
+    notes.append(
+        f"camera {camera.name}: its formula is not ours; the parameters stand for it to {far:.2g} "
+        "px over the picture"
+    )
+    return camera
+
+
+def from_image_formula(
+    camera: Camera, ray_of: Callable[[np.ndarray], np.ndarray], notes: list[str], what: str
+) -> Camera:
+    """The camera for a formula from the image to the ray: our polynomial goes the other way.
+
+    camera: width, height, f, cx, cy as read, the rest a start. ray_of: pixels (n, 2) to rays.
+    Raises InputError where the formula folds inside the picture or no camera comes near.
+    """
+    pixels = grid(camera, 21)
+    with np.errstate(all="ignore"):
+        rays = ray_of(pixels)
+        step = 1e-3
+        by_x = (ray_of(pixels + [step, 0]) - rays) / step
+        by_y = (ray_of(pixels + [0, step]) - rays) / step
+        turn = by_x[:, 0] * by_y[:, 1] - by_x[:, 1] * by_y[:, 0]
+    if not (np.isfinite(rays).all() and (turn > 0).all()):
+        raise InputError(
+            f"camera {camera.name}: its image-to-ray distortion folds inside the picture; check "
+            "the direction of the coefficients"
+        )
+    held = {"cx", "cy", "b1", "b2"}
+    names = [name for name in (*ALL, "k6", "k7") if name not in held]
+    camera = fitted(camera, pixels, rays, names)
+    far = float(np.linalg.norm(pixels - project_rays(rays, camera.interior), axis=1).max())
+    if not far <= REFUSED_PX:
+        raise InputError(
+            f"camera {camera.name}: no camera of corridor comes nearer to its image-to-ray formula "
+            f"than {far:.2g} px; undistort its images, or leave them out"
+        )
+    notes.append(f"{what}: turned from image-to-ray, true to {far:.1g} px over the picture")
+    return camera
+
+
+def moved_to(
+    pixels: np.ndarray, row: np.ndarray, source: np.ndarray, target: np.ndarray
+) -> np.ndarray:
+    """Pixels (n, 2) of the same rays in other cameras; NaN where no ray belongs to a pixel.
+
+    source, target: interior (m, 15); row (n,) says which.
+    """
+    return project_rays(undistort(pixels, source, row), target, row)

@@ -1,0 +1,107 @@
+"""Bundle Adjustment in the Large: one text file, perhaps packed (.bz2, .gz).
+
+Conventions as Bundler's (camera looks along -z, y up, image coordinates from the centre), the
+rotation a vector (angle-axis). f, k1, k2 belong to each image. Neither names nor sizes.
+
+Source: Agarwal et al. 2010, and the project's page.
+"""
+
+import bz2
+import gzip
+import re
+from pathlib import Path
+
+import numpy as np
+
+from corridor.camera import rotation_from_vector
+from corridor.errors import InputError
+from corridor.interchange.formats.bundler import assemble
+from corridor.interchange.project import Project
+from corridor.interchange.text import lines, missing, numbers, whole
+
+NAME = "bal"
+TITLE = "Bundle Adjustment in the Large"
+
+_HEAD = re.compile(r"\s*\d+\s+\d+\s+\d+\s*\n\s*\d+\s+\d+\s+[-+0-9.eE]+\s+[-+0-9.eE]+\s*\n")
+
+
+def recognise(path: Path) -> bool:
+    """A text file that begins with three counts and an observation of four numbers."""
+    if not path.is_file() or path.suffix.lower() not in (".txt", ".bz2", ".gz", ".bal"):
+        return False
+    try:
+        with _open(path) as file:
+            head = file.read(300).decode("utf-8-sig", errors="replace")
+    except (OSError, EOFError):
+        return False
+    return bool(_HEAD.match(head.replace("\r\n", "\n")))
+
+
+def _open(path):
+    if path.suffix == ".bz2":
+        return bz2.open(path)
+    return gzip.open(path) if path.suffix == ".gz" else path.open("rb")
+
+
+def _rows(path):
+    if path.suffix not in (".bz2", ".gz"):
+        yield from lines(path)
+        return
+    try:
+        with _open(path) as file:
+            for number, line in enumerate(file, start=1):
+                yield number, line.decode("ascii", errors="replace")
+    except FileNotFoundError as error:
+        raise missing(path, error) from error
+    except (OSError, EOFError) as error:
+        raise InputError(f"{path.name} cannot be unpacked ({error}); fetch it again") from None
+
+
+def read(path: Path, size: tuple[int, int] | None = None) -> Project:
+    """The project of a file. Raises InputError naming file and line."""
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; name the file of the BAL problem")
+    found = ((line, text) for line, text in _rows(path) if text.strip())
+    line, text = next(found, (1, ""))
+    words = text.split()
+    if len(words) != 3:
+        raise InputError(
+            f"{path.name}, line {line}: {len(words)} words where cameras, points and observations "
+            "are counted; name a BAL file"
+        )
+    cameras, points, count = (whole(word, path, line, "a count", 1) for word in words)
+    views, rest = [], []
+    for line, text in found:
+        words = text.split()
+        if len(views) < count:
+            if len(words) != 4:
+                raise InputError(
+                    f"{path.name}, line {line}: {len(words)} words where an observation has 4; "
+                    f"{count} observations are promised, {len(views)} are there"
+                )
+            views.append(numbers(words, path, line, "an observation"))
+        else:
+            rest.append(numbers(words, path, line, "a parameter"))
+    views = np.array(views).reshape(-1, 4)
+    parameters = np.concatenate([*rest, np.zeros(0)])
+    needed = 9 * cameras + 3 * points
+    if len(views) < count or len(parameters) != needed:
+        raise InputError(
+            f"{path.name}: {cameras} cameras and {points} points need {needed} parameters, "
+            f"{len(parameters)} are there; the file is cut off or its counts are wrong"
+        )
+    codes = views[:, :2]
+    if (codes % 1 != 0).any() or (codes < 0).any() or (codes >= [cameras, points]).any():
+        row = int(np.argmax(((codes % 1 != 0) | (codes < 0) | (codes >= [cameras, points])).any(1)))
+        raise InputError(
+            f"{path.name}: observation {row + 1} names a camera or point beyond the counts; the "
+            "file is out of step"
+        )
+    camera = parameters[: 9 * cameras].reshape(-1, 9)
+    notes = ["images are named by their number"]
+    return assemble(
+        NAME, path, [f"camera {k}" for k in range(cameras)], camera[:, 6:],
+        rotation_from_vector(camera[:, :3]), camera[:, 3:6],
+        parameters[9 * cameras :].reshape(-1, 3), codes[:, 1].astype(np.int64),
+        codes[:, 0].astype(np.int64), views[:, 2:], size, notes, [],
+    )  # fmt: skip

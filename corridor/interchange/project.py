@@ -1,0 +1,214 @@
+"""What a project of another program says, in the conventions of design.md, section 2."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.block import Block
+from corridor.camera import Camera, quaternion_from_rotation
+from corridor.errors import InputError
+
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+# From here on a float32 of another program, or a difference of cubes, loses what a survey needs.
+_FAR_M = 10_000.0
+
+
+@dataclass
+class Project:
+    """A block made from another program's project, and what is worth knowing about it.
+
+    form: the format's name. block: not yet checked; without observations where the project has
+    none. pairs: image, x, y (px), X, Y, Z: image and ground that the project itself says belong
+    together, for the proof only. notes: sentences on what was decided or left out. warnings:
+    sentences on what may be wrong. placed: the coordinates are metres in a known or stated frame,
+    not the free frame of a reconstruction. image_to_ray: the format's distortion goes that way.
+    """
+
+    form: str
+    source: Path
+    block: Block
+    pairs: pd.DataFrame | None = None
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    placed: bool = True
+    image_to_ray: bool = False
+
+
+def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
+    """Quaternions (n, 4) of rotations (n, 3, 3), world to camera, made exactly orthogonal.
+
+    Raises InputError where one is no rotation.
+    """
+    rotation = np.asarray(rotation, dtype=float).reshape(-1, 3, 3)
+    u, singular, vt = np.linalg.svd(rotation)
+    if np.abs(singular - 1).max(initial=0.0) > 1e-3 or (np.linalg.det(rotation) < 0).any():
+        row = int(np.argmax(np.abs(singular - 1).max(axis=1)))
+        if np.abs(singular[row] - 1).max() <= 1e-3:
+            row = int(np.argmax(np.linalg.det(rotation) < 0))
+        raise InputError(
+            f"the rotation of image {row + 1} of {len(rotation)} is no rotation (its rows are not "
+            "perpendicular unit vectors in a right-handed order); export the project again"
+        )
+    return quaternion_from_rotation(u @ vt)
+
+
+def matrices_of(quaternions: np.ndarray) -> np.ndarray:
+    """Matrices (n, 3, 3), world to camera, of quaternions as files have them, any length > 0.
+
+    A quaternion printed with six digits is unit to 1e-6 only; its matrix is then made without
+    dividing by its length, so that R and C = -R' t belong to the t that was printed with it.
+    `rotations_to_columns` makes rotations of them. One that is far from unit is divided.
+    """
+    q = np.asarray(quaternions, dtype=float).reshape(-1, 4)
+    length = np.linalg.norm(q, axis=1, keepdims=True)
+    w, x, y, z = np.where(np.abs(length - 1) < 1e-4, q, q / length).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def images_table(
+    names: Sequence[str],
+    cameras: Sequence[str],
+    centres: np.ndarray,
+    quaternions: np.ndarray,
+    **columns,
+) -> pd.DataFrame:
+    """images.csv of names, cameras, centres (n, 3) and quaternions (n, 4), NaN where unknown."""
+    table = pd.DataFrame({"image": pd.array(list(names), dtype="str"), "camera": list(cameras)})
+    table["camera"] = table["camera"].astype("str")
+    for name, values in columns.items():
+        table[name] = values
+    table[list(POSE)] = np.column_stack([centres, quaternions])
+    return table
+
+
+def observations_table(
+    point: np.ndarray,
+    point_names: Sequence[str] | pd.Index,
+    image: np.ndarray,
+    image_names: Sequence[str],
+    pixels: np.ndarray,
+    sigma: np.ndarray | None = None,
+) -> pd.DataFrame:
+    """tie_points.csv or marks.csv of codes into names, and pixels (n, 2)."""
+    table = pd.DataFrame(
+        {
+            "point": _coded(point, point_names),
+            "image": _coded(image, image_names),
+            "x": np.ascontiguousarray(pixels[:, 0]),
+            "y": np.ascontiguousarray(pixels[:, 1]),
+        }
+    )
+    if sigma is not None:
+        table["sigma"] = sigma
+    return table
+
+
+def _coded(codes, names):
+    names = names if isinstance(names, pd.Index) else pd.Index(list(names), dtype="str")
+    if not names.is_unique:
+        where = names.duplicated()
+        raise InputError(
+            f"the project has two images or points named {names[where][0]!r}; give them different "
+            "names"
+        )
+    return pd.Categorical.from_codes(np.asarray(codes, dtype=np.int32), names)
+
+
+def points_table(names: Sequence[str] | pd.Index, positions: np.ndarray) -> pd.DataFrame:
+    """points.csv of names and positions (n, 3)."""
+    table = pd.DataFrame({"point": pd.Series(names, dtype="str")})
+    table[["x", "y", "z"]] = np.asarray(positions, dtype=float).reshape(-1, 3)
+    return table
+
+
+def ground_table(
+    names: Sequence[str],
+    positions: np.ndarray,
+    sigmas: np.ndarray | None = None,
+    roles: Sequence[str] | None = None,
+) -> pd.DataFrame:
+    """ground.csv of names, positions (n, 3), sigmas (n, 3) in metres, roles (default control)."""
+    table = points_table(list(names), positions)
+    if sigmas is not None and np.isfinite(sigmas).any():
+        table[["sx", "sy", "sz"]] = sigmas
+    table["role"] = pd.Series(list(roles) if roles is not None else ["control"] * len(table))
+    table["role"] = table["role"].astype("str")
+    return table
+
+
+def same_point_once(table: pd.DataFrame, what: str, warnings: list[str]) -> pd.DataFrame:
+    """The observations without a second one of the same point in the same image, which are told."""
+    key = table["point"].cat.codes.to_numpy().astype(np.int64)
+    key = key * max(len(table["image"].cat.categories), 1) + table["image"].cat.codes.to_numpy()
+    again = pd.Series(key).duplicated().to_numpy()
+    if not again.any():
+        return table
+    first = table.iloc[int(np.argmax(again))]
+    warnings.append(
+        f"{int(again.sum())} of {len(table)} {what} see a point a second time in one image (first: "
+        f"point {first['point']} in {first['image']}); the first of each was kept"
+    )
+    return table[~again].reset_index(drop=True)
+
+
+def near_origin(block: Block) -> Block:
+    """The block with small coordinates, and the rest in its offset (whole hundreds of metres).
+
+    Coordinates already below 10 km stay as they are.
+    """
+    tables = {"images": POSE[:3], "points": POSE[:3], "ground": POSE[:3], "gnss": POSE[:3]}
+    for name in ("images", "points", "ground"):
+        frame = getattr(block, name)
+        if set(POSE[:3]) <= set(frame.columns):
+            xyz = frame[list(POSE[:3])].to_numpy(float)
+            xyz = xyz[np.isfinite(xyz).all(axis=1)]
+            if len(xyz):
+                break
+    else:
+        return block
+    middle = np.median(xyz, axis=0)
+    shift = np.where(np.abs(middle) > _FAR_M, np.round(middle / 100) * 100, 0.0)
+    if not shift.any():
+        return block
+    for name, columns in tables.items():
+        frame = getattr(block, name)
+        if len(frame) and set(columns) <= set(frame.columns):
+            frame[list(columns)] = frame[list(columns)].to_numpy(float) - shift
+    block.offset = block.offset + shift
+    return block
+
+
+def in_the_middle(width: int, height: int) -> tuple[float, float]:
+    """Image centre in design's pixels: ((w - 1) / 2, (h - 1) / 2)."""
+    return (width - 1) / 2, (height - 1) / 2
+
+
+def camera_from(
+    name: str, width: float, height: float, f: float, cx: float, cy: float, **more: float
+) -> Camera:
+    """A camera, checked. Raises InputError naming it where it cannot be one."""
+    pixel_um = more.pop("pixel_um", None)
+    table = {"width": width, "height": height, "f": f, "cx": cx, "cy": cy, **more}
+    table = {key: float(value) for key, value in table.items()}
+    table["width"], table["height"] = _size(name, width), _size(name, height)
+    if pixel_um is not None:
+        table["pixel_um"] = float(pixel_um)
+    return Camera.from_table(name, table)
+
+
+def _size(name, value):
+    if not np.isfinite(value) or value != int(value) or not 2 <= value < 1_000_000:
+        raise InputError(
+            f"camera {name}: {value!r} is no picture size in pixels; export the project again"
+        )
+    return int(value)
