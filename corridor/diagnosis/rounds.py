@@ -32,6 +32,8 @@ FELT = 0.01
 LARGE = 400
 # Log evidence by which another model has to be better to take the place of one.
 HARDLY = 3.0
+# Parameters of a group that are few enough to be left free.
+FEW = 30
 # A group this weak beside a generic one of the same side is what a wrong model leaves.
 BESIDE = 0.5
 # So many prior standard deviations beside a generic one of the same side: two shapes that nearly
@@ -160,6 +162,7 @@ def _round(adjustment, believed, effects, model, threshold, level, seed) -> Roun
         found = search(evidence, threshold["suspected"], model)
         log["through_noise"] = [plain.groups[n].key for n in more]
     found = _kept(evidence, found, model)
+    found = _at_any_size(evidence, found, threshold["suspected"])
     found = _without_parts(evidence, found, threshold["suspected"])
     log["found"] = {evidence.groups[n].key: float(v) for n, v in found.evidence.items()}
     keys = [evidence.groups[n].key for n in found.chosen]
@@ -181,6 +184,30 @@ def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
         return found
     order = sorted(mine, key=lambda n: -each[n])
     return Found({n: mine[n] for n in order}, {n: each[n] for n in order}, total)
+
+
+def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
+    """The model without what is there only because another effect was held small.
+
+    One prior for all parameters of a group shrinks the few that are large, and a second group takes
+    up what is left. With the others free to be as large as they like it has nothing to explain.
+    """
+    groups, chosen = evidence.groups, dict(found.chosen)
+    for n in sorted(chosen, key=lambda n: found.evidence[n]):
+        others = {
+            k: kappa if groups[k].known or len(groups[k]) > FEW else ABSURD
+            for k, kappa in chosen.items()
+            if k != n
+        }
+        # The strongest is never a part of what is weaker.
+        if not others or found.evidence[n] == max(found.evidence[k] for k in chosen):
+            continue
+        if evidence.given(others)[n].evidence < threshold:
+            del chosen[n]
+    if len(chosen) == len(found.chosen):
+        return found
+    chosen = tuned(evidence, chosen)
+    return Found(chosen, contributions(evidence, chosen), evidence.model(chosen)[0])
 
 
 def _without_parts(evidence: Evidence, found: Found, threshold: float) -> Found:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -51,7 +52,7 @@ def quick(monkeypatch):
     def none(*arguments):
         raise AdjustmentFailed("no time for it")
 
-    monkeypatch.setattr(writing, "simulate_counterparts", none)
+    monkeypatch.setattr(sys.modules["corridor.diagnosis.report.beside"], "counterparts", none)
     monkeypatch.setattr(writing, "make_page", lambda contents, pictures: contents.sentence)
 
 

@@ -17,8 +17,8 @@ from corridor.diagnosis.benchmark.rates import Rate
 # Edges of the signal-to-noise ratios for which rates are given apart.
 EDGES = (0.0, 4.0, 6.0, 8.0, 12.0, 25.0, np.inf)
 STRONG, FAIR = 8.0, 6.0
-# Bruno and Forlani 2023: what a rolling shutter is mistaken for, and the antenna's two.
-CONFOUNDERS = ("rolling_shutter", "affine_distortion", "lever_arm", "clock_offset")
+# Share of the ratio that is left beside a rival which does three quarters of the same.
+CONFOUNDED = 0.5
 CLOSED, NEAR_TWIN, EXCESS = 0.98, 1.25, 2.0
 
 
@@ -59,7 +59,7 @@ def summary(rows: list[dict]) -> dict:
         "confusion": confusion(read),
         "methods": methods(single, kinds["null"]),
         "methods_confounders": methods(
-            [row for row in single if row["hidden"] in CONFOUNDERS], kinds["null"]
+            [row for row in single if _confounded(row)], kinds["null"]
         ),
         "seconds": _seconds(read),
     }  # fmt: skip
@@ -82,6 +82,14 @@ def separable(row: dict) -> bool | None:
 
 def _alike(row: dict) -> bool:
     return any(one["alike"] for one in row.get("signals", {}).values())
+
+
+def _confounded(row: dict) -> bool:
+    """Whether another candidate does three quarters of what a hidden effect does, or more."""
+    return any(
+        one["apart"] is not None and one["apart"] < CONFOUNDED * (one["ratio"] or 0.0)
+        for one in row.get("signals", {}).values()
+    )
 
 
 def _keys(row: dict) -> list[str]:
@@ -155,7 +163,7 @@ def _parameters(rows: list[dict]) -> dict:
     readout = [
         abs(p["value"] - p["true"]) <= max(0.03 * abs(p["true"]), 0.001)
         for p in found
-        if p["slug"] == "rolling_shutter"
+        if p["name"] == "readout"
     ]
     each = {}
     for slug in sorted({p["slug"] for p in found}):

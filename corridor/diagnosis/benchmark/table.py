@@ -36,7 +36,7 @@ def as_text(summary: Mapping) -> str:
             lines.append(f"  {one['from']:g} to {to:<6}{one['detected']['count']:>9}{cells}")
     for key, title in (
         ("methods", "One effect, all blocks: methods at equal false-alarm rate"),
-        ("methods_confounders", "Rolling shutter, affinity, lever arm, clock alone"),
+        ("methods_confounders", "Of these, where another effect does three quarters of the same"),
     ):
         lines += ["", *_methods(summary[key], title)]
     if summary["failed"]:

@@ -1,0 +1,44 @@
+"""The picture is shifted on one side of a line: a pane, a crack, a sensor of two halves.
+
+Source: this project (a shape for what no named effect explains).
+"""
+
+import numpy as np
+
+from corridor.effects.contract import Effect, Parameter, linear
+
+# Lines that a step may follow, upright and level, evenly spaced over the picture, and the share of
+# their distance over which it rises: an adjustment needs a slope to go by.
+UPRIGHT, LEVEL = 15, 11
+RISE = 1.0
+
+
+class ImageSteps(Effect):
+    slug = "image_steps"
+    title = "Sudden shifts of the picture across upright and level lines"
+    called = "a sudden shift within the picture, the same in all images"
+    place = "image"
+    group = "camera"
+    generic = True
+    revealed_by = "many tie points that are seen on both sides of the line"
+    unobservable_when = "the points of one side are hardly ever seen on the other"
+
+    def parameters(self, block):
+        lines = [f"x{k}" for k in range(1, UPRIGHT + 1)] + [f"y{k}" for k in range(1, LEVEL + 1)]
+        return [Parameter(f"{axis}_{line}", "px", scale=0.5) for axis in "xy" for line in lines]
+
+    def shift(self, context, values):
+        """dx = sum over the lines of x_line times the side (-1/2 to 1/2) of the point, dy alike."""
+        share = context.pixel / (context.size - 1)
+        sides = np.hstack([_side(share[:, 0], UPRIGHT), _side(share[:, 1], LEVEL)])
+        count = sides.shape[1]
+        derivative = np.zeros((len(context), 2, 2 * count))
+        derivative[:, 0, :count] = derivative[:, 1, count:] = sides
+        return linear(derivative, values), derivative
+
+
+def _side(share: np.ndarray, lines: int) -> np.ndarray:
+    """-1/2 before each line, 1/2 behind it, with a smooth rise (n, lines)."""
+    away = share[:, None] * (lines + 1) - np.arange(1, lines + 1)
+    t = np.clip(away / RISE + 0.5, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t) - 0.5
