@@ -114,7 +114,8 @@ def equations(
 def _state_of(adjustment: Adjustment, problem):
     """The state of an adjustment with the values of candidates it did not know, zero."""
     state = adjustment.state
-    effects = problem.stack.start()
+    # Zero moves nothing; some effects ask for another start when they are adjusted.
+    effects = {slug: np.zeros_like(value) for slug, value in problem.stack.start().items()}
     for slug, values in state.effects.items():
         if slug in effects:
             effects[slug] = values.copy()

@@ -3,7 +3,7 @@
 import pytest
 
 from corridor.diagnosis import diagnose
-from tests.hidden import single
+from tests.hidden import null, single
 from tests.hidden.generate import generate
 
 SMALL = {"images": 30, "observations": 130}
@@ -31,3 +31,12 @@ def test_large_terms_of_one_effect_do_not_call_a_second_one():
     ).block
     found = diagnose(block)
     assert [one["slug"] for one in found.effects] == ["sensor_unflatness"]
+
+
+def test_a_gyroscope_in_a_block_that_lacks_nothing_names_nothing():
+    """Its candidate starts an adjustment from a shutter of 30 ms; a diagnosis begins from none."""
+    block = generate(null("clean", gyro="rates", **SMALL), seed=4).block
+    assert len(block.rates)
+    found = diagnose(block)
+    assert found.verdict == "nothing"
+    assert found.course.last.log["sigma_px"] < 0.4
