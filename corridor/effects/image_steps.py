@@ -24,11 +24,11 @@ class ImageSteps(Effect):
     unobservable_when = "the points of one side are hardly ever seen on the other"
 
     def parameters(self, block):
-        lines = [f"x{k}" for k in range(1, UPRIGHT + 1)] + [f"y{k}" for k in range(1, LEVEL + 1)]
+        lines = range(1, UPRIGHT + LEVEL + 1)
         return [Parameter(f"{axis}_{line}", "px", scale=0.5) for axis in "xy" for line in lines]
 
     def shift(self, context, values):
-        """dx = sum over the lines of x_line times the side (-1/2 to 1/2) of the point, dy alike."""
+        """dx = sum of x_line times the side (-1/2 to 1/2), upright lines first, dy alike."""
         share = context.pixel / (context.size - 1)
         sides = np.hstack([_side(share[:, 0], UPRIGHT), _side(share[:, 1], LEVEL)])
         count = sides.shape[1]

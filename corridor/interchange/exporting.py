@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.block import Block, read, whole_folder
-from corridor.effects import take_out
+from corridor.effects import catalogue, find, take_out
 from corridor.errors import InputError
 from corridor.interchange.cameras import moved_to
 from corridor.interchange.formats import writers
@@ -95,7 +95,7 @@ def export_project(
     effects = {slug: dict(values) for slug, values in (effects or {}).items()}
     unheld = {name: target.unheld(camera) for name, camera in block.cameras.items()}
     unheld = {name: names for name, names in unheld.items() if names}
-    stated = _stated_readout(block, effects)
+    stated = _stated_effect(block, effects)
     if (unheld or effects or stated) and not (corrected or lossy):
         raise InputError(_refusal(form, target, unheld, effects, stated))
     sentences = []
@@ -134,17 +134,19 @@ def export_names() -> dict[str, str]:
     return {name: f"{module.TITLE}; holds {module.HOLDS}" for name, module in writers().items()}
 
 
-def _stated_readout(block, effects):
-    """A rolling shutter that the block states and nobody estimated or takes out."""
-    if any(slug.partition("@")[0].startswith("rolling_shutter") for slug in effects):
-        return ""
-    rolling = [name for name, camera in block.cameras.items() if camera.readout_s]
-    if not rolling or not block.has("images.vx"):
-        return ""
-    return (
-        f"the rolling shutter of camera {', '.join(rolling)} (readout_s): give it with --effect "
-        "rolling_shutter:readout=SECONDS, or adjust with it and export the result"
-    )
+def _stated_effect(block, effects):
+    """An effect whose values the block states and nobody estimated or takes out."""
+    chosen = [find(slug) for slug in effects]
+    for effect in (one.form(block) for one in catalogue()):
+        if effect.stated(block) is None or effect.missing(block):
+            continue
+        if not any(other.place == effect.place for other in chosen):
+            values = ",".join(f"{p.name}=VALUE" for p in effect.parameters(block))
+            return (
+                f"{effect.called}, whose values block.toml states: give it with --effect "
+                f"{effect.slug}:{values}, or adjust with it and export the result"
+            )
+    return ""
 
 
 def _refusal(form, target, unheld, effects, stated):
