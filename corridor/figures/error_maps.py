@@ -25,7 +25,8 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
     """
     every = np.vstack([maps.columns(table) for table in cases.values()])
     frame = _frame(every)
-    limits = maps.extent(frame.place(every), margin=0.06)
+    # Room for the longest arrow of a point on the border.
+    limits = maps.extent(frame.place(every), margin=0.15)
     width = 4.25
     height = maps.map_height(limits, width, 3.0)
     step = height + 0.92

@@ -202,7 +202,7 @@ def _field(axes: Axes, maps, values, norm, name, first):
 def _vectors(figure, axes, maps, picture, left, top, wide):
     dx, dy = maps.dx[picture], maps.dy[picture]
     columns = len(np.unique(maps.x))
-    step = max(1, columns // 14)
+    step = max(1, columns // 7)
     order = np.lexsort((maps.x, maps.y))
     place = np.empty(len(order), int)
     place[order] = np.arange(len(order))
@@ -212,7 +212,7 @@ def _vectors(figure, axes, maps, picture, left, top, wide):
     arrows(axes, maps.x[pick], maps.y[pick], dx[pick], dy[pick], exaggeration, style.DARK)
     _frame(axes, maps, False)
     inch = wide / maps.width
-    size = style.nice(0.6 / (inch * exaggeration))
+    size = style.nice(longest)
     stated_arrow(figure, left, top - 0.13, size * exaggeration * inch, f"{style.plain(size)} px")
 
 
