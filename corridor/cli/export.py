@@ -21,6 +21,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from corridor.cli.simulate import effect_word
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor export`."""
@@ -69,16 +71,9 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _effect(text):
-    slug, colon, rest = text.partition(":")
-    values = {}
-    for word in rest.split(","):
-        name, _, number = word.partition("=")
-        try:
-            values[name.strip()] = float(number)
-        except ValueError:
-            colon = ""
-    if not colon or not slug or not all(values):
+    slug, values = effect_word(text)
+    if values is None:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not SLUG:PARAMETER=VALUE, for example rolling_shutter:readout=0.03"
         )
-    return slug.strip(), values
+    return slug, values
