@@ -7,6 +7,8 @@ examples:
       the thermal model: what a point moves by, at any place and temperature
   corridor thermal apply out/thermal.json --points POINTS.csv --temperature 41.5 -o out/moved.csv
       shifts of points; --inverse leads points seen at that temperature back
+  corridor adjust BLOCK $(corridor thermal prior out/thermal.json BLOCK) -o out/a
+      adjust with the effect, and with what the model knows of it as a prior
 
 SERIES is a folder of pictures and series.csv: picture (file), time_s, temperature_c, reference
 (1 for the pictures whose mean is the reference). Warm up and cool down, 25 to 50 pictures, five
@@ -45,6 +47,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="x, y are seen at that temperature; dx, dy lead back to the model's t0",
     )
+    prior = steps.add_parser(
+        "prior", help="print what the model says of a block's effect, as options of `adjust`"
+    )
+    prior.add_argument("model", metavar="MODEL.json", type=Path, help="what `fit` wrote")
+    prior.add_argument("block", metavar="BLOCK", type=Path, help="folder of the block")
     for step, name in ((maps, "MAPS.npz"), (fit, "MODEL.json"), (apply, "OUT.csv")):
         step.add_argument(
             "-o", "--output", metavar=name, type=Path, required=True, help="file to write"
@@ -53,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Do one step, write it, and print what came of it."""
-    {"map": _map, "fit": _fit, "apply": _apply}[options.step](options)
+    {"map": _map, "fit": _fit, "apply": _apply, "prior": _prior}[options.step](options)
 
 
 def _map(options):
@@ -124,6 +131,19 @@ def _apply(options):
     _warn(notes)
     thermal.write_points(table, options.output)
     print(f"{len(table)} points\n\nWrote\n  {options.output}")
+
+
+def _prior(options):
+    import corridor
+    from corridor import thermal
+
+    known = thermal.laboratory_prior(
+        thermal.read_model(options.model), corridor.read(options.block)
+    )
+    words = ["--effect", "thermal"]
+    for name, (value, sigma) in known.items():
+        words += ["--prior", f"{name}={value:.6g}+-{sigma:.3g}"]
+    print(*words)
 
 
 def _beside(options):

@@ -5,6 +5,7 @@ import pytest
 from walls import camlight
 
 import corridor
+from corridor.cli import main
 from corridor.errors import InputError
 from corridor.simulation import corridor_block
 from corridor.thermal import correct, laboratory_prior, uncorrect
@@ -107,3 +108,16 @@ class TestLaboratoryPrior:
         adjusted = corridor.adjust(flown, camera="fixed", effects=["thermal"], priors=prior)
         scale = adjusted.effects.set_index("parameter").loc["scale"]
         assert scale["sigma"] <= prior["thermal.scale"][1]
+
+    def test_the_command_prints_it_as_options_of_adjust(self, flown, model, tmp_path, capsys):
+        flown.write(tmp_path / "block")
+        model.write(tmp_path / "heat.json")
+        assert main(["thermal", "prior", str(tmp_path / "heat.json"), str(tmp_path / "block")]) == 0
+        options = capsys.readouterr().out.split()
+        known = laboratory_prior(model, flown)
+        assert options.count("--prior") == len(known) == 4
+        for name, (value, _) in known.items():
+            said = next(word for word in options if word.startswith(f"{name}="))
+            assert float(said.partition("=")[2].partition("+-")[0]) == pytest.approx(value, 1e-5)
+        assert main(["adjust", str(tmp_path / "block"), "--camera", "fixed", *options]) == 0
+        assert "thermal" in capsys.readouterr().out
