@@ -118,9 +118,11 @@ def _by_model(block, options):
 
 
 def _tell(block, corrected, values):
+    from corridor.block import taken_out
+
     for name in values:
         slug = name.partition("@")[0]
-        told = corrected.extra["corrected"][slug].items()
+        told = taken_out(corrected)[slug].items()
         words = (f"{k} = {v:.6g}" if isinstance(v, float) else f"{k} of {len(v)}" for k, v in told)
         print(f"without {slug}: {', '.join(words)}")
     _moved(block, corrected)

@@ -9,13 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from corridor.block import Block
+from corridor.block import Block, record_correction
 from corridor.effects.contract import Images, find, group_names
 from corridor.effects.forward import point_positions, predict, take_out
 from corridor.errors import InputError
 
-# Table of block.toml that says what has been taken out of the measurements.
-RECORD = "corrected"
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
@@ -30,7 +28,18 @@ def correct(block: Block, values: Mapping[str, Mapping | None], notes: Sequence[
     cannot be modelled, or an effect has been taken out before.
     """
     given = {name: _given(block, name, mine) for name, mine in values.items()}
-    _refuse_again(block, given)
+    out = block.copy()
+    record_correction(
+        out,
+        {
+            name.partition("@")[0]: {
+                parameter: dict(value) if isinstance(value, Mapping) else float(value)
+                for parameter, value in mine.items()
+            }
+            for name, mine in given.items()
+        },
+        notes,
+    )
     _refuse_incomplete(block)
     seen = predict(block, given)
     for table, modelled in (("tie_points", seen.tie), ("marks", seen.mark)):
@@ -42,18 +51,7 @@ def correct(block: Block, values: Mapping[str, Mapping | None], notes: Sequence[
                 f"of image {rows['image'].iloc[row]} ({len(lost)} rows are so): run `corridor "
                 "adjust` first and correct OUT/block, or remove the rows"
             )
-    out = take_out(block, given)
-    record = {
-        name.partition("@")[0]: {
-            parameter: dict(value) if isinstance(value, Mapping) else float(value)
-            for parameter, value in mine.items()
-        }
-        for name, mine in given.items()
-    }
-    before = block.extra.get(RECORD, {})
-    told = [*before.get("notes", []), *notes]
-    out.extra[RECORD] = {**before, **record} | ({"notes": told} if told else {})
-    return out
+    return take_out(out, given)
 
 
 def values_of(name: str, path: str | os.PathLike, block: Block) -> dict:
@@ -143,16 +141,6 @@ def _given(block: Block, name: str, values: Mapping | None) -> dict:
             f"{effect.slug}:{names}, or take them from an adjustment"
         )
     return stated
-
-
-def _refuse_again(block: Block, values: Mapping) -> None:
-    done = block.extra.get(RECORD, {})
-    for name in values:
-        if name.partition("@")[0] in done:
-            raise InputError(
-                f"block.toml says that {name} has been taken out of this block already: correct "
-                f"the block it was made from, or remove its entry in [{RECORD}]"
-            )
 
 
 def _refuse_incomplete(block: Block) -> None:

@@ -6,13 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from corridor.block import Block
+from corridor.block import Block, forget_correction, record_correction
 from corridor.errors import InputError
 from corridor.thermal.model import ThermalModel
 from corridor.thermal.temperature import optics
 
-# Table of block.toml that says what has been taken out of the measurements.
-RECORD = "corrected"
 _SLUG = "thermal"
 _GRID = 21
 
@@ -27,29 +25,18 @@ def correct(block: Block, model: ThermalModel) -> tuple[Block, list[str]]:
     pictures are not of the model's size, or heat has been taken out before.
     Source: thesis, figure 6.2 and section 6.5.
     """
-    before = block.extra.get(RECORD, {})
-    if _SLUG in before:
-        raise InputError(
-            f"block {block.name}: heat has been taken out of it before (block.toml, [{RECORD}]): "
-            "correct the block it was made of"
-        )
     out, notes = _moved(block, model, model.undo)
     done: dict = {"t0_c": model.t0_c, "kind": model.kind}
     if model.lag_s:
         done["lag_s"] = model.lag_s
-    told = [*before.get("notes", []), *notes]
-    out.extra[RECORD] = {**before, _SLUG: done} | ({"notes": told} if told else {})
+    record_correction(out, {_SLUG: done}, notes)
     return out, notes
 
 
 def uncorrect(block: Block, model: ThermalModel) -> tuple[Block, list[str]]:
     """The block as its warm camera sees it: undoes `correct`, and simulates the effect."""
     out, notes = _moved(block, model, model.displacement)
-    left = {k: v for k, v in out.extra.get(RECORD, {}).items() if k not in (_SLUG, "notes")}
-    if RECORD in out.extra:
-        out.extra[RECORD] = left
-    if not left:
-        out.extra.pop(RECORD, None)
+    forget_correction(out, _SLUG)
     return out, notes
 
 

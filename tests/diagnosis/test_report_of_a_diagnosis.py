@@ -17,7 +17,7 @@ from corridor.diagnosis.report import page as paging
 from corridor.diagnosis.sentence import sentence
 from corridor.diagnosis.verdict import Estimate
 from corridor.diagnosis.wording import placed, scaled, to_add, two_digits, value_and_sigma
-from corridor.effects import find
+from corridor.effects import correct, find
 from corridor.errors import AdjustmentFailed, InputError
 
 READOUT = 0.025
@@ -157,9 +157,14 @@ class TestBlocks:
 
     def test_it_says_what_was_taken_out(self, saved, diagnosis):
         (found,) = diagnosis.effects
-        description = corridor.read(saved[0] / "corrected").description
-        value = re.search(r"rolling_shutter \(readout = ([0-9.]+)\)", description)[1]
-        assert float(value) == pytest.approx(found["parameters"][0]["value"], rel=0.01)
+        record = corridor.read(saved[0] / "corrected").extra["corrected"]
+        value = found["parameters"][0]["value"]
+        assert record == {"rolling_shutter": {"readout": pytest.approx(value, rel=0.01)}}
+
+    def test_it_is_not_taken_out_twice(self, saved):
+        corrected = corridor.read(saved[0] / "corrected")
+        with pytest.raises(InputError, match="rolling_shutter has been taken out of this block"):
+            correct(corrected, {"rolling_shutter": {"readout": 0.02}})
 
     def test_start_values_stay_as_they_were(self, saved, block):
         corrected = corridor.read(saved[0] / "corrected")

@@ -38,7 +38,7 @@ class TestThereAndBack:
         cold.write(tmp_path / "cold")
         read = corridor.read(tmp_path / "cold")
         assert read.extra["corrected"]["thermal"] == {"t0_c": 24.0, "kind": "decentring"}
-        with pytest.raises(InputError, match="before"):
+        with pytest.raises(InputError, match="taken out of this block already"):
             correct(read, model)
         again, _ = uncorrect(read, model)
         assert "corrected" not in again.extra

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from corridor.adjustment import Adjustment
-from corridor.block import Block
+from corridor.block import Block, record_correction, taken_out
 from corridor.effects import take_out
 
 _MEASURED = {
@@ -25,6 +24,7 @@ def corrected(block: Block, adjustment: Adjustment, slugs: Iterable[str]) -> Blo
     block: as measured. adjustment: of the same block with the effects, whose estimates are taken
     out at its poses, points and cameras. Measurements change; start values, roles and all other
     columns stay. A track is left out where the antenna positions that came with it have changed.
+    The table `corrected` of its block.toml holds what was taken out.
     """
     values = estimates(adjustment, slugs)
     out = block.copy()
@@ -41,12 +41,13 @@ def corrected(block: Block, adjustment: Adjustment, slugs: Iterable[str]) -> Blo
         out.gnss[["x", "y", "z"]], block.gnss[["x", "y", "z"]]
     ):
         out.track = out.track.iloc[:0]
-    told = "; ".join(f"{slug} ({_told(groups)})" for slug, groups in values.items())
-    description = f"{block.description} " if block.description else ""
-    return replace(
+    before = taken_out(out)
+    record_correction(
         out,
-        description=f"{description}Taken out of the measurements by corridor diagnose: {told}.",
+        {slug: _plain(mine) for slug, mine in values.items() if slug not in before},
+        [f"{slug} was taken out once more" for slug in values if slug in before],
     )
+    return out
 
 
 def estimates(adjustment: Adjustment, slugs: Iterable[str]) -> dict[str, dict]:
@@ -61,13 +62,13 @@ def estimates(adjustment: Adjustment, slugs: Iterable[str]) -> dict[str, dict]:
     return out
 
 
-def _told(parameters: dict[str, dict]) -> str:
-    """readout = 0.0248; of many values, how many."""
-    flat = [
-        (f"{name} of {group}" if len(groups) > 1 else name, value)
+def _plain(parameters: dict[str, dict]) -> dict:
+    """A value that all images share as a number, others by their group."""
+    plain = {
+        name: {group: float(value) for group, value in groups.items()}
         for name, groups in parameters.items()
-        for group, value in groups.items()
-    ]
-    if len(flat) > 12:
-        return f"{len(flat)} values"
-    return ", ".join(f"{name} = {value:.6g}" for name, value in flat)
+    }
+    return {
+        name: groups if len(groups) > 1 else next(iter(groups.values()))
+        for name, groups in plain.items()
+    }
