@@ -173,6 +173,6 @@ def _not_negative(text):
 
 
 def _sectors(text):
-    if not text.isdecimal() or int(text) < 4 or int(text) % 2:
-        raise argparse.ArgumentTypeError(f"{text!r} is not an even number of sectors, 4 or more")
+    if not text.isdecimal() or int(text) < 6 or int(text) % 2:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an even number of sectors, 6 or more")
     return int(text)

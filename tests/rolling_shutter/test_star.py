@@ -105,6 +105,12 @@ def test_a_long_exposure_does_not_move_the_result():
     assert found.readout_ms == pytest.approx(40.0, rel=1e-3)
 
 
+def test_edges_that_the_blur_of_the_rim_moves_are_left_out():
+    """A tilted star's circles leave it on two sides; inside it, no edge is half a pixel off."""
+    found = measure_star(*pair(tilt=20.0), 2.5, camera=CAMERA)
+    assert max(np.abs(residuals).max() for residuals in found.drawing["residuals"]) < 0.5
+
+
 @pytest.mark.slow
 def test_stated_sigmas_contain_the_truth():
     """Twelve stars: at 95 % each, at least ten of them (probability of fewer below 2 %)."""
@@ -130,6 +136,10 @@ class TestWhatCannotBeMeasured:
         grey = np.random.default_rng(0).integers(90, 110, (400, 600)).astype(np.uint8)
         with pytest.raises(CannotMeasure, match="no star"):
             measure_star(Photograph("a", grey), Photograph("b", grey), 1.0)
+
+    def test_a_cross_of_four_sectors(self):
+        with pytest.raises(CannotMeasure, match="has 4 sectors"):
+            measure_star(*pair(sectors=4), 2.5)
 
     def test_a_star_that_does_not_turn(self):
         still, _ = pair()

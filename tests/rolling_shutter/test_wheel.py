@@ -66,6 +66,29 @@ def test_row_order_and_sense_are_found(direction, turns):
     assert found.extra["spokes"] == 28
 
 
+def test_spokes_of_nine_pixels_are_measured_at_both_edges():
+    """As in a photograph of 20 million pixels: a spoke that fills its profile has no place in it.
+
+    Places to a tenth of a pixel on 20 spokes of 400 pixels are far below 0.3 %.
+    """
+    camera = Camera.from_table("large", {"width": 1500, "height": 1000, "f": 1430.0})
+    view = render.View(camera, 1.0, 12.0, 40.0)
+    shutter = render.Shutter(0.04, 0.001)
+    drawn = dict(spokes=20, crosses=2, radius=0.29, spoke_width=0.006)
+    still, turning = (
+        Photograph(
+            f"{speed} turns a second",
+            render.develop(
+                render.wheel(view, shutter, speed, **drawn), noise=0.005, blur_px=0.7, seed=1
+            ),
+        )
+        for speed in (0.0, 2.0)
+    )
+    found = measure_wheel(still, turning, 2.0)
+    assert max(found.extra["residual_px"]) < 0.1
+    assert found.readout_ms == pytest.approx(40.0, rel=0.003)
+
+
 @pytest.mark.slow
 def test_the_median_of_ten_wheels_is_within_three_tenths_of_a_per_cent():
     random = np.random.default_rng(8)

@@ -22,7 +22,7 @@ import numpy as np
 from corridor.rolling_shutter.readout.fitting import fit, robust_scale, sigma_of, single_threaded
 from corridor.rolling_shutter.readout.lens import Unknown
 from corridor.rolling_shutter.readout.photograph import CannotMeasure
-from corridor.rolling_shutter.readout.result import Readout, directions, sigma_with_speed
+from corridor.rolling_shutter.readout.result import Readout, of_turning
 
 _SMALL = 1000  # px
 _CIRCLES = 60
@@ -128,7 +128,6 @@ def measure_bar(
         )
     rows = (first.height, first.width)[1 - row]
     rate = fitted["rate"]
-    omega = 2 * math.pi * turns_per_second
     sigma = sigma_of(fitted["influence"], fitted["residuals"], fitted["weights"], fitted["cluster"])
     sigma = math.hypot(sigma, fitted["believed"], _SYSTEMATIC * rate)
     letter = "y" if row else "x"
@@ -137,25 +136,21 @@ def measure_bar(
             f"{first.name} and {second.name} show no wheel at rest, and the turn of a bar smeared "
             "in both cannot be measured to an eighth"
         )
-    direction, turning, warnings = directions(letter, rate, sense, row_direction)
-    readout = 1e3 * abs(rate) * (rows - 1) / omega
-    own = 1e3 * sigma * (rows - 1) / omega
-    exposure = 1e3 * fitted["width"] / omega
-    return Readout(
+    exposure = 1e3 * fitted["width"] / (2 * math.pi * turns_per_second)
+    return of_turning(
+        letter,
+        rows,
+        rate,
+        sigma,
+        turns_per_second,
+        speed_sigma_percent,
+        sense,
+        row_direction,
         target="wheel",
         method=_METHOD,
-        readout_ms=readout,
-        sigma_ms=sigma_with_speed(readout, own, speed_sigma_percent),
-        row_axis=letter,
-        row_direction=direction,
-        rows=rows,
-        rotation_sense=turning,
-        angular_velocity_deg_s=math.degrees(omega),
-        rotation_deg=math.degrees(abs(rate)) * (rows - 1),
         warnings=(
             "both photographs are smeared: the edges of the smear took the place of a photograph "
             "at rest",
-            *warnings,
         ),
         extra={"exposure_ms": exposure, "axis_px": [float(a) for a in fitted["centre"]]},
         drawing=_drawing(fitted, points, (first, second), row, reach),

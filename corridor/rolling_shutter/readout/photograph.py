@@ -55,7 +55,7 @@ class Photograph:
 
     def light(self) -> np.ndarray:
         """Linear light (height, width) float32, 0 to 1, by the sRGB curve (IEC 61966-2-1)."""
-        return _LINEAR[self.grey]
+        return cv2.LUT(self.grey, _LINEAR)
 
 
 def read(photo: str | os.PathLike | Photograph) -> Photograph:

@@ -134,6 +134,42 @@ def _earlier(folder):
         return []
 
 
+def of_turning(
+    axis: str,
+    rows: int,
+    rate: float,
+    sigma: float,
+    turns_per_second: float,
+    speed_sigma_percent: float,
+    sense: str | None,
+    row_direction: str | None,
+    *,
+    warnings: tuple[str, ...] = (),
+    **rest: Any,
+) -> Readout:
+    """The result from a target's rotation while the rows are read.
+
+    axis, rows: of the readout. rate, sigma: radians from a row to the next, as `directions` has it.
+    speed_sigma_percent: of the speed, which goes into the readout time one to one.
+    rest: target, method, extra, drawing. Raises as `directions` and `Readout` do.
+    """
+    direction, found, look_alike = directions(axis, rate, sense, row_direction)
+    omega = 2 * math.pi * turns_per_second
+    readout = 1e3 * abs(rate) * (rows - 1) / omega
+    return Readout(
+        readout_ms=readout,
+        sigma_ms=sigma_with_speed(readout, 1e3 * sigma * (rows - 1) / omega, speed_sigma_percent),
+        row_axis=axis,
+        row_direction=direction,
+        rows=rows,
+        rotation_sense=found,
+        angular_velocity_deg_s=math.degrees(omega),
+        rotation_deg=math.degrees(abs(rate)) * (rows - 1),
+        warnings=(*warnings, *look_alike),
+        **rest,
+    )
+
+
 def directions(
     axis: str,
     rate: float,

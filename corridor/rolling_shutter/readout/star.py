@@ -26,14 +26,18 @@ import numpy as np
 from corridor.rolling_shutter.readout.fitting import fit, robust_scale, sigma_of, single_threaded
 from corridor.rolling_shutter.readout.lens import lens_for
 from corridor.rolling_shutter.readout.photograph import CannotMeasure, Photograph, same_size
-from corridor.rolling_shutter.readout.result import Readout, directions, sigma_with_speed
+from corridor.rolling_shutter.readout.result import Readout, of_turning
 
 _SMALL = 900  # px, long side of the picture in which the star is looked for
-_CIRCLES = 60  # of which fewer are used where there are many sectors
-_EDGES = 1600  # edges a picture, about
+_CIRCLES = 120  # of which fewer are used where there are many sectors
+_EDGES = 3200  # edges a picture, about
 _FEWEST = 5  # px of a sector along the innermost circle
+_FEWEST_SECTORS = 6  # two lines through one point fit any perspective
+_LIKELY = 0.5  # of the best share: what may become the best by moving the centre
+_CONTRAST = 0.7  # of an edge's own median, where nothing covers it
+_WITHIN = 0.96  # of the radius to the rim
 _METHOD = (
-    "edges of the star on some 60 circles of both photographs; centre, perspective, phase and "
+    "edges of the star on many circles of both photographs; centre, perspective, phase and "
     "rotation per row by robust least squares"
 )
 
@@ -72,22 +76,35 @@ def measure_star(
     same_size(static, rotating)
     lens = lens_for(static, camera)
     centre, count, reach = _find(static, sectors)
+    if count < _FEWEST_SECTORS:
+        raise CannotMeasure(
+            f"the star in {static.name} has {count} sectors, whose edges do not tell from which "
+            f"side it is seen: use one of {_FEWEST_SECTORS} sectors or more"
+        )
     lights = static.light(), rotating.light()
     still = _Seen(centre)
     still.phase = _scan(lights[0], lens, still, count, reach, "y", [0.0])[2]
     axis, start = _start(rotating, lights[1], lens, still, count, reach)
     fitted = _fit(lights, lens, [still, start], count, reach, axis)
-    return _result(
-        fitted,
-        (static, rotating),
+    rate, sigma = _rate(fitted, (static, rotating), axis, count, lens)
+    return of_turning(
         axis,
-        count,
-        reach,
-        2 * math.pi * turns_per_second,
+        static.height if axis == "y" else static.width,
+        rate,
+        sigma,
+        turns_per_second,
         speed_sigma_percent,
         sense,
         row_direction,
-        lens,
+        target="star",
+        method=_METHOD,
+        extra={
+            "sectors": count,
+            "residual_px": [
+                robust_scale(fitted["residuals"][fitted["which"] == k]) for k in range(2)
+            ],
+        },
+        drawing=_drawing(fitted, (static, rotating), axis, count, reach, lens),
     )
 
 
@@ -299,10 +316,13 @@ def _start(photo, light, lens, still, count, reach):
         for centre in centres:
             rate, share, phase = _scan(light, lens, _Seen(centre), count, reach, axis, rates)
             tried.append((share, axis, _Seen(centre, phase=phase, rate=rate)))
-    tried = [
-        _settled(light, lens, seen, share, count, reach, axis, step) for share, axis, seen in tried
+    likely = _LIKELY * max(share for share, _, _ in tried)
+    settled = [
+        _settled(light, lens, seen, count, reach, axis, step)
+        for share, axis, seen in tried
+        if share >= likely
     ]
-    share, axis, seen = max(tried, key=lambda one: one[0])
+    share, axis, seen = max(settled, key=lambda one: one[0])
     if share < 0.35:
         raise CannotMeasure(
             f"{photo.name} does not show the star of the photograph at rest: its sectors cannot be "
@@ -313,10 +333,9 @@ def _start(photo, light, lens, still, count, reach):
     return axis, seen
 
 
-def _settled(light, lens, seen, share, count, reach, axis, step):
+def _settled(light, lens, seen, count, reach, axis, step):
     """The centre moved and the rate changed until the rotation is undone best."""
     size = 0.15 * reach[0] + 0.02 * reach[1]
-    share = -1.0
     moves = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
     for _ in range(12):
         near = seen.rate + np.array([-0.6, -0.2, 0.0, 0.2, 0.6]) * min(1.0, size / 4) * step
@@ -341,10 +360,10 @@ def _edges(light, lens, bend, seen, count, radii, axis, smear):
     """Edges on circles, as centroids of their steps.
 
     smear: half width in radians beyond which a step is over, per circle, or None.
-    Returns pixels (n, 2), index of the edge (n,), polarity (n,), and the new half widths.
+    Returns pixels (n, 2), index of the edge (n,), polarity (n,), and the steps' widths (radians).
     """
     period = 2 * math.pi / count
-    points, numbers, polarity, widths, whose = [], [], [], [], []
+    points, numbers, polarity, widths, jumps, far = [], [], [], [], [], []
     height, width = light.shape
     row = 1 if axis == "y" else 0
     for circle, r in enumerate(radii):
@@ -398,21 +417,39 @@ def _edges(light, lens, bend, seen, count, radii, axis, smear):
         points.append(seen.centre + r * np.stack([np.cos(angle), np.sin(angle)], axis=1))
         numbers.append(edges[ok] % count)
         polarity.append(sign[ok])
-        whose.append(np.full(int(ok.sum()), circle))
+        jumps.append(jump[ok])
+        far.append(np.full(int(ok.sum()), r))
     if not points:
-        empty = np.zeros(0)
-        return np.zeros((0, 2)), empty.astype(int), empty, np.array(widths), empty.astype(int)
+        return np.zeros((0, 2)), np.zeros(0, dtype=int), np.zeros(0), np.array(widths)
+    numbers = np.concatenate(numbers)
+    on = _on_the_star(numbers, np.concatenate(jumps), np.concatenate(far), count)
     return (
-        np.concatenate(points),
-        np.concatenate(numbers),
-        np.concatenate(polarity),
+        np.concatenate(points)[on],
+        numbers[on],
+        np.concatenate(polarity)[on],
         np.array(widths),
-        np.concatenate(whose),
     )
 
 
-def _half_widths(widths, radii):
-    """Half widths that contain the steps, smooth over the circles: smear and blur / r."""
+def _on_the_star(numbers, jumps, far, count):
+    """Which edges (n,) are neither hidden nor so near the star's rim that its blur moves them.
+
+    jumps: of the light across them; far: radii. Sectors keep their contrast up to the rim.
+    """
+    on = np.zeros(len(numbers), dtype=bool)
+    for number in range(count):
+        own = numbers == number
+        if own.any():
+            clear = own & (jumps > _CONTRAST * np.median(jumps[own]))
+            on |= clear & (far < _WITHIN * far[clear].max())
+    return on
+
+
+def _half_widths(widths, radii, wanted):
+    """Half widths that contain the steps, smooth over the circles: smear and blur / r.
+
+    widths: measured on circles of those radii. wanted: radii of the circles to come.
+    """
     good = np.isfinite(widths)
     if good.sum() < 4:
         return None
@@ -423,8 +460,8 @@ def _half_widths(widths, radii):
         found, *_ = np.linalg.lstsq(design[keep], square[keep], rcond=None)
         rest = square - design @ found
         keep = np.abs(rest) <= 3 * robust_scale(rest[keep]) + 1e-12
-    spread = np.sqrt(np.clip(found[0] + found[1] / radii**2, (0.5 / radii) ** 2, None))
-    return 2.4 * spread + 1.5 / radii
+    spread = np.sqrt(np.clip(found[0] + found[1] / wanted**2, (0.5 / wanted) ** 2, None))
+    return 2.4 * spread + 1.5 / wanted
 
 
 _STEP = np.array([1e-2, 1e-2, 1e-5, 1e-5, 1e-5, 1e-8, 1e-3])
@@ -498,13 +535,15 @@ class _Model:
 
 def _fit(lights, lens, seen, count, reach, axis):
     """All edges of both pictures at once."""
-    radii = np.linspace(reach[0], reach[1], int(np.clip(_EDGES / count, 30, _CIRCLES)))
+    # Circles closer than a pixel see the same pixels.
+    most = np.clip(reach[1] - reach[0], 30, _CIRCLES)
+    radii = np.linspace(reach[0], reach[1], int(np.clip(_EDGES / count, 30, most)))
     row = 1 if axis == "y" else 0
     bend = np.zeros(len(lens.sigmas))
     smear = [None, None]
-    for _ in range(3):
+    for some in (radii[::3], radii, radii):
         found = [
-            _edges(light, lens, bend, one, count, radii, axis, wide)
+            _edges(light, lens, bend, one, count, some, axis, wide)
             for light, one, wide in zip(lights, seen, smear, strict=True)
         ]
         if min(len(f[0]) for f in found) < 4 * count:
@@ -512,7 +551,7 @@ def _fit(lights, lens, seen, count, reach, axis):
                 "too few edges of the star can be measured: let it fill more of the picture, turn "
                 "more slowly or expose for a shorter time"
             )
-        smear = [_half_widths(f[3], radii) for f in found]
+        smear = [_half_widths(f[3], some, radii) for f in found]
         model = _Model(lens, found, seen, count, row)
         values, residuals, weights, influence, believed = model.fitted(model.start(seen, bend), 8)
         seen, bend = model.stars(values)
@@ -541,7 +580,8 @@ def _still_turns(fitted, rows):
     return math.degrees(values[5]) * (rows - 1), math.degrees(sigma) * (rows - 1)
 
 
-def _result(fitted, photos, axis, count, reach, omega, speed_sigma, sense, row_direction, lens):
+def _rate(fitted, photos, axis, count, lens):
+    """Rotation per row and its sigma, radians. Raises CannotMeasure where it says nothing."""
     static, rotating = photos
     rows = static.height if axis == "y" else static.width
     which, residuals, weights = fitted["which"], fitted["residuals"], fitted["weights"]
@@ -566,30 +606,9 @@ def _result(fitted, photos, axis, count, reach, omega, speed_sigma, sense, row_d
             f"the star in {rotating.name} does not turn: {turned:.3f} degrees during the readout, "
             f"with a sigma of {turned_sigma:.3f}"
         )
-    direction, found, warnings = directions(axis, rate, sense, row_direction)
-    readout = 1e3 * abs(rate) * (rows - 1) / omega
-    own = 1e3 * sigma * (rows - 1) / omega
     # Sub-pixel effects that repeat from circle to circle; a lens known only by its four numbers.
-    floor = 0.008 if len(lens.sigmas) else 0.002
-    own = math.hypot(own, 1e3 * math.radians(floor) / omega)
-    return Readout(
-        target="star",
-        method=_METHOD,
-        readout_ms=readout,
-        sigma_ms=sigma_with_speed(readout, own, speed_sigma),
-        row_axis=axis,
-        row_direction=direction,
-        rows=rows,
-        rotation_sense=found,
-        angular_velocity_deg_s=math.degrees(omega),
-        rotation_deg=turned,
-        warnings=warnings,
-        extra={
-            "sectors": count,
-            "residual_px": [robust_scale(residuals[which == k]) for k in range(2)],
-        },
-        drawing=_drawing(fitted, photos, axis, count, reach, lens),
-    )
+    floor = 0.008 if len(lens.sigmas) else 0.005
+    return rate, math.hypot(sigma, math.radians(floor) / (rows - 1))
 
 
 def _drawing(fitted, photos, axis, count, reach, lens):

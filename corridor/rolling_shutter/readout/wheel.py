@@ -26,10 +26,11 @@ from corridor.rolling_shutter.readout import wheel_view
 from corridor.rolling_shutter.readout.fitting import fit, robust_scale, sigma_of, single_threaded
 from corridor.rolling_shutter.readout.lens import lens_for
 from corridor.rolling_shutter.readout.photograph import CannotMeasure, Photograph, same_size
-from corridor.rolling_shutter.readout.result import Readout, directions, sigma_with_speed
+from corridor.rolling_shutter.readout.result import Readout, of_turning
 
 _REACH = 0.30, 0.86  # circles between hub and rim, where spokes are apart
 _CIRCLES = 40
+_OUTER = 0.6  # beyond: circles on which spokes are farthest apart
 _FEWEST = 8  # spokes
 # Share of the readout: 0.02 px that spokes and rim have in common, at 2 to 9 % a pixel.
 _SYSTEMATIC = 1.6e-3
@@ -88,23 +89,17 @@ def measure_wheel(
             row_direction=row_direction,
             found=bar,
         )
-    omega = 2 * math.pi * turns_per_second
-    axis, rows, rate = found["axis"], found["rows"], found["rate"]
-    direction, turning, warnings = directions(axis, rate, sense, row_direction)
-    readout = 1e3 * abs(rate) * (rows - 1) / omega
-    own = 1e3 * found["sigma"] * (rows - 1) / omega
-    return Readout(
+    return of_turning(
+        found["axis"],
+        found["rows"],
+        found["rate"],
+        found["sigma"],
+        turns_per_second,
+        speed_sigma_percent,
+        sense,
+        row_direction,
         target="wheel",
         method=_METHOD,
-        readout_ms=readout,
-        sigma_ms=sigma_with_speed(readout, own, speed_sigma_percent),
-        row_axis=axis,
-        row_direction=direction,
-        rows=rows,
-        rotation_sense=turning,
-        angular_velocity_deg_s=math.degrees(omega),
-        rotation_deg=math.degrees(abs(rate)) * (rows - 1),
-        warnings=warnings + tuple(found["warnings"]),
         extra={"spokes": found["spokes"], "residual_px": found["residual_px"]},
         drawing=found["drawing"],
     )
@@ -400,12 +395,14 @@ def _points(profile, at, polarity):
     return tuple(np.concatenate(part) for part in out)
 
 
-def _smear(light, pose, lens, bend, radii, angles, polarity, rate, row, reference):
-    """Half width in radians that spokes are smeared over by the exposure, from their mean."""
-    outer = radii > 0.6
-    half = np.full(int(outer.sum()), 0.1)
+def _half_width(
+    light, pose, lens, bend, radii, angles, polarity, most, rate=0.0, row=0, reference=0.0
+):  # fmt: skip
+    """Half width in radians of spokes on the outer circles, blur and smear of the exposure
+    included, from their mean; at most `most`."""
+    outer = radii > _OUTER
     profile, _ = _profiles(
-        light, pose, lens, bend, radii[outer], angles[outer], half, 60,
+        light, pose, lens, bend, radii[outer], angles[outer], np.full(int(outer.sum()), most), 60,
         rate, row, reference,
     )  # fmt: skip
     level = np.nanmedian(profile, axis=2, keepdims=True)
@@ -414,7 +411,7 @@ def _smear(light, pose, lens, bend, radii, angles, polarity, rate, row, referenc
     mean = mean - np.quantile(mean, 0.2)
     top = mean[58:63].mean()
     below = np.flatnonzero(mean[60:] < 0.5 * top)
-    return 0.1 * (below[0] if len(below) else 60) / 60
+    return most * (below[0] if len(below) else 60) / 60
 
 
 # --- everything at once --------------------------------------------------------------------------
@@ -447,9 +444,14 @@ class _Try:
             self.spokes, self.height, self.turn, radii, second, lens, bend, rate, row, reference
         )
         spacing = _spacing(still)
-        half_still = np.clip(2.5 * self.wide * radii.mean() / radii, 4 / (size * radii), 0.12)
-        self.smear = _smear(
-            lights[1], second, lens, bend, radii, moving, self.polarity, rate, row, reference
+        # Spokes may be wider than the ridge that found them; they must not fill their profiles.
+        own = radii[radii > _OUTER].mean() * _half_width(
+            lights[0], first, lens, bend, radii, still, self.polarity, min(8 * self.wide, 0.1)
+        )
+        half_still = np.maximum(2.5 * self.wide * radii.mean(), 2.2 * own + 2 / size) / radii
+        half_still = np.clip(half_still, 4 / (size * radii), 0.12)
+        self.smear = _half_width(
+            lights[1], second, lens, bend, radii, moving, self.polarity, 0.1, rate, row, reference
         )
         loose = 0.02 if self.fitted is None else 0.004
         half_move = np.maximum(2.2 * self.smear + 2 / (size * radii), half_still) + loose
@@ -518,7 +520,6 @@ class _Try:
             "sigma": sigma,
             "spokes": len(self.spokes),
             "residual_px": self.scales,
-            "warnings": [],
             "drawing": _drawing(fitted, photos, axis, self.row, self.reference, self.lens),
         }
 
