@@ -26,7 +26,7 @@ VENV = ROOT / ".venv"
 STAMP = VENV / "corridor-installed.json"
 SHIPPED_BLOCK = ROOT / "data_synthetic" / "dike"
 OLDEST = (3, 11)
-NBVAL = ("--nbval", "--nbval-current-env", "--nbval-cell-timeout", "600")
+NBVAL = ("--nbval", "--nbval-current-env", "--nbval-cell-timeout", "1800")
 # A file is one worker's: what its tests share is made once.
 WORKERS = ("-n", "2", "--dist", "loadfile")
 

@@ -18,7 +18,7 @@ from corridor.block import Block
 from corridor.camera import Camera, project, quaternion_from_rotation, rotation_from_vector
 
 PER_IMAGE = 2500
-FORMATS = ("colmap", "colmap-text", "opensfm", "bundler")
+FORMATS = ("colmap", "colmap-text", "opensfm", "bundler", "micmac")
 
 
 def large_block(observations: int) -> Block:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from corridor.camera import rotation_from_quaternion, undistort
+from corridor.interchange.columns import grouped, in_parts
 
 _PARALLEL = 1e-7  # smallest eigenvalue over the largest: the rays fix no distance
 
@@ -17,14 +18,21 @@ def intersected(rows, points: np.ndarray, steps: int = 4) -> np.ndarray:
     """
     place = np.full(len(rows.positions), -1)
     place[points] = np.arange(len(points))
-    chosen = place[rows.point] >= 0
-    image, at = rows.image[chosen], place[rows.point[chosen]]
-    rays = undistort(rows.pixels[chosen], rows.interior, image)
-    good = np.isfinite(rays).all(axis=1) & np.isfinite(rows.centre[image]).all(axis=1)
-    image, at, rays = image[good], at[good], rays[good]
-    rotation = rotation_from_quaternion(np.nan_to_num(rows.quaternion, nan=1.0))[image]
-    centre = rows.centre[image]
-    found = meet(rotation, centre, rays, at, len(points), steps)
+    chosen = np.flatnonzero(place[rows.point] >= 0)
+    at = place[rows.point[chosen]]
+    turn = rotation_from_quaternion(np.nan_to_num(rows.quaternion, nan=1.0))
+    found = np.full((len(points), 3), np.nan)
+    # Some points at a time: the matrices of all rays at once would fill the memory.
+    for part, starts, mine in in_parts(*grouped(at, len(points))):
+        seen = chosen[mine]
+        image = rows.image[seen]
+        rays = undistort(rows.pixels[seen], rows.interior, image)
+        good = np.isfinite(rays).all(axis=1) & np.isfinite(rows.centre[image]).all(axis=1)
+        image = image[good]
+        found[part] = meet(
+            turn[image], rows.centre[image], rays[good], (at[mine] - part.start)[good],
+            len(starts) - 1, steps,
+        )  # fmt: skip
     return found
 
 

@@ -12,19 +12,21 @@ from corridor.errors import InputError
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
-def lines(path: Path) -> Iterator[tuple[int, str]]:
+def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[tuple[int, str]]:
     """Number (from 1) and text of every line, without its end; CR LF, CR and LF may be mixed.
 
-    UTF-8 with or without byte order mark, or UTF-16 with one.
+    UTF-8 with or without byte order mark, or UTF-16 with one. size, passed: the bytes and lines at
+    its beginning that are left out.
     Raises InputError where the file cannot be read or is no text.
     """
-    number = 0
+    number = passed
     try:
         with path.open("rb") as file:
             start = file.read(2)
         encoding = "utf-16" if start in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
         with path.open(encoding=encoding) as file:
-            for number, line in enumerate(file, start=1):
+            file.seek(size)
+            for number, line in enumerate(file, start=passed + 1):
                 if "\0" in line:
                     raise InputError(f"{path.name}, line {number}: this is no text; name a text")
                 yield number, line.rstrip("\n")
@@ -103,3 +105,9 @@ def opening(path: Path, size: int = 4096) -> str:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", errors="replace").lstrip("\ufeff")
     return data.decode("utf-8-sig", errors="replace")
+
+
+def beginning(path: Path, pattern: str, start: str) -> Path | None:
+    """The file if it begins so, or the first such file of a folder among those of a pattern."""
+    files = [path] if path.is_file() else sorted(path.glob(pattern))
+    return next((file for file in files if opening(file, 64).startswith(start)), None)

@@ -190,10 +190,10 @@ def test_a_plan_of_ten_million_images_is_refused_at_once(key, tmp_path):
     path = tmp_path / "plan.toml"
     path.write_text(WRONG[key][0])
     refused(path)
-    began = time.perf_counter()
+    began = time.process_time()
     refused(path)
     # A few milliseconds; the limit leaves room for a busy machine.
-    assert time.perf_counter() - began < 0.5
+    assert time.process_time() - began < 0.5
 
 
 def test_the_sentence_names_the_file(tmp_path):

@@ -15,6 +15,7 @@ import numpy as np
 
 from corridor.camera import rotation_from_vector
 from corridor.errors import InputError
+from corridor.interchange.columns import plain_numbers
 from corridor.interchange.formats.bundler import assemble
 from corridor.interchange.project import Project
 from corridor.interchange.text import lines, missing, numbers, whole
@@ -57,10 +58,25 @@ def _rows(path):
         raise InputError(f"{path.name} cannot be unpacked ({error}); fetch it again") from None
 
 
-def read(path: Path, size: tuple[int, int] | None = None) -> Project:
-    """The project of a file. Raises InputError naming file and line."""
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; name the file of the BAL problem")
+def _at_once(path):
+    """Counts, observations and parameters of a whole file; None where `_by_line` must say why."""
+    try:
+        with _open(path) as file:
+            plain = plain_numbers(file)
+    except (OSError, EOFError):
+        return None
+    if plain is None or not len(plain.counts) or plain.counts[0] != 3 or not plain.whole[:3].all():
+        return None
+    cameras, points, count = map(int, plain.values[:3])
+    end = 3 + 4 * count
+    as_stated = (plain.counts[1 : count + 1] == 4).all() and min(cameras, points, count) > 0
+    if not as_stated or len(plain.values) != end + 9 * cameras + 3 * points:
+        return None
+    return cameras, points, plain.values[3:end].reshape(-1, 4), plain.values[end:]
+
+
+def _by_line(path):
+    """The same, or InputError naming the line."""
     found = ((line, text) for line, text in _rows(path) if text.strip())
     line, text = next(found, (1, ""))
     words = text.split()
@@ -82,7 +98,6 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
             views.append(numbers(words, path, line, "an observation"))
         else:
             rest.append(numbers(words, path, line, "a parameter"))
-    views = np.array(views).reshape(-1, 4)
     parameters = np.concatenate([*rest, np.zeros(0)])
     needed = 9 * cameras + 3 * points
     if len(views) < count or len(parameters) != needed:
@@ -90,6 +105,14 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
             f"{path.name}: {cameras} cameras and {points} points need {needed} parameters, "
             f"{len(parameters)} are there; the file is cut off or its counts are wrong"
         )
+    return cameras, points, np.array(views).reshape(-1, 4), parameters
+
+
+def read(path: Path, size: tuple[int, int] | None = None) -> Project:
+    """The project of a file. Raises InputError naming file and line."""
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; name the file of the BAL problem")
+    cameras, points, views, parameters = _at_once(path) or _by_line(path)
     codes = views[:, :2]
     if (codes % 1 != 0).any() or (codes < 0).any() or (codes >= [cameras, points]).any():
         row = int(np.argmax(((codes % 1 != 0) | (codes < 0) | (codes >= [cameras, points])).any(1)))

@@ -18,6 +18,16 @@ import pandas as pd
 from corridor.block import Block
 from corridor.camera import Camera
 from corridor.errors import InputError
+from corridor.interchange.columns import (
+    grouped,
+    in_groups,
+    in_parts,
+    in_rows,
+    numbered,
+    text_of,
+    write_rows,
+)
+from corridor.interchange.following import Following, points_with_views
 from corridor.interchange.project import (
     Project,
     camera_from,
@@ -29,28 +39,23 @@ from corridor.interchange.project import (
     same_point_once,
 )
 from corridor.interchange.rows import rows_of
-from corridor.interchange.text import lines, numbers, opening, whole
+from corridor.interchange.text import beginning, lines, whole
 
 NAME = "bundler"
 TITLE = "Bundler .out"
 WRITES = ("bundler",)
 HOLDS = "f, k1, k2, the principal point in the middle of the picture"
 
+_HELD = ("f", "k1", "k2")
 HEADER = "# Bundle file v0.3"
+_FILE = ("*.out", "# Bundle file")
 _FOCAL = re.compile(r"\s+0\s+[0-9.eE+-]+\s*$")
 FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 def recognise(path: Path) -> bool:
     """A .out file that begins as Bundler's do, or a folder with exactly that."""
-    return _file(path) is not None
-
-
-def _file(path):
-    if path.is_file():
-        return path if opening(path, 64).startswith("# Bundle file") else None
-    found = [file for file in sorted(path.glob("*.out")) if opening(file, 64).startswith("# Bund")]
-    return found[0] if found else None
+    return beginning(path, *_FILE) is not None
 
 
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:
@@ -58,8 +63,8 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
 
     size: of the pictures, pixels; without it one is made up that holds every observation.
     """
-    file = _file(path) or path
-    source = _Lines(file)
+    file = beginning(path, *_FILE) or path
+    source = Following(file)
     line, text = source.next("the header")
     if text.strip() != HEADER:
         raise InputError(
@@ -75,8 +80,12 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         interior.append(source.values(3, what))
         rotation.append(np.array([source.values(3, what) for _ in range(3)]))
         shift.append(source.values(3, what))
-    places, code, image, xy = _points(source, file, points, count)
-    source.end(f"{points} points")
+    places, code, image, xy = points_with_views(source, points, count, 3, "a camera")
+    for line, _ in source.rest():
+        raise InputError(
+            f"{file.name}, line {line}: the file goes on after its {points} points; its counts are "
+            "wrong"
+        )
     warnings: list[str] = []
     notes: list[str] = []
     project = assemble(
@@ -84,76 +93,6 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         np.array(shift), places, code, image, xy, size, notes, warnings,
     )  # fmt: skip
     return project
-
-
-class _Lines:
-    """Lines with something on them, one after the other; the end is told with the place."""
-
-    def __init__(self, path):
-        self.path, self.found, self.last = path, lines(path), 0
-
-    def next(self, what):
-        for number, text in self.found:
-            self.last = number
-            if text.strip():
-                return number, text
-        raise InputError(
-            f"{self.path.name}, line {self.last}: the file ends where {what} should follow; it is "
-            "cut off or its counts are wrong"
-        )
-
-    def words(self, count, what):
-        line, text = self.next(what)
-        words = text.split()
-        if len(words) != count:
-            raise InputError(
-                f"{self.path.name}, line {line}: {len(words)} words where {what} needs {count}; "
-                "the file is cut off or out of step"
-            )
-        return words, line
-
-    def values(self, count, what):
-        words, line = self.words(count, what)
-        return numbers(words, self.path, line, what)
-
-    def end(self, what):
-        for number, text in self.found:
-            if text.strip():
-                raise InputError(
-                    f"{self.path.name}, line {number}: the file goes on after its {what}; its "
-                    "counts are wrong"
-                )
-
-
-def _points(source, file, points, cameras):
-    places, code, image, xy = np.empty((points, 3)), [], [], []
-    for k in range(points):
-        what = f"point {k + 1} of {points}"
-        places[k] = source.values(3, what)
-        source.values(3, f"the colour of {what}")
-        line, text = source.next(f"the views of {what}")
-        words = text.split()
-        seen = whole(words[0], file, line, "number of views")
-        if len(words) != 1 + 4 * seen:
-            raise InputError(
-                f"{file.name}, line {line}: {len(words)} words where {seen} views need "
-                f"{1 + 4 * seen}; the file is cut off or out of step"
-            )
-        views = numbers(words[1:], file, line, "a view").reshape(-1, 4)
-        if ((views[:, 0] < 0) | (views[:, 0] >= cameras) | (views[:, 0] % 1 != 0)).any():
-            raise InputError(
-                f"{file.name}, line {line}: a view names a camera that is not among the {cameras}; "
-                "the file is out of step"
-            )
-        code.append(seen)
-        image.append(views[:, 0].astype(np.int64))
-        xy.append(views[:, 2:])
-    return (
-        places,
-        np.repeat(np.arange(points), code),
-        np.concatenate([*image, np.zeros(0, np.int64)]),
-        np.concatenate([*xy, np.zeros((0, 2))]),
-    )
 
 
 def _names(file, count, notes):
@@ -275,30 +214,19 @@ def write(block: Block, folder: Path, name: str) -> None:
     rows = rows_of(block)
     sizes = [(block.cameras[c].width, block.cameras[c].height) for c in block.images["camera"]]
     middle = (np.array(sizes) - 1) / 2
-    order = np.argsort(rows.point, kind="stable")
-    ends = np.searchsorted(rows.point[order], np.arange(len(rows.point_names) + 1))
-    image = rows.image[order]
-    key = np.empty(len(order), np.int64)
-    by_image = np.argsort(image, kind="stable")
-    starts = np.searchsorted(image[by_image], np.arange(len(sizes)))
-    key[by_image] = np.arange(len(image)) - starts[image[by_image]]
-    xy = (rows.pixels[order] - middle[image]) * [1.0, -1.0]
-    with (folder / "bundle.out").open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"{HEADER}\n{len(sizes)} {len(rows.point_names)}\n")
-        for k, camera in enumerate(block.images["camera"]):
-            held = block.cameras[camera]
-            file.write(f"{held['f']!r} {held['k1']!r} {held['k2']!r}\n")
-            turned = FLIP @ rows.rotation[k]
-            for row in turned.tolist():
-                file.write(" ".join(map(repr, row)) + "\n")
-            file.write(" ".join(map(repr, (FLIP @ rows.translation[k]).tolist())) + "\n")
-        views = [
-            f"{i} {j} {x!r} {y!r}"
-            for i, j, (x, y) in zip(image.tolist(), key.tolist(), xy.tolist(), strict=True)
-        ]
-        for k, place in enumerate(rows.positions.tolist()):
-            mine = views[ends[k] : ends[k + 1]]
-            file.write(" ".join(map(repr, place)) + "\n128 128 128\n")
-            file.write(" ".join([str(len(mine)), *mine]) + "\n")
+    feature = numbered(rows.image, len(sizes))
+    with (folder / "bundle.out").open("wb") as file:
+        file.write(f"{HEADER}\n{len(sizes)} {len(rows.point_names)}\n".encode())
+        interior = np.array([[block.cameras[c][k] for k in _HELD] for c in block.images["camera"]])
+        turned = np.concatenate([FLIP @ rows.rotation, (rows.translation @ FLIP)[:, None]], axis=1)
+        cameras = np.concatenate([interior[:, None], turned], axis=1).reshape(-1, 3)
+        write_rows(file, in_rows(*cameras.T), "\n")
+        for part, starts, seen in in_parts(*grouped(rows.point, len(rows.point_names))):
+            image = rows.image[seen]
+            xy = (rows.pixels[seen] - middle[image]) * [1.0, -1.0]
+            place = in_rows(*rows.positions[part].T)
+            count = text_of(np.diff(starts))
+            views = in_groups(in_rows(image, feature[seen], *xy.T), starts)
+            write_rows(file, place, "\n128 128 128\n", count, " ", views, "\n")
     text = "".join(f"{name}\n" for name in rows.image_names)
     (folder / "list.txt").write_text(text, encoding="utf-8", newline="\n")

@@ -12,6 +12,7 @@ orientation files themselves carry.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -22,6 +23,7 @@ from corridor.block import Block
 from corridor.camera import Camera
 from corridor.errors import InputError
 from corridor.interchange.cameras import from_image_formula, standing_for
+from corridor.interchange.columns import grouped, in_rows, plain_numbers, text_of_rows
 from corridor.interchange.project import (
     Project,
     camera_from,
@@ -441,6 +443,7 @@ def _ties(home, block, notes, warnings):
         first = at.get(place.name.removeprefix("Pastis"))
         if first is None:
             continue
+        files = {}
         for file in sorted(place.iterdir()):
             second = at.get(file.name.rpartition(".")[0])
             if second is None or second == first:
@@ -448,7 +451,8 @@ def _ties(home, block, notes, warnings):
             if file.suffix != ".txt":
                 binary += 1
                 continue
-            rows = _pair_text(file)
+            files[file] = second
+        for second, rows in zip(files.values(), _pair_texts(list(files)), strict=True):
             if len(rows):
                 parts.append((first, second, rows))
     if binary:
@@ -459,6 +463,7 @@ def _ties(home, block, notes, warnings):
     if not parts:
         return
     image, pixels, left, right = _nodes(parts)
+    del parts
     point, conflicts = _joined(image, left, right)
     if conflicts:
         warnings.append(
@@ -468,7 +473,7 @@ def _ties(home, block, notes, warnings):
     codes, found = pd.factorize(point[kept])
     names = pd.Index(np.arange(len(found))).astype("str")
     taken = set(block.ground["point"]) | set(block.marks["point"].cat.categories)
-    if taken & set(names):
+    if names.isin(taken).any():
         names = ("t" + names).astype("str")
     table = observations_table(codes, names, image[kept], images, pixels[kept])
     block.tie_points = same_point_once(table, "tie points", warnings)
@@ -481,26 +486,36 @@ def _ties(home, block, notes, warnings):
     notes.append("MicMac writes tie points by pairs, without coordinates: joined and intersected")
 
 
-def _pair_text(path):
+# Words of a line of tie points: x1 y1 x2 y2, and perhaps a weight.
+_PAIR = (4, 5)
+
+
+def _pair_texts(files):
+    """(n, 4) pixels of each file: all files of a folder at once, or line by line to name one."""
+    texts = [_with_end(file) for file in files]
+    plain = plain_numbers(io.BytesIO(b"".join(texts)))
+    count = [text.count(b"\n") for text in texts]
+    if plain is None or len(plain.counts) != sum(count) or not np.isin(plain.counts, _PAIR).all():
+        return [_pair_text(file) for file in files]
+    pixels = plain.values[plain.starts[:, None] + np.arange(4)]
+    return np.split(pixels, np.cumsum(count)[:-1]) if files else []
+
+
+def _with_end(path):
     try:
-        data = path.read_bytes()
+        text = path.read_bytes()
     except OSError as error:
         raise missing(path, error) from error
-    words = data.split()
-    # The whole file at once, where it is as it should be; else line by line, to name the line.
-    if len(words) == 4 * sum(1 for line in data.splitlines() if line.strip()):
-        try:
-            found = np.array(words, dtype=float).reshape(-1, 4)
-        except ValueError:
-            found = np.array([[np.nan]])
-        if np.isfinite(found).all() and b"_" not in data:
-            return found
+    return text if text.endswith(b"\n") else text + b"\n"
+
+
+def _pair_text(path):
     rows = []
     for line, text in lines(path):
         words = text.split()
         if not words:
             continue
-        if len(words) not in (4, 5):  # x1 y1 x2 y2 and perhaps a weight
+        if len(words) not in _PAIR:
             raise InputError(
                 f"{path.parent.name}/{path.name}, line {line}: {len(words)} numbers where a pair "
                 "of points has 4 (or 5 with a weight); the file is cut off"
@@ -511,17 +526,27 @@ def _pair_text(path):
 
 def _nodes(parts):
     """Different (image, x, y) of all pairs: image, pixels, and both ends of each pair."""
-    image = np.concatenate([np.repeat([i, j], len(rows)) for i, j, rows in parts])
-    pixels = np.concatenate([np.vstack([rows[:, :2], rows[:, 2:]]) for _, _, rows in parts])
-    table = pd.DataFrame({"i": image, "x": pixels[:, 0], "y": pixels[:, 1]})
-    which = table.groupby(["i", "x", "y"], sort=False).ngroup().to_numpy()
-    _, first = np.unique(which, return_index=True)
-    left, right, row = [], [], 0
-    for _, _, rows in parts:
-        left.append(which[row : row + len(rows)])
-        right.append(which[row + len(rows) : row + 2 * len(rows)])
-        row += 2 * len(rows)
-    return image[first], pixels[first], np.concatenate(left), np.concatenate(right)
+    # An image at a time: the ends of all pairs in one table would fill the memory.
+    ends_in: dict[int, list] = {}
+    first = 0
+    for i, j, rows in parts:
+        pairs = slice(first, first + len(rows))
+        ends_in.setdefault(i, []).append((0, pairs, rows[:, :2]))
+        ends_in.setdefault(j, []).append((1, pairs, rows[:, 2:]))
+        first += len(rows)
+    ends = np.empty((2, first), np.int32)
+    image, pixels, count = [], [], 0
+    for k, mine in ends_in.items():
+        places = np.concatenate([xy for _, _, xy in mine])
+        which, different = pd.factorize(places.view(complex).ravel())
+        row = 0
+        for side, pairs, xy in mine:
+            ends[side, pairs] = count + which[row : row + len(xy)]
+            row += len(xy)
+        count += len(different)
+        image.append(np.full(len(different), k))
+        pixels.append(different.view(float).reshape(-1, 2))
+    return np.concatenate(image), np.concatenate(pixels), *ends
 
 
 def _joined(image, left, right):
@@ -682,23 +707,25 @@ def _marks_xml(block):
 
 def _write_ties(rows, count, folder):
     """Every pair of images with common points, both ways, as MicMac's own text export has it."""
-    order = np.lexsort((rows.image[:count], rows.point[:count]))
-    point, image = rows.point[:count][order], rows.image[:count][order]
-    xy = rows.pixels[:count][order].tolist()
-    words = [f"{x!r} {y!r}" for x, y in xy]
-    ends = np.flatnonzero(np.append(np.diff(point) != 0, True)) + 1
-    pairs: dict[tuple[int, int], list[str]] = {}
-    first = 0
-    for end in ends.tolist():
-        seen = image[first:end].tolist()
-        for a, i in enumerate(seen):
-            for b, j in enumerate(seen):
-                if i != j:
-                    pair = f"{words[first + a]} {words[first + b]}\n"
-                    pairs.setdefault((i, j), []).append(pair)
-        first = end
-    for (i, j), found in pairs.items():
-        place = folder / f"Pastis{rows.image_names[i]}"
-        place.mkdir(parents=True, exist_ok=True)
-        text = "".join(found)
-        (place / f"{rows.image_names[j]}.txt").write_text(text, encoding="utf-8", newline="\n")
+    image, point = rows.image[:count], rows.point[:count]
+    words = in_rows(*rows.pixels[:count].T)
+    by_point, points = grouped(point, rows.ties)
+    views = np.diff(points)
+    by_image, images = grouped(image, len(rows.image_names))
+    for i, name in enumerate(rows.image_names):
+        mine = by_image[images[i] : images[i + 1]]
+        mine = mine[np.argsort(point[mine], kind="stable")]
+        # Each of its observations beside all the views of the same point.
+        many = views[point[mine]]
+        before = np.repeat(points[point[mine]] - np.cumsum(many) + many, many)
+        left, right = np.repeat(mine, many), by_point[before + np.arange(len(before))]
+        order = np.argsort(image[right], kind="stable")
+        left, right = (side[order][image[right][order] != i] for side in (left, right))
+        if not len(left):
+            continue
+        text, starts = text_of_rows(words.take(left), " ", words.take(right), "\n")
+        others, first = np.unique(image[right], return_index=True)
+        place = folder / f"Pastis{name}"
+        place.mkdir(parents=True)
+        for j, start, end in zip(others, starts[first], starts[[*first[1:], -1]], strict=True):
+            (place / f"{rows.image_names[j]}.txt").write_bytes(text[int(start) : int(end)])

@@ -18,6 +18,7 @@ from corridor.block import Block
 from corridor.camera import quaternion_from_rotation, rotation_from_quaternion
 from corridor.errors import InputError
 from corridor.interchange.cameras import from_image_formula
+from corridor.interchange.following import Following, points_with_views
 from corridor.interchange.project import (
     Project,
     camera_from,
@@ -27,22 +28,17 @@ from corridor.interchange.project import (
     points_table,
     same_point_once,
 )
-from corridor.interchange.text import lines, numbers, opening, whole
+from corridor.interchange.text import beginning, numbers, whole
 
 NAME = "nvm"
 TITLE = "VisualSFM .nvm"
 
+_FILE = ("*.nvm", "NVM_V3")
+
 
 def recognise(path: Path) -> bool:
     """A .nvm file, or a folder with one."""
-    return _file(path) is not None
-
-
-def _file(path):
-    if path.is_file():
-        return path if opening(path, 16).startswith("NVM_V3") else None
-    found = [file for file in sorted(path.glob("*.nvm")) if opening(file, 16).startswith("NVM_V3")]
-    return found[0] if found else None
+    return beginning(path, *_FILE) is not None
 
 
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:
@@ -50,17 +46,9 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
 
     size: of the pictures, pixels; without it the middle of the picture is estimated.
     """
-    file = _file(path) or path
-    found = ((line, text) for line, text in lines(file) if text.strip())
-
-    def following(what):
-        for line, text in found:
-            return line, text
-        raise InputError(
-            f"{file.name} ends where {what} should follow; it is cut off or its counts are wrong"
-        )
-
-    line, text = following("the header")
+    file = beginning(path, *_FILE) or path
+    source = Following(file)
+    line, text = source.next("the header")
     if not text.startswith("NVM_V3"):
         raise InputError(f"{file.name}, line {line}: {text[:30]!r} where NVM_V3 belongs")
     if "FixedK" in text:
@@ -68,11 +56,11 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
             f"{file.name}, line {line}: a fixed calibration (FixedK) is not read; export without it"
         )
     notes, warnings = [], []
-    line, text = following("the number of images")
+    line, text = source.next("the number of images")
     count = whole(text.strip(), file, line, "number of images", 1)
     names, rows = [], []
     for k in range(count):
-        line, text = following(f"image {k + 1} of {count}")
+        line, text = source.next(f"image {k + 1} of {count}")
         # A name may hold blanks: the eleven numbers are counted from the end.
         words = text.rstrip().rsplit(maxsplit=10)
         if len(words) != 11:
@@ -84,39 +72,13 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
             )
         names.append(words[0].strip().strip('"'))
         rows.append(numbers(words[1:], file, line, f"image {k + 1}"))
-    line, text = following("the number of points")
+    line, text = source.next("the number of points")
     points = whole(text.strip(), file, line, "number of points")
-    places, code, image, xy = np.empty((points, 3)), [], [], []
-    for k in range(points):
-        line, text = following(f"point {k + 1} of {points}")
-        words = text.split()
-        if len(words) < 7:
-            raise InputError(
-                f"{file.name}, line {line}: {len(words)} words where a point has 7 or more"
-            )
-        seen = whole(words[6], file, line, "number of views")
-        if len(words) != 7 + 4 * seen:
-            raise InputError(
-                f"{file.name}, line {line}: {len(words)} words where {seen} views need "
-                f"{7 + 4 * seen}; the file is cut off or out of step"
-            )
-        places[k] = numbers(words[:3], file, line, "a point")
-        views = numbers(words[7:], file, line, "a view").reshape(-1, 4)
-        if ((views[:, 0] < 0) | (views[:, 0] >= count) | (views[:, 0] % 1 != 0)).any():
-            raise InputError(
-                f"{file.name}, line {line}: a view names an image that is not among the {count}"
-            )
-        code.append(seen)
-        image.append(views[:, 0].astype(np.int64))
-        xy.append(views[:, 2:])
-    more = sum(1 for _, text in found if "." in text.split()[0])
+    places, point, image, xy = points_with_views(source, points, count, 1, "an image")
+    more = sum(1 for _, text in source.rest() if "." in text.split()[0])
     if more:
         notes.append(f"the file holds further models ({more} lines); the first was read")
-    return _project(
-        file, names, np.array(rows), places, np.repeat(np.arange(points), code),
-        np.concatenate([*image, np.zeros(0, np.int64)]),
-        np.concatenate([*xy, np.zeros((0, 2))]), size, notes, warnings,
-    )  # fmt: skip
+    return _project(file, names, np.array(rows), places, point, image, xy, size, notes, warnings)
 
 
 def _project(file, names, rows, places, point, image, xy, size, notes, warnings):

@@ -26,6 +26,7 @@ from corridor.camera import (
 from corridor.errors import InputError
 from corridor.gnss import Local
 from corridor.interchange.cameras import standing_for
+from corridor.interchange.columns import numbered, text_of, write_rows
 from corridor.interchange.project import (
     Project,
     camera_from,
@@ -484,18 +485,21 @@ def _write_reconstruction(whole, rows, path):
     """Points one a line: a million of them as one object would fill the memory."""
     head = json.dumps({k: v for k, v in whole.items() if k != "points"}, ensure_ascii=False)
     names = rows.point_names[: rows.ties]
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f'[{head[:-1]}, "points": {{\n')
-        for k, (name, place) in enumerate(
-            zip(names, rows.positions[: rows.ties].tolist(), strict=True)
-        ):
-            comma = "," if k + 1 < len(names) else ""
-            x, y, z = place
-            file.write(
-                f'{json.dumps(name, ensure_ascii=False)}: {{"color": [128, 128, 128], '
-                f'"coordinates": [{x!r}, {y!r}, {z!r}]}}{comma}\n'
-            )
-        file.write("}}]\n")
+    quoted = json.JSONEncoder(ensure_ascii=False).encode
+    step = 100_000
+    with path.open("wb") as file:
+        file.write(f'[{head[:-1]}, "points": {{\n'.encode())
+        for first in range(0, rows.ties, step):
+            part = slice(first, min(first + step, rows.ties))
+            x, y, z = map(text_of, rows.positions[part].T)
+            comma = pa.array([","] * (len(x) - 1) + ["," * (part.stop < rows.ties)])
+            write_rows(
+                file,
+                pa.array(list(map(quoted, names[part]))),
+                ': {"color": [128, 128, 128], "coordinates": [', x, ", ", y, ", ", z, "]}",
+                comma, "\n",
+            )  # fmt: skip
+        file.write(b"}}]\n")
 
 
 def _table(camera):
@@ -541,10 +545,7 @@ def _write_tracks(block, rows, path):
     point = pa.DictionaryArray.from_arrays(
         rows.point[part].astype(np.int32), pa.array(rows.point_names[: rows.ties], pa.string())
     )
-    order = np.argsort(rows.image[part], kind="stable")
-    feature = np.empty(count, np.int64)
-    starts = np.searchsorted(rows.image[part][order], np.arange(len(rows.image_names)))
-    feature[order] = np.arange(count) - starts[rows.image[part][order]]
+    feature = numbered(rows.image[part], len(rows.image_names))
     same = [pa.array(np.full(count, value)) for value in (0.001, 128, 128, 128, -1, -1)]
     table = pa.table(
         [image.cast(pa.string()), point.cast(pa.string()), feature, xy[:, 0], xy[:, 1], *same],

@@ -325,7 +325,7 @@ def _bingo(path, block, notes, warnings):
             )
         if current < 0:
             continue
-        x, y = numbers(words[1:], path, line, "a tie point")
+        x, y = (number(word, path, line, "a tie point") for word in words[1:])
         point.append(words[0])
         image.append(current)
         pixels.append((x * scale + middle[0], middle[1] - y * scale))

@@ -7,16 +7,20 @@ empty. Comments promise the counts.
 Source: COLMAP documentation, format.rst.
 """
 
+import io
 import re
 from pathlib import Path
 
 import numpy as np
 
 from corridor.errors import InputError
+from corridor.interchange.columns import plain_numbers
 from corridor.interchange.formats.colmap.cameras import MODELS
 from corridor.interchange.formats.colmap.model import NO_POINT, Model
 from corridor.interchange.text import lines, numbers, whole
 
+# Beyond this a float64 does not tell one whole number from the next.
+_EXACT = 2.0**53
 _COUNT = re.compile(r"#\s*Number of \w+:\s*(\d+)")
 
 
@@ -134,29 +138,33 @@ def _images(path, model):
 
 
 def _points2d(path, line, text):
+    plain = plain_numbers(io.BytesIO(text.encode()))
+    if plain is not None and len(plain.values) % 3 == 0:
+        return _by_three(plain.values, path, line)
     words = text.split()
     if len(words) % 3:
         raise InputError(
             f"{path.name}, line {line}: {len(words)} numbers where x, y, point id make threes; the "
             "file is cut off or a line is missing"
         )
-    try:
-        found = np.array(words, dtype=float).reshape(-1, 3)
-    except (ValueError, OverflowError):
-        found = None
-    if found is None or not np.isfinite(found).all() or "_" in text:
-        found = numbers(words, path, line, "an image point").reshape(-1, 3)
+    return _by_three(numbers(words, path, line, "an image point"), path, line)
+
+
+def _by_three(values, path, line):
+    found = values.reshape(-1, 3)
     ids = found[:, 2]
     if len(ids) and ((ids != np.floor(ids)) | (ids < NO_POINT)).any():
         raise InputError(
             f"{path.name}, line {line}: a point id is no whole number; the numbers are out of step"
         )
     # Old versions write the largest unsigned number for "no point".
-    found[ids >= 2.0**53, 2] = NO_POINT
+    found[ids >= _EXACT, 2] = NO_POINT
     return found
 
 
 def _points(path, model):
+    if _points_at_once(path, model):
+        return
     ids, places, tracked = [], [], 0
     for line, text in _rows(path, model):
         words = text.split(maxsplit=8)
@@ -180,6 +188,29 @@ def _points(path, model):
     model.point_id = np.array(ids, dtype=np.int64)
     model.point_xyz = np.array(places, dtype=float).reshape(-1, 3)
     model.tracked = tracked or None
+
+
+def _points_at_once(path, model):
+    """Whether a whole file could be read; where not, a line at a time says why."""
+    head, plain = b"", None
+    if path.is_file():
+        with path.open("rb") as file:
+            while (line := file.readline()).startswith(b"#"):
+                head += line
+            file.seek(len(head))
+            if head.isascii() and head.count(b"\r") == head.count(b"\r\n"):
+                plain = plain_numbers(file)
+    if plain is None or b"\0" in head or (plain.counts < 8).any() or (plain.counts % 2).any():
+        return False
+    ids = plain.values[plain.starts]
+    if not plain.whole[plain.starts].all() or (ids >= _EXACT).any():
+        return False
+    stated = [match for text in head.decode().splitlines() if (match := _COUNT.match(text))]
+    _counted(path, int(stated[-1][1]) if stated else None, len(ids), model)
+    model.point_id = ids.astype(np.int64)
+    model.point_xyz = plain.values[plain.starts[:, None] + np.arange(1, 4)]
+    model.tracked = int((plain.counts - 8).sum()) // 2 or None
+    return True
 
 
 def _coordinate(word, path, line, axis):

@@ -11,11 +11,18 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from corridor.block import Block
 from corridor.errors import InputError
+from corridor.interchange.columns import (
+    grouped,
+    in_groups,
+    in_parts,
+    in_rows,
+    numbered,
+    text_of,
+    write_rows,
+)
 from corridor.interchange.formats.colmap.cameras import HALF, MODELS, params_of
 from corridor.interchange.rows import Rows, camera_positions, rows_of
 from corridor.interchange.text import lines
@@ -29,12 +36,9 @@ def write(block: Block, folder: Path, text: bool) -> None:
     cameras = _numbers(list(block.cameras))
     points = _numbers(list(rows.point_names))
     pose = np.column_stack([rows.quaternion, rows.translation])
-    order = np.argsort(rows.image, kind="stable")
-    index = np.empty(len(order), dtype=np.int64)
-    starts = np.searchsorted(rows.image[order], np.arange(len(rows.image_names) + 1))
-    index[order] = np.arange(len(order)) - np.repeat(starts[:-1], np.diff(starts))
-    by_point = np.argsort(rows.point, kind="stable")
-    ends = np.searchsorted(rows.point[by_point], np.arange(len(points) + 1))
+    order, starts = grouped(rows.image, len(rows.image_names))
+    index = numbered(rows.image, len(rows.image_names))
+    by_point, ends = grouped(rows.point, len(points))
     made = _Made(block, rows, cameras, points, pose, order, starts, index, by_point, ends)
     (_write_text if text else _write_binary)(made, folder)
     _write_ground(made, folder)
@@ -66,19 +70,6 @@ def _mean_errors(rows: Rows, ends: np.ndarray, by_point: np.ndarray) -> np.ndarr
     return (sums[ends[1:]] - sums[ends[:-1]]) / np.maximum(np.diff(ends), 1)
 
 
-def _text(values) -> pa.Array:
-    return pc.cast(pa.array(np.ascontiguousarray(values)), pa.string())
-
-
-def _joined(starts, *columns) -> list[str]:
-    """One line a group: the columns of its rows one after the other."""
-    if not len(columns[0]):
-        return [""] * (len(starts) - 1)
-    words = pc.binary_join_element_wise(*map(_text, columns), " ")
-    groups = pa.ListArray.from_arrays(pa.array(starts, pa.int32()), words)
-    return pc.binary_join(groups, " ").to_pylist()
-
-
 def _write_text(made: _Made, folder: Path) -> None:
     block, rows = made.block, made.rows
     with (folder / "cameras.txt").open("w", encoding="utf-8", newline="\n") as file:
@@ -90,8 +81,9 @@ def _write_text(made: _Made, folder: Path) -> None:
             words = " ".join(map(repr, params))
             file.write(f"{number} {model} {camera.width} {camera.height} {words}\n")
     xy = rows.pixels[made.order] + HALF
-    found = _joined(made.starts, xy[:, 0], xy[:, 1], made.points[rows.point[made.order]])
-    poses = _joined(np.arange(len(made.pose) + 1), *made.pose.T)
+    words = in_rows(*xy.T, made.points[rows.point[made.order]])
+    found = in_groups(words, made.starts).to_pylist()
+    poses = in_rows(*made.pose.T).to_pylist()
     count = len(rows.image_names)
     with (folder / "images.txt").open("w", encoding="utf-8", newline="\n") as file:
         file.write("# Image list with two lines of data per image:\n")
@@ -101,21 +93,24 @@ def _write_text(made: _Made, folder: Path) -> None:
         file.write(f"# Number of images: {count}, mean observations per image: {mean:g}\n")
         for k, name in enumerate(rows.image_names):
             file.write(f"{k + 1} {poses[k]} {made.camera[k]} {name}\n{found[k]}\n")
-    tracks = _joined(
-        made.ends, rows.image[made.by_point].astype(np.int64) + 1, made.index[made.by_point]
-    )
-    places = _joined(np.arange(len(made.points) + 1), made.points, *rows.positions.T)
-    errors = _text(made.error).to_pylist()
-    with (folder / "points3D.txt").open("w", encoding="utf-8", newline="\n") as file:
-        file.write("# 3D point list with one line of data per point:\n")
-        file.write("#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n")
+    with (folder / "points3D.txt").open("wb") as file:
         mean = len(rows.image) / max(len(made.points), 1)
-        file.write(f"# Number of points: {len(made.points)}, mean track length: {mean:g}\n")
-        grey = f"{_GREY} {_GREY} {_GREY}"
-        file.writelines(
-            f"{place} {grey} {error} {track}\n"
-            for place, error, track in zip(places, errors, tracks, strict=True)
+        file.write(
+            b"# 3D point list with one line of data per point:\n"
+            b"#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n"
+            + f"# Number of points: {len(made.points)}, mean track length: {mean:g}\n".encode()
         )
+        for part, ends, seen in in_parts(made.by_point, made.ends):
+            track = in_rows(rows.image[seen].astype(np.int64) + 1, made.index[seen])
+            write_rows(
+                file,
+                in_rows(made.points[part], *rows.positions[part].T),
+                f" {_GREY} {_GREY} {_GREY} ",
+                text_of(made.error[part]),
+                " ",
+                in_groups(track, ends),
+                "\n",
+            )
     with (folder / "rigs.txt").open("w", encoding="utf-8", newline="\n") as file:
         file.write("# Rig calib list with one line of data per calib:\n")
         file.write(

@@ -1,0 +1,178 @@
+"""Whole columns of numbers out of text files and into them, where a line at a time takes minutes.
+
+Only what is plainly right is read here. Anything else is left to whoever reads line by line, and
+can say which line is wrong, and why.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+
+_CHUNK = 1 << 22  # bytes: little enough to stay in the processor's cache
+_PLAIN = b"0123456789+-.eE \t\r\n"
+_A_WORD_A_LINE = bytes.maketrans(b" \t\r", b"\n\n\n")
+_NEWLINE = ord("\n")
+
+
+@dataclass
+class Plain:
+    """Numbers of lines that hold nothing else.
+
+    values (n,): finite. whole (n,): written with digits only. counts (m,): how many stand in each
+    line that is not blank. size, lines: bytes and lines that were read, blank ones included.
+    """
+
+    values: np.ndarray
+    whole: np.ndarray
+    counts: np.ndarray
+    size: int
+    lines: int
+
+    @property
+    def starts(self) -> np.ndarray:
+        """(m,): index of the first number of each line."""
+        return np.cumsum(self.counts) - self.counts
+
+
+def plain_numbers(file: BinaryIO, most: int | None = None) -> Plain | None:
+    """The numbers of a file from where it stands, or of its next `most` lines that are not blank.
+
+    None where anything else than decimal numbers, blanks and line ends (LF, CR LF) stands there.
+    """
+    values, whole, counts = [np.zeros(0)], [np.zeros(0, bool)], [np.zeros(0, np.int64)]
+    size, lines, left, rest = 0, 0, np.inf if most is None else most, b""
+    while left > 0:
+        piece = file.read(_CHUNK)
+        data = rest + piece
+        if not data:
+            break
+        end = data.rfind(b"\n") + 1 if piece else len(data)
+        data, rest = data[:end], data[end:]
+        starts, found, data = _words(data, left)
+        numbers = _numbers(data, len(starts))
+        if numbers is None:
+            return None
+        values.append(numbers)
+        whole.append(_whole(data, starts))
+        counts.append(found)
+        size, lines, left = size + len(data), lines + data.count(b"\n"), left - len(found)
+    return Plain(*map(np.concatenate, (values, whole, counts)), size, lines)
+
+
+def _words(data, most):
+    """Where words start, how many each line has that is not blank, and the data of `most` such."""
+    codes = np.frombuffer(data, np.uint8)
+    there = codes > ord(" ")
+    first = there.copy()
+    first[1:] &= ~there[:-1]
+    starts, ends = np.flatnonzero(first), np.flatnonzero(codes == _NEWLINE)
+    if not data.endswith(b"\n"):
+        ends = np.append(ends, len(data))
+    before = np.searchsorted(starts, ends)
+    counts = np.diff(before, prepend=0)
+    some = np.flatnonzero(counts)
+    if len(some) > most:
+        some = some[: int(most)]
+        starts, data = starts[: before[some[-1]]], data[: ends[some[-1]] + 1]
+    return starts, counts[some], data
+
+
+def _numbers(data, count):
+    if data.translate(None, _PLAIN):
+        return None
+    if b"\r" in data and data.count(b"\r") != data.count(b"\r\n"):
+        return None
+    if not count:
+        return np.zeros(0)
+    try:
+        table = pa.csv.read_csv(
+            pa.BufferReader(data.translate(_A_WORD_A_LINE)),
+            read_options=pa.csv.ReadOptions(
+                column_names=["number"], use_threads=False, block_size=len(data) + 1
+            ),
+            parse_options=pa.csv.ParseOptions(quote_char=False),
+            convert_options=pa.csv.ConvertOptions(
+                column_types={"number": pa.float64()}, null_values=[]
+            ),
+        )
+    except pa.ArrowInvalid:
+        return None
+    values = table["number"].to_numpy()
+    return values if len(values) == count and np.isfinite(values).all() else None
+
+
+def _whole(data, starts):
+    if not len(starts):
+        return np.zeros(0, bool)
+    codes = np.frombuffer(data, np.uint8)
+    other = (codes > ord(" ")) & (codes - np.uint8(ord("0")) > 9)
+    return ~np.logical_or.reduceat(other, starts)
+
+
+# --- out -------------------------------------------------------------------------------------
+
+
+def text_of(values: np.ndarray) -> pa.Array:
+    """Numbers as text, with the digits that give the same float64 back."""
+    return pc.cast(pa.array(np.ascontiguousarray(values)), pa.string())
+
+
+def in_rows(*columns: np.ndarray) -> pa.Array:
+    """The numbers of each row, one blank between them."""
+    return pc.binary_join_element_wise(*map(text_of, columns), " ")
+
+
+def in_groups(words: pa.Array, starts: np.ndarray, between: str = " ") -> pa.Array:
+    """The words of each group of rows; starts (groups + 1,): the first row of each."""
+    groups = pa.ListArray.from_arrays(pa.array(starts, pa.int32()), words)
+    return pc.binary_join(groups, between)
+
+
+def grouped(codes: np.ndarray, groups: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows in the order of their groups, and (groups + 1,) where each group begins among them."""
+    order = np.argsort(codes, kind="stable")
+    return order, np.searchsorted(codes[order], np.arange(groups + 1))
+
+
+def numbered(codes: np.ndarray, groups: int) -> np.ndarray:
+    """Each row's number within its group, from 0."""
+    order, starts = grouped(codes, groups)
+    number = np.empty(len(codes), np.int64)
+    number[order] = np.arange(len(codes)) - np.repeat(starts[:-1], np.diff(starts))
+    return number
+
+
+def in_parts(
+    order: np.ndarray, starts: np.ndarray, step: int = 100_000
+) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+    """Some groups at a time: which, where each begins, counted from the first, and their rows.
+
+    order, starts: of `grouped`.
+    """
+    for first in range(0, len(starts) - 1, step):
+        part = slice(first, first + step)
+        mine = starts[first : first + step + 1]
+        yield part, mine - mine[0], order[mine[0] : mine[-1]]
+
+
+def text_of_rows(*parts: pa.Array | str) -> tuple[pa.Buffer, np.ndarray]:
+    """The parts of each row, nothing between them, as one text, and where in it each row begins.
+
+    A str stands in every row. The second (rows + 1,) has the end of the last row too.
+    """
+    made = pc.binary_join_element_wise(*parts, "")
+    _, offsets, data = made.buffers()
+    if not len(made):
+        return pa.py_buffer(b""), np.zeros(1, np.int32)
+    return data, np.frombuffer(offsets, np.int32)[: len(made) + 1]
+
+
+def write_rows(file: BinaryIO, *parts: pa.Array | str) -> None:
+    """Write what `text_of_rows` makes of the parts."""
+    data, starts = text_of_rows(*parts)
+    file.write(data.slice(0, int(starts[-1])))
