@@ -166,19 +166,53 @@ class NoiseModel:
 
     def given(self, chosen: dict[int, float], start: GnssNoise | None = None):
         """The noise of a model of groups n -> kappa, and the log probability of the data."""
-        base, theta, factor = self.evidence.model(chosen)
         if self.few:
-            return self.stated, base
+            return self.stated, self.evidence.model(chosen)[0]
         key = tuple(sorted(chosen.items()))
         if key not in self._found:
-            P, rho = self.P, self.rho
-            if chosen:
-                A = self._columns(chosen)
-                P = P - A @ cho_solve(factor, A.T, check_finite=False)
-                rho = rho - A @ theta
+            base, P, rho = self._left(chosen)
             noise, value = _estimate(self.stated, P, rho, start)
             self._found[key] = noise, base - 0.5 * value
         return self._found[key]
+
+    def at(self, chosen: dict[int, float], noise: GnssNoise) -> float:
+        """The log probability of the data with groups n -> kappa and this noise."""
+        base, P, rho = self._left(chosen)
+        parts = _parts(self.stated, P, rho)
+        return base - 0.5 * sum(one.value(one.arguments(noise)) for one in parts)
+
+    def apart(self, n: int, theta: np.ndarray) -> float:
+        """Log likelihood by which the n-th group explains more than the noise could in its place.
+
+        Of data like these, in which nothing is missing, with parameters theta (p,), in prior
+        standard deviations, on top: once the noise alone is fitted to them, once the noise with
+        the group. Of values for each image only their size is known then; of others all, and the
+        mean of theta and -theta is taken, so that this block's noise has no part in it.
+        """
+        group = self.evidence.groups[n]
+        M, g = self.evidence.block(group)
+        A = self._columns([n])
+        if group.own is None:
+            _, alone = _estimate(self.stated, self.P, self.rho)
+            both = [_estimate(self.stated, self.P, self.rho + A @ t)[1] for t in (theta, -theta)]
+            return float(0.5 * theta @ M @ theta + 0.5 * (np.mean(both) - alone))
+        rho, g = self.rho + A @ theta, g + M @ theta
+        inside = M + np.eye(len(M)) / np.mean(theta**2)
+        step = np.linalg.solve(inside, np.column_stack([g, A.T]))
+        _, logdet = np.linalg.slogdet(inside * np.mean(theta**2))
+        _, alone = _estimate(self.stated, self.P, rho)
+        _, with_it = _estimate(self.stated, self.P - A @ step[:, 1:], rho - A @ step[:, 0])
+        return float(0.5 * (g @ step[:, 0] - logdet + alone - with_it))
+
+    def _left(self, chosen: dict[int, float]) -> tuple[float, np.ndarray, np.ndarray]:
+        """Log evidence of groups with the stated noise, and the P and rho that they leave."""
+        base, theta, factor = self.evidence.model(chosen)
+        P, rho = self.P, self.rho
+        if chosen:
+            A = self._columns(chosen)
+            P = P - A @ cho_solve(factor, A.T, check_finite=False)
+            rho = rho - A @ theta
+        return base, P, rho
 
     def _columns(self, chosen: Iterable[int]) -> np.ndarray:
         """Between the antenna positions and groups together (3k, columns)."""
@@ -340,11 +374,18 @@ class Likelihood:
             out[at] = coloured @ inner[at] + (white - first)[:, None] * inner[at]
         return out
 
+    def value(self, x) -> float:
+        """-2 log L at x."""
+        factor, right = self.factor(list(self.parts(x)))
+        away = x - self.centre
+        v = lu_solve(factor, self.rho, check_finite=False)
+        return _logdet(factor) - float(right @ v) + float(away @ self.precision @ away)
+
     def __call__(self, x):
         """-2 log L at x, and its gradient."""
         parts = list(self.parts(x))
         factor, right = self.factor(parts)
-        logdet = float(np.sum(np.log(np.abs(np.diag(factor[0])))))
+        logdet = _logdet(factor)
         V = lu_solve(factor, self.P, check_finite=False)
         v = lu_solve(factor, self.rho, check_finite=False)
         slope = np.zeros_like(x)
@@ -376,3 +417,8 @@ class Likelihood:
         unit = rng.standard_normal((count, len(x)))
         made = np.clip(x + WIDENED * (unit * spread) @ vector.T, self.low, self.high)
         return made, np.sum(unit**2, axis=1)
+
+
+def _logdet(factor) -> float:
+    """Logarithm of the determinant of a matrix of which this is the LU factor."""
+    return float(np.sum(np.log(np.abs(np.diag(factor[0])))))

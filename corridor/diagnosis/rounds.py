@@ -14,7 +14,7 @@ from corridor.adjustment import Adjustment
 from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.candidates import Candidates, candidates, with_points
 from corridor.diagnosis.equations import Equations, equations
-from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.evidence import KAPPA, Evidence
 from corridor.diagnosis.gnss_noise import GnssNoise, NoiseModel
 from corridor.diagnosis.reduced import Elimination
 from corridor.diagnosis.search import Found, contributions, search, tuned
@@ -164,6 +164,7 @@ def _round(adjustment, believed, effects, model, threshold, level, seed) -> Roun
     found = _kept(evidence, found, model)
     found = _at_any_size(evidence, found, threshold["suspected"])
     found = _without_parts(evidence, found, threshold["suspected"])
+    found = _beyond_noise(noises, noise, found, threshold["suspected"])
     log["found"] = {evidence.groups[n].key: float(v) for n, v in found.evidence.items()}
     keys = [evidence.groups[n].key for n in found.chosen]
     return Round(adjustment, e, noise, noises, evidence, threshold, found, keys, log)
@@ -278,11 +279,52 @@ def _through_noise(noises, plain, evidence, found, threshold, model) -> dict[int
     noise, total = noises.given(base)
     best = None
     for n in short:
-        trial = base | {n: at_stated[n].kappa}
-        _, found_total = noises.given(trial, noise)
+        found_total, kappa = _beside_noise(noises, base, n, at_stated[n].kappa, noise)
         if best is None or found_total > best[0]:
-            best = found_total, trial
-    return best[1] if best[0] - total > threshold["named"] else None
+            best = found_total, base | {n: kappa}
+    return best[1] if best[0] - total > threshold["suspected"] else None
+
+
+def _beyond_noise(noises, noise, found: Found, threshold: float) -> Found:
+    """The model with the evidence of what the antenna feels against noise that may do the same.
+
+    Noise that was estimated with an effect in the model leaves all of it to the effect. What is
+    missing without the effect is what noise of another size and slowness cannot make up for.
+    """
+    if noises.few:
+        return found
+    each = dict(found.evidence)
+    for n, gain in found.evidence.items():
+        if gain > CLEAR or noises.touches(n) <= FELT:
+            continue
+        rest = {
+            k: kappa
+            for k, kappa in found.chosen.items()
+            if k != n and noises.evidence.block(noises.evidence.groups[k])[0] is not None
+        }
+        _, without = noises.given(rest, noise)
+        total, _ = _beside_noise(noises, rest, n, found.chosen[n], noise)
+        each[n] = min(gain, total - without)
+    order = sorted((n for n in each if each[n] > threshold), key=lambda n: -each[n])
+    return Found({n: found.chosen[n] for n in order}, {n: each[n] for n in order}, found.total)
+
+
+def _beside_noise(noises, base, n: int, kappa: float, noise) -> tuple[float, float]:
+    """Log probability of the data with one more group, averaged over its sizes, and the likeliest.
+
+    The noise is estimated with the group in the model, of size `kappa`.
+    """
+    found, total = noises.given(base | {n: kappa}, noise)
+    if noises.evidence.groups[n].known:
+        return total, kappa
+    each: dict[int, float] = {}
+    begin = int(np.argmin(np.abs(np.log(KAPPA / kappa))))
+    for sizes in (range(begin, len(KAPPA)), range(begin - 1, -1, -1)):
+        for k in sizes:
+            each[k] = noises.at(base | {n: float(KAPPA[k])}, found)
+            if each[k] < max(each.values()) - HARDLY:
+                break
+    return float(np.logaddexp.reduce(list(each.values()))), float(KAPPA[max(each, key=each.get)])
 
 
 def _check_priors(believed: Believed, names: dict[str, Effect]) -> None:

@@ -11,19 +11,22 @@ import numpy as np
 from corridor.diagnosis.evidence import Evidence, Spectrum, averaged
 
 DRAWS = 1000
-# Noise is never quite what its model says; no block is accused below these.
-LEAST = {"named": 4.0, "suspected": 2.5}
+# Noise is never quite what its model says; no block is accused below these. What is judged beside
+# noise of any size and slowness (`beside_noise`) has paid for some of that already.
+LEAST = {"named": 4.0, "beside_noise": 3.0, "suspected": 2.5}
 
 
 def thresholds(evidence: Evidence, level: float, rng: np.random.Generator) -> dict[str, float]:
-    """Log evidence beyond which a group is `named` and `suspected`.
+    """Log evidence beyond which a group is `named` (`beside_noise`: the antenna's) and `suspected`.
 
     level: probability of a false name in a block without any; suspected: five times that, and
     5 % at most.
     """
     largest = largest_of_null(evidence, DRAWS, rng)
+    rare = float(np.quantile(largest, 1.0 - level))
     return {
-        "named": max(float(np.quantile(largest, 1.0 - level)), LEAST["named"]),
+        "named": max(rare, LEAST["named"]),
+        "beside_noise": max(rare, LEAST["beside_noise"]),
         "suspected": max(
             float(np.quantile(largest, 1.0 - max(min(5.0 * level, 0.05), level))),
             LEAST["suspected"],

@@ -112,7 +112,14 @@ def _parts(one: Round, n: int) -> list[str]:
 
 
 def _kind(one: Round, n: int) -> str:
-    return "named" if one.found.evidence[n] > one.threshold["named"] else "suspected"
+    limit = one.threshold["beside_noise" if _like_noise(one, n) else "named"]
+    return "named" if one.found.evidence[n] > limit else "suspected"
+
+
+def _like_noise(one: Round, n: int) -> bool:
+    """Whether an effect can pass for slow noise of the GNSS, and was judged beside it."""
+    place = one.evidence.groups[n].effect.place
+    return place in ("antenna", "ground") and one.noises.touches(n) > MAINLY
 
 
 def parameters(one: Round) -> tuple[dict, dict]:
@@ -249,8 +256,7 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
     for n, group in enumerate(evidence.groups):
         if group.generic:
             continue
-        slow = group.effect.place in ("antenna", "ground") and one.noises.touches(n) > MAINLY
-        times = through_noise if slow else LIMIT
+        times = through_noise if _like_noise(one, n) else LIMIT
         M, _ = evidence.block(group)
         mine = out.setdefault(group.slug, {})
         if group.own is not None:

@@ -10,8 +10,9 @@ import corridor
 from corridor.cli import main
 from corridor.diagnosis import benchmark
 from corridor.diagnosis.believed import Believed
+from corridor.diagnosis.benchmark.assess import assess
 from corridor.diagnosis.benchmark.baselines import METHODS, baselines
-from corridor.diagnosis.benchmark.signal import _as_one, signals
+from corridor.diagnosis.benchmark.signal import Signal, _as_one, signals
 from corridor.diagnosis.benchmark.trials import generator
 from corridor.diagnosis.benchmark.truth import truth_of
 from corridor.errors import InputError
@@ -59,6 +60,24 @@ class TestSignal:
         assert found.rival == "control_datum" and not found.separable
         assert found.alike and found.apart < 0.05 * found.ratio
 
+    def test_slow_noise_of_the_gnss_is_a_rival_of_what_the_antenna_feels(self, shutter):
+        """It may pass for a bias of the antenna; what the pictures show it hardly explains."""
+
+        def both(one):
+            truth = truth_of(one.truth)
+            slug = truth.inside[0].slug
+            first = corridor.diagnose(one.twin, only=[slug]).course.rounds[0]
+            return signals(truth, first.evidence, one.block, one.twin, {}, first.noises)[slug]
+
+        bias, picture = both(hidden("gnss_bias", geometry="oblique")), both(shutter)
+        assert bias.apart == bias.ratio and bias.from_noise < 0.8 * bias.ratio
+        assert picture.from_noise == pytest.approx(picture.ratio, rel=0.05)
+
+    def test_what_noise_of_the_gnss_may_be_is_not_separable(self):
+        assert Signal(9.0, 7.0, "clock_offset", "reduced").separable
+        assert not Signal(9.0, 7.0, "clock_offset", "reduced", from_noise=4.9).separable
+        assert not Signal(9.0, 7.0, "clock_offset", "reduced", from_noise=1.0).alike
+
     def test_forty_values_as_large_as_their_noise_bring_6_log_units(self):
         """40 (1 - log 2) / 2 = 6.137 for s^2 = 1, twice that is the square of the ratio."""
         assert _as_one(40.0, np.eye(40)) == pytest.approx(12.274, abs=1e-3)
@@ -70,6 +89,23 @@ class TestSignal:
         truth = truth_of({"effects": ["rolling_shutter"]})
         (found,) = signals(truth, evidence, fewer, shutter.twin, {}).values()
         assert found.ratio is None and found.separable is None
+
+
+class TestWhatTheNameCloses:
+    def assessed(self, *args, **changes):
+        one = hidden(*args, **changes)
+        return assess("one", one.block, one.twin, truth_of(one.truth), {}, rivals=False)
+
+    def test_a_scale_is_gone_once_it_is_estimated(self):
+        row = self.assessed("gnss_scale", 25.0)
+        assert row["excess"] > 2.0
+        assert row["known_over_twin"] < 1.25 and row["closure_known"] > 0.98
+        assert row["check_known"] == row["check_after"]  # it was named
+
+    def test_control_in_a_datum_of_its_own_leaves_no_height_where_the_arm_is_free(self):
+        """Nadir images: GNSS heights know the ground but for the antenna's, which nobody knows."""
+        row = self.assessed("control_datum", geometry="nadir")
+        assert row["excess"] > 2.0 and row["known_over_twin"] > 5.0
 
 
 @pytest.fixture(scope="module")

@@ -260,11 +260,19 @@ def test_errors_and_gaps_are_counted_over_the_blocks_that_have_them():
             excess=2.5, closure=0.97, after_over_twin=1.2),
         row("focal", "named:focal", excess=1.9, closure=0.1, after_over_twin=1.0),
     ]  # fmt: skip
+    rows[0] |= {"check_known": 0.004, "closure_known": 0.985, "known_over_twin": 1.2}
+    rows[1] |= {"check_known": 0.005, "closure_known": 0.97, "known_over_twin": 1.3}
     found = summary(rows)
     assert found["parameters"]["std"] == pytest.approx(np.sqrt(2))
     assert found["parameters"]["readout"]["share"] == 0.5
     assert (found["gap"]["blocks"], found["gap"]["closed"]["share"]) == (2, 0.5)
     assert found["gap"]["near_twin"]["share"] == 0.5
+    # Told what is hidden, an adjustment closes the first, as the diagnosis does, and comes nearer.
+    told = {k: (v["hits"], v["count"]) for k, v in found["gap"].items() if "known" in k}
+    assert told["closed_known"] == (1, 2) and told["closed_of_known"] == (1, 1)
+    assert told["near_twin_known"] == (1, 2) and told["near_twin_of_known"] == (0, 1)
+    limits = [one for one in promises(found) if one.wanted == "the limit"]
+    assert [(one.found, one.holds) for one in limits] == [(0.5, None)] * 2
 
 
 class TestMethods:

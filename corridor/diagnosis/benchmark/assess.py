@@ -15,6 +15,7 @@ from corridor.diagnosis.benchmark.signal import Signal, key_of, signals
 from corridor.diagnosis.benchmark.truth import Hidden, Truth
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
 from corridor.diagnosis.gap import closure
+from corridor.diagnosis.rounds import members
 from corridor.errors import AdjustmentFailed, InputError
 
 # Check points that are this many times worse than the twin's have an excess to speak of.
@@ -49,7 +50,7 @@ def assess(
         if isinstance(plain, str):
             row["twin_failed"] = plain
         else:
-            row |= _beside_twin(row, plain, block, truth, options)
+            row |= _beside_twin(row, found, plain, truth, options)
     if rivals:
         row["baselines"] = baselines(found.believed, found.before)
     return _plain(row)
@@ -70,13 +71,18 @@ def _check(found: Diagnosis) -> tuple[float | None, float | None]:
     return gap["before"], gap["after"]
 
 
-def _beside_twin(row: dict, plain: Diagnosis, block: Block, truth: Truth, options: dict) -> dict:
-    """What the twin says: the floor of the check points, a null block, signal and rivals."""
-    twin = plain.block
+def _beside_twin(
+    row: dict, diagnosis: Diagnosis, plain: Diagnosis, truth: Truth, options: dict
+) -> dict:
+    """What the twin says: the floor of the check points, a null block, signal and rivals.
+
+    With an excess to speak of: what of it an adjustment closes that is told what is hidden.
+    """
+    block, twin = diagnosis.block, plain.block
     said = plain.to_dict()
     null = judge(said, Truth(), twin)
-    evidence = next(one.evidence for one in plain.course.rounds if one.evidence is not None)
-    found = signals(truth, evidence, block, twin, options)
+    first = next(one for one in plain.course.rounds if one.evidence is not None)
+    found = signals(truth, first.evidence, block, twin, options, first.noises)
     hidden = [*truth.inside, *truth.outside]
     each = {key_of(one): found.get(key_of(one), Signal()) for one in hidden}
     out: dict = {
@@ -91,7 +97,30 @@ def _beside_twin(row: dict, plain: Diagnosis, block: Block, truth: Truth, option
         out["excess"] = before / floor
         out["closure"] = closure(before, after, floor)
         out["after_over_twin"] = after / floor
+        known = _knowing(diagnosis, truth) if before > EXCESS * floor else None
+        if known is not None:
+            out["check_known"] = known
+            out["closure_known"] = closure(before, known, floor)
+            out["known_over_twin"] = known / floor
     return out
+
+
+def _knowing(found: Diagnosis, truth: Truth) -> float | None:
+    """Check-point error, m, of the believed model with what is really missing from it.
+
+    A flight that shows an effect may still say too little of its size: what no right name closes,
+    no diagnosis can. None where an effect is no candidate, or the adjustment fails.
+    """
+    names = {effect.slug: effect for effect in found.course.candidates.effects}
+    keys = [key_of(one) for one in truth.inside]
+    if truth.outside or not {one.slug for one in truth.inside} <= set(names):
+        return None
+    if set(keys) == set(found.used):
+        return _check(found)[1]
+    try:
+        return float(found.believed.adjust(members(names, keys)).check_rms.d3)
+    except (InputError, AdjustmentFailed):
+        return None
 
 
 def parameter_errors(said: dict, truth: Truth) -> list[dict]:

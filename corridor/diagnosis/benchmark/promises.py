@@ -44,7 +44,11 @@ def promises(summary: Mapping) -> list[Promise]:
         ),
         _least("readout within 3 % or 1 ms", errors["readout"], 0.95),
         _least("check points: 98 % of the excess closed", gap["closed"], 0.95),
+        _limit("  by whoever is told what is hidden", gap["closed_known"]),
+        _least("  where that closes it", gap["closed_of_known"], 0.95),
         _least("check points: within 1.25 of the twin's", gap["near_twin"], 0.95),
+        _limit("  by whoever is told what is hidden", gap["near_twin_known"]),
+        _least("  where that comes as near", gap["near_twin_of_known"], 0.95),
         _least("outside the catalogue: stated", outside["stated"], 0.90),
         _least("outside the catalogue: right place or time", outside["place"], 0.90),
     ]  # fmt: skip
@@ -64,6 +68,11 @@ def _most(name: str, rate: Mapping, wanted: float) -> Promise:
     return Promise(
         name, f"at most {100 * wanted:g} %", share, holds, rate["count"], rate["low"], rate["high"]
     )
+
+
+def _limit(name: str, rate: Mapping) -> Promise:
+    """What could be had at most: no promise of ours."""
+    return Promise(name, "the limit", rate["share"], None, rate["count"], rate["low"], rate["high"])
 
 
 def _number(name: str, value: float | None, low: float, high: float, of: Mapping) -> Promise:

@@ -17,7 +17,8 @@ from corridor.figures import confusion_matrix, naming_rates
 _COLUMNS = (
     "name", "kind", "hidden", "images", "observations", "seconds", "verdict", "detected",
     "suspected", "extras", "unknown", "place", "score", "check_before", "check_after",
-    "check_twin", "excess", "closure", "after_over_twin", "failed",
+    "check_twin", "check_known", "excess", "closure", "closure_known", "after_over_twin",
+    "known_over_twin", "failed",
 )  # fmt: skip
 
 
@@ -56,7 +57,7 @@ def as_table(rows: list[dict]) -> pd.DataFrame:
             "answer": answer(row), "named": " ".join(row.get("named", ())),
             "inside": " ".join(row.get("inside", ())), "wrong": " ".join(row.get("wrong", ())),
             "ratio": weakest.get("ratio"), "apart": weakest.get("apart"),
-            "rival": weakest.get("rival"),
+            "rival": weakest.get("rival"), "from_noise": weakest.get("from_noise"),
             "twin_verdict": (row.get("twin") or {}).get("verdict"),
         }  # fmt: skip
         out.append(one)

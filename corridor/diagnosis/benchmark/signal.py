@@ -12,7 +12,10 @@ image: see `_as_one`); and beside another candidate k
 
     sqrt(theta' (M_tt - M_tk (M_kk + 1 / 10^2)^-1 M_kt) theta),
 
-by how many sigmas the data tell the truth from the best that k can do in its place. Where the
+by how many sigmas the data tell the truth from the best that k can do in its place. What the
+antenna feels has one more rival, of no name: GNSS noise that is larger or slower. How much worse
+it explains the data than the truth does, each with the noise that fits it best, is given in
+sigmas too, sqrt(2 log L) (see `NoiseModel.apart`). Where the
 truth gives no parameters of the catalogue, the ratio is the weighted length of what the effect
 leaves in the residuals: those of the block minus those of its twin, both adjusted by plain least
 squares. (There the GNSS counts as white.)
@@ -32,6 +35,8 @@ from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.benchmark.truth import Hidden, Truth
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.gnss_noise import NoiseModel
+from corridor.diagnosis.rounds import FELT
 from corridor.diagnosis.verdict import MOST_MORE, refines
 from corridor.errors import AdjustmentFailed, InputError
 
@@ -47,18 +52,22 @@ class Signal:
     """ratio: signal-to-noise ratio; apart: sigmas that separate it from its closest rival.
 
     Both None where unknown. rival: slug of the closest. by: how the ratio was found, `reduced`
-    or `residuals`.
+    or `residuals`. from_noise: sigmas that separate it from noise of the GNSS, None where the
+    antenna does not feel it.
     """
 
     ratio: float | None = None
     apart: float | None = None
     rival: str | None = None
     by: str | None = None
+    from_noise: float | None = None
 
     @property
     def separable(self) -> bool | None:
-        """Whether no other candidate comes within five sigmas."""
-        return None if self.apart is None else self.apart >= APART
+        """Whether neither another candidate nor the GNSS noise comes within five sigmas."""
+        if self.apart is None:
+            return None
+        return min(self.apart, math.inf if self.from_noise is None else self.from_noise) >= APART
 
     @property
     def alike(self) -> bool | None:
@@ -67,11 +76,17 @@ class Signal:
 
 
 def signals(
-    truth: Truth, evidence: Evidence, block: Block, twin: Block, options: dict
+    truth: Truth,
+    evidence: Evidence,
+    block: Block,
+    twin: Block,
+    options: dict,
+    noises: NoiseModel | None = None,
 ) -> dict[str, Signal]:
     """By slug (and control point) of the hidden effects.
 
-    evidence: of the first round of the twin's diagnosis. options: believed model, as of `diagnose`.
+    evidence, noises: of the first round of the twin's diagnosis. options: believed model, as of
+    `diagnose`.
     """
     out: dict[str, Signal] = {}
     members = []
@@ -83,6 +98,8 @@ def signals(
     for key, n, theta in members:
         others = [k for other, k, _ in members if other != key]
         out[key] = _of_group(evidence, n, theta, others)
+        if noises is not None and noises.touches(n) > FELT:
+            out[key].from_noise = math.sqrt(max(2.0 * noises.apart(n, theta), 0.0))
     missing = [one for one in (*truth.inside, *truth.outside) if key_of(one) not in out]
     if len(missing) == 1 and not members:
         out[key_of(missing[0])] = Signal(_length(block, twin, options), by="residuals")

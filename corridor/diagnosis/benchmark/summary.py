@@ -75,7 +75,7 @@ def ratio(row: dict) -> float | None:
 
 
 def separable(row: dict) -> bool | None:
-    """Whether no other candidate comes within five sigmas of a hidden effect."""
+    """Whether nothing else, GNSS noise included, comes within five sigmas of a hidden effect."""
     found = [one["separable"] for one in row.get("signals", {}).values()]
     return None if not found or None in found else all(found)
 
@@ -186,19 +186,30 @@ def _gap(rows: list[dict]) -> dict:
     """Check points, where before is more than twice the twin's.
 
     Of effects of the catalogue that the block shows (ratio 8 and more): what a flight cannot see,
-    nobody can close.
+    nobody can close. `known`: by the believed model with what is really missing from it, whatever
+    was found; `of_known`: by the diagnosis where that one closes it.
     """
     some = [row for row in rows if (row.get("excess") or 0.0) > EXCESS]
     known = [row for row in some if row["kind"] != "unknown" and (ratio(row) or 0.0) >= STRONG]
     found = [row for row in known if _inside(row)]
+    told = [row for row in known if row.get("check_known") is not None]
     return {
         "blocks": len(known),
         "closed": _rate(row["closure"] >= CLOSED for row in known),
         "near_twin": _rate(row["after_over_twin"] <= NEAR_TWIN for row in known),
         "closed_where_found": _rate(row["closure"] >= CLOSED for row in found),
         "near_twin_where_found": _rate(row["after_over_twin"] <= NEAR_TWIN for row in found),
+        "closed_known": _rate(row["closure_known"] >= CLOSED for row in told),
+        "near_twin_known": _rate(row["known_over_twin"] <= NEAR_TWIN for row in told),
+        "closed_of_known": _rate(
+            row["closure"] >= CLOSED for row in told if row["closure_known"] >= CLOSED
+        ),
+        "near_twin_of_known": _rate(
+            row["after_over_twin"] <= NEAR_TWIN
+            for row in told if row["known_over_twin"] <= NEAR_TWIN
+        ),
         "median_closure": float(np.median([row["closure"] for row in known])) if known else None,
-    }
+    }  # fmt: skip
 
 
 def _unknown(rows: list[dict]) -> dict:

@@ -16,8 +16,11 @@ _NAMES = {
 }  # fmt: skip
 _KEY = """\
 ratio: sqrt(theta' M theta), how strongly the truth shows after poses, points and camera.
-Ratios of 6 and more: separable, no other candidate within five sigmas of the truth. Look-alikes:
-another within three log units; of ratio 8 and more. Intervals: 95 % (Wilson).
+Ratios of 6 and more: separable, neither another candidate nor slow noise of the GNSS within five
+sigmas of the truth. Look-alikes: another candidate within three log units; of ratio 8 and more.
+Check points: where they are more than twice as far off as the twin's. Told what is hidden: the
+believed model with the true effect, adjusted; what that leaves, no diagnosis can close.
+Intervals: 95 % (Wilson).
 score: 1 for a right name, 1/2 for a set that holds it, -1 for a wrong name, their mean."""
 
 
