@@ -14,18 +14,26 @@ from corridor.adjustment import Adjustment
 from corridor.block import Block
 from corridor.diagnosis import gap
 from corridor.diagnosis.believed import Believed
+from corridor.diagnosis.breaks import SHOWS_AS, broken_picture
+from corridor.diagnosis.crowds import crowds
 from corridor.diagnosis.location import locate
 from corridor.diagnosis.report import as_html, as_text, beside, evidence, save
-from corridor.diagnosis.rounds import Course, members, run
+from corridor.diagnosis.rounds import Course, Round, members, run
 from corridor.diagnosis.sentence import sentence
 from corridor.diagnosis.variance import variance_alarms
-from corridor.diagnosis.verdict import Findings, detection_limits, findings
+from corridor.diagnosis.verdict import (
+    Findings,
+    detection_limits,
+    findings,
+    in_place_of,
+    shapes,
+)
 from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
 
 # Tie observations from which on some can be spared, and look-alikes that are tried in turn.
 FEWEST_TIES = 200
-MOST_RIVALS = 4
+MOST_RIVALS, MOST_SHAPES = 4, 3
 
 
 @dataclass(repr=False)
@@ -69,6 +77,10 @@ class Diagnosis:
     @property
     def verdict(self) -> str:
         """named, ambiguous, unknown, suspected or nothing."""
+        firm = any(one["class"] == "unknown" for one in self.unknown)
+        # A broken picture is found behind the search, which is why the findings do not have it.
+        if firm and self.findings.verdict in ("suspected", "nothing"):
+            return "unknown"
         return self.findings.verdict
 
     @property
@@ -140,6 +152,7 @@ def diagnose(
     held = _HeldOut(believed, names, course.last.keys, seed, notes)
     kept = held.supported([one.group for one in found.unknown])
     used = held.preferred(found.effects)
+    found, used = held.shaped(found, course.last, used)
     after = course.last.adjustment
     if set(used) != set(course.last.log["model"]):
         try:
@@ -160,13 +173,22 @@ def diagnose(
                 "group": one.group, "log_evidence": one.log_evidence, "where": text,
                 "location": where, "class": "unknown" if one.kind == "named" else one.kind,
                 "parts": one.parts, "kept": kept.get(one.group, True),
+                "cannot_be_told_apart_from": one.alike,
             }
         )  # fmt: skip
+    last = course.last.adjustment
+    sudden = [one for one in unknown if one["group"] == SHOWS_AS]
+    if sudden:
+        # The lines of that group are far apart; before they bent to it, points told the rim.
+        for line in broken_picture(before):
+            sudden[0] |= {"where": line["where"], "location": line["location"]}
+    elif not any(one["class"] == "unknown" for one in unknown):
+        unknown += broken_picture(last)
     return Diagnosis(
         block, believed, before, after, course, found, unknown, gaps,
         detection_limits(course.last),
         [{"slug": s, "missing": m} for s, m in sorted(course.candidates.untestable.items())],
-        variance_alarms(course.last.equations), [*course.notes, *notes],
+        [*variance_alarms(course.last.equations), *crowds(last)], [*course.notes, *notes],
         time.perf_counter() - began, used, held.rivals, level, seed,
     )  # fmt: skip
 
@@ -248,6 +270,40 @@ class _HeldOut:
                 self.second = rivals[best]
                 self.gap = gap.tie_gap(self.first, self.second, self.rows)
         return keys
+
+    def shaped(self, found: Findings, one: Round, keys: list[str]) -> tuple[Findings, list[str]]:
+        """A shape of no catalogue in the place of look-alikes, where check points speak for it.
+
+        A knock that moves the lens between strips flown to and fro is, to the fit, an error of the
+        GNSS, and the named effect has fewer parameters.
+        """
+        if self.second is None or len(self.second.check_points) < gap.ENOUGH_CHECKS:
+            return found, keys
+        known = one.evidence.groups
+        alike = {e.key: e for e in found.effects if e.kind == "ambiguous"}
+        for key, effect in alike.items():
+            mine = next((k for k in [key, *effect.rivals] if k in keys), None)
+            if mine is None:
+                continue
+            fits = {}
+            for n in shapes(one, key)[:MOST_SHAPES]:
+                try:
+                    fits[n] = self._fit([known[n].key if k == mine else k for k in keys])
+                except (InputError, AdjustmentFailed) as failed:
+                    self.notes.append(f"The fit with {known[n].key} failed: {failed}")
+            best = gap.best_by_far(self.second, fits)
+            if best is None:
+                continue
+            self.notes.append(
+                f"The fit cannot tell {mine} and {known[best].key} apart; check points are "
+                f"predicted better by far with {known[best].key}, so their error afterwards is no "
+                "longer independent."
+            )
+            keys = [known[best].key if k == mine else k for k in keys]
+            found = in_place_of(found, one, key, best)
+            self.second = fits[best]
+            self.gap = gap.tie_gap(self.first, self.second, self.rows)
+        return found, keys
 
 
 def _with_antenna(block: Block) -> tuple[Block, list[str]]:

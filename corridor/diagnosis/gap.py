@@ -18,6 +18,8 @@ WRONG = 6.0
 CLEARLY_LESS = 0.995
 # Check points are few, and each shift of the datum moves them all.
 CLEARLY_LESS_CHECK, ENOUGH_CHECKS = 0.8, 3
+# A shape has more parameters than an effect, and no cause that anyone knows.
+FAR_LESS_CHECK = 0.5
 
 
 def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:
@@ -60,6 +62,13 @@ def preferred(
     known = {key: one[kind] for key, one in share.items() if kind in one}
     best = min(known, key=known.get, default=None)
     return (best if best is not None and known[best] < limit else None), share
+
+
+def best_by_far(second: Adjustment, fits: dict[int, Adjustment]) -> int | None:
+    """The fit with less than half the check-point error of `second`, None without one."""
+    limit = FAR_LESS_CHECK * second.check_rms.d3
+    best = min(fits, key=lambda n: fits[n].check_rms.d3, default=None)
+    return best if best is not None and fits[best].check_rms.d3 < limit else None
 
 
 def improves(without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> bool:

@@ -111,7 +111,8 @@ def _without_leftovers(evidence, chosen, threshold, adjusted):
         each = contributions(evidence, chosen)
         left = 0.0
         for n, gain in each.items():
-            known = evidence.groups[n].key in adjusted
+            # A generic shape stands in for physics, and leaves some of them however it is adjusted.
+            known = evidence.groups[n].key in adjusted and not evidence.groups[n].generic
             left = max(left, gain * (LEFTOVER_ADJUSTED if known else LEFTOVER))
         small = [n for n in each if each[n] < max(left, threshold)]
         if not small:

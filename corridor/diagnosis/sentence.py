@@ -70,11 +70,18 @@ def _ambiguous(d: Diagnosis) -> str:
 
 def _unknown(d: Diagnosis) -> str:
     text = f"Something outside the catalogue is missing from the model: {_places(d)}."
-    parts = list(dict.fromkeys(part for one in d.unknown for part in one["parts"]))
-    if parts:
-        known = effects_by_slug()
-        names = listed((known[slug].called for slug in parts), "or")
+    known = effects_by_slug()
+
+    def called(key):
+        slugs = dict.fromkeys(slug for one in d.unknown for slug in one[key])
+        return listed((known[slug].called for slug in slugs), "or")
+
+    if names := called("cannot_be_told_apart_from"):
+        text += f" The fit alone takes {names} as well; check points tell them apart."
+    if names := called("parts"):
         text += f" It overlaps with {names}, which would explain a part of it only."
+    if all(one["kept"] is None for one in d.unknown):
+        return f"{text} The fit takes them for wrong matches, so nothing was added."
     if not all(one["kept"] for one in d.unknown):
         return f"{text} A smooth shape of it does not help data that the fit has not used."
     return f"{text} {_effect_of_adding(d, 1, 'a smooth shape of it')}"

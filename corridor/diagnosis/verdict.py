@@ -52,7 +52,10 @@ class Estimate:
 
 @dataclass
 class Unknown:
-    """A generic group that was found. parts: named effects that it overlaps."""
+    """A generic group that was found. parts: named effects that it overlaps.
+
+    alike: named effects that fit as well, where check points have decided.
+    """
 
     group: str
     log_evidence: float
@@ -60,6 +63,7 @@ class Unknown:
     number: int
     theta: np.ndarray
     parts: list[str] = field(default_factory=list)
+    alike: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -88,10 +92,28 @@ def findings(course: Course) -> Findings:
         )
         for n in numbers if evidence.groups[n].generic
     ]  # fmt: skip
+    return Findings(_first(effects, unknown), effects, unknown)
+
+
+def _first(effects: list[Estimate], unknown: list[Unknown]) -> str:
     present = {e.kind for e in effects}
     present |= {"unknown" if u.kind == "named" else "suspected" for u in unknown}
-    verdict = next((kind for kind in ORDER if kind in present), "nothing")
-    return Findings(verdict, effects, unknown)
+    return next((kind for kind in ORDER if kind in present), "nothing")
+
+
+def in_place_of(found: Findings, one: Round, key: str, shape: int) -> Findings:
+    """Findings with a generic group in the place of an effect that cannot be told apart."""
+    evidence = one.evidence
+    n, group = evidence.number[key], evidence.groups[shape]
+    gone = [e for e in found.effects if e.key == key]
+    rest = {k: v for k, v in one.found.chosen.items() if k != n}
+    gain = evidence.given(rest)[shape]
+    theta, _ = evidence.solution(rest | {shape: gain.kappa})
+    new = Unknown(group.slug, gain.evidence, "named", shape, theta[-len(group) :])
+    new.alike = list(dict.fromkeys([gone[0].slug, *gone[0].alternatives]))
+    unknown = [*found.unknown, new]
+    effects = [e for e in found.effects if e.key != key]
+    return Findings(_first(effects, unknown), effects, unknown)
 
 
 def _parts(one: Round, n: int) -> list[str]:
@@ -221,6 +243,28 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
         if (equal or contained) and gain.fit > 0.5 * mine.fit:
             out.append(k)
     return sorted(out, key=lambda k: -gains[k].evidence)
+
+
+def shapes(one: Round, key: str) -> list[int]:
+    """Generic groups that fit as well as a group of the model, the best first.
+
+    Of what they fit, the half of a unit is noise that every parameter follows.
+    """
+    evidence, chosen = one.evidence, one.found.chosen
+    n = evidence.number[key]
+    gains = evidence.given({k: v for k, v in chosen.items() if k != n})
+
+    def beyond(k):
+        grown = max(gains[k].kappa, 3.0) ** 2 * evidence.alone(k).value
+        return gains[k].fit - 0.5 * np.sum(grown / (1.0 + grown))
+
+    out = {
+        k: beyond(k)
+        for k, group in enumerate(evidence.groups)
+        if group.generic and k not in chosen and np.isfinite(gains[k].evidence)
+    }
+    mine = beyond(n)
+    return sorted((k for k in out if mine - out[k] <= APART), key=lambda k: -out[k])
 
 
 def parameter_names(group: Group) -> set[str]:

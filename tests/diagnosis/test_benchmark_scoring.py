@@ -177,6 +177,13 @@ class TestJudge:
         one = judge(said(variance=[{"quantity": "row"}]), truth, block)
         assert one.detected and one.unknown
 
+    def test_an_alarm_has_its_place_too(self, block):
+        truth = truth_of({"effects": [{"slug": "ghost", "where": {"image": [0, 0, 900, 900]}}]})
+        near, far = {"image": [300, 300, 500, 500]}, {"image": [2000, 0, 2500, 500]}
+        for location, right in ((near, True), (far, False)):
+            alarm = {"quantity": "wrong matches", "location": location}
+            assert judge(said(variance=[alarm]), truth, block).place is right
+
 
 def test_errors_of_parameters_in_sigmas_by_flight():
     truth = truth_of(

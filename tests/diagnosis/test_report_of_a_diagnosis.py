@@ -292,12 +292,15 @@ class TestSentence:
     def test_the_unknown_is_described_by_its_place(self):
         where = {
             "group": "image_deformation", "where": "largest at x = 3000 px", "class": "unknown",
-            "parts": [], "kept": True, "log_evidence": 55.0,
+            "parts": [], "kept": True, "log_evidence": 55.0, "cannot_be_told_apart_from": [],
         }  # fmt: skip
         text = told("unknown", unknown=[where])
         assert text.startswith("Something outside the catalogue is missing from the model: ")
         assert "largest at x = 3000 px" in text and "lowers the check-point error" in text
         assert "does not help" in told("unknown", unknown=[where | {"kept": False}])
+        assert "nothing was added" in told("unknown", unknown=[where | {"kept": None}])
+        alike = where | {"cannot_be_told_apart_from": ["gnss_bias"]}
+        assert "check points tell them apart" in told("unknown", unknown=[alike])
 
     def test_a_suspicion_is_not_a_finding(self):
         text = told("suspected", [shutter("suspected")])

@@ -40,3 +40,28 @@ def test_a_gyroscope_in_a_block_that_lacks_nothing_names_nothing():
     found = diagnose(block)
     assert found.verdict == "nothing"
     assert found.course.last.log["sigma_px"] < 0.4
+
+
+def test_check_points_tell_a_knock_of_the_camera_from_an_error_of_the_gnss():
+    """Between two strips flown to and fro a principal point that moves is a shift of all antennas.
+
+    To the fit they are one; check points are the only data that see the difference.
+    """
+    hidden = generate(single("camera_step", 2.0, images=40, observations=150), seed=1_104_013)
+    found = diagnose(hidden.block)
+    assert found.verdict == "unknown"
+    (one,) = found.unknown
+    assert one["group"] == "camera_step" and "gnss_bias" in one["cannot_be_told_apart_from"]
+    moment = hidden.truth["effects"][0]["where"]["time_s"]
+    assert one["location"]["time_s"] == pytest.approx(moment, abs=10)
+    assert found.gap["check_m"]["after"] < 0.5 * found.gap["check_m"]["before"]
+
+
+def test_where_the_gnss_is_off_no_knock_of_the_camera_takes_its_place():
+    hidden = generate(
+        single("gnss_bias", 1.0, geometry="nadir", arms="fixed", images=40, observations=150),
+        seed=3,
+    )
+    found = diagnose(hidden.block)
+    assert {one["slug"] for one in found.effects} <= {"gnss_bias", "control_datum"}
+    assert found.effects and found.unknown == []

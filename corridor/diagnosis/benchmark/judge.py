@@ -82,7 +82,7 @@ def judge(said: Mapping, truth: Truth, block: Block) -> Judged:
         names[:] = dict.fromkeys(names)
     out.extras += max(len(unknown) - len(truth.outside), 0)
     if truth.outside:
-        out.place = _placed(unknown, truth.outside[0], block)
+        out.place = _placed([*unknown, *alarms], truth.outside[0], block)
     out.score = _score(out, truth)
     return out
 
@@ -114,10 +114,10 @@ def _score(out: Judged, truth: Truth) -> float:
     return good - len(out.wrong)
 
 
-def _placed(unknown: list, hidden: Hidden, block: Block) -> bool | None:
-    """Whether one of the unknowns lies where the truth does; None where no key is shared."""
+def _placed(stated: list, hidden: Hidden, block: Block) -> bool | None:
+    """Whether one unknown or alarm lies where the truth does; None where no key is shared."""
     answers = []
-    for one in unknown:
+    for one in stated:
         said = one.get("location") or {}
         shared = [_near(key, said, hidden.where, block) for key in ("image", "xy", "time_s", "row")]
         shared = [answer for answer in shared if answer is not None]

@@ -101,7 +101,9 @@ def unknown(d: Diagnosis) -> pd.DataFrame:
         (
             upper(known[one["group"]].called), CLASSES.get(one["class"], one["class"]),
             one["where"], f"{one['log_evidence']:,.1f}",
-            listed([known[s].called for s in one["parts"]]) or DASH,
+            listed(
+                known[s].called for s in (*one["cannot_be_told_apart_from"], *one["parts"])
+            ) or DASH,
             "yes" if one["kept"] else "no, not applied",
         )
         for one in d.unknown
@@ -115,7 +117,7 @@ def unknown(d: Diagnosis) -> pd.DataFrame:
 
 def gap(d: Diagnosis, before: Comparison | None, after: Comparison | None) -> pd.DataFrame:
     """What data that the fit has not used say before and after, and the floor of noise."""
-    added = bool(d.findings.effects or d.unknown)
+    added = bool(d.findings.effects or any(one["kept"] is not None for one in d.unknown))
     floor = _floor(after if added else before)
     rows = []
     for key, name, factor, unit in (
@@ -273,12 +275,12 @@ def untestable(d: Diagnosis, before: Comparison | None) -> pd.DataFrame:
 
 
 def variance(d: Diagnosis) -> pd.DataFrame:
-    """Quantities with which the size of the image noise changes."""
+    """Quantities with which the size of the image noise changes, and crowds of wrong matches."""
     rows = [
         (alarm["quantity"], f"{alarm['ratio']:.2f}", f"{alarm['z']:+.1f}", alarm["where"])
         for alarm in d.alarms
     ]
-    columns = ["noise changes with", "largest over smallest sigma", "deviations", "where"]
+    columns = ["what is uneven", "largest over smallest, or usual", "deviations", "where"]
     return pd.DataFrame(rows, columns=columns)
 
 

@@ -1,0 +1,116 @@
+"""The picture is shifted on one side of a line, by more than a fit believes a match to be off.
+
+Two observations of one point that lie close together in the picture, one on either side of a line,
+differ by noise; by the shift where the line is the rim of a pane. For upright and level lines all
+over the picture the pairs that jump by more than `FAR` scales in one direction are counted. By
+chance as many would as at all other lines, and as many as in the other direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import binom
+
+from corridor.adjustment import Adjustment
+from corridor.diagnosis.mismatches import FAR, LEVEL, Ties, ties_by_camera
+
+# The effect of the catalogue that is told in its place.
+SHOWS_AS = "image_steps"
+# Lines along the longer side, and how far apart the two of a pair may lie, of that side: farther
+# apart, a smooth deformation tells them apart as well.
+LINES, NEAR = 512, 1 / 16
+# Share of the pairs that a rim has to move; images in which, for several points on one car make
+# one wrong match.
+LEAST_SHARE, FEWEST_IMAGES = 0.5, 6
+# Pairs that what is usual elsewhere counts for, beside those that jump the other way here.
+PRIOR = 10.0
+
+
+@dataclass(frozen=True)
+class Line:
+    """What jumps at a line: pairs of `of` that cross it. log_p: of chance, over all lines."""
+
+    axis: int
+    at: float
+    jumped: int
+    of: int
+    shift: np.ndarray
+    log_p: float
+
+
+def broken_picture(adjustment: Adjustment) -> list[dict]:
+    """Entries of `unknown` of diagnosis.json: the line at which the picture is broken, or none."""
+    found = [(line, ties) for ties in ties_by_camera(adjustment) if (line := _worst(ties))]
+    if not found:
+        return []
+    line, ties = min(found, key=lambda one: one[0].log_p)
+    first = ties.place[:, line.axis] < line.at
+    # A pane covers the side on which less is seen.
+    low, high = np.zeros(2), ties.size - 1
+    (high if first.mean() < 0.5 else low)[line.axis] = line.at
+    # No minus before a zero.
+    dx, dy = np.round(line.shift, 1) + 0.0
+    name, way = ("x", "upright") if line.axis == 0 else ("y", "level")
+    one = {
+        "group": SHOWS_AS,
+        "log_evidence": -line.log_p,
+        "where": f"across the {way} line {name} = {line.at:.0f} px, where {line.jumped} of "
+        f"{line.of} points that are seen on both sides of it jump by x = {dx:.1f}, "
+        f"y = {dy:.1f} px",
+        "location": {"image": [*low.tolist(), *high.tolist()]},
+        "class": "unknown",
+        "parts": [],
+        "cannot_be_told_apart_from": [],
+        "kept": None,
+    }
+    return [one]
+
+
+def _worst(ties: Ties) -> Line | None:
+    """The line that is the least likely by chance, where that is beyond the level."""
+    longer = float(ties.size.max())
+    tested, best = 0, None
+    for axis in (0, 1):
+        order = np.lexsort((ties.place[:, axis], ties.point))
+        place, point = ties.place[order, axis], ties.point[order]
+        near = np.flatnonzero((point[1:] == point[:-1]) & (place[1:] - place[:-1] < NEAR * longer))
+        count = int(round(LINES * ties.size[axis] / longer))
+        lines = np.arange(1, count) / count * (ties.size[axis] - 1)
+        below = np.searchsorted(lines, place[near])
+        above = np.searchsorted(lines, place[near + 1])
+        one, other = order[near], order[near + 1]
+        jump = ties.residual[other] - ties.residual[one]
+
+        def crossing(which, below=below, above=above, count=count):
+            begun = np.bincount(below[which], minlength=count)
+            return np.cumsum(begun - np.bincount(above[which], minlength=count))[: count - 1]
+
+        every = crossing(np.ones(len(near), dtype=bool))
+        for along in (0, 1):
+            ways = [sign * jump[:, along] > FAR for sign in (1, -1)]
+            counts = [crossing(way) for way in ways]
+            usual = 0.5 * sum(k.sum() for k in counts) / max(every.sum(), 1)
+            for way, mine, against in zip(ways, counts, counts[::-1], strict=True):
+                # Noise that is larger at this place jumps the other way as often.
+                chance = (against + PRIOR * usual) / (every + PRIOR)
+                chance = np.maximum(usual, chance)
+                log_p = binom.logsf(mine - 1, every, np.minimum(chance, 1.0))
+                tested += len(lines)
+                log_p[mine < LEAST_SHARE * every] = 0.0
+                k = int(np.argmin(log_p))
+                if best is not None and log_p[k] >= best.log_p:
+                    continue
+                over = (below <= k) & (k < above)
+                if len(np.unique(ties.image[other[over & way]])) < FEWEST_IMAGES:
+                    continue
+                px = (jump * ties.scale_px[other][:, None])[over]
+                best = Line(
+                    axis, float(lines[k]), int(mine[k]), int(every[k]), np.median(px, axis=0),
+                    float(log_p[k]),
+                )  # fmt: skip
+    if best is None:
+        return None
+    best = replace(best, log_p=best.log_p + float(np.log(tested)))
+    return best if best.log_p < np.log(LEVEL) else None

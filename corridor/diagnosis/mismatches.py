@@ -1,0 +1,65 @@
+"""Tie observations that a robust fit has set aside, and whether they are more than wrong matches.
+
+Matches go wrong anywhere and in any direction. Where a pane covers part of the picture, single
+observations cross its rim: each of them is set aside as a wrong match, no shape that is fitted to
+all of them sees it, and what gives it away is that they lie together and point one way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from corridor.adjustment import Adjustment
+from corridor.diagnosis.robust import scale_of
+
+# Scales of Student's t from which on an observation has next to no say in the fit.
+FAR = 4.0
+# Chance of a false alarm of one kind in a block without any cause, over all places.
+LEVEL = 0.001
+
+
+@dataclass(frozen=True)
+class Ties:
+    """Tie observations (n,) of one camera, by point.
+
+    place: (n, 2) px where the model puts them: measured, a wrong match moves its own place.
+    residual: (n, 2) in scales of Student's t; scale_px: (n,) what one of them is. size: (2,) px.
+    """
+
+    point: np.ndarray
+    image: np.ndarray
+    place: np.ndarray
+    residual: np.ndarray
+    scale_px: np.ndarray
+    size: np.ndarray
+
+    @property
+    def far(self) -> np.ndarray:
+        """Which of them the fit has set aside."""
+        return (self.residual**2).sum(axis=1) > FAR**2
+
+
+def ties_by_camera(adjustment: Adjustment) -> list[Ties]:
+    """The tie observations that an adjustment can see, a camera each."""
+    p = adjustment.problem
+    found, _ = adjustment.normal.look(adjustment.state, passes=5)
+    good = (p.row < p.tie_count) & np.isfinite(found).all(axis=1)
+    if not good.any():
+        return []
+    point = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))[good]
+    image, xy, found = p.img[good], p.xy[good], found[good]
+    sigma = 1.0 / np.broadcast_to(p.weight, len(p.img))[good]
+    scale = scale_of(((found / sigma[:, None]) ** 2).sum(axis=1)) * sigma
+    camera = p.images.camera[image]
+    out = []
+    for number in np.unique(camera):
+        k = camera == number
+        out.append(
+            Ties(
+                point[k], image[k], (xy - found)[k], (found / scale[:, None])[k], scale[k],
+                p.images.size[image[k][0]].astype(float),
+            )
+        )  # fmt: skip
+    return out
