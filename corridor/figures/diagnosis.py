@@ -16,6 +16,11 @@ from corridor.figures import style
 # Inches: a row, the names, the numbers, and above and below the rows.
 ROW, NAMES, NUMBERS, TOP, BOTTOM = 0.235, 4.15, 0.65, 1.35, 0.65
 LEAST = 1.0
+LIMITS = {
+    "named": ("-", "named"),
+    "beside_noise": (":", "named (GNSS)"),
+    "suspected": ("--", "suspected"),
+}
 
 
 def evidence_bars(
@@ -24,7 +29,8 @@ def evidence_bars(
     """Log evidence of every candidate as bars on a logarithmic scale, beside the thresholds.
 
     evidence: name, generic, found (bool), alone and beside (log evidence by itself, and beside
-    what was found), a row a candidate, drawn in their order. threshold: `named`, `suspected`.
+    what was found), a row a candidate, drawn in their order. threshold: `named`, `suspected`, and
+    `beside_noise` for what is named though noise of the antenna looks like it.
     What is below one is not drawn: such a candidate explains nothing.
     """
     title = f"{style.short(name, 40)}: evidence of all candidates"
@@ -41,7 +47,7 @@ def evidence_bars(
     axes.set(xscale="log", xlim=(LEAST, 1.6 * most), ylim=(rows - 0.4, -0.6))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
     axes.yaxis.set_major_locator(NullLocator())
-    for limit, dashes in (("named", "-"), ("suspected", "--")):
+    for limit, (dashes, _) in LIMITS.items():
         axes.axvline(max(threshold[limit], LEAST), color=style.INK, lw=1.0, ls=dashes, zorder=1)
     for k, row in enumerate(evidence.itertuples(index=False)):
         if row.alone > LEAST:
@@ -79,8 +85,10 @@ def evidence_bars(
             Patch(fc="white", ec=style.QUIET, hatch="/////", label="generic shape, alone"),
             _marker("D", style.LIGHT, "found"),
             _marker("o", "white", "beside what was found"),
-            Line2D([], [], color=style.INK, lw=1.0, label="named"),
-            Line2D([], [], color=style.INK, lw=1.0, ls="--", label="suspected"),
+            *(
+                Line2D([], [], color=style.INK, lw=1.0, ls=dashes, label=words)
+                for dashes, words in LIMITS.values()
+            ),
         ],
     )
     return figure
