@@ -47,6 +47,7 @@ class Effect(ABC):
     group: who shares a set of values: the block, a camera, a flight, an image or a ground point.
     generic: a mathematical shape that stands for the unknown, not a physical cause.
     searched: whether the diagnosis asks for it; not where others of the catalogue say it better.
+    sudden: a break of the picture at a line, which matches across that line show one by one too.
     row_degree: of the place motion: degree of the polynomial in the row that holds the shift.
     stands_in_for: camera parameters that have to be held, or the effect to have a prior: it can
     move what they move.
@@ -62,6 +63,7 @@ class Effect(ABC):
     group: str = "block"
     generic: bool = False
     searched: bool = True
+    sudden: bool = False
     row_degree: int = 1
     stands_in_for: tuple[str, ...] = ()
     revealed_by: str = ""

@@ -20,6 +20,7 @@ class ImageSteps(Effect):
     place = "image"
     group = "camera"
     generic = True
+    sudden = True
     revealed_by = "many tie points that are seen on both sides of the line"
     unobservable_when = "the points of one side are hardly ever seen on the other"
 
