@@ -161,6 +161,15 @@ class TestBlocks:
         value = found["parameters"][0]["value"]
         assert record == {"rolling_shutter": {"readout": pytest.approx(value, rel=0.01)}}
 
+    def test_what_one_point_has_keeps_its_name(self, block, diagnosis, monkeypatch):
+        """The number alone would belong to nobody."""
+        point = block.ground["point"][block.ground["role"] == "control"].iloc[0]
+        found = {"control_blunder": {"x": {point: 0.05}}}
+        home = sys.modules["corridor.diagnosis.report.corrected"]
+        monkeypatch.setattr(home, "estimates", lambda *_: found)
+        done = home.corrected(block, diagnosis.after, ["control_blunder"])
+        assert done.extra["corrected"] == found
+
     def test_it_is_not_taken_out_twice(self, saved):
         corrected = corridor.read(saved[0] / "corrected")
         with pytest.raises(InputError, match="rolling_shutter has been taken out of this block"):

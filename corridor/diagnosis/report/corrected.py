@@ -63,12 +63,10 @@ def estimates(adjustment: Adjustment, slugs: Iterable[str]) -> dict[str, dict]:
 
 
 def _plain(parameters: dict[str, dict]) -> dict:
-    """A value that all images share as a number, others by their group."""
-    plain = {
-        name: {group: float(value) for group, value in groups.items()}
-        for name, groups in parameters.items()
-    }
+    """A value that the whole block shares as a number, others by their group."""
     return {
-        name: groups if len(groups) > 1 else next(iter(groups.values()))
-        for name, groups in plain.items()
+        name: float(groups["block"])
+        if list(groups) == ["block"]
+        else {group: float(value) for group, value in groups.items()}
+        for name, groups in parameters.items()
     }
