@@ -46,11 +46,15 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from strips import corridor_block  # noqa: E402
+
 from corridor.adjustment import Covariance, Loss, Normal, make_problem, solve
 from corridor.adjustment.normal import LOSSES
 from corridor.block import Block
 from corridor.camera import quaternion_from_rotation
-from corridor.simulation import CAMLIGHT, add_noise, corridor_block
+from corridor.simulation import CAMLIGHT, add_noise
 
 SHORT = (114, 330)
 SIZES = (114, 330, 1080, 5385, 10_767)

@@ -18,10 +18,10 @@ from joblib import Parallel, delayed
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.diagnosis.generator import CATALOGUE, NULLS, null, single
+from benchmarks.diagnosis.generator.generate import generate
 from corridor.diagnosis import Believed, Closing, compare, counterparts
 from corridor.effects import find
-from tests.hidden import CATALOGUE, NULLS, null, single
-from tests.hidden.generate import generate
 
 SMALL = {"images": 45, "observations": 160}
 SHORT = ("rolling_shutter", "lever_arm", "control_blunder", "sensor_unflatness")

@@ -8,6 +8,7 @@ Everything named in `__all__` is loaded at its first use, so that `import corrid
 (and `corridor --help`) do not wait for the numerical libraries.
 """
 
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -19,13 +20,15 @@ if TYPE_CHECKING:
     from corridor.camera import Camera as Camera
     from corridor.diagnosis import Diagnosis as Diagnosis
     from corridor.diagnosis import diagnose as diagnose
-    from corridor.effects import catalogue as catalogue
+    from corridor.effects import every_effect as catalogue  # noqa: F401
     from corridor.errors import AdjustmentFailed as AdjustmentFailed
     from corridor.errors import InputError as InputError
     from corridor.simulation import simulate as simulate
 
 __version__ = "0.1.0"
 
+# Public names that are called otherwise at home, where a folder bears the name.
+_AT_HOME = {"catalogue": "every_effect"}
 _HOME = {
     "read": "corridor.block",
     "Block": "corridor.block",
@@ -46,8 +49,8 @@ _ROOMS = (
     "gnss",
     "interchange",
     "planning",
-    "published",
-    "rolling_shutter",
+    "preparation",
+    "readout",
     "simulation",
     "thermal",
 )
@@ -57,7 +60,15 @@ __all__ = [*_HOME, *_ROOMS]
 
 def __getattr__(name):
     if name in _HOME:
-        value = getattr(import_module(_HOME[name]), name)
+        value = getattr(import_module(_HOME[name]), _AT_HOME.get(name, name))
+    elif name == "rolling_shutter":
+        warnings.warn(
+            "corridor.rolling_shutter is called corridor.readout and corridor.preparation now; "
+            "the old name goes with the next release",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return import_module("corridor.readout")
     elif name in _ROOMS:
         value = import_module(f"corridor.{name}")
     else:

@@ -1,7 +1,7 @@
 """Make the small set of blocks with hidden effects: `python data_synthetic/make_hidden.py`.
 
-Writes data_synthetic/hidden/A to F by the independent generator in tests/hidden; what is hidden in
-each stands beside it, in NAME.truth.json, for whoever wants to look before guessing. Guess first:
+Writes data_synthetic/hidden/A to F by the generator in benchmarks/diagnosis; what is hidden in each
+stands beside it, in NAME.truth.json, for whoever wants to look before guessing. Guess first:
 
     corridor benchmark-diagnosis --blocks data_synthetic/hidden -o out/hidden
 
@@ -17,9 +17,9 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
+from benchmarks.diagnosis.generator import CALM, Case, null, single, together  # noqa: E402
+from benchmarks.diagnosis.generator.generate import generate  # noqa: E402
 from corridor import Block  # noqa: E402
-from tests.hidden import CALM, Case, null, single, together  # noqa: E402
-from tests.hidden.generate import generate  # noqa: E402
 
 # Decimals worth shipping: far below the noise.
 DIGITS = {

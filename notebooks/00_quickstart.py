@@ -36,6 +36,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from kit.published import compare
 
 import corridor
 
@@ -278,6 +279,4 @@ asked = [
     "saraburi.no_control.f_sigma",
     "saraburi.no_control.height_sigma",
 ]
-corridor.published.compare(
-    {name: ours.get(name) for name in asked}, absent="the real block is not on this machine"
-)
+compare({name: ours.get(name) for name in asked}, absent="the real block is not on this machine")

@@ -35,11 +35,11 @@ out = "../out/01_simulation"  # nothing is written unless you ask for it below
 from dataclasses import replace
 
 import numpy as np
+from kit.published import Draws, compare
 
 import corridor
 from corridor import figures
 from corridor.adjustment import lay_on_control
-from corridor.published import Draws, compare
 from corridor.simulation import read_plan
 
 nadir, oblique, heights = "thesis_50vt", "thesis_50ob", "thesis_3070vt"

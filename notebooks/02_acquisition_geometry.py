@@ -38,11 +38,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from kit.published import compare
 
 import corridor
 from corridor import figures
 from corridor.planning import GnssNoise, Planner
-from corridor.published import compare
 from corridor.simulation import read_plan
 
 # %% [markdown]

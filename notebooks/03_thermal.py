@@ -35,11 +35,12 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from kit import rivals
+from kit.published import Draws, compare
 
 import corridor
 from corridor import figures, thermal
 from corridor.adjustment import lay_on_control
-from corridor.published import Draws, compare
 from corridor.simulation import (
     CAMLIGHT,
     add_noise,
@@ -117,7 +118,7 @@ def shifted(wall, dx, dy=0.3, sensor=clean, shot=1):
 
 still = clean.take(sharp.light())
 matcher = thermal.Matcher(still)
-bias = {"corridor": []} | {name: [] for name in thermal.METHODS}
+bias = {"corridor": []} | {name: [] for name in rivals.METHODS}
 spread = {name: [] for name in bias}
 for part in parts:
     picture = shifted(sharp, part)
@@ -125,7 +126,7 @@ for part in parts:
         if name == "corridor":
             found = matcher.find(picture).shift
         else:
-            found = thermal.find_with(name, still, picture, matcher.nodes, matcher.half)
+            found = rivals.find_with(name, still, picture, matcher.nodes, matcher.half)
         off = found[:, 0] - part
         bias[name].append(np.nanmean(off))
         spread[name].append(np.nanstd(off))

@@ -40,12 +40,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from kit.published import Draws, compare
+from kit.table_7_3 import configurations
 
 import corridor
 from corridor import figures
-from corridor import rolling_shutter as shutter
+from corridor import readout as shutter
 from corridor.camera import Camera
-from corridor.published import Draws, compare
 from corridor.simulation import read_plan
 
 data = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))
@@ -188,7 +189,7 @@ values = {"rolling_shutter": {"readout": readout}}
 runs = {}
 for key, (name, _) in surveys.items():
     for draw in seeds:
-        runs[key, draw] = shutter.configurations(
+        runs[key, draw] = configurations(
             flown(name, draw, ties),
             values,
             corrected={"c": "neighbours", "s": "strip"},

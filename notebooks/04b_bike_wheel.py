@@ -27,7 +27,7 @@ seed = 0  # nothing is drawn at random
 out = "../out/04b_bike_wheel"  # nothing is written
 
 # %%
-from corridor.rolling_shutter import lesson
+from kit import lesson
 
 # %% [markdown]
 # ## Guess first

@@ -39,11 +39,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from kit.published import compare as beside_published
 
 import corridor
 from corridor import figures
 from corridor.diagnosis import Closing, compare, confusability, counterparts
-from corridor.published import compare as beside_published
 from corridor.simulation import read_plan
 
 sealed = Path("../data_synthetic/stories")

@@ -37,10 +37,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from kit.published import compare
 
 import corridor
 from corridor import interchange
-from corridor.published import compare
 
 out = Path(out)
 shutil.rmtree(out, ignore_errors=True)

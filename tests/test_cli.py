@@ -16,7 +16,9 @@ from corridor.errors import AdjustmentFailed
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A small block with noise of known size, as a folder."""
-    from corridor.simulation import add_noise, corridor_block
+    from strips import corridor_block
+
+    from corridor.simulation import add_noise
 
     block = corridor_block(images=9, strips=3, observations_per_image=60, seed=4)
     noise = dict(tie_px=0.5, mark_px=0.3, gnss_m=0.02, control_m=0.01)

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from strips import corridor_block
 
 import corridor
 from corridor.cli import main
 from corridor.effects import add
-from corridor.simulation import corridor_block
 
 READOUT = 0.0564
 

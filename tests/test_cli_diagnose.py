@@ -7,10 +7,11 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+from strips import corridor_block
 
 import corridor
 from corridor.cli import main
-from corridor.simulation import add_noise, corridor_block
+from corridor.simulation import add_noise
 
 
 def small(seed=4):

@@ -5,8 +5,8 @@ import re
 
 import numpy as np
 import pytest
+from kit import published
 
-from corridor import published
 from corridor.errors import InputError
 
 REGISTER = """
@@ -237,7 +237,7 @@ class TestPage:
         assert "1 holds, 1 does not hold, 0 cannot tell." in text
 
     def test_the_committed_page_is_current(self):
-        """If this fails: python -m corridor.published"""
+        """If this fails: python -m kit.published"""
         committed = (published.NOTEBOOKS / "verdicts.md").read_text(encoding="utf-8")
         assert committed == published.page()
 

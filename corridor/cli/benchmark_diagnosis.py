@@ -2,7 +2,7 @@
 
 examples:
   corridor benchmark-diagnosis --cases all --short -o out/benchmark
-      blocks of 40 images by the independent generator in tests/ (source checkout), each case once
+      blocks of 40 images by the independent generator (source checkout), each case once
   corridor benchmark-diagnosis --cases null --count 100 --jobs 2 -o out/nulls
       a hundred blocks in which nothing is hidden; kinds: null, single, lookalike, together,
       unknown (outside the catalogue), perfect (no noise), all
@@ -23,6 +23,8 @@ for each block, blocks/NAME.json, written as soon as it is done.
 import argparse
 import sys
 from pathlib import Path
+
+from corridor.errors import InputError
 
 KINDS = ("null", "single", "lookalike", "together", "unknown", "perfect", "all")
 
@@ -48,9 +50,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run, print the table, save it."""
-    from corridor import diagnosis
-
-    benchmark = diagnosis.benchmark
+    try:
+        from benchmarks import diagnosis as benchmark
+    except ImportError:
+        raise InputError(
+            "the benchmark is part of the source checkout, not of the installed package: "
+            "run it from a clone"
+        ) from None
     if options.blocks is not None:
         trials = benchmark.of_folder(options.blocks)
     else:

@@ -83,10 +83,10 @@ def run(options: argparse.Namespace) -> None:
         looked_at |= {*effect.needs, *effect.takes}
     notes = []
     if "images.wx" in looked_at and options.turning == "neighbours":
-        block = corridor.rolling_shutter.rates_from_neighbours(block)
+        block = corridor.readout.rates_from_neighbours(block)
         notes.append("angular rates: from the attitudes of the images before and after")
     if "images.vx" in looked_at:
-        found = corridor.rolling_shutter.velocities(block, options.velocity)
+        found = corridor.readout.velocities(block, options.velocity)
         block = found.on(block)
         notes += str(found).splitlines()
         if "images.wx" in looked_at and not block.has("images.wx"):

@@ -17,10 +17,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Print the catalogue or one effect."""
-    from corridor.effects import catalogue, find
+    from corridor.effects import every_effect, find
 
     if options.slug is None:
-        print("\n\n".join(_short(effect) for effect in catalogue()))
+        print("\n\n".join(_short(effect) for effect in every_effect()))
         print(
             "\n`corridor effects SLUG` describes one; `corridor adjust --effect SLUG` estimates it."
         )

@@ -100,22 +100,23 @@ def _common(parser):
 
 def run(options: argparse.Namespace) -> None:
     """Measure, draw, save, and print what came of it."""
-    from corridor import figures, rolling_shutter
+    from corridor import figures
+    from corridor import readout as room
     from corridor.errors import InputError
 
-    rolling_shutter.can_save_readout(options.output)
+    room.can_save_readout(options.output)
     if options.target == "wheel" and options.video is None:
         for option in ("video_fps", "photo_time"):
             if getattr(options, option) is not None:
                 raise InputError(f"--{option.replace('_', '-')} needs --video")
     print(f"measuring the {options.target} ...", file=sys.stderr, flush=True)
-    readout = _measure(rolling_shutter, options)
+    readout = _measure(room, options)
     picture = io.BytesIO()
     figures.readout_picture(readout).savefig(
         picture, format="png", dpi=144, metadata={"Software": None}
     )
     pictures = {"readout": picture.getvalue()}
-    written = rolling_shutter.save_readout(readout, options.output, pictures)
+    written = room.save_readout(readout, options.output, pictures)
     print(readout)
     print("\nWrote", *written, sep="\n  ")
 

@@ -8,11 +8,7 @@ that is, what it does to data that the fit has not used, and what could not be t
 `counterparts(adjustment)` simulates the measured block again and again from the believed model;
 `compare` holds the measured one beside them, `Closing` the comparison before and after an effect
 is added. `counterpart` gives one of them as a block.
-
-`benchmark` says how often all this is right, on blocks in which an effect is hidden.
 """
-
-from importlib import import_module
 
 from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.comparison import Closing, Compared, Comparison, compare
@@ -39,7 +35,6 @@ __all__ = [
     "Round",
     "Statistic",
     "check_output",
-    "benchmark",
     "compare",
     "confusability",
     "corrected",
@@ -48,10 +43,3 @@ __all__ = [
     "diagnose",
     "measure",
 ]
-
-
-def __getattr__(name):
-    # It draws pictures; whoever diagnoses a block need not wait for that.
-    if name == "benchmark":
-        return import_module("corridor.diagnosis.benchmark")
-    raise AttributeError(f"module 'corridor.diagnosis' has no attribute {name!r}")

@@ -15,10 +15,10 @@ from scipy.stats import binom
 
 from corridor.adjustment import Adjustment
 from corridor.diagnosis.mismatches import FAR, LEVEL, Ties, ties_by_camera
-from corridor.effects import catalogue
+from corridor.effects import every_effect
 
 # The effect of the catalogue that is told in its place.
-SHOWS_AS = next(effect.slug for effect in catalogue() if effect.sudden)
+SHOWS_AS = next(effect.slug for effect in every_effect() if effect.sudden)
 # Lines along the longer side, and how far apart the two of a pair may lie, of that side: farther
 # apart, a smooth deformation tells them apart as well.
 LINES, NEAR = 512, 1 / 16

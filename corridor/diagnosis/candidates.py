@@ -14,7 +14,7 @@ import numpy as np
 
 from corridor.adjustment import make_problem
 from corridor.block import Block
-from corridor.effects import Context, Effect, Images, Stack, catalogue
+from corridor.effects import Context, Effect, Images, Stack, every_effect
 from corridor.errors import InputError
 
 # What a generic shape, and one of several control points, has to bring more than a named effect.
@@ -84,7 +84,7 @@ def candidates(
     free: estimated interior parameters of each camera. control: measured control points.
     only, without: slugs that restrict the choice. Raises InputError for a slug that is unknown.
     """
-    every = [effect.form(block) for effect in catalogue()]
+    every = [effect.form(block) for effect in every_effect()]
     names = {effect.slug for effect in every}
     for slug in [*(only or ()), *without]:
         if slug not in names:

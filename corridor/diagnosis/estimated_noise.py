@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from corridor.adjustment import Normal
-from corridor.effects import Context, Images, catalogue
+from corridor.effects import Context, Images, every_effect
 
 # Probabilities at which the length of the tie noise is known: dense where tails begin.
 GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6, 30)])
@@ -178,7 +178,7 @@ def _signals(problem, state) -> np.ndarray:
     images: Images = problem.images.with_poses(state.centre, state.rotation)
     context = Context(images, image)
     parts = [np.tile(np.eye(3), (len(image), 1, 1))]
-    for effect in catalogue():
+    for effect in every_effect():
         if effect.place != "antenna" or effect.generic or effect.group == "image":
             continue
         if effect.missing(block):

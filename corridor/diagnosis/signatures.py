@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from corridor.adjustment import Loss, Normal
-from corridor.effects import Stack, catalogue
+from corridor.effects import Stack, every_effect
 
 # Share of an effect that has to be left after absorption: below, rounding would speak.
 LEFT = 1e-3
@@ -160,7 +160,7 @@ def _missing_effects(believed):
     p, state = believed.problem, believed.fit.state
     controls = list(p.block.ground["point"].to_numpy(dtype=object)[p.control_rows])
     members = [member.effect for member in p.stack.members.values()]
-    for effect in catalogue():
+    for effect in every_effect():
         if effect.generic or effect.slug in p.stack.members or effect.missing(p.block):
             continue
         if effect.place == "antenna" and not len(p.gnss_image):

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 
 from corridor.adjustment import rounded
-from corridor.effects import Effect, catalogue
+from corridor.effects import Effect, every_effect
 
 # Unit of an effect's file -> factor and unit for people.
 _UNITS = {
@@ -74,7 +74,7 @@ def upper(text: str) -> str:
 
 def effects_by_slug() -> dict[str, Effect]:
     """The catalogue, by slug."""
-    return {effect.slug: effect for effect in catalogue()}
+    return {effect.slug: effect for effect in every_effect()}
 
 
 def placed(called: str, where: dict) -> str:

@@ -1,6 +1,6 @@
 """Physical effects: one file each, found by looking in this folder.
 
-`catalogue()` lists them, `find(slug)` makes one; `add` simulates effects in a block, `take_out`
+`every_effect()` lists them, `find(slug)` makes one; `add` simulates effects in a block, `take_out`
 undoes that, `correct` with all that a person may have forgotten; `predict` is the whole forward
 model. A new effect is a new file with one class (`corridor.effects.contract.Effect`).
 """
@@ -10,7 +10,7 @@ from corridor.effects.contract import (
     Effect,
     Images,
     Parameter,
-    catalogue,
+    every_effect,
     find,
     group_names,
     group_of_image,
@@ -36,7 +36,7 @@ __all__ = [
     "Stack",
     "Values",
     "add",
-    "catalogue",
+    "every_effect",
     "check_needs",
     "correct",
     "find",

@@ -358,12 +358,12 @@ def group_names(images: Images, kind: str, points: list[str] = ()) -> list[str]:
     }[kind]
 
 
-def catalogue() -> list[Effect]:
-    """Every effect of this folder, by slug."""
-    package = importlib.import_module("corridor.effects")
+def every_effect() -> list[Effect]:
+    """Every effect of the folder `catalogue`, by slug."""
+    package = importlib.import_module("corridor.effects.catalogue")
     found = {}
     for module in pkgutil.iter_modules(package.__path__):
-        for value in vars(importlib.import_module(f"corridor.effects.{module.name}")).values():
+        for value in vars(importlib.import_module(f"{package.__name__}.{module.name}")).values():
             if isinstance(value, type) and issubclass(value, Effect) and "slug" in vars(value):
                 found[value.slug] = value
     return [found[slug]() for slug in sorted(found)]
@@ -375,10 +375,10 @@ def find(name: str) -> Effect:
     Raises InputError where there is none.
     """
     slug, _, group = name.partition("@")
-    for effect in catalogue():
+    for effect in every_effect():
         if effect.slug == slug:
             return type(effect)(group or None)
     raise InputError(
         f"effect {slug!r} is unknown: `corridor effects` lists them all, the physical ones are "
-        f"{', '.join(effect.slug for effect in catalogue() if not effect.generic)}"
+        f"{', '.join(effect.slug for effect in every_effect() if not effect.generic)}"
     )

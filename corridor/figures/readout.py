@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from corridor.figures import style
 
 if TYPE_CHECKING:
-    from corridor.rolling_shutter import Readout
+    from corridor.readout import Readout
 
 _LONG = 1000  # px, long side of a photograph as drawn
 _MARGIN, _GAP = 0.65, 0.7  # inches

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.block import Block, read, whole_folder
-from corridor.effects import catalogue, find, take_out
+from corridor.effects import every_effect, find, take_out
 from corridor.errors import InputError
 from corridor.interchange.cameras import moved_to
 from corridor.interchange.formats import writers
@@ -137,7 +137,7 @@ def export_names() -> dict[str, str]:
 def _stated_effect(block, effects):
     """An effect whose values the block states and nobody estimated or takes out."""
     chosen = [find(slug) for slug in effects]
-    for effect in (one.form(block) for one in catalogue()):
+    for effect in (one.form(block) for one in every_effect()):
         if effect.stated(block) is None or effect.missing(block):
             continue
         if not any(other.place == effect.place for other in chosen):

@@ -22,7 +22,7 @@ from corridor.interchange.photographs import (
     read_photograph,
 )
 from corridor.interchange.project import POSE, Project
-from corridor.rolling_shutter import published_readouts
+from corridor.readout import published_readouts
 
 _GEOGRAPHIC = "EPSG:4979"
 # Published readout times that differ by more than this are of different modes.

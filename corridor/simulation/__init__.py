@@ -1,6 +1,6 @@
 """Blocks of corridor flights that nobody flew: from a flight plan, with the truth beside them."""
 
-from corridor.simulation.cameras import cameras
+from corridor.simulation.cameras import CAMLIGHT, cameras
 from corridor.simulation.fly import reach
 from corridor.simulation.noise import add_noise
 from corridor.simulation.plan import (
@@ -14,10 +14,7 @@ from corridor.simulation.plan import (
     read_plan,
     ready_made,
 )
-from corridor.simulation.ring import ring_block
 from corridor.simulation.simulate import Simulated, perfect_block, simulate
-from corridor.simulation.static import static_block
-from corridor.simulation.strips import CAMLIGHT, corridor_block
 from corridor.simulation.terrain import Dike
 
 __all__ = [
@@ -33,12 +30,9 @@ __all__ = [
     "TiePoints",
     "add_noise",
     "cameras",
-    "corridor_block",
     "perfect_block",
     "reach",
     "read_plan",
     "ready_made",
-    "ring_block",
     "simulate",
-    "static_block",
 ]

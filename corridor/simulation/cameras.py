@@ -17,3 +17,6 @@ def cameras() -> dict[str, Camera]:
         name: Camera.from_table(name, {k: v for k, v in table.items() if k != "source"})
         for name, table in tables.items()
     }
+
+
+CAMLIGHT = cameras()["camlight"]

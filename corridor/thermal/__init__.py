@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from corridor.thermal.points import apply as apply
     from corridor.thermal.resection import Resection as Resection
     from corridor.thermal.resection import resect as resect
-    from corridor.thermal.rivals import METHODS as METHODS
-    from corridor.thermal.rivals import find_with as find_with
     from corridor.thermal.series import read_picture as read_picture
 
 _HOME = {
@@ -56,8 +54,6 @@ _HOME = {
     "simple_model": "corridor.thermal.model",
     "apply": "corridor.thermal.points",
     "write_points": "corridor.thermal.points",
-    "METHODS": "corridor.thermal.rivals",
-    "find_with": "corridor.thermal.rivals",
     "Resection": "corridor.thermal.resection",
     "resect": "corridor.thermal.resection",
     "read_picture": "corridor.thermal.series",

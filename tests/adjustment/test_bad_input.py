@@ -6,12 +6,13 @@ import sys
 
 import numpy as np
 import pytest
+from strips import corridor_block
 
 import corridor
 from corridor.cli import main
 from corridor.effects.forward import predict
 from corridor.errors import InputError
-from corridor.simulation import add_noise, corridor_block
+from corridor.simulation import add_noise
 
 QUATERNION = ["qw", "qx", "qy", "qz"]
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from strips import corridor_block
 
 import corridor
 from corridor.adjustment import Covariance, Loss, Normal, make_problem
@@ -9,7 +10,7 @@ from corridor.adjustment.datum import settle
 from corridor.adjustment.normal import moved_state, shared_values
 from corridor.camera import quaternion_from_rotation
 from corridor.effects.forward import predict
-from corridor.simulation import add_noise, corridor_block
+from corridor.simulation import add_noise
 
 # --- the dense inverse -----------------------------------------------------------------------
 #

@@ -3,13 +3,14 @@
 import numpy as np
 import pandas as pd
 import pytest
+from strips import corridor_block
 
 import corridor
 from corridor.adjustment.initial import complete
 from corridor.adjustment.similarity import similarity
 from corridor.camera import Camera, project, rotation_from_quaternion
 from corridor.errors import InputError
-from corridor.simulation import CAMLIGHT, add_noise, corridor_block
+from corridor.simulation import CAMLIGHT, add_noise
 
 POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
 NOISE = {"tie_px": 0.5, "mark_px": 0.5, "gnss_m": 0.02, "control_m": 0.01}

@@ -3,9 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
+from strips import corridor_block
 
 import corridor
-from corridor.simulation import add_noise, corridor_block
+from corridor.simulation import add_noise
 
 TABLES = ("images", "tie_points", "points", "marks", "ground", "gnss")
 # Another order of the sums leaves 1e-16 of the normal equations, 1e-11 m after the solution.

@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up import corridor
+from strips import corridor_block
 
 from corridor.adjustment import adjust, lay_on_control
 from corridor.adjustment.similarity import Similarity
 from corridor.camera import rotation_from_vector
 from corridor.errors import InputError
-from corridor.simulation import corridor_block
 
 MOVED = Similarity(
     1.02, rotation_from_vector(np.array([0.02, -0.05, 1.3])), np.array([40, -9, 6.0])

@@ -6,9 +6,9 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
+from kit import published
 
 import corridor
-from corridor import published
 from corridor.camera import rotation_from_vector
 
 REGISTER = published.read()

@@ -5,12 +5,13 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
+from strips import corridor_block
 
 import corridor
 from corridor.adjustment import Loss, Normal, make_problem, similarity, solve
 from corridor.camera import FRASER10, INTERIOR, rotation_from_quaternion
 from corridor.effects.forward import predict
-from corridor.simulation import CAMLIGHT, add_noise, corridor_block
+from corridor.simulation import CAMLIGHT, add_noise
 
 START = (0.5, 0.005, 0.5)  # metres, radians, metres: 0.005 rad are 27 px
 NANOMETRES = 1e-9

@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+from strips import corridor_block
 
 import corridor
 from corridor.effects import add
-from corridor.simulation import CAMLIGHT, add_noise, corridor_block
+from corridor.simulation import CAMLIGHT, add_noise
 
 NOISE = {"tie_px": 0.3, "mark_px": 0.3, "gnss_m": 0.010, "control_m": 0.004}
 

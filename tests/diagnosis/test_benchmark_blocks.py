@@ -7,17 +7,16 @@ import pandas as pd
 import pytest
 
 import corridor
+from benchmarks import diagnosis as benchmark
+from benchmarks.diagnosis.assess import assess
+from benchmarks.diagnosis.baselines import METHODS, baselines
+from benchmarks.diagnosis.generator import plan_of_benchmark as made
+from benchmarks.diagnosis.signal import Signal, _as_one, signals
+from benchmarks.diagnosis.truth import truth_of
 from corridor.cli import main
-from corridor.diagnosis import benchmark
 from corridor.diagnosis.believed import Believed
-from corridor.diagnosis.benchmark.assess import assess
-from corridor.diagnosis.benchmark.baselines import METHODS, baselines
-from corridor.diagnosis.benchmark.signal import Signal, _as_one, signals
-from corridor.diagnosis.benchmark.trials import generator
-from corridor.diagnosis.benchmark.truth import truth_of
 from corridor.errors import InputError
 
-made = generator()
 TINY = {"images": 24, "observations": 80, "check": 4, "noise": made.null("clean").noise}
 
 
@@ -219,7 +218,7 @@ class TestRefused:
         assert stop.value.code == 2
 
     def test_cases_without_the_generator(self, monkeypatch, tmp_path, capsys):
-        from corridor.diagnosis.benchmark import trials
+        from benchmarks.diagnosis import trials
 
         monkeypatch.setattr(trials, "_LOADED", "not_loaded_yet")
         monkeypatch.setattr(trials, "_GENERATOR", tmp_path / "nowhere")

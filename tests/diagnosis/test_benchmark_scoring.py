@@ -4,16 +4,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.diagnosis.assess import parameter_errors
+from benchmarks.diagnosis.judge import judge
+from benchmarks.diagnosis.methods import methods
+from benchmarks.diagnosis.promises import promises
+from benchmarks.diagnosis.rates import Rate
+from benchmarks.diagnosis.summary import confusion, summary
+from benchmarks.diagnosis.table import as_text
+from benchmarks.diagnosis.truth import Truth, truth_of
 from corridor.block import Block
 from corridor.camera import Camera
-from corridor.diagnosis.benchmark.assess import parameter_errors
-from corridor.diagnosis.benchmark.judge import judge
-from corridor.diagnosis.benchmark.methods import methods
-from corridor.diagnosis.benchmark.promises import promises
-from corridor.diagnosis.benchmark.rates import Rate
-from corridor.diagnosis.benchmark.summary import confusion, summary
-from corridor.diagnosis.benchmark.table import as_text
-from corridor.diagnosis.benchmark.truth import Truth, truth_of
 from corridor.diagnosis.gap import closure
 from corridor.errors import InputError
 

@@ -2,10 +2,10 @@
 
 import pytest
 
+from benchmarks.diagnosis.generator import single
+from benchmarks.diagnosis.generator.generate import generate
 from corridor.diagnosis import diagnose
 from corridor.diagnosis.verdict import MAINLY
-from tests.hidden import single
-from tests.hidden.generate import generate
 
 SHORT = {"images": 40, "observations": 150, "geometry": "cross", "flights": 3}
 # Arms that differ by 15 mm: 7.5 sigmas with the noise known, 5.7 with noise of any size.

@@ -8,7 +8,7 @@ from believing import believed, flown
 
 from corridor import diagnosis
 from corridor.diagnosis.statistics import Statistic
-from corridor.effects import catalogue
+from corridor.effects import every_effect
 
 
 def made_up(measured, simulated, absorbed=None):
@@ -122,7 +122,7 @@ class TestSomethingIsMissing:
         assert gap.table["excess_before"].sum() > 10 * gap.table["excess_after"].sum()
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("slug", [e.slug for e in catalogue() if not e.generic])
+    @pytest.mark.parametrize("slug", [e.slug for e in every_effect() if not e.generic])
     def test_of_ratio_ten_every_effect_of_the_catalogue(self, slug):
         """Must show 9, but for what the antenna's own noise explains as well."""
         if slug == "time_rounding":

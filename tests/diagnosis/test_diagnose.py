@@ -5,12 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from strips import corridor_block
 
 import corridor
 from corridor.diagnosis import Believed, diagnose
 from corridor.effects import add, find
 from corridor.errors import InputError
-from corridor.simulation import add_noise, corridor_block
+from corridor.simulation import add_noise
 
 
 @cache

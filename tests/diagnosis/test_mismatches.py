@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.diagnosis.generator import single
+from benchmarks.diagnosis.generator.generate import generate
 from corridor.diagnosis.breaks import broken_picture
 from corridor.diagnosis.crowds import crowds
 from corridor.diagnosis.diagnose import diagnose
-from tests.hidden import single
-from tests.hidden.generate import generate
 
 IMAGES, EACH, SIZE = 60, 120, np.array([5120, 3840])
 SIGMA = 0.3

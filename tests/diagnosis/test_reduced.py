@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import spsolve
+from strips import CAMLIGHT, corridor_block
 
 from corridor.camera import quaternion_from_rotation, rotation_from_quaternion, rotation_from_vector
 from corridor.diagnosis.believed import Believed
@@ -17,8 +18,7 @@ from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.gnss_noise import GnssNoise, stated_noise
 from corridor.diagnosis.reduced import Elimination
 from corridor.effects import predict
-from corridor.simulation import add_noise, corridor_block
-from corridor.simulation.strips import CAMLIGHT
+from corridor.simulation import add_noise
 
 SLUGS = [
     "rolling_shutter", "thermal", "focal", "affine_distortion", "radial_distortion",

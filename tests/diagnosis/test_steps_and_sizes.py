@@ -2,9 +2,9 @@
 
 import pytest
 
+from benchmarks.diagnosis.generator import null, single
+from benchmarks.diagnosis.generator.generate import generate
 from corridor.diagnosis import diagnose
-from tests.hidden import null, single
-from tests.hidden.generate import generate
 
 SMALL = {"images": 30, "observations": 130}
 

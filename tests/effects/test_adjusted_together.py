@@ -5,17 +5,17 @@ from functools import cache, cached_property
 
 import numpy as np
 import pytest
+from strips import CAMLIGHT, corridor_block
 
 import corridor
 from corridor.adjustment.normal import Loss, Normal, moved_state, shared_values
 from corridor.adjustment.problem import make_problem
-from corridor.effects import add, catalogue, predict
+from corridor.effects import add, every_effect, predict
 from corridor.effects.forward import gather
-from corridor.simulation import add_noise, corridor_block
-from corridor.simulation.strips import CAMLIGHT
+from corridor.simulation import add_noise
 
-EVERY = [effect.slug for effect in catalogue()]
-NAMED = [effect.slug for effect in catalogue() if not effect.generic]
+EVERY = [effect.slug for effect in every_effect()]
+NAMED = [effect.slug for effect in every_effect() if not effect.generic]
 
 
 def flown(**options):
@@ -181,7 +181,7 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
     block = add_noise(
         add(block, values), tie_px=0.3, mark_px=0.3, gnss_m=0.01, control_m=0.01, seed=4
     )
-    chosen = [effect for effect in catalogue() if effect.slug in slugs]
+    chosen = [effect for effect in every_effect() if effect.slug in slugs]
     # Six images are too few for many: held by what one expects of each.
     priors = {
         f"{effect.slug}.{parameter.name}": (0.0, 10 * parameter.scale)

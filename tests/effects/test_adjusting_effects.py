@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from strips import CAMLIGHT, corridor_block
 
 import corridor
 from corridor.adjustment.problem import make_problem
 from corridor.effects import add
 from corridor.errors import InputError
-from corridor.simulation import add_noise, corridor_block
-from corridor.simulation.strips import CAMLIGHT
+from corridor.simulation import add_noise
 
 NOISE = {"tie_px": 0.3, "mark_px": 0.3, "gnss_m": 0.005, "control_m": 0.005}
 

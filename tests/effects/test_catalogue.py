@@ -10,18 +10,17 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from strips import CAMLIGHT, corridor_block
 
 import corridor
 from corridor.camera import INTERIOR, undistort
-from corridor.effects import add, catalogue, find, predict, take_out
+from corridor.effects import add, every_effect, find, predict, take_out
 from corridor.effects.contract import GROUPS, PLACES, Context, Effect, Images
 from corridor.effects.forward import gather
 from corridor.errors import InputError
-from corridor.simulation import add_noise, corridor_block
-from corridor.simulation.strips import CAMLIGHT
+from corridor.simulation import add_noise
 
-FOLDER = Path(inspect.getfile(Effect)).parent
-MECHANISM = {"__init__", "contract", "stack", "forward", "splines", "gyroscope", "correction"}
+FOLDER = Path(inspect.getfile(Effect)).parent / "catalogue"
 # Small enough that nothing hides in the noise, and that GNSS and control hold the block.
 NOISE = {"tie_px": 0.05, "mark_px": 0.05, "gnss_m": 0.002, "control_m": 0.002}
 
@@ -74,7 +73,7 @@ def aeroplane():
 @pytest.fixture(scope="module")
 def strips(drone, aeroplane):
     """The strip in which each effect shows, by slug."""
-    return {effect.slug: chosen(effect, drone, aeroplane) for effect in catalogue()}
+    return {effect.slug: chosen(effect, drone, aeroplane) for effect in every_effect()}
 
 
 @pytest.fixture
@@ -89,8 +88,8 @@ def gyroscopic(effect):
 def every_form():
     """The catalogue, and those of it that are others where the block has a gyroscope."""
     recorded = SimpleNamespace(rates=[0.0])
-    forms = [effect.form(recorded) for effect in catalogue()]
-    return catalogue() + [effect for effect in forms if gyroscopic(effect)]
+    forms = [effect.form(recorded) for effect in every_effect()]
+    return every_effect() + [effect for effect in forms if gyroscopic(effect)]
 
 
 def chosen(effect, drone, aeroplane):
@@ -299,10 +298,10 @@ def same_tables(a, b, tolerance):
 
 
 def test_every_file_holds_exactly_one_effect_and_the_catalogue_has_them_all():
-    files = {path.stem for path in FOLDER.glob("*.py")} - MECHANISM
-    assert files == {effect.slug for effect in catalogue()}
+    files = {path.stem for path in FOLDER.glob("*.py")} - {"__init__"}
+    assert files == {effect.slug for effect in every_effect()}
     for name in files:
-        module = import_module(f"corridor.effects.{name}")
+        module = import_module(f"corridor.effects.catalogue.{name}")
         own = [
             value
             for value in vars(module).values()
@@ -317,10 +316,12 @@ def test_nothing_else_in_the_package_knows_an_effect_by_name():
     """Design, section 1: adding an effect is adding a file."""
     # `lever_arm` is a quantity of its own as well: block.toml states it, adjustments estimate it;
     # `thermal` is a verb of the command, `focal` a key of OpenSfM's files.
-    slugs = {effect.slug for effect in catalogue()} - {"lever_arm", "thermal", "focal"}
-    for path in FOLDER.parent.rglob("*.py"):
+    slugs = {effect.slug for effect in every_effect()} - {"lever_arm", "thermal", "focal"}
+    for path in FOLDER.parents[1].rglob("*.py"):
         # A room may bear the name of what it is about.
-        if path == FOLDER.parent / "__init__.py" or (path.parent == FOLDER and path.stem in slugs):
+        if path == FOLDER.parents[1] / "__init__.py" or (
+            path.parent == FOLDER and path.stem in slugs
+        ):
             continue
         strings = {
             node.value

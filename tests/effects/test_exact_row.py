@@ -9,11 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from strips import CAMLIGHT, corridor_block
 
 import corridor
 from corridor.effects import predict
-from corridor.simulation import corridor_block
-from corridor.simulation.strips import CAMLIGHT
 
 READOUT = 0.030
 

@@ -5,12 +5,13 @@ import pandas as pd
 import pytest
 from hovering import hovering
 from scipy.spatial.transform import Rotation
+from strips import corridor_block
 
 import corridor
 from corridor.effects import add, predict
 from corridor.effects.gyroscope import Gyroscope
 from corridor.errors import InputError
-from corridor.simulation import add_noise, corridor_block
+from corridor.simulation import add_noise
 
 READOUT = 0.05
 

@@ -19,10 +19,10 @@ from hovering import (
     hovering,
     seen,
 )
+from strips import corridor_block
 
 from corridor.camera import INTERIOR
 from corridor.effects import Images, find, predict
-from corridor.simulation import corridor_block
 
 
 def shutter(block, readout):

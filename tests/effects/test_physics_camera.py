@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from hovering import F, context, hovering, seen
+from strips import corridor_block
 
 from corridor.camera import INTERIOR
 from corridor.effects import Context, Images, find, predict
-from corridor.simulation import corridor_block
 
 # Ray of the points at the left and right edge: 2000 / 5000.
 U = 0.4

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from hovering import HEIGHT, NADIR, context, hovering
+from strips import corridor_block
 
 from corridor.effects import Context, Images, add, find, predict, take_out
-from corridor.simulation import corridor_block
 
 
 def surveyed(*places):

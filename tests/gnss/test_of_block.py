@@ -3,11 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
+from strips import corridor_block
 
 from corridor.cli import main
 from corridor.errors import InputError
 from corridor.gnss import of_block
-from corridor.simulation import corridor_block
 
 NOISE_M = 0.005
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
+from strips import corridor_block
 
 from corridor.errors import InputError
-from corridor.simulation import add_noise, corridor_block
+from corridor.simulation import add_noise
 
 TABLES = {
     "tie_points": ["x", "y"],

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from kit.ring import ring_block
+from kit.static import static_block
 
 import corridor
 from corridor.effects import predict
 from corridor.errors import InputError
-from corridor.simulation import ring_block, static_block
 
 
 @pytest.mark.parametrize("closed", [True, False])

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from strips import corridor_block
 
 import corridor
 from corridor.camera import Camera, project, rotation_from_quaternion
 from corridor.errors import InputError
-from corridor.simulation import CAMLIGHT, Dike, corridor_block
+from corridor.simulation import CAMLIGHT, Dike
 
 PINHOLE = Camera.from_table("pinhole", {"width": 5120, "height": 3840, "f": 5489.0})
 STILL = {"attitude_jitter_deg": 0.0, "position_jitter": 0.0, "velocity_jitter": 0.0}

@@ -5,9 +5,10 @@ import time
 import cv2
 import numpy as np
 import pytest
+from kit.rivals import METHODS, find_with
 from walls import camlight, rms
 
-from corridor.thermal import METHODS, Matcher, find_with
+from corridor.thermal import Matcher
 from corridor.thermal.render import Sensor, Wall
 
 WIDTH, HEIGHT = 1280, 960

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kit.static import static_block
 from walls import camlight
 
 from corridor.camera import Camera, project_rays, rotation_from_vector, undistort
 from corridor.errors import InputError
-from corridor.simulation import CAMLIGHT, add_noise, static_block
+from corridor.simulation import CAMLIGHT, add_noise
 from corridor.thermal import camera_at, compare_cameras, resect, simple_model, uncorrect
 
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from strips import corridor_block
 from walls import camlight
 
 import corridor
 from corridor.cli import main
 from corridor.errors import InputError
-from corridor.simulation import corridor_block
 from corridor.thermal import correct, laboratory_prior, uncorrect
 
 

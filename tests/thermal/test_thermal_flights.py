@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kit.ring import ring_block
 from walls import camlight
 
 import corridor
 from corridor.adjustment import lay_on_control
-from corridor.simulation import add_noise, perfect_block, read_plan, ring_block
+from corridor.simulation import add_noise, perfect_block, read_plan
 from corridor.thermal import calibrated_at, correct, uncorrect
 
 CALIBRATED = 35.1  # C, middle of 34.2 to 36 (thesis, table 6.12)

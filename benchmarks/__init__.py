@@ -1,0 +1,1 @@
+"""Timings against other programs, and how often the diagnosis is right."""

@@ -1,0 +1,119 @@
+"""All blocks of a benchmark, each kept as soon as it is done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import joblib
+
+import corridor
+from benchmarks.diagnosis.assess import assess
+from benchmarks.diagnosis.trials import Trial
+from corridor.errors import AdjustmentFailed, InputError
+from corridor.parallel import parallel
+
+KEPT = "blocks"
+
+
+def run(
+    trials: list[Trial],
+    folder: str | os.PathLike,
+    jobs: int = 1,
+    cluster: str | None = None,
+    again: bool = False,
+    rivals: bool = True,
+    progress: Callable[[dict, int, int], None] | None = None,
+    **options,
+) -> list[dict]:
+    """A row for each trial, in their order; see `assess`.
+
+    folder: each row is kept in folder/blocks/NAME.json when it is done, so that an interrupted run
+    goes on where it stopped; a row of other options, of another block of the same name or of
+    another version of corridor counts as missing. again: as if nothing were there.
+    jobs, cluster: processes, or a Dask scheduler. rivals: whether the baselines are run.
+    progress: called with a row, the rows done and all of them. options: of `diagnose`.
+    """
+    marks = {trial.name: _mark(trial, options, rivals) for trial in trials}
+    if len(marks) < len(trials):
+        raise InputError("two blocks have the same name: give each its own")
+    kept = _kept(Path(folder))
+    rows = {} if again else _read(kept, marks)
+    done = len(rows)
+    for row in list(rows.values()):
+        if progress:
+            progress(row, done, len(trials))
+    # Blocks are read or made here and sent: workers need neither the folder nor the generator.
+    todo = (
+        joblib.delayed(_one)(trial.name, _loaded(trial), options, rivals)
+        for trial in trials
+        if trial.name not in rows
+    )
+    with parallel(jobs, cluster, ordered=False) as share_out:
+        for row in share_out(todo):
+            rows[row["name"]] = row
+            _keep(kept, row | {"of": marks[row["name"]]})
+            done += 1
+            if progress:
+                progress(row, done, len(trials))
+    if all(row["failed"] for row in rows.values()):
+        first = next(iter(rows.values()))
+        raise AdjustmentFailed(f"no block could be diagnosed; {first['name']}: {first['failed']}")
+    return [rows[trial.name] for trial in trials]
+
+
+def _kept(folder: Path) -> Path:
+    """Where rows are kept, made if need be; a folder that holds something else is refused."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; name a folder to write to")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / KEPT).is_dir():
+        raise InputError(f"{folder} holds something, but no earlier benchmark; name a new folder")
+    (folder / KEPT).mkdir(parents=True, exist_ok=True)
+    return folder / KEPT
+
+
+def _loaded(trial: Trial):
+    try:
+        return trial.load()
+    except InputError as error:
+        return str(error)
+    except Exception as error:  # files that are odd in a way nobody thought of
+        return f"{type(error).__name__}: {error}"
+
+
+def _one(name: str, loaded, options: dict, rivals: bool) -> dict:
+    if isinstance(loaded, str):
+        return {"name": name, "kind": "unread", "hidden": "?", "failed": loaded}
+    try:
+        return assess(name, *loaded, options, rivals)
+    except Exception as error:  # the other blocks are worth as much
+        failed = f"{type(error).__name__}: {error}"
+        return {"name": name, "kind": loaded[2].kind, "hidden": loaded[2].label, "failed": failed}
+
+
+def _mark(trial: Trial, options: dict, rivals: bool) -> str:
+    """What a kept row has to agree with."""
+    text = f"{corridor.__version__} {trial.what} {sorted(options.items())!r} {rivals}"
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _keep(folder: Path, row: dict) -> None:
+    """One file a row, whole or not at all."""
+    part = folder / f".{row['name']}.part"
+    part.write_text(json.dumps(row, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    part.replace(folder / f"{row['name']}.json")
+
+
+def _read(folder: Path, marks: dict[str, str]) -> dict[str, dict]:
+    out = {}
+    for name, mark in marks.items():
+        try:
+            row = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        if row.get("of") == mark:
+            out[name] = row
+    return out

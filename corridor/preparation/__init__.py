@@ -1,0 +1,6 @@
+"""What a block can know by itself: velocities, angular rates, antenna positions."""
+
+from corridor.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
+from corridor.preparation.velocity import METHODS, Velocities, velocities
+
+__all__ = ["METHODS", "Velocities", "rates_from_gyro", "rates_from_neighbours", "velocities"]

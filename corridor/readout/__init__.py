@@ -1,0 +1,68 @@
+"""Rolling shutters: readout time from photographs, and photographs as such a shutter takes them.
+
+readout = corridor.readout.readout_from_star("still.jpg", "turning.jpg", 2.2)
+print(readout)
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from corridor.readout import render as render
+    from corridor.readout.measure import readout_from_led as readout_from_led
+    from corridor.readout.measure import readout_from_star as readout_from_star
+    from corridor.readout.measure import readout_from_wheel as readout_from_wheel
+    from corridor.readout.photograph import CannotMeasure as CannotMeasure
+    from corridor.readout.photograph import Photograph as Photograph
+    from corridor.readout.published import published_readouts as published_readouts
+    from corridor.readout.result import Readout as Readout
+    from corridor.readout.result import save_readout as save_readout
+
+_HOME = {
+    "render": "corridor.readout.render",
+    "readout_from_star": "corridor.readout.measure",
+    "readout_from_wheel": "corridor.readout.measure",
+    "readout_from_led": "corridor.readout.measure",
+    "measure_star": "corridor.readout.star",
+    "measure_wheel": "corridor.readout.wheel",
+    "measure_bar": "corridor.readout.bar",
+    "measure_led": "corridor.readout.led",
+    "speed_from_video": "corridor.readout.video",
+    "published_readouts": "corridor.readout.published",
+    "CannotMeasure": "corridor.readout.photograph",
+    "Photograph": "corridor.readout.photograph",
+    "Readout": "corridor.readout.result",
+    "velocities": "corridor.preparation.velocity",
+    "Velocities": "corridor.preparation.velocity",
+    "rates_from_gyro": "corridor.preparation.angular_rate",
+    "rates_from_neighbours": "corridor.preparation.angular_rate",
+    "two_step": "corridor.readout.two_step",
+    "TwoStep": "corridor.readout.two_step",
+    "readout_from_flight": "corridor.readout.flight",
+    "FlightReadout": "corridor.readout.flight",
+    "median_residual": "corridor.readout.flight",
+    "level_ground": "corridor.readout.flight",
+    "axis_assignments": "corridor.readout.flight",
+    "cost_of": "corridor.readout.flight",
+    "readout_with_errors": "corridor.readout.support",
+    "supported": "corridor.readout.support",
+    "save_readout": "corridor.readout.result",
+    "can_save_readout": "corridor.readout.result",
+}
+
+__all__ = list(_HOME)
+
+
+# Loaded at first use: the renderer compiles, the measurements do not wait for it.
+def __getattr__(name):
+    if name not in _HOME:
+        raise AttributeError(f"module 'corridor.readout' has no attribute {name!r}")
+    home = _HOME[name]
+    module = import_module(home)
+    value = module if home.endswith(f"readout.{name}") else getattr(module, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__():
+    return sorted([*globals(), *__all__])

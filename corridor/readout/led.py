@@ -1,0 +1,269 @@
+"""Readout time from one photograph of something lit by a LED that blinks at a known frequency.
+
+Every period of the light is a bright and a dark stripe, so readout = (L - 1) / (rows a period x
+frequency). The rows' mean light is modelled as
+
+    background(y) + sum over h of envelope_h(y) cos(h 2 pi y / period + phase_h)
+
+with smooth background and envelopes. Symmetric stripes keep their phases whatever the envelope
+does to their shape: over-exposure, gamma and duty cycle change the harmonics, not their period.
+
+What OpenDroneMap's users do by counting stripes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from corridor.errors import InputError
+from corridor.readout.fitting import robust_scale, sigma_of, single_threaded
+from corridor.readout.photograph import CannotMeasure, Photograph
+from corridor.readout.result import Readout, sigma_with_speed
+
+_BLOCKS = 32  # strips of the picture across the stripes
+_HARMONICS = 7
+_FEWEST_STRIPES, _FEWEST_ROWS = 3.0, 3.0
+_SATURATED, _WHITE = 250, 0.93  # grey value; share of the picture above which nothing is left
+_ONE_PHASE = 0.8  # stripes go straight across the picture
+_GAIN = 3.0  # by which the stripes must shrink what a smooth light leaves over
+_METHOD = (
+    "frequency of the stripes in the mean light of the rows: up to seven harmonics with smooth "
+    "envelopes by least squares"
+)
+
+
+@single_threaded
+def measure_led(
+    photo: Photograph,
+    frequency_hz: float,
+    *,
+    frequency_sigma_percent: float = 0.0,
+    row_direction: str | None = None,
+) -> Readout:
+    """Readout time from the stripes of a LED that blinks `frequency_hz` times a second.
+
+    frequency_sigma_percent: its standard error. row_direction: what is known of it; one picture
+    of a LED tells the axis of the rows only.
+    Raises CannotMeasure where there are no stripes to measure, saying why when it can be told;
+    InputError where row_direction contradicts the stripes.
+    """
+    light = photo.light()
+    bright = float((photo.grey >= _SATURATED).mean())
+    if bright > _WHITE:
+        raise CannotMeasure(_why_not(photo, frequency_hz, bright))
+    best, fitted = None, None
+    for found in (one for axis in ("y", "x") for one in _search(light, axis)):
+        tried = _fit(found)
+        if tried and (fitted is None or tried["gain"] > fitted["gain"]):
+            best, fitted = found, tried
+    if fitted is None or fitted["gain"] < _GAIN * (1 if fitted["stripes"] > 8 else 10):
+        raise CannotMeasure(_why_not(photo, frequency_hz, bright))
+    signal, cycles = best["signal"], fitted["cycles"]
+    rows, stripes = len(signal), cycles * len(signal)
+    if 1 / cycles < _FEWEST_ROWS:
+        raise CannotMeasure(
+            f"{photo.name}: a period of the light is {1 / cycles:.1f} rows, which is too short to "
+            "measure: use a lower frequency"
+        )
+    axis = best["axis"]
+    if row_direction is not None and (row_direction in ("down", "up")) != (axis == "y"):
+        raise InputError(
+            f"--row-direction {row_direction} contradicts {photo.name}: its stripes say that rows "
+            f"follow each other along {axis}"
+        )
+    warnings = []
+    if row_direction is None:
+        warnings.append("a LED tells the axis of the rows, not in which direction they are read")
+    if stripes < 10:
+        warnings.append(f"{stripes:.1f} stripes: with ten or more the result is better")
+    if photo.exposure_s and abs(photo.exposure_s * frequency_hz - 1) < 0.05:
+        warnings.append("the exposure is close to one period of the light: the stripes are weak")
+    readout = 1e3 * (rows - 1) * cycles / frequency_hz
+    own = 1e3 * (rows - 1) * fitted["sigma"] / frequency_hz
+    return Readout(
+        target="led",
+        method=_METHOD,
+        readout_ms=readout,
+        sigma_ms=sigma_with_speed(readout, own, frequency_sigma_percent),
+        row_axis=axis,
+        row_direction=row_direction,
+        rows=rows,
+        frequency_hz=frequency_hz,
+        warnings=tuple(warnings),
+        extra={
+            "stripes": stripes,
+            "rows_per_period": 1 / cycles,
+            "saturated_share": bright,
+        },
+        drawing={
+            "photos": [(photo.name, photo.grey)],
+            "signal": signal,
+            "model": fitted["model"],
+            "cycles": cycles,
+            "axis": axis,
+        },
+    )
+
+
+def _why_not(photo, frequency, bright):
+    if bright > 0.5:
+        return (
+            f"{photo.name} is overexposed ({100 * bright:.0f} % of it is white), so its stripes "
+            "cannot be seen: expose for a shorter time or dim the light"
+        )
+    periods = (photo.exposure_s or 0.0) * frequency
+    if periods > 0.5 and abs(periods - round(periods)) < 0.03:
+        return (
+            f"{photo.name} shows no stripes: its exposure of {1e3 * photo.exposure_s:.3g} ms is "
+            f"{round(periods)} periods of the light, over which it averages out; use another"
+        )
+    return (
+        f"{photo.name} shows no stripes: the light does not blink, or the exposure is a multiple "
+        "of its period, at which stripes vanish; use a shorter exposure"
+    )
+
+
+def _search(light, axis):
+    """Candidates for the stripes: the rows' light, weighted to show them best, and a frequency."""
+    if axis == "x":
+        light = light.T
+    rows, columns = light.shape
+    cuts = np.linspace(0, columns, _BLOCKS + 1).astype(int)
+    blocks = np.stack(
+        [light[:, a:b].mean(axis=1) for a, b in zip(cuts[:-1], cuts[1:], strict=True)], axis=1
+    ).astype(float)
+    position = np.linspace(-1, 1, rows)
+    smooth = chebyshev.chebvander(position, 5)
+    flat = blocks - smooth @ np.linalg.lstsq(smooth, blocks, rcond=None)[0]
+    size = 4 * rows
+    spectrum = np.fft.rfft(flat * np.hanning(rows)[:, None], size, axis=0)
+    low, high = int(_FEWEST_STRIPES * size / rows), int(0.45 * size)
+    coherent = np.abs(spectrum.mean(axis=1)) ** 2
+    candidates = []
+    for peak in (_line(coherent, low, high), low + int(np.argmax(coherent[low:high]))):
+        at = spectrum[peak]
+        total = np.abs(at.sum()) + 1e-30
+        # In phase with the stripes, against what else varies along the rows.
+        along = np.maximum((at * np.conj(at.sum())).real / total, 0)
+        rest = (np.abs(spectrum[low:]) ** 2).sum(axis=0) - (
+            np.abs(spectrum[max(peak - 8, low) : peak + 9]) ** 2
+        ).sum(axis=0)
+        weight = along / (np.maximum(rest, 0) + 1e-3 * (np.abs(at) ** 2).max() + 1e-12)
+        if weight.sum() <= 0:
+            continue
+        weight /= weight.sum()
+        power = np.abs(spectrum @ weight) ** 2
+        near = slice(max(peak - 3, low), min(peak + 4, high))
+        best = near.start + int(np.argmax(power[near]))
+        # Quantisation alone leaves something on a picture without any light at all.
+        if 4 * math.sqrt(power[best]) / rows < 2e-4:
+            continue
+        lit = np.abs(at) > 0.2 * np.abs(at).max()
+        if abs(at[lit].sum()) < _ONE_PHASE * np.abs(at[lit]).sum():
+            continue
+        candidates.append(
+            {"axis": axis, "signal": blocks @ weight, "cycles": _vertex(power, best) / size}
+        )
+    return candidates
+
+
+def _line(power, low, high):
+    """The strongest line of a spectrum over what surrounds it: stripes, not a slow change."""
+    index = np.arange(low, high)
+    shape = np.log(power[low:high] + 1e-12)
+    # The window spreads a line over 8 bins to either side; what lies beyond is its surroundings.
+    nodes = np.unique(np.geomspace(low, high - 1, 60).astype(int))
+    around = [
+        np.median(
+            np.concatenate(
+                [
+                    shape[max(int(n / 1.7) - low, 0) : max(n - 10 - low, 1)],
+                    shape[
+                        min(n + 10 - low, len(shape) - 1) : max(int(1.7 * n) - low, n + 12 - low)
+                    ],
+                ]
+            )
+        )
+        for n in nodes
+    ]
+    over = shape - np.interp(index, nodes, around)
+    strongest = shape.max()
+    # A line in the noise may stand out of nothing: it must carry some of the light as well.
+    over[shape < strongest - 7] = -np.inf
+    return int(low + np.argmax(over))
+
+
+def _vertex(power, peak):
+    """Place of a maximum from the parabola through its logarithm and its neighbours'."""
+    if not 0 < peak < len(power) - 1:
+        return float(peak)
+    a, b, c = np.log(power[peak - 1 : peak + 2] + 1e-30)
+    bend = a - 2 * b + c
+    return peak + (0.5 * (a - c) / bend if bend < 0 else 0.0)
+
+
+def _fit(found):
+    """Frequency in cycles a row with its sigma, or None where the steps do not settle."""
+    signal, cycles = found["signal"], found["cycles"]
+    rows = len(signal)
+    position = np.linspace(-1, 1, rows)
+    row = np.arange(rows) - (rows - 1) / 2
+    stripes = cycles * rows
+    background = chebyshev.chebvander(position, int(np.clip(stripes / 2, 1, 8)))
+    envelope = chebyshev.chebvander(position, int(np.clip(stripes / 4, 1, 6)))
+    orders = [h for h in range(1, _HARMONICS + 1) if h * cycles < 0.45]
+    phase = np.array([_phase(signal, background, row, h * cycles) for h in orders])
+    size = envelope.shape[1]
+    weights = np.ones(rows)
+    for step in range(25):
+        argument = 2 * np.pi * np.outer(row, orders) * cycles + phase
+        cosine, sine = np.cos(argument), np.sin(argument)
+        base = np.hstack([background] + [envelope * cosine[:, [k]] for k in range(len(orders))])
+        root = np.sqrt(weights)[:, None]
+        linear, *_ = np.linalg.lstsq(base * root, signal * root[:, 0], rcond=None)
+        shapes = np.stack(
+            [
+                envelope @ linear[background.shape[1] + k * size :][:size]
+                for k in range(len(orders))
+            ],
+            axis=1,
+        )
+        by_phase = -shapes * sine
+        by_cycles = by_phase @ (2 * np.pi * np.array(orders)) * row
+        design = np.hstack([by_cycles[:, None] * (2.0 / rows), by_phase, base])
+        scale = np.linalg.norm(design, axis=0) + 1e-15
+        inverse = np.linalg.pinv(design / scale * root, rcond=1e-10) / scale[:, None]
+        solved = inverse @ ((signal - base @ linear) * root[:, 0])
+        change = solved[0] * 2.0 / rows
+        cycles += change
+        if abs(cycles - found["cycles"]) > 0.7 / rows or stripes < _FEWEST_STRIPES:
+            return None
+        phase = phase + np.clip(solved[1 : 1 + len(orders)], -0.5, 0.5)
+        residual = signal - base @ linear
+        scatter = robust_scale(residual)
+        # Rows with a scratch or a lamp in them; edges of stripes are no outliers.
+        weights = 1 / np.maximum(1, np.abs(residual) / (5 * scatter + 1e-9))
+        if step > 3 and abs(change) < 1e-9:
+            break
+    rest = signal - background @ np.linalg.lstsq(background, signal, rcond=None)[0]
+    influence = inverse[0] * root[:, 0] * 2.0 / rows
+    cluster = np.floor((row - row[0]) * cycles).astype(int)
+    sigma = sigma_of(influence, residual, np.ones(rows), cluster)
+    # What is left over repeats from stripe to stripe, which few clusters understate.
+    sigma = math.hypot(1.3 * sigma, 1e-5 * cycles)
+    return {
+        "cycles": float(cycles),
+        "sigma": sigma,
+        "model": base @ linear,
+        "stripes": stripes,
+        "gain": float(rest @ rest) / float(residual @ residual + 1e-30),
+    }
+
+
+def _phase(signal, background, row, cycles):
+    flat = signal - background @ np.linalg.lstsq(background, signal, rcond=None)[0]
+    total = np.sum(flat * np.hanning(len(row)) * np.exp(-2j * np.pi * cycles * row))
+    return np.angle(total)

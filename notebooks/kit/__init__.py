@@ -1,0 +1,1 @@
+"""What only the chapters need: published figures, lessons, special flights."""

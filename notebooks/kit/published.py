@@ -1,0 +1,412 @@
+"""What others have published, and whether it holds here.
+
+The register `notebooks/published.toml` lists every figure of another work that a chapter or a
+test compares itself with. `compare` sets our numbers beside it and says of each: holds, does
+not hold, cannot tell. `python -m kit.published` gathers the verdict tables shown in the
+executed notebooks into one page, `notebooks/verdicts.md`.
+"""
+
+import argparse
+import html
+import json
+import math
+import os
+import sys
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from corridor.errors import InputError
+
+NOTEBOOKS = Path(__file__).resolve().parents[1]
+HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "cannot tell"
+MIME = "application/vnd.corridor.verdicts+json"
+COLUMNS = ("statement", "source", "published", "ours", "verdict", "why")
+
+_NEEDED = ("source", "where", "row", "value", "unit", "tolerance", "chapter")
+_OPTIONAL = ("note", "bound")
+BOUNDS = ("", "at most", "at least")
+
+
+@dataclass(frozen=True)
+class Published:
+    """One published figure: a number, or a few that belong together (x, y, z).
+
+    `where` is the table, figure or file section in `source`, `row` the line of it. `tolerance`
+    has the unit of the value, or is a share of it where `relative`. `digits` are the decimals
+    worth showing: those printed, or those of the tolerance if it is finer. `bound`: `at most` or
+    `at least` where the statement is that ours lies on that side of the value.
+    """
+
+    id: str
+    source: str
+    where: str
+    row: str
+    values: tuple[float, ...]
+    unit: str
+    tolerance: float
+    relative: bool
+    digits: int
+    chapter: str
+    note: str = ""
+    bound: str = ""
+
+    @property
+    def value(self) -> float | np.ndarray:
+        """The number, or an array of those that belong together."""
+        return self.values[0] if len(self.values) == 1 else np.array(self.values)
+
+    @property
+    def allowed(self) -> np.ndarray:
+        """Largest difference that still holds, for each value."""
+        share = np.abs(self.values) if self.relative else np.ones(len(self.values))
+        return self.tolerance * share
+
+    def text(self, values: Iterable[float]) -> str:
+        """Values as a person writes them: the same decimals, the unit once."""
+        numbers = ", ".join(_fixed(v, self.digits) for v in values)
+        return f"{numbers} {self.unit}".strip()
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Our number from several seeds: judged by its median, shown with its range.
+
+    values: (draws,), or (draws, numbers) where several belong together.
+    """
+
+    values: np.ndarray
+
+    @property
+    def _rows(self) -> np.ndarray:
+        values = np.asarray(self.values, dtype=float)
+        return values.reshape(len(values), -1)
+
+    @property
+    def median(self) -> np.ndarray:
+        """(numbers,), NaN without any draw."""
+        return np.median(self._rows, axis=0) if len(self._rows) else np.array([np.nan])
+
+    @property
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest (numbers,)."""
+        return self._rows.min(axis=0), self._rows.max(axis=0)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A published figure, ours (None: not to be had here), the word and the reason.
+
+    lowest, highest: of ours, where it is the median of several draws.
+    """
+
+    published: Published
+    ours: tuple[float, ...] | None
+    word: str
+    why: str
+    lowest: tuple[float, ...] | None = None
+    highest: tuple[float, ...] | None = None
+
+    def cells(self) -> dict[str, str]:
+        """The row of the table, rounded as it is shown."""
+        entry = self.published
+        return {
+            "statement": entry.row,
+            "source": f"{entry.source}, {entry.where}",
+            "published": f"{entry.bound} {entry.text(entry.values)}".strip(),
+            "ours": self._ours(),
+            "verdict": self.word,
+            "why": self.why,
+        }
+
+    def _ours(self) -> str:
+        entry = self.published
+        if self.ours is None:
+            return ""
+        if self.lowest is None:
+            return entry.text(self.ours)
+        parts = [
+            f"{_fixed(v, entry.digits)} ({_fixed(a, entry.digits)} to {_fixed(b, entry.digits)})"
+            for v, a, b in zip(self.ours, self.lowest, self.highest, strict=True)
+        ]
+        return f"{', '.join(parts)} {entry.unit}".strip()
+
+
+class Verdicts:
+    """A verdict table: prints as text, shows itself in a notebook, counts itself."""
+
+    def __init__(self, verdicts: Iterable[Verdict]):
+        self.verdicts = list(verdicts)
+
+    def __iter__(self):
+        return iter(self.verdicts)
+
+    def __len__(self):
+        return len(self.verdicts)
+
+    def __getitem__(self, identifier: str) -> Verdict:
+        for verdict in self.verdicts:
+            if verdict.published.id == identifier:
+                return verdict
+        raise KeyError(identifier)
+
+    def __add__(self, other: "Verdicts") -> "Verdicts":
+        return Verdicts([*self.verdicts, *other.verdicts])
+
+    @property
+    def hold(self) -> bool:
+        """True if every statement of the table holds."""
+        return all(verdict.word == HOLDS for verdict in self.verdicts)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many hold, do not hold, cannot be told."""
+        words = [verdict.word for verdict in self.verdicts]
+        return {word: words.count(word) for word in (HOLDS, FAILS, UNKNOWN)}
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a statement, as text: the columns of COLUMNS."""
+        return pd.DataFrame([v.cells() for v in self.verdicts], columns=COLUMNS, dtype=str)
+
+    def __str__(self):
+        # Sources are long and the same for many rows: they head their rows.
+        lines, source = [], None
+        rows = [v.cells() for v in self.verdicts]
+        shown = ("statement", "published", "ours", "verdict")
+        wide = {c: max([len(c), *(len(r[c]) for r in rows)]) for c in shown}
+        lines.append("  ".join(c.ljust(wide[c]) for c in shown) + "  why")
+        for row in rows:
+            if row["source"] != source:
+                source = row["source"]
+                lines.append(f"-- {source}")
+            cells = [row[c].ljust(wide[c]) for c in shown]
+            lines.append("  ".join([*cells, row["why"]]).rstrip())
+        lines.append(_sentence(self.counts))
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _repr_html_(self):
+        head = "".join(f"<th>{c}</th>" for c in COLUMNS)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(v.cells()[c])}</td>" for c in COLUMNS) + "</tr>"
+            for v in self.verdicts
+        )
+        return f"<table><tr>{head}</tr>{body}</table><p>{_sentence(self.counts)}</p>"
+
+    def _repr_mimebundle_(self, include=None, exclude=None):
+        # What `page` gathers: the notebook itself is the record of what it found.
+        return {MIME: {"rows": [v.cells() for v in self.verdicts]}}
+
+
+def read(path: str | os.PathLike | None = None) -> dict[str, Published]:
+    """The register, by id (`strasbourg.sigma0`).
+
+    path: the .toml file; by default the one in the project's notebooks folder.
+    Raises InputError where the file is missing or an entry is incomplete.
+    """
+    path = NOTEBOOKS / "published.toml" if path is None else Path(path)
+    try:
+        # Decimal keeps the printed digits: 0.040 is not 0.04.
+        tables = tomllib.loads(path.read_text(encoding="utf-8"), parse_float=Decimal)
+    except OSError as error:
+        raise InputError(f"{path}: the register cannot be read ({error.strerror}).") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}.") from error
+    register: dict[str, Published] = {}
+    _collect(tables, "", {}, register, path)
+    return register
+
+
+def compare(
+    ours: Mapping[str, float | Iterable[float] | Draws | None],
+    why: Mapping[str, str] | None = None,
+    absent: str = "not measured here",
+    register: Mapping[str, Published] | None = None,
+) -> Verdicts:
+    """Verdicts on our numbers, in the order given.
+
+    ours: id in the register -> our number or numbers in the register's unit, or `Draws` of them;
+        None or NaN where there is none.
+    why: id -> reason, to stand in place of the automatic one (of a row that does not hold: the
+        difference and the register's note).
+    absent: the reason of rows without a number of ours.
+    Raises InputError for an id that is not in the register or a wrong count of numbers.
+    """
+    register = read() if register is None else register
+    verdicts = []
+    for identifier, value in ours.items():
+        if identifier not in register:
+            raise InputError(
+                f"notebooks/published.toml has no entry {identifier!r}: add its source, table, "
+                "row, value and tolerance there."
+            )
+        verdicts.append(_judge(register[identifier], value, (why or {}).get(identifier), absent))
+    return Verdicts(verdicts)
+
+
+def page(notebooks: str | os.PathLike | None = None) -> str:
+    """Markdown page of every verdict shown in the executed notebooks of a folder."""
+    folder = NOTEBOOKS if notebooks is None else Path(notebooks)
+    parts, totals = [], dict.fromkeys((HOLDS, FAILS, UNKNOWN), 0)
+    for path in sorted(folder.glob("*.ipynb")):
+        rows = _shown(path)
+        if not rows:
+            continue
+        counts = {word: sum(r["verdict"] == word for r in rows) for word in totals}
+        totals = {word: totals[word] + counts[word] for word in totals}
+        parts += [f"\n## [{path.stem}]({path.name})\n", f"{_sentence(counts)}\n"]
+        parts.append("| " + " | ".join(COLUMNS) + " |")
+        parts.append("|" + " --- |" * len(COLUMNS))
+        parts += ["| " + " | ".join(_cell(row[c]) for c in COLUMNS) + " |" for row in rows]
+    head = [
+        "# What holds\n",
+        "Every published number that a notebook compares itself with, as the executed notebooks",
+        "show it. Made by `python -m kit.published`; do not edit.\n",
+        _sentence(totals),
+    ]
+    return "\n".join([*head, *parts]) + "\n"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the page of verdicts; with --check only say whether it is current (status 1: no)."""
+    parser = argparse.ArgumentParser(
+        prog="python -m kit.published",
+        description="Write notebooks/verdicts.md from the verdict tables in the notebooks.",
+    )
+    parser.add_argument("--check", action="store_true", help="only say whether it is current")
+    options = parser.parse_args(arguments)
+    target, text = NOTEBOOKS / "verdicts.md", page()
+    if options.check:
+        current = target.exists() and target.read_text(encoding="utf-8") == text
+        print(f"{target}: {'current' if current else 'out of date'}")
+        return 0 if current else 1
+    target.write_text(text, encoding="utf-8", newline="\n")
+    print(f"wrote {target}")
+    return 0
+
+
+def _collect(table, prefix, inherited, register, path):
+    """Walk the tables: one with a `value` is an entry, any other hands its words down."""
+    own = {k: v for k, v in table.items() if not isinstance(v, dict)}
+    fields = {**inherited, **own}
+    if "value" in own:
+        register[prefix] = _entry(prefix, fields, path)
+        return
+    for name, below in table.items():
+        if isinstance(below, dict):
+            _collect(below, f"{prefix}.{name}" if prefix else name, fields, register, path)
+
+
+def _entry(identifier, fields, path):
+    missing = [name for name in _NEEDED if name not in fields]
+    unknown = [name for name in fields if name not in (*_NEEDED, *_OPTIONAL)]
+    if missing or unknown:
+        problem = f"lacks {', '.join(missing)}" if missing else f"has unknown {', '.join(unknown)}"
+        raise InputError(
+            f"{path}, [{identifier}] {problem}: an entry has {', '.join(_NEEDED)} and may have "
+            f"{', '.join(_OPTIONAL)}."
+        )
+    values = fields["value"] if isinstance(fields["value"], list) else [fields["value"]]
+    tolerance, relative = fields["tolerance"], False
+    try:
+        if isinstance(tolerance, str):
+            number, sign = tolerance.split()
+            tolerance, relative = Decimal(number) / 100, sign == "%"
+            if not relative:
+                raise ValueError
+        digits = max([_decimals(v) for v in values] + ([] if relative else [_decimals(tolerance)]))
+        return Published(
+            id=identifier,
+            values=tuple(float(v) for v in values),
+            tolerance=float(tolerance),
+            relative=relative,
+            digits=digits,
+            **{k: str(fields[k]) for k in ("source", "where", "row", "unit", "chapter")},
+            note=str(fields.get("note", "")),
+            bound=_bound(fields.get("bound", "")),
+        )
+    except (ValueError, ArithmeticError, TypeError) as error:
+        raise InputError(
+            f"{path}, [{identifier}]: value is a number or a list of numbers, tolerance a number "
+            'or a percentage such as "1 %", bound "at most" or "at least".'
+        ) from error
+
+
+def _bound(word):
+    if word not in BOUNDS:
+        raise ValueError
+    return word
+
+
+def _judge(entry, ours, why, absent):
+    """Verdict on one figure; judged on all digits, shown rounded."""
+    if ours is None:
+        return Verdict(entry, None, UNKNOWN, why or absent)
+    spread = ()
+    if isinstance(ours, Draws):
+        spread = tuple(tuple(map(float, end)) for end in ours.range)
+        ours = ours.median
+    values = tuple(float(v) for v in np.atleast_1d(np.asarray(ours, dtype=float)).ravel())
+    if len(values) != len(entry.values):
+        raise InputError(
+            f"{entry.id}: {len(entry.values)} published number(s) cannot be compared with "
+            f"{len(values)} of ours."
+        )
+    if not all(math.isfinite(v) for v in values):
+        return Verdict(entry, None, UNKNOWN, why or absent)
+    off = np.array(values) - np.array(entry.values)
+    off = {"": np.abs(off), "at most": off, "at least": -off}[entry.bound]
+    # A difference that is written like the tolerance must not fail on binary rounding.
+    if np.all(off <= entry.allowed * (1 + 1e-9) + 1e-12):
+        return Verdict(entry, values, HOLDS, why or "", *spread)
+    worst = int(np.argmax(off - entry.allowed))
+    unit = f" {entry.unit}" if entry.unit else ""
+    difference = (
+        f"differs by {_significant(off[worst])}{unit}, "
+        f"allowed {_significant(entry.allowed[worst])}{unit}"
+    )
+    reason = why or "; ".join(filter(None, (difference, entry.note)))
+    return Verdict(entry, values, FAILS, reason, *spread)
+
+
+def _decimals(number):
+    exponent = Decimal(number).as_tuple().exponent
+    return max(0, -exponent) if isinstance(exponent, int) else 0
+
+
+def _fixed(value, digits):
+    text = f"{value:.{digits}f}"
+    return text.lstrip("-") if float(text) == 0 else text
+
+
+def _significant(value):
+    return f"{value:.2g}"
+
+
+def _sentence(counts):
+    return ", ".join(f"{counts[word]} {word}" for word in (HOLDS, FAILS, UNKNOWN)) + "."
+
+
+def _cell(text):
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def _shown(path: Path) -> list[dict[str, Any]]:
+    notebook = json.loads(path.read_text(encoding="utf-8"))
+    rows = []
+    for cell in notebook.get("cells", []):
+        for output in cell.get("outputs", []):
+            rows += output.get("data", {}).get(MIME, {}).get("rows", [])
+    return rows
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,99 @@
+"""One survey adjusted in every configuration of the thesis, table 7.3, and with motion an image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from corridor import adjustment as least_squares
+from corridor.adjustment import Adjustment
+from corridor.block import Block
+from corridor.readout.two_step import two_step
+
+CAMERAS = {"8p": "fraser8", "10p": "fraser10"}
+CORRECTED = {"c": "neighbours"}
+
+
+@dataclass
+class Configurations:
+    """Adjustments of one survey.
+
+    table: one row each: observations (`o` original, `m` motion of each image estimated, others
+    corrected), camera (`8p`, `10p`), control (1, 2), RMS, mean and STD of the check points, cm:
+    rms_xy, mean_xy, std_xy, rms_z ... std_3d; gain: improvement of the 3D RMS on `o`, per cent.
+    adjustments: by name such as `c-8p-GCP1`.
+    """
+
+    table: pd.DataFrame
+    adjustments: dict[str, Adjustment]
+
+    def row(self, name: str) -> pd.Series:
+        """The row of `c-8p-GCP1`."""
+        return self.table.loc[name]
+
+
+def in_pairs(points: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Two sets of control points, each the other's check points.
+
+    Points that alternate from bank to bank are split two by two: odd and even would be two lines,
+    and a line does not hold the tilt across it.
+    """
+    first = [name for n, name in enumerate(points) if n % 4 < 2]
+    return first, [name for name in points if name not in first]
+
+
+def configurations(
+    block: Block,
+    values: Mapping[str, Mapping | None],
+    sets: Iterable[Sequence[str]] | None = None,
+    cameras: Mapping[str, str] = CAMERAS,
+    corrected: Mapping[str, str] = CORRECTED,
+    per_image: str | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Configurations:
+    """Original and corrected observations, with each camera model and set of control points.
+
+    values: see `two_step`. corrected: letter and velocities (see `velocities`) of each way of
+    correcting; default: the thesis's, from neighbouring images. sets: of control points, the other
+    ground points check; default: `in_pairs`. per_image: slug of an effect that estimates a motion
+    of each image, with priors, beside the original observations; only with the first camera.
+    """
+    say = progress or (lambda what: None)
+    names = block.ground["point"].tolist()
+    rows, found = {}, {}
+    for number, control in enumerate(in_pairs(names) if sets is None else sets, start=1):
+        check = [name for name in names if name not in control]
+        for short, camera in cameras.items():
+            options = {"camera": camera, "control": control, "check": check}
+            say(f"{short}-GCP{number}")
+            kinds = {"o": least_squares.adjust(block, **options)}
+            for letter, velocity in corrected.items():
+                done = two_step(block, values, velocity, kinds["o"], **options)
+                kinds[letter] = done.after
+            if per_image is not None and short == next(iter(cameras)):
+                start = kinds["o"].block
+                kinds["m"] = least_squares.adjust(
+                    start, effects=[per_image], priors=priors, **options
+                )
+            for kind, adjustment in kinds.items():
+                name = f"{kind}-{short}-GCP{number}"
+                found[name] = adjustment
+                rows[name] = {"observations": kind, "camera": short, "control": number}
+                rows[name] |= check_row(adjustment)
+                rows[name]["gain"] = 100 * (1 - adjustment.check_rms.d3 / kinds["o"].check_rms.d3)
+    return Configurations(pd.DataFrame.from_dict(rows, orient="index"), found)
+
+
+def check_row(adjustment: Adjustment) -> dict[str, float]:
+    """RMS, mean and STD of the check points in plan, height and space, cm, as tables have them."""
+    return {
+        f"{what}_{part}": 100 * float(value)
+        for what in ("rms", "mean", "std")
+        for part, value in zip(
+            ("xy", "z", "3d"), np.asarray(getattr(adjustment, f"check_{what}")), strict=True
+        )
+    }
