@@ -1,7 +1,8 @@
 """What is hidden in a block, read from NAME.truth.json.
 
 The least that does: `{"effects": [{"slug": "rolling_shutter"}]}`, or the slugs as a list, or
-`{"effects": {"rolling_shutter": {"readout": 0.025}}}`. Names, units and signs: design, section 7.
+`{"effects": {"rolling_shutter": {"readout": 0.025}}}`. Names, units and
+signs: those of the effects' files.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Tie points alone are adjusted first; a similarity then takes the result to the ground points. They
 position the block, and no more: what a tight control network would hide stays visible.
-Source: thesis, section 4.2.2.
+Source: Zhou 2019, section 4.2.2.
 """
 
 from __future__ import annotations

@@ -280,7 +280,7 @@ class Adjustment(Checked):
         several flights, focal lengths come with the heights of each (`height.FLIGHT`) as well.
         sigma_a, sigma_b: standard deviations of the two (b: mean), without which a coefficient
         hides how large either error is.
-        Source: thesis, table 5.3.
+        Source: Zhou 2019, table 5.3.
         """
         p = self.problem
         if not p.unknowns:

@@ -103,14 +103,14 @@ class CheckStatistics(NamedTuple):
 
 
 def check_table(differences: np.ndarray) -> CheckStatistics:
-    """RMS, mean and STD of check-point differences, as the thesis's tables have them.
+    """RMS, mean and STD of check-point differences, as the tables of Zhou 2019 have them.
 
     differences: (n, 3), adjusted minus given, metres; rows with NaN do not count.
 
     xy and 3D are statistics of the *lengths* sqrt(dx^2 + dy^2) and sqrt(dx^2 + dy^2 + dz^2), z of
     the signed dz. RMS is about zero, STD unbiased about the mean (NaN for fewer than two points).
     The mean in xy and 3D is therefore a mean length and never negative; it is not the length of the
-    mean vector. The thesis does not write this definition down; its figures leave no other: in
+    mean vector. Zhou 2019 does not write this definition down; its figures leave no other: in
     table 4.3 (translation, case a) the STD are 0.62 (xy), 2.50 (z) and 1.51 cm (3D), and 3D could
     not be below z if it were summed over components; in tables 7.4 to 7.7 only z has negative
     means, and RMS^2 = mean^2 + (n - 1)/n STD^2 holds within the rounding for all three.

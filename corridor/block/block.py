@@ -24,7 +24,7 @@ from corridor.errors import InputError
 class Block:
     """One flight, or several: cameras, images, observations, ground points and GNSS.
 
-    The tables are the files of a block folder (design, section 4), rows in the order of the file;
+    The tables are the files of a block folder, rows in the order of the file;
     a missing one is an empty table with its needed columns. Numbers are float64 (NaN: unknown),
     names are text, also those that look like numbers. Columns that are not listed are passed on.
     `point` and `image` of tie_points and marks are Categorical; the codes of `image` are rows of

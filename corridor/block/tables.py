@@ -1,6 +1,4 @@
 """Which columns the tables of a block have, and the types they take in memory.
-
-Source: design, section 4.
 """
 
 import copy

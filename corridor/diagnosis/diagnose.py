@@ -89,7 +89,7 @@ class Diagnosis:
         return [_effect(one, self.used, self.rivals) for one in self.findings.effects]
 
     def to_dict(self) -> dict:
-        """diagnosis.json (design, section 7)."""
+        """diagnosis.json."""
         return _plain(
             {
                 "verdict": self.verdict,

@@ -1,4 +1,4 @@
-"""Antenna positions of a block that has a track alone (design, section 4)."""
+"""Antenna positions of a block that has a track alone."""
 
 from __future__ import annotations
 

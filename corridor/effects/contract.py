@@ -19,7 +19,7 @@ from corridor.camera import INTERIOR, rotation_from_quaternion
 from corridor.effects.gyroscope import RATES, Gyroscope
 from corridor.errors import InputError
 
-# Shape of one row's shift, by place (design, section 3).
+# Shape of one row's shift, by place.
 PLACES = {"camera": len(INTERIOR), "image": 2, "motion": 6, "antenna": 3, "ground": 3}
 GROUPS = ("block", "camera", "flight", "image", "point")
 

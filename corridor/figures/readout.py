@@ -26,8 +26,8 @@ def readout_picture(readout: Readout) -> Figure:
 
     Star and wheel: both photographs with the straight and the bent edges or spokes that were
     fitted, the turn of every measured point against its row with the line whose slope, times the
-    rows, is the turn during the readout (thesis, figures 7.7 and 7.10), and the residuals. LED: the
-    photograph, the rows' light with its model, and the residuals.
+    rows, is the turn during the readout (Zhou 2019, figures 7.7 and 7.10), and the residuals.
+    LED: the photograph, the rows' light with its model, and the residuals.
     """
     return _led(readout) if readout.target == "led" else _turning(readout)
 

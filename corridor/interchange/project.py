@@ -1,4 +1,4 @@
-"""What a project of another program says, in the conventions of design.md, section 2."""
+"""What a project of another program says."""
 
 from __future__ import annotations
 

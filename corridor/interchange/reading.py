@@ -17,7 +17,7 @@ from corridor.interchange.project import Project, near_origin
 def read_project(
     path: str | Path, form: str = "auto", size: tuple[int, int] | None = None
 ) -> Project:
-    """The project of a file or folder, in the conventions of design.md; not yet proved.
+    """The project of a file or folder, in this package's conventions; not yet proved.
 
     form: a name of `format_names()`, or auto. size: of the pictures, pixels, for formats whose
     files do not have it.

@@ -156,7 +156,7 @@ class Expected:
         Columns flight, view, arm_f; height_arm, height_f: mean over the images; the same with
         _std: their spread; sigma_height, sigma_arm (m), sigma_f (px) beside them, since the
         coefficient alone hides how large either error is. NaN where one is held.
-        Source: thesis, table 5.3 (of what the adjustment states).
+        Source: Zhou 2019, table 5.3 (of what the adjustment states).
         """
         net, p = self.planner.network, self.planner.network.problem
         stated, q = self._moments.stated, p.shared_count

@@ -1,6 +1,6 @@
 """Photographs a rolling shutter would take of a turning star or wheel, or of a blinking LED.
 
-Every row is exposed at its own time, `t(row) = readout (row / (L - 1) - 1/2)` (design, section 2),
+Every row is exposed at its own time, `t(row) = readout (row / (L - 1) - 1/2)`,
 the middle of its exposure; the exposure is integrated in closed form (star, LED) or piecewise
 over fractions of a degree (wheel), and so is the width of a pixel across an edge. No picture is
 rotated or resampled.

@@ -21,7 +21,7 @@ SENSES = ("cw", "ccw")
 
 @dataclass(frozen=True)
 class Readout:
-    """One readout time with what belongs to it (design, section 6, `corridor readout`).
+    """One readout time with what belongs to it.
 
     readout_ms: first to last row. sigma_ms: one sigma, everything known included.
     row_axis: "y" where rows follow each other along y, else "x". row_direction and

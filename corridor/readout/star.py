@@ -8,11 +8,11 @@ other the star turns, so that on the row y
     angle of M^-1 (x - c) = edge + phase + rate y
 
 with one `rate` for the picture, whatever the distance from the centre: readout = rate (L - 1) /
-angular velocity. This is the thesis's eq. 7.5 for every edge and radius at once; its eq. 7.7 uses
+angular velocity. This is eq. 7.5 of Zhou 2019 for every edge and radius at once; its eq. 7.7 uses
 pairs of points on one circle, with the centre given.
 (Eq. 7.4 prints A2 where the moved point A2' is meant.)
 
-Source: thesis, section 7.4.2.1.
+Source: Zhou 2019, section 7.4.2.1.
 """
 
 from __future__ import annotations

@@ -9,9 +9,9 @@ row y was seen when the wheel had turned by
 
 so that every point of every bent spoke says something about `rate`, and readout = rate (L - 1) /
 angular velocity. Which bent spoke belongs to which straight one is tried for every multiple of
-one spoke. The thesis's eq. 7.10 is the case of a single spoke through the axis.
+one spoke. Eq. 7.10 of Zhou 2019 is the case of a single spoke through the axis.
 
-Source: thesis, section 7.4.2.2.
+Source: Zhou 2019, section 7.4.2.2.
 """
 
 from __future__ import annotations

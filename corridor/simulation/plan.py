@@ -160,7 +160,7 @@ class TiePoints:
     """Tie points: how many an image has on average, and how near the picture's edge.
 
     Points are thinned as a whole, so that each is seen in every image that contains it and
-    multiplicity stays what the overlap makes it (thesis, section 5.6.4).
+    multiplicity stays what the overlap makes it (Zhou 2019, section 5.6.4).
     """
 
     per_image: int = 440

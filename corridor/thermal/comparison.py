@@ -3,7 +3,7 @@
     d = min over R of mean |x2(R ray1(x)) - x|^2 over the picture's x
 
 A rotation of the camera is taken up by the poses; what is left of a difference is not.
-Source: thesis, eq. 6.4 (there an integral; here the mean over a grid of the whole picture).
+Source: Zhou 2019, eq. 6.4 (there an integral; here the mean over a grid of the whole picture).
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ def correct(block: Block, model: ThermalModel) -> tuple[Block, list[str]]:
     Returns the block and warnings, one sentence each; the table `corrected` of its block.toml says
     what was done. Raises InputError where an image with points has no temperature, a camera's
     pictures are not of the model's size, or heat has been taken out before.
-    Source: thesis, figure 6.2 and section 6.5.
+    Source: Zhou 2019, figure 6.2 and section 6.5.
     """
     out, notes = _moved(block, model, model.undo)
     done: dict = {"t0_c": model.t0_c, "kind": model.kind}

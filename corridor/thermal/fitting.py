@@ -60,8 +60,8 @@ def fit(
 ) -> Fit:
     """The thermal model of a series.
 
-    kind: similarity, radial, decentring, polynomial (i, j = 0..3), or `printed` (eq. 6.3 of the
-        thesis, i, j = 1..4: for comparison). powers: of T - T0. lag_s: hold it at this value.
+    kind: similarity, radial, decentring, polynomial (i, j = 0..3), or `printed` (eq. 6.3 of Zhou
+        2019, i, j = 1..4: for comparison). powers: of T - T0. lag_s: hold it at this value.
         smooth: the temperatures over time first. Each is found from the maps unless given.
     Raises InputError without temperatures, AdjustmentFailed where they say too little.
     """

@@ -27,7 +27,7 @@ _ARRAYS = {
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """Where nodes of the reference lie in each picture (design, section 6).
+    """Where nodes of the reference lie in each picture.
 
     picture: (P,) names. time_s: (P,) s. temperature_c: (P,) C, NaN unknown. reference: (P,) bool.
     width, height: px. x, y: (N,) px in the reference. dx, dy: (P, N) px: what lies at (x, y) in

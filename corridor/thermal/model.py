@@ -5,7 +5,7 @@
 
 Whatever kind was fitted (similarity, radial, decentring, full polynomial) is written so. The model
 is zero at t0, the temperature of the reference.
-Source: thesis, eq. 6.2 and 6.3; printed with i, j from 1, which can hold no shift and no scale.
+Source: Zhou 2019, eq. 6.2 and 6.3; printed with i, j from 1, which can hold no shift and no scale.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ class ThermalModel:
         )
 
     def parameters(self, temperature_c) -> dict[str, np.ndarray]:
-        """Eq. 6.2 of the thesis at temperatures (n,): the similarity nearest to the model.
+        """Eq. 6.2 of Zhou 2019 at temperatures (n,): the similarity nearest to the model.
 
         shift_x, shift_y: px, of the picture's middle; scale: parts per million; rotation:
         microradians, from x to y.
@@ -170,7 +170,7 @@ class ThermalModel:
     # --- files ---------------------------------------------------------------------------
 
     def to_dict(self) -> dict:
-        """The content of MODEL.json (design, section 6)."""
+        """The content of MODEL.json."""
 
         def plain(array):
             return None if array is None else np.asarray(array).tolist()
@@ -332,7 +332,7 @@ def simple_model(
 ) -> ThermalModel:
     """A thermal model from numbers a person knows; each a tuple of powers of T - t0.
 
-    scale: share by which the picture grows, 1/C (13.7e-6: what the thesis found of f), then
+    scale: share by which the picture grows, 1/C (13.7e-6: what Zhou 2019 found of f), then
     1/C^2. radial: px/C at the corner that grow with the cube of the radius. decentring: px/C at
     the right edge. shift: x, y px/C of the whole picture. rotation: radians/C from x to y.
     """

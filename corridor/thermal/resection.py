@@ -2,7 +2,7 @@
 
 The camera stands still, so its pose is that of its first pictures. Held, f, cx and cy of each
 picture follow from its marks alone; let free with them, the pose takes up what they would show.
-Source: thesis, section 6.4.3.
+Source: Zhou 2019, section 6.4.3.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Spatial shapes of a deformation, as polynomials in the picture.
 
-Source: thesis, eq. 6.2 (similarity) and 6.3 (polynomial); Fraser 1997 (radial, decentring).
+Source: Zhou 2019, eq. 6.2 (similarity) and 6.3 (polynomial); Fraser 1997 (radial, decentring).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ _SLACK = 1.1  # of the variance of rounding, which few temperatures miss by chan
 def degrees(register: np.ndarray, gain: float, offset: float) -> np.ndarray:
     """Degrees Celsius from the value of a sensor's register, which is gain * T + offset.
 
-    Source: thesis, eq. 6.1 (its a and b).
+    Source: Zhou 2019, eq. 6.1 (its a and b).
     """
     return (np.asarray(register, dtype=float) - offset) / gain
 

@@ -12,7 +12,7 @@ CLOCK = 0.020
 
 
 def flown(name="thesis_s1_n50", images=90, per_image=150, seed=1, effects=None):
-    """A shorter flight of the same kind: base and noise as in chapter 5 of the thesis."""
+    """A shorter flight of the same kind: base and noise as in chapter 5 of Zhou 2019."""
     plan = read_plan(name)
     plan = replace(plan, tie_points=replace(plan.tie_points, per_image=per_image))
     share = images / plan.flights[0].images

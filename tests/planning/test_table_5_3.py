@@ -1,4 +1,4 @@
-"""Chapter 5 of the thesis planned: what table 5.3 rests on (issue 8, must show 1 to 4)."""
+"""Chapter 5 of Zhou 2019 planned: what table 5.3 rests on (issue 8, must show 1 to 4)."""
 
 import time
 from dataclasses import replace

@@ -23,7 +23,7 @@ def edge_column(row_of_light, low, high):
 @pytest.mark.parametrize("direction", ["down", "up"])
 @pytest.mark.parametrize("turns", [0.5, -0.5])
 def test_an_edge_is_on_every_row_where_the_star_was_at_that_row_s_time(direction, turns):
-    """An upright edge above the axis: x = -y tan(turned), t(row) of design, section 2."""
+    """An upright edge above the axis: x = -y tan(turned), t(row)."""
     readout = 0.04
     light = render.star(
         VIEW,

@@ -8,8 +8,8 @@ from kit.table_7_3 import configurations, in_pairs
 
 from corridor.simulation import read_plan, simulate
 
-# An image, as few as a reduction of tie points leaves (thesis, section 7.6.4.1). More of them make
-# motions of single images less harmful: with 300 they are no worse than the shutter.
+# An image, as few as a reduction of tie points leaves (Zhou 2019, section 7.6.4.1). More of them
+# make motions of single images less harmful: with 300 they are no worse than the shutter.
 TIES = 150
 VALUES = {"rolling_shutter": {"readout": 0.0564}}
 

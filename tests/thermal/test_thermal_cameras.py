@@ -15,7 +15,7 @@ from corridor.thermal import camera_at, compare_cameras, resect, simple_model, u
 
 class TestComparison:
     def test_a_change_of_f_by_072_px_is_the_published_difference(self):
-        """Issue 9, must show 7; thesis, section 6.5.2.1: 0.23 px mean, 0.33 px at the border."""
+        """Issue 9, must show 7; Zhou 2019, section 6.5.2.1: 0.23 px mean, 0.33 px at the border."""
         plain = Camera.from_table("a", {"width": 5120, "height": 3840, "f": 5489.0})
         found = compare_cameras(plain, plain.with_values(f=5489.72))
         assert found.mean == pytest.approx(0.23, abs=0.01)

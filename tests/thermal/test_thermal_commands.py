@@ -87,7 +87,7 @@ class TestThirteenPictures:
             assert file["reference"].sum() == 1 and (file["width"], file["height"]) == (1280, 960)
 
     def test_the_model_says_what_is_promised_and_anyone_can_evaluate_it(self, made):
-        """The polynomial of the design, section 6, written out."""
+        """The polynomial of MODEL.json, written out."""
         folder, _ = made
         content = json.loads((folder / "m.json").read_text("utf-8"))
         assert all(key in content for key in PROMISED)

@@ -12,7 +12,7 @@ from corridor.adjustment import lay_on_control
 from corridor.simulation import add_noise, perfect_block, read_plan
 from corridor.thermal import calibrated_at, correct, uncorrect
 
-CALIBRATED = 35.1  # C, middle of 34.2 to 36 (thesis, table 6.12)
+CALIBRATED = 35.1  # C, middle of 34.2 to 36 (Zhou 2019, table 6.12)
 NOISE = {"tie_px": 0.3, "mark_px": 0.3, "control_m": 0.01}
 
 

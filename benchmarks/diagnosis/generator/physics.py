@@ -2,8 +2,8 @@
 
 A function takes (scene, world, amplitude, rng) and options, changes the world and returns what is
 true: a list of entries with `slug`, `parameters` (name, value, unit) and, where it is not the
-block's, `flight`, `point` or `per_image`. Names, units and signs: design, section 7. Drifts count
-from the middle of the exposures.
+block's, `flight`, `point` or `per_image`. Names, units and signs: those of the effects' files.
+Drifts count from the middle of the exposures.
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 
 `as_text` and `as_html` show the same tables: neither holds a time, a path or an address, and
 every number is rounded to what its standard deviation justifies, so that a notebook can be
-compared with an earlier run. `as_dict` holds full numbers (design, section 7).
+compared with an earlier run. `as_dict` holds full numbers.
 """
 
 from corridor.adjustment.report.contents import tables

@@ -16,7 +16,7 @@ _MOST_GROUPS = 50
 
 
 def as_dict(adjustment: Adjustment) -> dict[str, Any]:
-    """The content of `adjustment.json` (design, section 7): finite numbers or None.
+    """The content of `adjustment.json`: finite numbers or None.
 
     An effect with one group is {parameter: {value, sigma, unit}}, with several
     {group: {parameter: ...}}; of more than 50 groups there is a summary for each parameter

@@ -2,7 +2,7 @@
 
 The GNSS position was taken at the stated time; at the true one the antenna is v offset further.
 
-Source: thesis, section 5.2 (synchronisation of camera and receiver).
+Source: Zhou 2019, section 5.2 (synchronisation of camera and receiver).
 """
 
 from corridor.effects.contract import Effect, Parameter

@@ -2,7 +2,7 @@
 
 Another geoid, another base station, another realisation of the reference frame.
 
-Source: thesis, section 5.6 (height bias of GNSS-assisted blocks).
+Source: Zhou 2019, section 5.6 (height bias of GNSS-assisted blocks).
 """
 
 from corridor.effects.catalogue.control_blunder import ControlBlunder

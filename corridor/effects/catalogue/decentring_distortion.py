@@ -1,6 +1,6 @@
 """The camera is held at a decentring distortion that is not the true one.
 
-Source: Fraser 1997, "Digital camera self-calibration", in normalised units (design, section 2).
+Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 
 What follows temperature is another effect; this one knows the clock only.
 
-Source: thesis, section 4.3 (a drift of 0.0275 px an image).
+Source: Zhou 2019, section 4.3 (a drift of 0.0275 px an image).
 """
 
 import numpy as np

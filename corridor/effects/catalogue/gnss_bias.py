@@ -2,7 +2,7 @@
 
 A base station with wrong coordinates, another realisation of the datum, a wrong antenna height.
 
-Source: thesis, section 5.6 (height bias of GNSS-assisted blocks).
+Source: Zhou 2019, section 5.6 (height bias of GNSS-assisted blocks).
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """The GNSS antenna does not sit where it was said to sit, in all flights alike.
 
-Source: thesis, eq. 5.2 (its theta is our -a).
+Source: Zhou 2019, eq. 5.2 (its theta is our -a).
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """The GNSS antenna sits elsewhere in each flight: the camera was remounted between them.
 
-Source: thesis, eq. 5.2 (its theta is our -a).
+Source: Zhou 2019, eq. 5.2 (its theta is our -a).
 """
 
 from corridor.effects.catalogue.lever_arm import LeverArm

@@ -3,7 +3,7 @@
 What Pix4D and Metashape estimate where a rolling shutter is to be corrected and nobody knows
 velocities. Give it priors, or it takes what poses and camera need.
 
-Source: Vautherin et al. 2016, [dRx, dRy, dRz, dTx, dTy, dTz]; thesis, section 7.6.4.3.
+Source: Vautherin et al. 2016, [dRx, dRy, dRz, dTx, dTy, dTz]; Zhou 2019, section 7.6.4.3.
 """
 
 import numpy as np

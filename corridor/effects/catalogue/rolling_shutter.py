@@ -3,7 +3,7 @@
 Exact in the row: the centre moves with the velocity and the camera turns with its angular rate
 (where images.csv gives one) for the time between the middle row and the row of the point.
 
-Source: thesis, chapter 7; Zhou et al. 2020, two-step correction.
+Source: Zhou 2019, chapter 7; Zhou et al. 2020, two-step correction.
 """
 
 import numpy as np

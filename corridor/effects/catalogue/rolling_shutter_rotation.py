@@ -5,7 +5,7 @@ With rates.csv: the camera turns as its gyroscope says, and moves with the veloc
 nobody has measured how the camera turns, and each image has one small rotation from its first row
 to its last about each axis of the camera.
 
-Source: thesis, section 4.3.3 (rolling shutter, rotation apart from translation); the delay:
+Source: Zhou 2019, section 4.3.3 (rolling shutter, rotation apart from translation); the delay:
 data/sequoia, whose gyroscope comes 43 ms late.
 """
 

@@ -1,6 +1,6 @@
 """Each exposure has its own small error of time: rounded stamps, a trigger that jitters.
 
-Source: thesis, section 5.2 (synchronisation of camera and receiver).
+Source: Zhou 2019, section 5.2 (synchronisation of camera and receiver).
 """
 
 from corridor.effects.catalogue.clock_offset import ClockOffset

@@ -2,8 +2,6 @@
 
 Both count time_s on one clock, whose time system and day are not stated, and are in the local
 metres of the block.
-
-Source: design, section 4.
 """
 
 import csv
