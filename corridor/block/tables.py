@@ -1,5 +1,4 @@
-"""Which columns the tables of a block have, and the types they take in memory.
-"""
+"""Which columns the tables of a block have, and the types they take in memory."""
 
 import copy
 from collections.abc import Iterable

@@ -72,7 +72,8 @@ def velocities(block: Block, method: str = "auto") -> Velocities:
     method: `metadata`: vx, vy, vz of images.csv. `gnss`: from track.csv, or from gnss.csv as
     `strip` from the poses. `neighbours`: displacement over time between the images before and
     after (Zhou 2019, section 7.5, step 2), one-sided at the ends of a strip. `strip`: a
-    quadratic in time through all camera positions of a strip, which errors of single time stamps hardly move.
+    quadratic in time through all camera positions of a strip, which errors of single time
+    stamps hardly move.
     `auto`: the first of these that the block has; from poses, `strip` where time stamps are
     rounded, `neighbours` where not.
 

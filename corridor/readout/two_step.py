@@ -47,8 +47,8 @@ def two_step(
     With pi(O, P) the point P in the picture at the pose O of the middle row, and O_c the pose of
     the row that shows it, an observation p becomes p - [pi(O_c, P) - pi(O, P)]: where the
     picture would show it had all rows been exposed at once. (Zhou 2019, section 7.5; read
-    literally, its eq. 7.16 with 7.11 adds the difference and doubles the error when row l is exposed at
-    tau (l - L/2) / L.)
+    literally, its eq. 7.16 with 7.11 adds the difference and doubles the error when row l is
+    exposed at tau (l - L/2) / L.)
     Raises what `adjust`, `velocities` and `correct` raise.
     """
     before = least_squares.adjust(block, **options) if before is None else before
