@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 from corridor.adjustment import Normal
 from corridor.effects import Context, Images, every_effect
+from corridor.gnss import SlowNoise
 
 # Probabilities at which the length of the tie noise is known: dense where tails begin.
 GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6, 30)])
@@ -75,7 +76,9 @@ class EstimatedNoise:
                 kind = self.gnss.get((one.flight, axis), Gauss(1.0))
                 out[one.rows, axis] *= kind.white
                 if kind.slow > 0:
-                    out[one.rows, axis] += kind.slow * _markov(one.time, kind.constant_s, rng)
+                    out[one.rows, axis] += (
+                        kind.slow * SlowNoise(kind.constant_s).draw(one.time, rng)[:, 0]
+                    )
         return out
 
 
@@ -213,7 +216,7 @@ def _fit(v, g, signals, time, tie_sigma) -> Gauss:
 
     def cost(x):
         a, b, constant = np.exp(x)
-        c = a**2 * white + b**2 * (left @ np.exp(-away / constant) @ left.T) + floor
+        c = a**2 * white + b**2 * (left @ SlowNoise(constant).memory(away) @ left.T) + floor
         c[np.diag_indices_from(c)] += 1e-9
         try:
             factor = np.linalg.cholesky(c)
@@ -241,14 +244,3 @@ def _fit(v, g, signals, time, tie_sigma) -> Gauss:
         # Slow noise that is not there would make the bands wide where drifts would show.
         return Gauss(float(np.exp(plain.x[0])))
     return Gauss(float(a), float(b), float(constant))
-
-
-def _markov(time: np.ndarray, constant: float, rng: np.random.Generator) -> np.ndarray:
-    """Unit Gauss-Markov noise at ascending times."""
-    memory = np.exp(-np.diff(time, prepend=-np.inf) / constant)
-    fresh = np.sqrt(1 - memory**2) * rng.standard_normal(len(time))
-    out, last = np.empty(len(time)), 0.0
-    for n, (keep, new) in enumerate(zip(memory.tolist(), fresh.tolist(), strict=True)):
-        last = keep * last + new
-        out[n] = last
-    return out

@@ -24,6 +24,7 @@ from scipy.optimize import minimize
 from scipy.sparse import csr_array
 
 from corridor.diagnosis.evidence import Evidence
+from corridor.gnss import SlowNoise
 
 # Weak knowledge: mean of the logarithms of w and c over the stated sigma, of tau in seconds, and
 # their standard deviations: of what all flights and axes have in common (one receiver, stated too
@@ -70,8 +71,8 @@ class GnssNoise:
     def parts(self, rows, f, axis):
         """White and coloured covariance (n, n) of a block."""
         white = np.diag((self.white[f, axis] * self.stated[rows]) ** 2)
-        lag = np.abs(self.time[rows // 3][:, None] - self.time[rows // 3])
-        return white, self.coloured[f, axis] ** 2 * np.exp(-lag / self.tau[f, axis]), lag
+        slow = SlowNoise(self.tau[f, axis]).correlation(self.time[rows // 3])
+        return white, self.coloured[f, axis] ** 2 * slow
 
     def weigh(self, rows):
         """Inverse covariance times rows (3k, ...), sparse or dense."""
@@ -82,7 +83,7 @@ class GnssNoise:
     def _inverted(self) -> csr_array:
         row, column, data = [], [], []
         for rows, f, axis in self.blocks():
-            white, coloured, _ = self.parts(rows, f, axis)
+            white, coloured = self.parts(rows, f, axis)
             inverse = np.linalg.inv(white + coloured)
             row.append(np.repeat(rows, len(rows)))
             column.append(np.tile(rows, len(rows)))
@@ -350,7 +351,11 @@ class Likelihood:
         for n, (_, f, _) in enumerate(self.blocks):
             tau = np.exp(x[2 * self.count + self.flights.index(f)])
             coloured = np.exp(2 * x[self.count + n]) * self.stated[n] ** 2
-            yield np.exp(2 * x[n]) * self.first[n], coloured * np.exp(-self.lags[n] / tau), tau
+            yield (
+                np.exp(2 * x[n]) * self.first[n],
+                coloured * SlowNoise(tau).memory(self.lags[n]),
+                tau,
+            )
 
     def factor(self, parts):
         """LU of I + P D, and D rho."""
@@ -366,7 +371,7 @@ class Likelihood:
         """D (I + P D)^-1 columns (n, k) of a noise."""
         parts = []
         for rows, f, axis in self.blocks:
-            white, coloured, _ = noise.parts(rows, f, axis)
+            white, coloured = noise.parts(rows, f, axis)
             parts.append((np.diag(white), coloured, None))
         inner = lu_solve(self.factor(parts)[0], columns, check_finite=False)
         out = np.zeros_like(inner)

@@ -17,6 +17,7 @@ from corridor.gnss.interpolation import (
     interpolate,
     segments,
 )
+from corridor.gnss.slow_noise import SlowNoise
 from corridor.gnss.track import QUALITY, Track, check_quality, read_track
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "GridCost",
     "Interpolated",
     "Local",
+    "SlowNoise",
     "Track",
     "align",
     "align_time",

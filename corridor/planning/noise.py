@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from corridor.errors import InputError
+from corridor.gnss import SlowNoise
 
 Three = tuple[float, float, float]
 
@@ -74,7 +75,7 @@ class GnssNoise:
             mine = np.flatnonzero(flight == group)
             if not np.isfinite(time[mine]).all():
                 raise InputError("correlated GNSS noise needs the time of every exposure")
-            memory = np.exp(-np.abs(time[mine, None] - time[mine]) / self.correlation_s)
+            memory = SlowNoise(self.correlation_s).correlation(time[mine])
             for axis in range(3):
                 part = response[:, mine, axis] * (np.sqrt(self.correlated) * sigma[mine, axis])
                 out += part @ memory @ part.T

@@ -6,6 +6,7 @@ import numpy as np
 
 from corridor.block import Block
 from corridor.errors import InputError
+from corridor.gnss import SlowNoise
 
 _OUTLIER_PX = (5.0, 50.0)
 
@@ -89,17 +90,7 @@ def _slow(block: Block, constant_s: float, rng: np.random.Generator) -> np.ndarr
     time, flight = block.column("images", "time_s")[rows], block.image_flight[rows]
     if np.isnan(time).any():
         raise InputError("gnss_slow needs times: fill time_s of images.csv, or leave it at 0")
-    order = np.lexsort((time, flight))
-    step = np.diff(time[order], prepend=time[order[:1]])
-    memory = np.exp(-step / constant_s)
-    memory[np.diff(flight[order], prepend=-1) != 0] = 0.0
-    fresh = np.sqrt(1 - memory**2)[:, None] * rng.standard_normal((len(order), 3))
-    out = np.empty_like(fresh)
-    last = np.zeros(3)
-    for n, row in enumerate(order):
-        last = memory[n] * last + fresh[n]
-        out[row] = last
-    return out
+    return SlowNoise(constant_s).draw(time, rng, 3, flight)
 
 
 def _displace(block: Block, share: float, rng: np.random.Generator) -> None:

@@ -167,7 +167,7 @@ def test_the_reduced_system_is_that_of_dense_algebra(tiny, coloured):
         )  # fmt: skip
         covariance = np.zeros((len(e.stated),) * 2)
         for rows, f, axis in noise.blocks():
-            white, slow, _ = noise.parts(rows, f, axis)
+            white, slow = noise.parts(rows, f, axis)
             covariance[np.ix_(rows, rows)] = white + slow
     M, g = whole(e, Elimination(e, noise).reduce())
     expected, right, keys = dense(tiny, covariance)

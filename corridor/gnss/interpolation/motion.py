@@ -15,6 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from corridor.gnss.slow_noise import SlowNoise
+
 MOTION = 3  # position, velocity, acceleration
 
 
@@ -51,7 +53,7 @@ def steps(times: np.ndarray, correlation_s: float | None) -> Steps:
     jerk[:, 1, 2] = jerk[:, 2, 1] = h**2 / 2
     jerk[:, 2, 2] = h
     if correlation_s is not None:
-        F[:, MOTION, MOTION] = np.exp(-h / correlation_s)
+        F[:, MOTION, MOTION] = SlowNoise(correlation_s).memory(h)
     return Steps(which.reshape(-1).astype(np.int64), F, gust, jerk)
 
 
