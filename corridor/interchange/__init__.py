@@ -13,10 +13,11 @@ from corridor.interchange.exporting import (
 )
 from corridor.interchange.ground import add_ground
 from corridor.interchange.importing import Imported, complete, import_project
-from corridor.interchange.photographs import Photograph, read_photograph
 from corridor.interchange.project import Project
 from corridor.interchange.proof import Proof, Residuals, demand, prove
 from corridor.interchange.reading import format_names, read_project
+from corridor.photographs import Metadata as Photograph
+from corridor.photographs import read_metadata as read_photograph
 
 __all__ = [
     "Exported",

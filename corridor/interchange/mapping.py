@@ -19,8 +19,8 @@ import numpy as np
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.gnss import Local
 from corridor.interchange.formats import colmap
-from corridor.interchange.photographs import Photograph, photographs_in, read_photograph
 from corridor.interchange.project import Project
+from corridor.photographs import Metadata, photographs_in, read_metadata
 
 # Neighbours by position, all with all up to so many images, along the sequence beyond.
 _NEIGHBOURS, _ALL, _SEQUENCE = 20, 60, 12
@@ -48,7 +48,7 @@ def from_photographs(
     files = photographs_in(folder)
     if len(files) < _LEAST:
         raise InputError(f"{folder} holds {len(files)} photographs; a block needs {_LEAST} or more")
-    photos = [read_photograph(file) for file in files]
+    photos = [read_metadata(file) for file in files]
     names = [file.relative_to(folder).as_posix() for file in files]
     place = workplace(output)
     _same_photos(place, folder, files, names)
@@ -134,7 +134,7 @@ def _camera_id(pycolmap, database):
     return cameras[0].camera_id if cameras else -1
 
 
-def _pairs(photos: list[Photograph]) -> list[tuple[int, int]]:
+def _pairs(photos: list[Metadata]) -> list[tuple[int, int]]:
     """Rows of images worth matching."""
     count = len(photos)
     placed = [k for k, photo in enumerate(photos) if photo.lat_deg is not None]

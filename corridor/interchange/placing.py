@@ -14,24 +14,24 @@ from corridor.camera import quaternion_from_rotation, rotation_from_quaternion
 from corridor.errors import InputError
 from corridor.gnss import Local
 from corridor.interchange.ground import in_frame, local_of, rows_by_name
-from corridor.interchange.photographs import (
-    Photograph,
-    gyro_rates,
-    photographs_in,
-    positions_of,
-    read_photograph,
-)
 from corridor.interchange.project import POSE, Project
-from corridor.readout import published_readouts
+from corridor.photographs import (
+    Metadata,
+    photographs_in,
+    published_readouts,
+    read_metadata,
+)
 
 _GEOGRAPHIC = "EPSG:4979"
 # Published readout times that differ by more than this are of different modes.
 _SAME_MODE = 1.15
+# Where a maker gives no standard deviation: of a code receiver, of a float and a fixed solution.
+_ASSUMED = {50: (0.03, 0.03, 0.06), 34: (0.5, 0.5, 1.0), 16: (3.0, 3.0, 6.0)}
 
 
 def picture_size(folder: Path) -> tuple[int, int]:
     """Width and height of the photographs, those of the first."""
-    photo = read_photograph(photographs_in(folder)[0])
+    photo = read_metadata(photographs_in(folder)[0])
     return photo.width, photo.height_px
 
 
@@ -59,7 +59,7 @@ def add_photographs(project: Project, folder: Path) -> gnss.Exposures | None:
             f"{len(block.images) - len(mine)} of {len(block.images)} images have no photograph in "
             f"{folder.name}"
         )
-    photos = {row: read_photograph(file) for row, file in sorted(mine.items())}
+    photos = {row: read_metadata(file) for row, file in sorted(mine.items())}
     names = block.images["image"].to_numpy()
     exposures = _times(project, folder, photos, names)
     _sizes(project, photos, names)
@@ -150,7 +150,25 @@ def _gyroscope(project, photos, names):
         )
     if np.isfinite(velocity).all(axis=1).any():
         project.block.images[["vx", "vy", "vz"]] = velocity
-        project.notes.append("velocities east, north, up: IMULinearVelocity of the photographs")
+        said = sorted({photo.velocity_of for photo in photos.values() if photo.velocity_of})
+        project.notes.append(f"velocities east, north, up: {'; '.join(said)} of the photographs")
+
+
+def gyro_rates(photo: Metadata, time_s: float | None) -> pd.DataFrame | None:
+    """rates.csv of one photograph: time_s, wx, wy, wz (rad/s, camera frame), image.
+
+    time_s: of the middle row, on the block's clock; None: seconds since the camera's start.
+    Parrot's axes are x forward, y right, z down; the top of the picture is forward: wx = y,
+    wy = -x, wz = z. The first row lies IMUTimeOffset after the first sample. None without samples.
+    """
+    if photo.gyro is None:
+        return None
+    sample = photo.gyro["us"].astype(float) * 1e-6
+    first_row = sample[0] + (photo.number("IMUTimeOffset") or 0.0) * 1e-9
+    middle = first_row + (photo.line_ns or 0.0) * 1e-9 * (photo.height_px - 1) / 2
+    shift = 0.0 if time_s is None else time_s - middle
+    x, y, z = (photo.gyro[axis].astype(float) for axis in "xyz")
+    return pd.DataFrame({"time_s": sample + shift, "wx": y, "wy": -x, "wz": z, "image": photo.name})
 
 
 def _readout(project, photos):
@@ -192,11 +210,11 @@ def _readout(project, photos):
 # --- where -----------------------------------------------------------------------------------
 
 
-def _positions(project, photos: dict[int, Photograph], exposures, names):
+def _positions(project, photos: dict[int, Metadata], exposures, names):
     if exposures is not None and {"x", "y", "z"} <= set(exposures.table.columns):
         table = exposures.table.rename(columns={"x": "lon", "y": "lat", "z": "height"})
     else:
-        table = positions_of(list(photos.values()), project.notes)
+        table = _positions_of(list(photos.values()), project.notes)
         back = {photo.name: names[row] for row, photo in photos.items()}
         table["image"] = table["image"].map(back).astype("str")
     if not len(table):
@@ -204,6 +222,33 @@ def _positions(project, photos: dict[int, Photograph], exposures, names):
         return
     columns = [name for name in ("sx", "sy", "sz") if name in table]
     _put(project, table[["image", "lon", "lat", "height", *columns]], "the photographs")
+
+
+def _positions_of(photos: list[Metadata], notes: list[str]) -> pd.DataFrame:
+    """image, lon, lat, height, sx, sy, sz (m) of the photographs that have a position.
+
+    Where the maker states no sigma, that of the kind of solution is assumed, and said.
+    """
+    rows, assumed, without = [], 0, 0
+    for photo in photos:
+        if photo.lat_deg is None:
+            continue
+        without += photo.height is None
+        sigma = photo.sigma
+        if sigma is None:
+            assumed += 1
+            flag = photo.flag if photo.flag is not None else 16
+            kind = 50 if flag == 50 else 34 if 32 <= flag <= 49 else 16
+            sigma = _ASSUMED[kind]
+        rows.append((photo.name, photo.lon_deg, photo.lat_deg, photo.height or 0.0, *sigma))
+    if assumed:
+        notes.append(
+            f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m in plan "
+            "and 6 m in height were assumed where no RTK flag says better"
+        )
+    if without:
+        notes.append(f"{without} positions have no height: 0 was taken")
+    return pd.DataFrame(rows, columns=["image", "lon", "lat", "height", "sx", "sy", "sz"])
 
 
 def _put(project: Project, table: pd.DataFrame, what: str) -> None:

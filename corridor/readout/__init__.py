@@ -8,13 +8,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from corridor.photographs import published_readouts as published_readouts
     from corridor.readout import render as render
     from corridor.readout.measure import readout_from_led as readout_from_led
     from corridor.readout.measure import readout_from_star as readout_from_star
     from corridor.readout.measure import readout_from_wheel as readout_from_wheel
     from corridor.readout.photograph import CannotMeasure as CannotMeasure
     from corridor.readout.photograph import Photograph as Photograph
-    from corridor.readout.published import published_readouts as published_readouts
     from corridor.readout.result import Readout as Readout
     from corridor.readout.result import save_readout as save_readout
 
@@ -28,7 +28,7 @@ _HOME = {
     "measure_bar": "corridor.readout.bar",
     "measure_led": "corridor.readout.led",
     "speed_from_video": "corridor.readout.video",
-    "published_readouts": "corridor.readout.published",
+    "published_readouts": "corridor.photographs",
     "CannotMeasure": "corridor.readout.photograph",
     "Photograph": "corridor.readout.photograph",
     "Readout": "corridor.readout.result",

@@ -6,9 +6,9 @@ import os
 from dataclasses import replace
 
 from corridor.errors import InputError
+from corridor.photographs import compared
 from corridor.readout.lens import read_camera
 from corridor.readout.photograph import Photograph, read
-from corridor.readout.published import compared
 from corridor.readout.result import Readout
 
 

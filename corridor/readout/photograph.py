@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import cv2
 import numpy as np
 
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.photographs import Metadata, read_metadata
 
 _TURNS = {
     2: "mirrored",
@@ -21,8 +21,6 @@ _TURNS = {
     7: "mirrored and turned by 270 degrees",
     8: "turned by 270 degrees",
 }
-_ORIENTATION, _MAKE, _MODEL, _EXIF = 0x0112, 0x010F, 0x0110, 0x8769
-_EXPOSURE, _WIDTH, _HEIGHT, _FOCAL_35 = 0x829A, 0xA002, 0xA003, 0xA405
 
 
 class CannotMeasure(AdjustmentFailed):
@@ -77,7 +75,7 @@ def decode(content: bytes, path: str | os.PathLike) -> Photograph:
     Raises InputError where it is no picture, or where its rows are not those of the sensor: turned
     by an EXIF orientation, or resized since the camera wrote its size.
     """
-    facts = _facts(content)
+    facts = _facts(content, Path(path))
     bytes_ = np.frombuffer(content, dtype=np.uint8)
     grey = None
     if bytes_.size:
@@ -87,14 +85,14 @@ def decode(content: bytes, path: str | os.PathLike) -> Photograph:
             grey = None
     if grey is None:
         raise InputError(f"{path} is not a photograph that can be read: give a JPEG, PNG or TIFF")
-    turned = facts.get("orientation", 1)
-    if turned in _TURNS:
+    if facts.orientation in _TURNS:
         raise InputError(
-            f"{path} is to be shown {_TURNS[turned]} (EXIF orientation {turned}), so its rows may "
-            "not be those of the sensor: save it as the sensor wrote it, with orientation 1"
+            f"{path} is to be shown {_TURNS[facts.orientation]} (EXIF orientation "
+            f"{facts.orientation}), so its rows may not be those of the sensor: save it as the "
+            "sensor wrote it, with orientation 1"
         )
     height, width = grey.shape
-    said = facts.get("size")
+    said = facts.written_size
     if said and said != (width, height):
         what = "turned" if said == (height, width) else "resized or cut"
         raise InputError(
@@ -103,13 +101,13 @@ def decode(content: bytes, path: str | os.PathLike) -> Photograph:
         )
     if min(width, height) < 64:
         raise InputError(f"{path} has {width} x {height} pixels: too small to measure in")
-    focal = facts.get("focal_35")
+    focal = facts.focal_35_mm
     return Photograph(
         name=Path(path).name,
         grey=grey,
-        make=facts.get("make", ""),
-        model=facts.get("model", ""),
-        exposure_s=facts.get("exposure"),
+        make=facts.make,
+        model=facts.model,
+        exposure_s=facts.exposure_s,
         focal_px=np.hypot(width, height) * focal / 43.27 if focal else None,
     )
 
@@ -123,36 +121,12 @@ def same_size(first: Photograph, second: Photograph) -> None:
         )
 
 
-def _facts(content):
-    """What a picture's EXIF says, as far as it makes sense; empty where there is none."""
-    from PIL import Image
-
-    found = {}
+def _facts(content: bytes, path: Path) -> Metadata:
     try:
-        with Image.open(io.BytesIO(content)) as image:
-            tags = image.getexif()
-            details = tags.get_ifd(_EXIF)
-    except Exception:  # noqa: BLE001 - a broken EXIF is no EXIF; the picture itself is judged later
-        return found
-    if tags.get(_ORIENTATION) in _TURNS:
-        found["orientation"] = int(tags[_ORIENTATION])
-    for key, tag in (("make", _MAKE), ("model", _MODEL)):
-        if isinstance(tags.get(tag), str):
-            found[key] = tags[tag].strip().strip("\0")
-    for key, tag in (("exposure", _EXPOSURE), ("focal_35", _FOCAL_35)):
-        try:
-            value = float(details[tag])
-        except (KeyError, TypeError, ValueError, ZeroDivisionError):
-            continue
-        if np.isfinite(value) and value > 0:
-            found[key] = value
-    try:
-        size = int(details[_WIDTH]), int(details[_HEIGHT])
-    except (KeyError, TypeError, ValueError):
-        return found
-    if min(size) > 0:
-        found["size"] = size
-    return found
+        return read_metadata(path, content)
+    except InputError:
+        # A broken EXIF is no EXIF; the picture itself is judged later.
+        return Metadata(path, 0, 0)
 
 
 def _linear_table():

@@ -14,8 +14,7 @@ from corridor.errors import InputError
 from corridor.gnss import Local
 from corridor.interchange import export_project, read_photograph, read_project
 from corridor.interchange.ground import crs_of_line, in_frame, read_gcp_list
-from corridor.interchange.photographs import gyro_rates
-from corridor.interchange.placing import add_photographs, add_track
+from corridor.interchange.placing import add_photographs, add_track, gyro_rates
 
 from .conftest import exact_block
 

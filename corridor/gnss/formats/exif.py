@@ -7,19 +7,14 @@ is missing the time system is not known.
 Source: EXIF 2.32 (CIPA DC-008), tags 36867, 37521, 36881.
 """
 
-import re
 from pathlib import Path
 
 import pandas as pd
-from PIL import Image, UnidentifiedImageError
 
 from corridor.errors import InputError
 from corridor.gnss.exposures import Exposures
-from corridor.gnss.time import day_of, on_one_day, time_system
-
-_EXIF, _ORIGINAL, _DECIMALS, _ZONE = 0x8769, 36867, 37521, 36881
-_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png")
-_TIME = re.compile(r"(\d{4})[:/-](\d{2})[:/-](\d{2})[ T](\d{2}):(\d{2}):(\d{2})")
+from corridor.gnss.time import on_one_day, time_system
+from corridor.photographs import SUFFIXES, Taken, read_metadata
 
 
 def read(folder: Path) -> Exposures:
@@ -27,28 +22,24 @@ def read(folder: Path) -> Exposures:
 
     Raises InputError where there is none, or one has no time, or zones differ.
     """
-    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _SUFFIXES)
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
     if not files:
         raise InputError(
             f"{folder.name} holds neither images.csv nor photographs; name the folder or file of "
             "the images"
         )
-    stamps, zones, decimals = [], [], []
-    for file in files:
-        stamp, digits, zone = _time(file)
-        stamps.append(stamp)
-        zones.append(zone)
-        decimals.append(digits)
+    taken = [_taken(file) for file in files]
+    zones = [time_system(f"UTC{one.zone}") if one.zone else None for one in taken]
     for file, zone in zip(files, zones, strict=True):
         if zone != zones[0]:
             raise InputError(
                 f"{file.name}: its clock shows {zone or 'an unnamed zone'}, that of "
                 f"{files[0].name} {zones[0] or 'an unnamed zone'}; read the images apart"
             )
-    day, time = on_one_day(stamps)
+    day, time = on_one_day([(one.day, one.seconds) for one in taken])
     table = pd.DataFrame({"image": pd.Series([f.name for f in files], dtype="str"), "time_s": time})
     notes = ["the times are those of the camera's clock (EXIF), which nothing ties to GNSS"]
-    most = max(decimals)
+    most = max(one.decimals for one in taken)
     resolution = 10.0**-most
     if most < 3:
         notes.append(
@@ -62,29 +53,15 @@ def read(folder: Path) -> Exposures:
     )  # fmt: skip
 
 
-def _time(file: Path) -> tuple[tuple[str, float], int, str | None]:
-    """Day and seconds of the day, how many decimals they have, the time system or None."""
-    try:
-        with Image.open(file) as picture:
-            tags = picture.getexif().get_ifd(_EXIF)
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError):
-        raise InputError(
-            f"{file.name} cannot be read as a photograph; take it out of the folder"
-        ) from None
-    match = _TIME.match(str(tags.get(_ORIGINAL, "")).strip())
-    if not match:
+def _taken(file: Path) -> Taken:
+    taken = read_metadata(file).taken
+    if taken is None:
         raise InputError(
             f"{file.name} has no time of exposure in its EXIF (DateTimeOriginal); take it out of "
             "the folder, or give the times in a file"
         )
-    try:
-        year, month, date, hour, minute, second = (int(part) for part in match.groups())
-        day = day_of(year, month, date)
-    except ValueError:
+    if taken.day is None:
         raise InputError(
-            f"{file.name}: {match[0]!r} in its EXIF is no date; give the times in a file"
-        ) from None
-    digits = re.match(r"\d*", str(tags.get(_DECIMALS, "")).strip())[0]
-    seconds = 3600.0 * hour + 60.0 * minute + float(f"{second}.{digits or '0'}")
-    zone = re.fullmatch(r"[+-]\d{2}:\d{2}", str(tags.get(_ZONE, "")).strip(" \0"))
-    return (day, seconds), len(digits), time_system(f"UTC{zone[0]}") if zone else None
+            f"{file.name}: {taken.text!r} in its EXIF is no date; give the times in a file"
+        )
+    return taken

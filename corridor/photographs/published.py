@@ -33,7 +33,7 @@ class PublishedReadout:
 @lru_cache(maxsize=1)
 def published_table() -> tuple[PublishedReadout, ...]:
     """All published readout times."""
-    text = (files("corridor.readout") / _TABLE).read_text(encoding="utf-8")
+    text = (files("corridor.photographs") / _TABLE).read_text(encoding="utf-8")
     return tuple(
         PublishedReadout(
             row["make"],

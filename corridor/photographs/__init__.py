@@ -1,0 +1,25 @@
+"""What photographs say of themselves, and what is published of the cameras that took them.
+
+The one reader of EXIF and XMP; it knows no block. A new source (a maker's note) is a module beside
+`exif` and `xmp`, asked by `metadata`.
+"""
+
+from corridor.photographs.metadata import (
+    SUFFIXES,
+    Metadata,
+    Taken,
+    photographs_in,
+    read_metadata,
+)
+from corridor.photographs.published import PublishedReadout, compared, published_readouts
+
+__all__ = [
+    "SUFFIXES",
+    "Metadata",
+    "PublishedReadout",
+    "Taken",
+    "compared",
+    "photographs_in",
+    "published_readouts",
+    "read_metadata",
+]
