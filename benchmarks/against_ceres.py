@@ -53,7 +53,7 @@ from strips import corridor_block  # noqa: E402
 from corridor.adjustment import Covariance, Loss, Normal, make_problem, solve
 from corridor.adjustment.normal import LOSSES
 from corridor.block import Block
-from corridor.camera import quaternion_from_rotation
+from corridor.geometry import quaternion_from_rotation
 from corridor.simulation import CAMLIGHT, add_noise
 
 SHORT = (114, 330)

@@ -15,7 +15,8 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import Camera, project, quaternion_from_rotation, rotation_from_vector
+from corridor.camera import Camera, project
+from corridor.geometry import quaternion_from_rotation, rotation_from_vector
 
 PER_IMAGE = 2500
 FORMATS = ("colmap", "colmap-text", "opensfm", "bundler", "micmac")

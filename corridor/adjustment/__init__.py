@@ -7,6 +7,7 @@ determines is `Singular`.
 """
 
 from corridor.adjustment.adjust import adjust
+from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
 from corridor.adjustment.laid import Laid, lay_on_control
@@ -15,8 +16,8 @@ from corridor.adjustment.normal import LOSSES, Loss, Normal
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.report import rounded, save
 from corridor.adjustment.result import Adjustment
-from corridor.adjustment.similarity import Similarity, check_table, similarity
 from corridor.adjustment.solve import one_step, solve
+from corridor.geometry import Similarity, similarity
 
 
 def __getattr__(name):

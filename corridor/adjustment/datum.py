@@ -17,8 +17,8 @@ from scipy.linalg import eigh, qr
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import Problem, State
-from corridor.camera import rotation_from_vector
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_vector
 
 QUANTITIES = (
     "position along x",

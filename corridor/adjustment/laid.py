@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.result import Adjustment
-from corridor.adjustment.similarity import Checked, Similarity, similarity
 from corridor.errors import InputError
+from corridor.geometry import Similarity, similarity
 
 
 @dataclass

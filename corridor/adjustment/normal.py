@@ -12,8 +12,9 @@ import numpy as np
 from corridor.adjustment import kernels
 from corridor.adjustment.matrix import Band, Bordered, Sparse
 from corridor.adjustment.problem import Problem, State
-from corridor.camera import INTERIOR, radials_in_use, rotation_from_vector
+from corridor.camera import INTERIOR, radials_in_use
 from corridor.effects import ROW_REACH, Context, Images
+from corridor.geometry import rotation_from_vector
 
 LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.CAUCHY}
 # Observations that effects look at in one go: small enough for the cache.

@@ -8,16 +8,21 @@ import numpy as np
 import pandas as pd
 
 from corridor.adjustment import report
+from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.normal import Normal
-from corridor.adjustment.similarity import Checked
 from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
 from corridor.block import Block
-from corridor.camera import INTERIOR, quaternion_from_rotation
+from corridor.camera import INTERIOR
+from corridor.geometry import (
+    GROSS,
+    is_outlier,
+    quaternion_from_rotation,
+    robust_scale,
+    robust_scale_of_lengths,
+)
 
-# An image residual this many robust sigmas long is suspect, or no longer a measurement.
-OUTLIER, GROSS = 5.0, 15.0
 HIGH = 0.95
 
 
@@ -108,9 +113,7 @@ class Adjustment(Checked):
         pixels[p.row] = found
         sigma = np.concatenate([p.block.tie_sigma(), p.block.mark_sigma()])
         length = np.hypot(*pixels.T) / sigma
-        # The median of a Rayleigh variable is sigma sqrt(2 ln 2), whatever a few outliers do.
-        usual = np.nanmedian(length) / np.sqrt(2 * np.log(2)) if len(length) else 1.0
-        usual = max(float(usual), 1e-9)
+        usual = robust_scale_of_lengths(length, least=1e-9)
         loss = self.normal.loss
         weight = np.ones(len(length)) if loss.kind == 0 else _weights(loss, length)
         out = {}
@@ -123,8 +126,8 @@ class Adjustment(Checked):
                 vy=pixels[span, 1],
                 sigma=sigma[span],
                 weight=weight[span],
-                outlier=length[span] > OUTLIER * usual,
-                gross=length[span] > GROSS * usual,
+                outlier=is_outlier(length[span], usual),
+                gross=is_outlier(length[span], usual, GROSS),
             )
             out[kind] = frame[np.isfinite(frame["vx"])].reset_index(drop=True)
         out["gnss"] = self._gnss()
@@ -418,6 +421,6 @@ def _metres(names, key: str, given, residual, weight) -> pd.DataFrame:
     frame[["vx", "vy", "vz"]] = residual
     frame[["sx", "sy", "sz"]] = sigma
     scaled = np.abs(residual) / sigma
-    usual = 1.4826 * np.median(scaled) if len(scaled) > 6 else 1.0
-    frame["outlier"] = (scaled > OUTLIER * max(usual, 1e-6)).any(axis=1)
+    usual = robust_scale(scaled, least=1e-6) if len(scaled) > 6 else 1.0
+    frame["outlier"] = is_outlier(scaled, usual).any(axis=1)
     return frame

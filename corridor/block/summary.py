@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.block.tables import LAYOUTS, POSE, ROLES, is_among
-from corridor.camera import rotation_from_quaternion
+from corridor.geometry import rotation_from_quaternion
 
 # A pose has six unknowns and a point gives two numbers; below this there is little to check it by.
 FEW_OBSERVATIONS = 10

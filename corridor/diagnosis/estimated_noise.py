@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 from corridor.adjustment import Normal
 from corridor.effects import Context, Images, every_effect
+from corridor.geometry import CLIPPED, robust_scale, robust_scale_of_lengths
 from corridor.gnss import SlowNoise
 
 # Probabilities at which the length of the tie noise is known: dense where tails begin.
@@ -56,7 +57,7 @@ class EstimatedNoise:
     @property
     def tie_sigma(self) -> float:
         """Robust standard deviation of a tie coordinate in stated ones: from the median length."""
-        return float(np.interp(0.5, GRID, self.tie) / np.sqrt(2 * np.log(2)))
+        return robust_scale_of_lengths(np.interp(0.5, GRID, self.tie))
 
     def changed(self, **values) -> EstimatedNoise:
         """The same noise but for these."""
@@ -141,8 +142,8 @@ def gnss_noise(normal: Normal, state, residual: np.ndarray, tie_sigma: float) ->
             sigma = p.gnss_weight[one.rows, axis] ** -0.5
             # In stated standard deviations, so that good and bad epochs weigh as they should.
             v = residual[one.rows, axis] / sigma
-            usual = max(1.4826 * float(np.median(np.abs(v - np.median(v)))), 1e-9)
-            v = np.clip(v, -4 * usual, 4 * usual)
+            usual = robust_scale(v, centred=True, least=1e-9)
+            v = np.clip(v, -CLIPPED * usual, CLIPPED * usual)
             g = predicted / sigma[:, None] / sigma
             found[one.flight, axis] = _fit(
                 v, g, signals[one.rows, axis] / sigma[:, None], one.time, tie_sigma

@@ -10,10 +10,10 @@ import numpy as np
 
 from corridor.adjustment import Adjustment
 from corridor.block import Block
+from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
 
 HELD_OUT = 0.08
 NO_WEIGHT = 1e4
-WRONG = 6.0
 # Look-alikes predict alike but for chance: one in two hundred is more than that.
 CLEARLY_LESS = 0.995
 # Check points are few, and each shift of the datum moves them all.
@@ -86,8 +86,7 @@ def tie_gap(before: Adjustment, after: Adjustment, rows: np.ndarray) -> dict[str
     if not len(rows):
         return {"before": None, "after": None}
     length = np.hypot(*found[1].T)
-    usual = np.nanmedian(length) / np.sqrt(2.0 * np.log(2.0))
-    good = length < WRONG * usual
+    good = np.isfinite(length) & ~is_outlier(length, robust_scale_of_lengths(length), UNUSABLE)
     values = [float(np.sqrt(np.mean(one[good] ** 2))) for one in found]
     return {"before": values[0], "after": values[1]}
 

@@ -10,10 +10,10 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from corridor.block import Block
-from corridor.camera import quaternion_from_rotation
 from corridor.diagnosis.simulator import Simulator
 from corridor.effects import add
 from corridor.errors import InputError
+from corridor.geometry import quaternion_from_rotation
 from corridor.simulation import Simulated
 
 if TYPE_CHECKING:

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from corridor.geometry import is_outlier
+
 NU = 4.0
 
 
@@ -135,10 +137,10 @@ def _marks(p, state, residual, sigma, marks) -> tuple[np.ndarray, float]:
             weight = 1.0 / (1.0 + square / 9.0)
         common[rows] = (A @ shift) * sigma[marks[rows]][:, None]
         apart[rows] = np.sqrt(square)
-        good = np.sqrt(square) < 5.0
+        good = ~is_outlier(np.sqrt(square))
         left += square[good].sum()
         lost += max(2 * int(good.sum()) - 3, 0)
     # What is stated weighs as much as fifty measurements: few marks do not tell their own size.
     factor = float(np.sqrt((left + 50.0) / (lost + 50.0)))
-    wrong = apart > 5.0 * max(factor, 1.0)
+    wrong = is_outlier(apart, max(factor, 1.0))
     return np.where(wrong[:, None], common, residual[marks]), factor

@@ -25,6 +25,7 @@ from corridor.diagnosis.estimated_noise import (
     series_of,
 )
 from corridor.diagnosis.statistics import Fit
+from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
 
 if TYPE_CHECKING:
     from corridor.adjustment import Adjustment
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
 HELD_OUT, RAYS_LEFT = 0.05, 3
 # The last tenth of a per mille of a step changes no statistic.
 TOLERANCE = 1e-3
-# With more than this share of the residuals beyond so many usual deviations, matches are wrong.
-WRONG, FAR = 0.002, 6.0
+# With more than this share of unusable residuals there are wrong matches.
+WRONG = 0.002
 # Tie observations from which on one trial says enough on the noise.
 MANY = 20_000
 TRIALS = 3
@@ -228,8 +229,8 @@ def _loss(adjustment: Adjustment) -> Loss:
         return loss
     pixels, _ = adjustment.normal.look(adjustment.state, passes=5)
     length = (np.hypot(*pixels.T) * p.weight)[p.row < p.tie_count]
-    usual = max(float(np.median(length)) / np.sqrt(2 * np.log(2)), 1e-9)
-    if np.mean(length > FAR * usual) < WRONG:
+    usual = robust_scale_of_lengths(length, least=1e-9)
+    if np.mean(is_outlier(length, usual, UNUSABLE)) < WRONG:
         return loss
     return Loss(LOSSES["huber"], 2 * usual)
 

@@ -15,9 +15,10 @@ from functools import cached_property
 import numpy as np
 
 from corridor.block import Block
-from corridor.camera import INTERIOR, rotation_from_quaternion
+from corridor.camera import INTERIOR
 from corridor.effects.gyroscope import RATES, Gyroscope
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_quaternion
 
 # Shape of one row's shift, by place.
 PLACES = {"camera": len(INTERIOR), "image": 2, "motion": 6, "antenna": 3, "ground": 3}

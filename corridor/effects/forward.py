@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from corridor.block import Block
-from corridor.camera import project_rays, rotation_from_vector
+from corridor.camera import project_rays
 from corridor.effects.contract import Context, Images, find
 from corridor.effects.stack import Stack, Values
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_vector
 
 
 @dataclass

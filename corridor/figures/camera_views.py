@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from corridor.camera import rotation_from_quaternion, undistort
+from corridor.camera import undistort
 from corridor.figures import maps, style
+from corridor.geometry import rotation_from_quaternion
 
 if TYPE_CHECKING:
     from corridor.block import Block

@@ -10,8 +10,8 @@ import pandas as pd
 
 from corridor import adjustment, gnss
 from corridor.block import Block
-from corridor.camera import quaternion_from_rotation, rotation_from_quaternion
 from corridor.errors import InputError
+from corridor.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.gnss import Local
 from corridor.interchange.ground import in_frame, local_of, rows_by_name
 from corridor.interchange.project import POSE, Project

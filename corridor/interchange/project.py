@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import Camera, quaternion_from_rotation
+from corridor.camera import Camera
 from corridor.errors import InputError
+from corridor.geometry import quaternion_from_rotation
 
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 # From here on a float32 of another program, or a difference of cubes, loses what a survey needs.

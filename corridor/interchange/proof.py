@@ -14,7 +14,8 @@ import pandas as pd
 
 from corridor.camera import INTERIOR, image_to_ray, project, undistort
 from corridor.errors import InputError
-from corridor.interchange.intersection import intersected, meet
+from corridor.geometry import Rays, meeting_points, robust_scale
+from corridor.interchange.intersection import intersected
 from corridor.interchange.project import Project
 from corridor.interchange.rows import Rows, rows_of
 
@@ -301,12 +302,11 @@ def _lengths(rows: Rows, case: _Case, moved: bool) -> np.ndarray:
     image = rows.image
     positions = rows.positions
     if moved:
-        rays = _rays(case, image)
-        good = np.isfinite(rays).all(axis=1)
-        positions = meet(
-            case.rotation[image][good], case.centre[image][good], rays[good], rows.point[good],
-            len(positions),
-        )  # fmt: skip
+        ray = _rays(case, image)
+        good = np.isfinite(ray).all(axis=1)
+        pixel = 1.0 / case.interior[:, 0]
+        rays = Rays(image[good], ray[good], case.rotation, case.centre, pixel)
+        positions = meeting_points(rays, rows.point[good], len(positions))
     world = positions[rows.point]
     if case.backwards:
         seen = np.einsum("nij,nj->ni", case.rotation[image], world - case.centre[image])
@@ -361,7 +361,7 @@ def _half_pixel(rows: Rows, case: _Case) -> str | None:
     if len(residual) < 20:
         return None
     middle = np.median(residual, axis=0)
-    spread = 1.4826 * np.median(np.abs(residual - middle), axis=0)
+    spread = robust_scale(residual, centred=True, axis=0)
     error = 1.2533 * spread / np.sqrt(len(residual))
     if (np.abs(np.abs(middle) - 0.5) < 0.15).all() and (error < 0.05).all():
         return (

@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import project, rotation_from_quaternion
+from corridor.camera import project
 from corridor.effects import stated_lever_arms
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_quaternion
 from corridor.interchange.intersection import intersected
 from corridor.interchange.project import POSE
 

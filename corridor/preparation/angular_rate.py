@@ -9,8 +9,8 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from corridor.block import Block
-from corridor.camera import rotation_from_quaternion
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_quaternion
 from corridor.preparation.velocity import times, track_runs
 
 _RATES = ("wx", "wy", "wz")

@@ -19,7 +19,8 @@ import math
 import cv2
 import numpy as np
 
-from corridor.readout.fitting import fit, robust_scale, sigma_of, single_threaded
+from corridor.geometry import robust_scale
+from corridor.readout.fitting import fit, sigma_of, single_threaded
 from corridor.readout.lens import Unknown
 from corridor.readout.photograph import CannotMeasure
 from corridor.readout.result import Readout, of_turning
@@ -49,7 +50,7 @@ def find_bar(first, second):
     ]
     factor = first.width / size[0]
     change = np.clip(small[0] - small[1], -25, 25)
-    noise = 1.4826 * float(np.median(np.abs(change - np.median(change)))) + 0.1
+    noise = robust_scale(change, centred=True) + 0.1
     change[np.abs(change) < 2 * noise] = 0
     # Both wings of either fan: the picture is its own image under half a turn about the axis.
     shape = [cv2.getOptimalDFTSize(2 * n) for n in change.shape]

@@ -7,6 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from corridor.geometry import robust_scale
+
 _TUKEY = 4.685
 
 
@@ -27,11 +29,6 @@ def single_threaded(measure):
             return measure(*arguments, **options)
 
     return limited
-
-
-def robust_scale(residuals: np.ndarray) -> float:
-    """Standard deviation of the bulk of residuals about zero (1.4826 times the median size)."""
-    return 1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else 0.0
 
 
 def tukey(residuals: np.ndarray, scale: float) -> np.ndarray:

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from corridor.errors import InputError
-from corridor.readout.fitting import robust_scale, sigma_of, single_threaded
+from corridor.geometry import robust_scale
+from corridor.readout.fitting import sigma_of, single_threaded
 from corridor.readout.photograph import CannotMeasure, Photograph
 from corridor.readout.result import Readout, sigma_with_speed
 

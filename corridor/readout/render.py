@@ -20,8 +20,9 @@ import cv2
 import numpy as np
 from numba import njit
 
-from corridor.camera import ROW_DIRECTIONS, Camera, project_rays, rotation_from_vector, undistort
+from corridor.camera import ROW_DIRECTIONS, Camera, project_rays, undistort
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_vector
 
 _GRID = 16  # px between the nodes at which the distortion is inverted
 _FINEST = math.radians(0.25)  # turn of the wheel within which a spoke moves on a straight line

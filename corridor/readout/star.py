@@ -23,7 +23,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from corridor.readout.fitting import fit, robust_scale, sigma_of, single_threaded
+from corridor.geometry import robust_scale
+from corridor.readout.fitting import fit, sigma_of, single_threaded
 from corridor.readout.lens import lens_for
 from corridor.readout.photograph import CannotMeasure, Photograph, same_size
 from corridor.readout.result import Readout, of_turning

@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 
 from corridor.errors import InputError
-from corridor.readout.fitting import robust_scale, single_threaded
+from corridor.geometry import robust_scale
+from corridor.readout.fitting import single_threaded
 from corridor.readout.lens import Unknown
 from corridor.readout.photograph import CannotMeasure
 from corridor.readout.star import meeting_points

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from corridor.geometry import rotation_from_vector
 from corridor.readout.fitting import fit
 from corridor.readout.photograph import CannotMeasure
 from corridor.readout.star import meeting_points
@@ -34,17 +35,7 @@ class Pose:
         """Origin (3,) and axes (3, 3) of the wheel in the camera frame; radius 1."""
         depth = self.focal / self.size
         ray = (np.asarray(self.axis) - principal) / self.focal
-        return depth * np.append(ray, 1.0), turned(*self.tilt)
-
-
-def turned(x: float, y: float) -> np.ndarray:
-    """Rotation (3, 3) about the vector (x, y, 0), radians (Rodrigues)."""
-    angle = math.hypot(x, y)
-    if angle < 1e-12:
-        return np.eye(3)
-    kx, ky = x / angle, y / angle
-    cross = np.array([[0, 0, ky], [0, 0, -kx], [-ky, kx, 0]])
-    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
+        return depth * np.append(ray, 1.0), rotation_from_vector([*self.tilt, 0.0])
 
 
 def on_picture(pose, lens, bend, x, y, z=0.0):

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from corridor.camera import (
-    Camera,
+from corridor.camera import Camera, undistort
+from corridor.errors import InputError
+from corridor.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
     rotation_from_vector,
-    undistort,
 )
-from corridor.errors import InputError
 from corridor.simulation.axis import Axis
 from corridor.simulation.ground_points import check_every
 from corridor.simulation.plan import Flight, Plan

@@ -14,13 +14,13 @@ import pandas as pd
 
 from corridor import effects as catalogue
 from corridor.block import Block
-from corridor.camera import (
-    INTERIOR,
+from corridor.camera import INTERIOR
+from corridor.errors import InputError
+from corridor.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
     rotation_from_vector,
 )
-from corridor.errors import InputError
 from corridor.simulation.fly import bank_of, check_plan, fly, ground_width
 from corridor.simulation.ground_points import evenly, surveyed
 from corridor.simulation.noise import add_noise

@@ -14,15 +14,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from corridor.block import Block
-from corridor.camera import (
-    INTERIOR,
-    Camera,
-    interior_derivatives,
-    project_rays,
-    rotation_from_vector,
-    undistort,
-)
+from corridor.camera import INTERIOR, Camera, interior_derivatives, project_rays, undistort
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_vector
 from corridor.thermal.model import ThermalModel
 
 

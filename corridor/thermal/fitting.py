@@ -18,6 +18,7 @@ import pandas as pd
 from scipy.optimize import minimize_scalar
 
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.geometry import robust_scale
 from corridor.thermal import temperature
 from corridor.thermal.maps import Maps
 from corridor.thermal.model import KINDS, ThermalModel
@@ -410,7 +411,7 @@ class _Work:
             steps = sorted([*found, place])
             after = self.solve(kind, powers, lag, steps)
             jump = np.hypot(*after.jump[steps.index(place)])
-            noise = 1.4826 * np.median(np.hypot(*np.diff(after.offset, axis=0).T)) / 1.18
+            noise = robust_scale(np.hypot(*np.diff(after.offset, axis=0).T)) / 1.18
             worth = before.cost / max(after.cost, 1e-300)
             if min(jump, alone) < max(_LEAST_STEP, 8 * noise) or worth < 1.5:
                 break

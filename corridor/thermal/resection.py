@@ -13,14 +13,9 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import (
-    INTERIOR,
-    interior_derivatives,
-    project_rays,
-    rotation_from_quaternion,
-    rotation_from_vector,
-)
+from corridor.camera import INTERIOR, interior_derivatives, project_rays
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_quaternion, rotation_from_vector
 
 PARAMETERS = ("f", "cx", "cy")
 _POSE = ("qw", "qx", "qy", "qz")

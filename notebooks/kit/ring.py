@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import Camera, project, quaternion_from_rotation
+from corridor.camera import Camera, project
 from corridor.errors import InputError
+from corridor.geometry import quaternion_from_rotation
 from corridor.simulation import CAMLIGHT
 
 # Steepest angle between a ray and the surface's normal: a matcher gives up before a target does.

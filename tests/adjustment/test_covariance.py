@@ -8,8 +8,8 @@ import corridor
 from corridor.adjustment import Covariance, Loss, Normal, make_problem
 from corridor.adjustment.datum import settle
 from corridor.adjustment.normal import moved_state, shared_values
-from corridor.camera import quaternion_from_rotation
 from corridor.effects.forward import predict
+from corridor.geometry import quaternion_from_rotation
 from corridor.simulation import add_noise
 
 # --- the dense inverse -----------------------------------------------------------------------

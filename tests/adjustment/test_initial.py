@@ -7,9 +7,9 @@ from strips import corridor_block
 
 import corridor
 from corridor.adjustment.initial import complete
-from corridor.adjustment.similarity import similarity
-from corridor.camera import Camera, project, rotation_from_quaternion
+from corridor.camera import Camera, project
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_quaternion, similarity
 from corridor.simulation import CAMLIGHT, add_noise
 
 POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]

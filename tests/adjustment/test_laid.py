@@ -9,9 +9,8 @@ from made_up import corridor
 from strips import corridor_block
 
 from corridor.adjustment import adjust, lay_on_control
-from corridor.adjustment.similarity import Similarity
-from corridor.camera import rotation_from_vector
 from corridor.errors import InputError
+from corridor.geometry import Similarity, rotation_from_vector
 
 MOVED = Similarity(
     1.02, rotation_from_vector(np.array([0.02, -0.05, 1.3])), np.array([40, -9, 6.0])

@@ -9,7 +9,7 @@ import pytest
 from kit import published
 
 import corridor
-from corridor.camera import rotation_from_vector
+from corridor.geometry import rotation_from_vector
 
 REGISTER = published.read()
 SEVEN = "f,cx,cy,k1,k2,p1,p2"

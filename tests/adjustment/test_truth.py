@@ -9,8 +9,9 @@ from strips import corridor_block
 
 import corridor
 from corridor.adjustment import Loss, Normal, make_problem, similarity, solve
-from corridor.camera import FRASER10, INTERIOR, rotation_from_quaternion
+from corridor.camera import FRASER10, INTERIOR
 from corridor.effects.forward import predict
+from corridor.geometry import rotation_from_quaternion
 from corridor.simulation import CAMLIGHT, add_noise
 
 START = (0.5, 0.005, 0.5)  # metres, radians, metres: 0.005 rad are 27 px
@@ -246,7 +247,7 @@ class TestAFreeNetwork:
         noisy = add_noise(free[1], tie_px=0.5, seed=1)
         moved = noisy.copy()
         turn = rotation_from_quaternion(np.array([[0.9, 0.1, -0.2, 0.3]]) / np.sqrt(0.95))[0]
-        from corridor.camera import quaternion_from_rotation
+        from corridor.geometry import quaternion_from_rotation
 
         for table in (moved.images, moved.points):
             table[["x", "y", "z"]] = 3.0 * table[["x", "y", "z"]].to_numpy() @ turn.T + 7.0

@@ -10,7 +10,6 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import spsolve
 from strips import CAMLIGHT, corridor_block
 
-from corridor.camera import quaternion_from_rotation, rotation_from_quaternion, rotation_from_vector
 from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.candidates import candidates
 from corridor.diagnosis.equations import equations
@@ -18,6 +17,11 @@ from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.gnss_noise import GnssNoise, stated_noise
 from corridor.diagnosis.reduced import Elimination
 from corridor.effects import predict
+from corridor.geometry import (
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
 from corridor.simulation import add_noise
 
 SLUGS = [

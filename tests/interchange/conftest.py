@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from corridor.block import Block
-from corridor.camera import Camera, project, quaternion_from_rotation, rotation_from_vector
+from corridor.camera import Camera, project
+from corridor.geometry import quaternion_from_rotation, rotation_from_vector
 from corridor.interchange.project import observations_table
 
 

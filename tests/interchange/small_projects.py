@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from corridor.camera import rotation_from_quaternion
+from corridor.geometry import rotation_from_quaternion
 from corridor.interchange import export_project
 
 from .conftest import exact_block

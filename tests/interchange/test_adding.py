@@ -82,7 +82,7 @@ def flown(tmp_path_factory):
         photograph(home / "photos" / name, k, place, xmp=f'a:LensTemperature="{20 + k}.5"')
     free = block.copy()
     # Turned, shrunk and moved, as a reconstruction comes: R R0', s R0 C + t.
-    from corridor.camera import (
+    from corridor.geometry import (
         quaternion_from_rotation,
         rotation_from_quaternion,
         rotation_from_vector,

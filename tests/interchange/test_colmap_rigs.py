@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
-from corridor.camera import quaternion_from_rotation, rotation_from_quaternion, rotation_from_vector
 from corridor.errors import InputError
+from corridor.geometry import (
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
 from corridor.interchange import export_project, prove, read_project
 
 POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]

@@ -9,8 +9,9 @@ import json
 import numpy as np
 import pytest
 
-from corridor.camera import INTERIOR, rotation_from_quaternion, undistort
+from corridor.camera import INTERIOR, undistort
 from corridor.camera import project as project_points
+from corridor.geometry import rotation_from_quaternion
 from corridor.gnss import Local, convert
 from corridor.interchange import prove, read_project
 from corridor.interchange.proof import Residuals

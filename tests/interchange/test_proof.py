@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from corridor.camera import quaternion_from_rotation, rotation_from_quaternion
 from corridor.errors import InputError
+from corridor.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.interchange import Project, demand, prove, read_project
 
 Q = ["qw", "qx", "qy", "qz"]

@@ -141,7 +141,7 @@ def test_what_pycolmap_writes_is_read_the_same(fraser8, tmp_path):
 
 def test_gnss_goes_out_as_camera_centres(fraser8, tmp_path):
     """Antenna minus lever arm: with the arm that was added it is the centre again."""
-    from corridor.camera import rotation_from_quaternion
+    from corridor.geometry import rotation_from_quaternion
 
     block = fraser8.copy()
     arm = np.array([0.1, -0.2, 0.35])

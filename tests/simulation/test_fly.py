@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from corridor.camera import Camera, rotation_from_quaternion
+from corridor.camera import Camera
+from corridor.geometry import rotation_from_quaternion
 from corridor.simulation import Flight, Plan, Terrain, read_plan
 from corridor.simulation.fly import fly
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from corridor.camera import rotation_from_quaternion
+from corridor.geometry import rotation_from_quaternion
 from corridor.simulation import perfect_block, read_plan, ready_made, simulate
 
 # Zhou 2019: images (tables 4.1, 5.1, 6.11 and 7.2), strips, heights, length flown in metres.

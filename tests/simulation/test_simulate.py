@@ -9,9 +9,10 @@ import pytest
 import corridor
 from corridor.adjustment import lay_on_control
 from corridor.block import Block
-from corridor.camera import Camera, project, rotation_from_quaternion
+from corridor.camera import Camera, project
 from corridor.effects import predict
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_quaternion
 from corridor.simulation import (
     Flight,
     Ground,

@@ -10,8 +10,9 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.camera import Camera, project, rotation_from_quaternion
+from corridor.camera import Camera, project
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_quaternion
 from corridor.simulation import CAMLIGHT, Dike
 
 PINHOLE = Camera.from_table("pinhole", {"width": 5120, "height": 3840, "f": 5489.0})

@@ -7,8 +7,9 @@ import pytest
 from kit.static import static_block
 from walls import camlight
 
-from corridor.camera import Camera, project_rays, rotation_from_vector, undistort
+from corridor.camera import Camera, project_rays, undistort
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_vector
 from corridor.simulation import CAMLIGHT, add_noise
 from corridor.thermal import camera_at, compare_cameras, resect, simple_model, uncorrect
 

@@ -11,7 +11,7 @@ from corridor.adjustment.initial.intersection import place_all, place_new
 from corridor.adjustment.initial.island import bring_over
 from corridor.adjustment.initial.network import CENTRE, POSE, Network
 from corridor.block import Block
-from corridor.camera import quaternion_from_rotation
+from corridor.geometry import quaternion_from_rotation
 
 
 def complete(block: Block, progress: Callable[[str], None] | None = None) -> Block:

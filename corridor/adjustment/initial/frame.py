@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from corridor.adjustment.initial.network import Network
-from corridor.adjustment.similarity import Similarity, similarity
 from corridor.errors import InputError
+from corridor.geometry import Similarity, nearest_rotation, similarity
 
 
 def frame_between(island: Network, network: Network) -> Similarity | None:
@@ -34,7 +34,7 @@ def frame_between(island: Network, network: Network) -> Similarity | None:
     free = island.centre[island.posed]
     if len(poses):
         turns = np.swapaxes(network.rotation[poses], 1, 2) @ island.rotation[poses]
-        rotation = _nearest_rotation(turns.sum(0))
+        rotation = nearest_rotation(turns.sum(0))
     else:
         rotation = _look_down(island.rotation[island.posed])
     if len(source) == 0:
@@ -74,11 +74,6 @@ def width(points: np.ndarray) -> float:
     """How far points spread to the side, as a share of their length; 0 on one line."""
     spread = np.linalg.svd(points - points.mean(0), compute_uv=False)
     return float(spread[1] / spread[0]) if spread[0] > 0 else 0.0
-
-
-def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    u, _, vt = np.linalg.svd(matrix)
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
 
 
 def _look_down(rotations: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from corridor.adjustment.initial.network import AGREEING, Network
-from corridor.adjustment.initial.rays import meet
+from corridor.geometry import Rays, intersect
 
 # Rays that meet at less than this fix no distance to chain from, or none at all.
 CHAIN_ANGLE, _NO_ANGLE = np.radians(0.5), np.radians(0.05)
@@ -47,11 +47,9 @@ def place_all(network: Network) -> None:
 
 
 def _meet(network: Network, points: np.ndarray, depth: np.ndarray | None = None):
-    return meet(
-        points.astype(np.int64), network.point_start, network.by_point, network.image, network.ray,
-        network.rotation, network.centre, network.posed, network.pixel, network.gate,
-        np.zeros(0) if depth is None else depth,
-    )  # fmt: skip
+    centre = np.where(network.posed[:, None], network.centre, np.nan)
+    rays = Rays(network.image, network.ray, network.rotation, centre, network.pixel)
+    return intersect(rays, network.point_start, network.by_point, points, network.gate, depth)
 
 
 @njit(cache=True)

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import rotation_from_quaternion, undistort
+from corridor.camera import undistort
+from corridor.geometry import rotation_from_quaternion
 
 CENTRE = ["x", "y", "z"]
 POSE = [*CENTRE, "qw", "qx", "qy", "qz"]

@@ -6,7 +6,7 @@ from scipy import sparse
 
 from corridor.adjustment.initial.intersection import CHAIN_ANGLE, place_new
 from corridor.adjustment.initial.network import AGREEING, GATES_PX, Network
-from corridor.adjustment.initial.rays import meet
+from corridor.geometry import Rays, intersect
 
 _FEWEST_SHARED = 8
 
@@ -62,12 +62,16 @@ def _oriented(network: Network, first: int, second: int, gate: float):
     count = len(a)
     best = None
     for rotation, centre in _relative(a, b, gate * pixel.max()):
-        _, angle, good, _, ahead = meet(
-            np.arange(count), np.arange(0, 2 * count + 1, 2), np.arange(2 * count),
-            np.tile(np.array([0, 1], dtype=np.int32), count), np.stack([a, b], 1).reshape(-1, 2),
-            np.stack([np.eye(3), rotation]), np.stack([np.zeros(3), centre]),
-            np.ones(2, dtype=bool), pixel, gate, np.zeros(0),
-        )  # fmt: skip
+        rays = Rays(
+            np.tile(np.array([0, 1], dtype=np.int32), count),
+            np.stack([a, b], 1).reshape(-1, 2),
+            np.stack([np.eye(3), rotation]),
+            np.stack([np.zeros(3), centre]),
+            pixel,
+        )
+        _, angle, good, _, ahead = intersect(
+            rays, np.arange(0, 2 * count + 1, 2), np.arange(2 * count), gate=gate
+        )
         fine = ahead & (good == 2)
         if fine.sum() < _FEWEST_SHARED:
             continue

@@ -11,8 +11,8 @@ from corridor.adjustment.initial.intersection import place_new
 from corridor.adjustment.initial.network import CENTRE, POSE, Network
 from corridor.adjustment.initial.refinement import refine
 from corridor.block import Block
-from corridor.camera import quaternion_from_rotation, rotation_from_quaternion
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.geometry import quaternion_from_rotation, rotation_from_quaternion
 
 _SWEEPS = 4
 # What a lens that is not calibrated may bend, as a start: k1 and k2 with this standard deviation.

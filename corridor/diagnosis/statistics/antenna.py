@@ -9,7 +9,7 @@ import numpy as np
 
 from corridor.diagnosis.statistics.bins import Curve, corridor_frame
 from corridor.diagnosis.statistics.statistic import Statistic
-from corridor.diagnosis.statistics.ties import CUT
+from corridor.geometry import CLIPPED, robust_scale
 
 if TYPE_CHECKING:
     from corridor.diagnosis.statistics.ruler import Ruler, Seen
@@ -23,9 +23,7 @@ def add_gnss(ruler: Ruler) -> None:
     p, images, series = ruler.believed.problem, ruler.images, ruler.believed.series
     image = p.gnss_image
     one = np.ones(len(image))
-    ruler.gnss_limit = CUT * np.maximum(
-        1.4826 * np.median(np.abs(ruler.believed.fit.gnss), axis=0), 1e-9
-    )
+    ruler.gnss_limit = CLIPPED * robust_scale(ruler.believed.fit.gnss, axis=0, least=1e-9)
     flights = tuple(images.flight_names)
     flight = images.flight[image]
     time = np.full(len(image), np.nan)

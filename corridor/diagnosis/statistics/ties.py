@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from corridor.diagnosis.statistics.bins import FEWEST, Curve, Grid, corridor_frame
+from corridor.geometry import CLIPPED, robust_scale_of_lengths
 
 if TYPE_CHECKING:
     from corridor.diagnosis.statistics.ruler import Ruler
 
-# Residuals are cut at so many usual standard deviations.
-CUT = 4.0
 ROWS, TIMES, PLACES = 12, 12, 14
 COLUMNS = (8, 6)
 COARSE = (6, 4)
@@ -26,8 +25,7 @@ def add_ties(ruler: Ruler) -> None:
     state, used = b.fit.state, b.is_tie & ~b.held_out
     ruler.used, ruler.held = np.flatnonzero(used), np.flatnonzero(b.held_out)
     length = np.hypot(*b.fit.pixels[used].T) / b.sigma[used]
-    usual = float(np.median(length)) / np.sqrt(2 * np.log(2))
-    ruler.limit = CUT * max(usual, 1e-9) * b.sigma
+    ruler.limit = CLIPPED * robust_scale_of_lengths(length, least=1e-9) * b.sigma
     image = p.img[used]
     point = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))[used]
     half = (images.size[image] - 1) / 2
@@ -191,8 +189,8 @@ def add_marks(ruler: Ruler) -> None:
     b, p = ruler.believed, ruler.believed.problem
     rows = np.flatnonzero(~b.is_tie)
     ruler.marks = rows
-    usual = max(float(np.median(np.hypot(*b.fit.pixels[rows].T) / b.sigma[rows])), 1e-9)
-    ruler.mark_limit = CUT * usual / np.sqrt(2 * np.log(2)) * b.sigma[rows]
+    length = np.hypot(*b.fit.pixels[rows].T) / b.sigma[rows]
+    ruler.mark_limit = CLIPPED * robust_scale_of_lengths(length, least=1e-9) * b.sigma[rows]
     point = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))[rows]
     names, code = np.unique(point, return_inverse=True)
     if len(names) <= MANY_POINTS:

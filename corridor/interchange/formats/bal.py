@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from corridor.camera import rotation_from_vector
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_vector
 from corridor.interchange.columns import plain_numbers
 from corridor.interchange.formats.bundler import assemble
 from corridor.interchange.project import Project

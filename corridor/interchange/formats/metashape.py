@@ -22,8 +22,9 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import INTERIOR, Camera, rotation_from_quaternion
+from corridor.camera import INTERIOR, Camera
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_quaternion
 from corridor.gnss import Local, convert
 from corridor.interchange.cameras import standing_for
 from corridor.interchange.project import (

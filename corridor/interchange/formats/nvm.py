@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import quaternion_from_rotation, rotation_from_quaternion
 from corridor.errors import InputError
+from corridor.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.interchange.cameras import from_image_formula
 from corridor.interchange.following import Following, points_with_views
 from corridor.interchange.project import (

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from corridor.block import Block
-from corridor.camera import quaternion_from_rotation, rotation_from_vector
 from corridor.errors import InputError
+from corridor.geometry import quaternion_from_rotation, rotation_from_vector
 from corridor.interchange.formats.opensfm import camera_of, load_json, number_in, numbers_in
 from corridor.interchange.project import Project, images_table
 from corridor.interchange.text import lines, opening

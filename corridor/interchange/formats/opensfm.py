@@ -17,13 +17,9 @@ import pyarrow as pa
 import pyarrow.csv
 
 from corridor.block import Block
-from corridor.camera import (
-    INTERIOR,
-    Camera,
-    quaternion_from_rotation,
-    rotation_from_vector,
-)
+from corridor.camera import INTERIOR, Camera
 from corridor.errors import InputError
+from corridor.geometry import quaternion_from_rotation, rotation_from_vector
 from corridor.gnss import Local
 from corridor.interchange.cameras import standing_for
 from corridor.interchange.columns import numbered, text_of, write_rows

@@ -15,6 +15,7 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_angles
 from corridor.interchange.cameras import from_image_formula
 from corridor.interchange.project import (
     Project,
@@ -83,7 +84,9 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
             photo["inner"] = common
     control, points, marks = _tables(file, rest)
     cameras, used = _cameras(photos, width, height, notes)
-    rotation = np.array([_FLIP @ _turn(*photo["angles"]).T for photo in photos])
+    rotation = np.array(
+        [_FLIP @ rotation_from_angles(*photo["angles"][::-1]).T for photo in photos]
+    )
     centre = np.array([photo["centre"] for photo in photos])
     names = [photo["name"] for photo in photos]
     codes = {photo["number"]: k for k, photo in enumerate(photos)}
@@ -201,15 +204,6 @@ def _tables(file, rest):
     if not marks:
         raise InputError(f"{file.name} holds no marks; export the project again")
     return control, points, marks
-
-
-def _turn(kappa, phi, omega):
-    """Rx(omega) Ry(phi) Rz(kappa), degrees: camera (y up) to world."""
-    (so, sp, sk), (co, cp, ck) = (f(np.radians([omega, phi, kappa])) for f in (np.sin, np.cos))
-    rx = np.array([[1, 0, 0], [0, co, -so], [0, so, co]])
-    ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    rz = np.array([[ck, -sk, 0], [sk, ck, 0], [0, 0, 1]])
-    return rx @ ry @ rz
 
 
 def _cameras(photos, width, height, notes):

@@ -16,6 +16,7 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.errors import InputError
+from corridor.geometry import rotation_from_angles
 from corridor.interchange.project import (
     Project,
     camera_from,
@@ -218,7 +219,7 @@ def _compare(block, external, warnings, file):
         return
     pose = np.array([external[names[k]] for k in rows])
     away = np.abs(block.images[["x", "y", "z"]].to_numpy()[rows] + block.offset - pose[:, :3]).max()
-    turned = np.array([_FLIP @ _of_angles(*angles).T for angles in pose[:, 3:]])
+    turned = np.array([_FLIP @ rotation_from_angles(*angles).T for angles in pose[:, 3:]])
     quaternion = block.images[["qw", "qx", "qy", "qz"]].to_numpy()[rows]
     near = np.abs((rotations_to_columns(turned) * quaternion).sum(axis=1)).min()
     if away > 1e-3 or near < np.cos(1e-5):
@@ -226,14 +227,6 @@ def _compare(block, external, warnings, file):
             f"{file} and {_MAIN} disagree by up to {away:.3g} m and "
             f"{np.degrees(2 * np.arccos(min(near, 1.0))):.2g} degrees; the latter was taken"
         )
-
-
-def _of_angles(omega, phi, kappa):
-    (so, sp, sk), (co, cp, ck) = (f(np.radians([omega, phi, kappa])) for f in (np.sin, np.cos))
-    rx = np.array([[1, 0, 0], [0, co, -so], [0, so, co]])
-    ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    rz = np.array([[ck, -sk, 0], [sk, ck, 0], [0, 0, 1]])
-    return rx @ ry @ rz
 
 
 def _gnss(path, names, offset, notes):

@@ -1,0 +1,43 @@
+"""Geometry that every room needs: rotations, rays that meet, resection, similarity, robust scale.
+
+Rotations go from world to camera, X = R (P - C); the camera looks along z, x right, y down.
+"""
+
+from corridor.geometry.helmert import Similarity, similarity
+from corridor.geometry.intersection import Rays, intersect, meeting_points
+from corridor.geometry.robust import (
+    CLIPPED,
+    GROSS,
+    OUTLIER,
+    UNUSABLE,
+    is_outlier,
+    robust_scale,
+    robust_scale_of_lengths,
+)
+from corridor.geometry.rotations import (
+    nearest_rotation,
+    quaternion_from_rotation,
+    rotation_from_angles,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
+
+__all__ = [
+    "CLIPPED",
+    "GROSS",
+    "OUTLIER",
+    "UNUSABLE",
+    "Rays",
+    "Similarity",
+    "intersect",
+    "is_outlier",
+    "meeting_points",
+    "nearest_rotation",
+    "quaternion_from_rotation",
+    "robust_scale",
+    "robust_scale_of_lengths",
+    "rotation_from_angles",
+    "rotation_from_quaternion",
+    "rotation_from_vector",
+    "similarity",
+]
