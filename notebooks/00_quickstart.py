@@ -127,7 +127,7 @@ pd.DataFrame(rows, columns=["parameter", "true", "estimated", "sigma", "off by, 
 # `block/` can be read like the block we started from.
 
 # %%
-written = corridor.figures.save_adjustment(adjusted, out)
+written = adjusted.save(out, corridor.figures.of_adjustment(adjusted))
 print(*(path.name for path in written), sep="\n")
 
 # %% [markdown]

@@ -9,8 +9,9 @@ import pytest
 from block_folder import FILES, TOML, block_folder, small
 
 import corridor.block.writing
-from corridor.block import Block, read, whole_folder
+from corridor.block import Block, read
 from corridor.errors import InputError
+from corridor.report import whole_folder
 
 TABLES = ("images", "tie_points", "points", "marks", "ground", "gnss", "rates", "track")
 REAL = ("strasbourg", "roma", "saraburi/block")

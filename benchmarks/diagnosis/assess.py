@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import asdict
-
-import numpy as np
 
 from benchmarks.diagnosis.baselines import baselines
 from benchmarks.diagnosis.judge import judge
@@ -53,7 +50,7 @@ def assess(
             row |= _beside_twin(row, found, plain, truth, options)
     if rivals:
         row["baselines"] = baselines(found.believed, found.before)
-    return _plain(row)
+    return plain(row)
 
 
 def _diagnosed(block: Block, options: dict) -> Diagnosis | str:
@@ -148,18 +145,3 @@ def _true(one: Hidden, effect: dict, name: str) -> float | None:
     owners = [effect.get("flight"), effect.get("point"), effect.get("camera"), "", None]
     found = [one.values[owner, name] for owner in owners if (owner, name) in one.values]
     return found[0] if found else None
-
-
-def _plain(value):
-    """Numbers as JSON has them; what is not finite is None."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, np.integer):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return value

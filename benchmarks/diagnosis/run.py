@@ -15,6 +15,7 @@ from benchmarks.diagnosis.assess import assess
 from benchmarks.diagnosis.trials import Trial
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.parallel import parallel
+from corridor.report import whole_file, write_json
 
 KEPT = "blocks"
 
@@ -102,9 +103,8 @@ def _mark(trial: Trial, options: dict, rivals: bool) -> str:
 
 def _keep(folder: Path, row: dict) -> None:
     """One file a row, whole or not at all."""
-    part = folder / f".{row['name']}.part"
-    part.write_text(json.dumps(row, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    part.replace(folder / f"{row['name']}.json")
+    with whole_file(folder / f"{row['name']}.json") as part:
+        write_json(row, part)
 
 
 def _read(folder: Path, marks: dict[str, str]) -> dict[str, dict]:

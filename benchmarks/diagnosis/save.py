@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +11,7 @@ import pandas as pd
 from benchmarks.diagnosis.summary import answer
 from benchmarks.diagnosis.table import as_text
 from corridor.figures import confusion_matrix, naming_rates
+from corridor.report import whole_files, write_json, write_picture
 
 _COLUMNS = (
     "name", "kind", "hidden", "images", "observations", "seconds", "verdict", "detected",
@@ -23,27 +22,20 @@ _COLUMNS = (
 
 
 def save(rows: list[dict], summary: Mapping, folder: str | os.PathLike, settings: Mapping) -> list:
-    """Writes all files beside the kept rows, each whole or not at all; returns their paths."""
+    """Writes all files beside the kept rows, whole or not at all; returns their paths."""
     folder = Path(folder)
     # The diagnosis word for word is in the kept rows.
     short = [{k: v for k, v in row.items() if k != "said"} for row in rows]
     content = {"settings": dict(settings), "summary": summary, "rows": short}
-    files = {
-        "benchmark.json": json.dumps(content, indent=1, allow_nan=False) + "\n",
-        "benchmark.csv": as_table(rows).to_csv(index=False, float_format="%.6g"),
-        "report.txt": as_text(summary) + "\n",
-    }
-    pictures = {
-        "confusion.png": confusion_matrix(**summary["confusion"]),
-        "rates.png": naming_rates(summary["by_ratio"]),
-    }
-    for name, text in files.items():
-        _put(folder / name, text.encode("utf-8"))
-    for name, figure in pictures.items():
-        stream = io.BytesIO()
-        figure.savefig(stream, format="png", dpi=144, metadata={"Software": None})
-        _put(folder / name, stream.getvalue())
-    return [folder / name for name in (*files, *pictures)]
+    names = ("benchmark.json", "benchmark.csv", "report.txt", "confusion.png", "rates.png")
+    files = [folder / name for name in names]
+    with whole_files(*files) as (result, table, text, confusion, rates):
+        write_json(content, result)
+        as_table(rows).to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
+        text.write_text(as_text(summary) + "\n", encoding="utf-8")
+        write_picture(confusion_matrix(**summary["confusion"]), confusion)
+        write_picture(naming_rates(summary["by_ratio"]), rates)
+    return files
 
 
 def as_table(rows: list[dict]) -> pd.DataFrame:
@@ -62,9 +54,3 @@ def as_table(rows: list[dict]) -> pd.DataFrame:
         }  # fmt: skip
         out.append(one)
     return pd.DataFrame(out)
-
-
-def _put(path: Path, content: bytes) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_bytes(content)
-    part.replace(path)

@@ -14,7 +14,6 @@ from corridor.adjustment.laid import Laid, lay_on_control
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.normal import LOSSES, Loss, Normal
 from corridor.adjustment.problem import make_problem
-from corridor.adjustment.report import rounded, save
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import one_step, solve
 from corridor.geometry import Similarity, similarity
@@ -45,8 +44,6 @@ __all__ = [
     "lay_on_control",
     "make_problem",
     "one_step",
-    "rounded",
-    "save",
     "similarity",
     "solve",
 ]

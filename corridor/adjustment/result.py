@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from corridor.adjustment import report
+from corridor import report
 from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.normal import Normal
@@ -63,10 +63,14 @@ class Adjustment(Checked):
             f"{self.iterations} iterations"
         )
 
-    __str__ = report.as_text
-    _repr_html_ = report.as_html
-    to_dict = report.as_dict
-    save = report.save
+    def __str__(self) -> str:
+        return str(report.of_adjustment(self))
+
+    def _repr_html_(self) -> str:
+        return report.of_adjustment(self).html()
+
+    to_dict = report.adjustment_dict
+    save = report.save_adjustment
 
     # --- the adjusted block ------------------------------------------------------------------
 

@@ -1,12 +1,8 @@
-"""A folder appears whole or not at all."""
+"""A block written as a folder of tables."""
 
 import csv
 import io
 import os
-import shutil
-import uuid
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pandas as pd
@@ -17,71 +13,7 @@ import pyarrow.parquet
 from corridor.block.settings import FILE, write_settings
 from corridor.block.tables import LAYOUTS
 from corridor.errors import InputError
-
-
-@contextmanager
-def whole_folder(
-    folder: str | os.PathLike, mark: str, ours: Callable[[str], bool] = lambda name: True
-) -> Iterator[Path]:
-    """A folder to write into, which becomes `folder` when the `with` ends well.
-
-    Otherwise (error, full disk, Ctrl-C) nothing of it stays and what `folder` held is untouched.
-    mark: file that tells a folder of this kind; another folder that is not empty is not replaced.
-    ours: names of entries that may go with the old folder; the others are kept.
-    Raises InputError where `folder` is something else.
-    """
-    check_folder(folder, mark)
-    target = Path(folder).resolve()
-    made = [parent for parent in target.parents if not parent.exists()]
-    token = uuid.uuid4().hex[:8]
-    part, old = (target.parent / f".{target.name}.{token}.{end}" for end in ("part", "old"))
-    try:
-        part.mkdir(parents=True)
-        yield part
-        if target.exists():
-            _keep(target, part, ours)
-            target.rename(old)
-        part.rename(target)
-    except BaseException:
-        if old.exists() and not target.exists():
-            old.rename(target)
-        shutil.rmtree(part, ignore_errors=True)
-        for parent in made:
-            with suppress(OSError):
-                parent.rmdir()
-        raise
-    finally:
-        if target.exists():
-            shutil.rmtree(old, ignore_errors=True)
-
-
-def check_folder(folder: str | os.PathLike, mark: str) -> None:
-    """Raises InputError where `whole_folder` would refuse a folder: to be told before long work."""
-    target = Path(folder).resolve()
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{folder} is a file; name a folder to write to")
-    if target.exists() and any(target.iterdir()) and not (target / mark).is_file():
-        raise InputError(
-            f"{folder} is a folder without {mark}, so it is not replaced; name a new folder"
-        )
-
-
-def _keep(source: Path, target: Path, ours: Callable[[str], bool]) -> None:
-    for entry in source.iterdir():
-        if ours(entry.name) or (target / entry.name).exists():
-            continue
-        if entry.is_dir() and not entry.is_symlink():
-            shutil.copytree(entry, target / entry.name, symlinks=True, copy_function=_link)
-        else:
-            _link(entry, target / entry.name)
-
-
-def _link(source: str | Path, target: str | Path) -> None:
-    # A hard link costs nothing; not every file system has them.
-    try:
-        os.link(source, target, follow_symlinks=False)
-    except (OSError, NotImplementedError):
-        shutil.copy2(source, target, follow_symlinks=False)
+from corridor.report import whole_folder
 
 
 def write_block(block, folder: str | os.PathLike, form: str) -> None:

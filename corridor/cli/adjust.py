@@ -79,7 +79,8 @@ def run(options: argparse.Namespace) -> None:
             "\nNothing was written: -o OUT saves the report, the pictures and the adjusted block."
         )
         return
-    written = corridor.figures.save_adjustment(adjustment, options.output)
+    pictures = corridor.figures.of_adjustment(adjustment)
+    written = adjustment.save(options.output, pictures)
     print("\nWrote", *written, sep="\n  ")
 
 

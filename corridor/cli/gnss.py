@@ -79,7 +79,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Read, interpolate, write table and picture, print what came of it."""
-    from corridor import gnss
+    from corridor import figures, gnss
     from corridor.errors import InputError
 
     track = gnss.read_track(options.track)
@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> None:
         track_system=options.track_system,
         exposures_system=options.images_system,
     )
-    written = found.save(options.output)
+    written = found.save(options.output, figures.antenna(found))
     print(found)
     print("\nWrote", *written, sep="\n  ")
 

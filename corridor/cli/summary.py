@@ -6,7 +6,6 @@ examples:
 """
 
 import argparse
-import os
 from pathlib import Path
 
 
@@ -21,22 +20,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Print the summary and the effects that want more data; draw the block if asked."""
     import corridor
+    from corridor import report
 
     block = corridor.read(options.block)
     print(block.summary(needs={effect.slug: effect.needs for effect in corridor.catalogue()}))
     if options.output is not None:
-        print(f"\nWrote {_draw(block, options.output)}")
-
-
-def _draw(block, folder):
-    from corridor import figures
-
-    picture = figures.first_look(block)
-    folder.mkdir(parents=True, exist_ok=True)
-    path, half = folder / "first_look.png", folder / ".first_look.png"
-    try:
-        picture.savefig(half, format="png")
-        os.replace(half, path)
-    finally:
-        half.unlink(missing_ok=True)
-    return path
+        path = options.output / "first_look.png"
+        with report.whole_file(path) as part:
+            report.write_picture(corridor.figures.first_look(block), part)
+        print(f"\nWrote {path}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -30,6 +29,7 @@ from corridor.diagnosis.verdict import (
 )
 from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.report import plain
 
 # Tie observations from which on some can be spared, and look-alikes that are tried in turn.
 FEWEST_TIES = 200
@@ -90,7 +90,7 @@ class Diagnosis:
 
     def to_dict(self) -> dict:
         """diagnosis.json."""
-        return _plain(
+        return plain(
             {
                 "verdict": self.verdict,
                 "sentence": self.sentence,
@@ -336,18 +336,3 @@ def _effect(one, used: list[str], rivals: dict[str, dict[str, float]]) -> dict:
         "adjusted_with": adjusted,
         "held_out": {key: rivals[key] for key in one.rivals if key in rivals},
     }
-
-
-def _plain(value):
-    """Numbers finite or None, arrays as lists."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(v) for v in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return value

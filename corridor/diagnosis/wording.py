@@ -6,8 +6,8 @@ import math
 import re
 from collections.abc import Iterable
 
-from corridor.adjustment import rounded
 from corridor.effects import Effect, every_effect
+from corridor.report import rounded
 
 # Unit of an effect's file -> factor and unit for people.
 _UNITS = {

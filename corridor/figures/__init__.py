@@ -13,17 +13,18 @@ from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
 from corridor.figures.planning import accuracy_by_control
 from corridor.figures.readout import readout_picture
-from corridor.figures.report import save_adjustment
+from corridor.figures.report import of_adjustment, save_adjustment
 from corridor.figures.residual_vectors import residual_vectors
 from corridor.figures.residuals_along import residuals_along
 from corridor.figures.style import png
 from corridor.figures.thermal import camera_difference, deformation_maps, thermal_parameters
-from corridor.figures.track import track
+from corridor.figures.track import antenna, track
 
 __all__ = [
     "alike",
     "Panel",
     "accuracy_by_control",
+    "antenna",
     "camera_difference",
     "camera_views",
     "check_points",
@@ -40,6 +41,7 @@ __all__ = [
     "first_look",
     "histograms",
     "naming_rates",
+    "of_adjustment",
     "png",
     "readout_picture",
     "residual_vectors",

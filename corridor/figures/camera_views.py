@@ -13,6 +13,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from corridor.camera import undistort
 from corridor.figures import maps, style
 from corridor.geometry import rotation_from_quaternion
+from corridor.report import short
 
 if TYPE_CHECKING:
     from corridor.block import Block
@@ -27,7 +28,7 @@ def camera_views(block: Block) -> Figure:
     on a plane at the mean height of the points. In space a camera is a pyramid that opens towards
     what it sees, 4 m high; heights and distances have one scale.
     """
-    title = f"{style.short(block.name, 60)}: what the cameras see"
+    title = f"{short(block.name, 60)}: what the cameras see"
     pose = maps.columns(block.images, ("x", "y", "z", "qw", "qx", "qy", "qz"))
     known = np.isfinite(pose).all(axis=1)
     if not known.any():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -11,36 +9,34 @@ from matplotlib.lines import Line2D
 
 from corridor.figures import maps, style
 from corridor.figures.residual_vectors import arrows, stated_arrow
-
-if TYPE_CHECKING:
-    from corridor.adjustment.result import Adjustment
+from corridor.report import Adjusted, counted, readable, short
 
 NONE = "No check points: nothing independent of the adjustment tests it."
 MOST_NAMES = 40
 
 
-def check_points(adjustment: Adjustment) -> Figure:
+def check_points(adjustment: Adjusted) -> Figure:
     """Map of the check-point differences, adjusted minus given.
 
     Plan as arrows, height as a bar up (too high) or down (too low), both at one stated scale.
     """
-    title = f"{style.short(adjustment.block.name, 50)}: check points, adjusted minus given"
+    title = f"{short(adjustment.block.name, 50)}: check points, adjusted minus given"
     if not len(adjustment.check_points):
         return style.sentence(NONE, title)
     return _maps([adjustment], [""], title)
 
 
 def compare_check_points(
-    a: Adjustment, b: Adjustment, labels: tuple[str, str] = ("first", "second")
+    a: Adjusted, b: Adjusted, labels: tuple[str, str] = ("first", "second")
 ) -> Figure:
     """The check-point differences of two adjustments of one block, at one stated scale."""
-    title = f"{style.short(a.block.name, 50)}: check points, adjusted minus given"
+    title = f"{short(a.block.name, 50)}: check points, adjusted minus given"
     if not len(a.check_points) and not len(b.check_points):
         return style.sentence(NONE, title)
     return _maps([a, b], list(labels), title)
 
 
-def _maps(results: list[Adjustment], labels: list[str], title: str) -> Figure:
+def _maps(results: list[Adjusted], labels: list[str], title: str) -> Figure:
     frame = maps.frame_of(results[0].block)
     tables = [_table(result, frame) for result in results]
     places = [maps.centres(r.block) for r in results] + [
@@ -66,7 +62,7 @@ def _maps(results: list[Adjustment], labels: list[str], title: str) -> Figure:
     figure = style.sheet(
         head + rows * (height + gap) - 0.15,
         title,
-        f"plan and height exaggerated {style.plain(exaggeration)} times",
+        f"plan and height exaggerated {readable(exaggeration)} times",
     )
     keys: list = []
     for number, (result, table, label) in enumerate(zip(results, tables, labels, strict=True)):
@@ -74,19 +70,17 @@ def _maps(results: list[Adjustment], labels: list[str], title: str) -> Figure:
         top = head + (0.0 if beside else number * (height + gap))
         axes = maps.map_panel(figure, frame, limits, left, top, width, height)
         keys = _draw(axes, frame, result, table, exaggeration, keys)
-        text = ": ".join(
-            part for part in (style.short(label, 30), _numbers(result, beside)) if part
-        )
+        text = ": ".join(part for part in (short(label, 30), _numbers(result, beside)) if part)
         style.caption(axes, text)
     span = np.ptp(axes.get_xlim())
     length = style.nice(1.0 * span / width / exaggeration)
     style.legend(figure, 0.87, keys)
     inches = length * exaggeration * width / span
-    stated_arrow(figure, 9.7 - inches - 0.75, 0.52, inches, f"{style.plain(length)} m")
+    stated_arrow(figure, 9.7 - inches - 0.75, 0.52, inches, f"{readable(length)} m")
     return figure
 
 
-def _table(result: Adjustment, frame: maps.MapFrame) -> pd.DataFrame:
+def _table(result: Adjusted, frame: maps.MapFrame) -> pd.DataFrame:
     """Place and differences of each check point on the sheet, metres."""
     ground = pd.DataFrame(
         maps.columns(result.block.ground), index=result.block.ground["point"].astype(str)
@@ -146,7 +140,7 @@ def _draw(axes, frame, result, table, exaggeration, keys) -> list:
     return keys
 
 
-def _keys(result: Adjustment) -> list:
+def _keys(result: Adjusted) -> list:
     keys = [
         Line2D([], [], color=style.DARK, marker=">", ms=5, lw=1.2, label="in plan"),
         Line2D([], [], color=style.LIGHT, lw=4, label="in height (up: too high)"),
@@ -158,12 +152,12 @@ def _keys(result: Adjustment) -> list:
     return keys
 
 
-def _numbers(result: Adjustment, brief: bool) -> str:
+def _numbers(result: Adjusted, brief: bool) -> str:
     """RMS of the check points, as the table has it."""
     if not len(result.check_points):
         return ""
     rms = result.check_rms
     text = f"RMS plan {rms.xy:.3f} m, height {rms.z:.3f} m"
     if not brief:
-        text += f", 3D {rms.d3:.3f} m at {style.counted(len(result.check_points), 'check point')}"
+        text += f", 3D {rms.d3:.3f} m at {counted(len(result.check_points), 'check point')}"
     return text

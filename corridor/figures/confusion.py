@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from corridor.figures import style
+from corridor.report import counted
 
 
 def confusion_matrix(
@@ -24,7 +25,7 @@ def confusion_matrix(
     table = np.asarray(counts, dtype=int).reshape(len(hidden), len(answers))
     if not table.size:
         return style.sentence("No block with one effect or none.", title)
-    blocks = style.counted(int(table.sum()), "block")
+    blocks = counted(int(table.sum()), "block")
     note = f"{blocks}; shade: share of the row; framed: the right name"
     names = [str(name).replace("_", " ") for name in hidden]
     said = [str(name).replace("_", " ") for name in answers]

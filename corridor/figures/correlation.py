@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from corridor.figures import style
-
-if TYPE_CHECKING:
-    from corridor.adjustment.result import Adjustment
+from corridor.report import Adjusted, short
 
 MOST = 40
 STRONG = 0.95
 
 
-def correlation_matrix(adjustment: Adjustment) -> Figure:
+def correlation_matrix(adjustment: Adjusted) -> Figure:
     """Correlations of the camera, effect and lever-arm parameters.
 
     Lower triangle: a square whose side grows with the coefficient, full cell at 1, dark where
@@ -26,7 +22,7 @@ def correlation_matrix(adjustment: Adjustment) -> Figure:
     Upper triangle: the coefficient, where it is above 0.95. Of more than 40 parameters the 40
     with the strongest correlations are shown.
     """
-    title = f"{style.short(adjustment.block.name, 50)}: correlations of the parameters"
+    title = f"{short(adjustment.block.name, 50)}: correlations of the parameters"
     names, matrix = adjustment.correlation_matrix
     names, matrix = list(names), np.array(matrix, dtype=float).reshape(len(names), len(names))
     if len(names) < 2:
@@ -111,4 +107,4 @@ def shorter(names: list[str], cameras: list[str], most: int = 30) -> list[str]:
     if len(cameras) == 1:
         prefix = f"camera.{cameras[0]}."
         names = [name[len(prefix) :] if name.startswith(prefix) else name for name in names]
-    return [style.short(name, most) for name in names]
+    return [short(name, most) for name in names]

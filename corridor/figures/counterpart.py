@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from corridor.figures import style
+from corridor.report import short
 
 if TYPE_CHECKING:
     from corridor.diagnosis import Compared, Comparison
@@ -53,7 +54,7 @@ def counterpart(
     what: words of the title.
     """
     chosen = _chosen(before, names)
-    title = f"{style.short(before.name, 40)}: {what}"
+    title = f"{short(before.name, 40)}: {what}"
     if not chosen:
         return style.sentence("No statistic could be formed.", title)
     cases = [("before", before)] + ([("after", after)] if after is not None else [])
@@ -139,7 +140,7 @@ def counterpart_maps(before: Comparison, after: Comparison | None = None) -> Fig
     below them; a cell outside the band is framed. What poses and points absorb is in the band, so
     that structure is disagreement and an even cloud is noise.
     """
-    title = f"{style.short(before.name, 40)}: where simulation and measurement disagree"
+    title = f"{short(before.name, 40)}: where simulation and measurement disagree"
     chosen = _maps(before)
     if not chosen:
         return style.sentence("No statistic is a map.", title)
@@ -254,7 +255,7 @@ def _title(figure: Figure, left: float, top: float, name: str) -> None:
     lines = [name]
     if len(name) > 34:
         cut = name.rfind(" ", 0, 35)
-        lines = [name[:cut], style.short(name[cut + 1 :], 34)]
+        lines = [name[:cut], short(name[cut + 1 :], 34)]
     for n, line in enumerate(reversed(lines)):
         style.write(
             figure, left - 0.4, top - 0.17 - 0.14 * n, line, weight="bold", size=style.SMALL + 0.5
@@ -319,7 +320,7 @@ def _names(axes: Axes, names: Sequence[str], wide: bool) -> None:
     crowded = _crowded(names)
     axes.set_xticks(at)
     axes.set_xticklabels(
-        [style.short(names[k], 26) for k in at],
+        [short(names[k], 26) for k in at],
         rotation=(38 if wide else 90) if crowded else 0,
         ha="right" if crowded and wide else "center",
         rotation_mode="anchor" if crowded and wide else "default",

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from corridor.figures import style
+from corridor.report import counted
 
 _SHOWN = (("detected", "detected"), ("named", "named"), ("inside", "in the stated set"))
 
@@ -27,7 +28,7 @@ def naming_rates(
     total = sum(one["detected"]["count"] for one in known)
     figure = style.sheet(
         4.3, title,
-        f"{style.counted(total, 'block')} with one effect that no other comes near; bars: 95 %",
+        f"{counted(total, 'block')} with one effect that no other comes near; bars: 95 %",
         width=7.0,
     )  # fmt: skip
     axes = style.panel(figure, 0.8, 1.1, 5.9, 2.5)

@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from corridor.figures import style
+from corridor.report import counted, short
 
 # Inches: a row, the names, the numbers, and above and below the rows.
 ROW, NAMES, NUMBERS, TOP, BOTTOM = 0.235, 4.15, 0.65, 1.35, 0.65
@@ -33,11 +34,11 @@ def evidence_bars(
     `beside_noise` for what is named though noise of the antenna looks like it.
     What is below one is not drawn: such a candidate explains nothing.
     """
-    title = f"{style.short(name, 40)}: evidence of all candidates"
+    title = f"{short(name, 40)}: evidence of all candidates"
     if not len(evidence):
         return style.sentence("No effect could be tested in this block.", title)
     rows = len(evidence)
-    note = f"{style.counted(rows, 'candidate')}, {int(evidence['found'].sum())} found"
+    note = f"{counted(rows, 'candidate')}, {int(evidence['found'].sum())} found"
     figure = style.sheet(TOP + ROW * rows + BOTTOM, title, note)
     width = style.WIDTH - NAMES - NUMBERS - 0.3
     axes = style.panel(figure, NAMES, TOP, width, ROW * rows)
@@ -66,7 +67,7 @@ def evidence_bars(
         )  # fmt: skip
         top = TOP + ROW * (k + 0.5) + 0.045
         style.write(
-            figure, 0.25, top, style.short(row.name, 68), size=style.SMALL,
+            figure, 0.25, top, short(row.name, 68), size=style.SMALL,
             weight="bold" if row.found else "normal",
         )  # fmt: skip
         style.write(

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from corridor.figures import maps, style
 from corridor.figures.residual_vectors import arrows, stated_arrow
+from corridor.report import readable
 
 MOST_ARROWS = 160
 
@@ -115,4 +116,4 @@ def _length(metres: float, exact: bool = False) -> str:
     else:
         factor, unit = 1e9, "nm"
     value = metres * factor
-    return f"{style.plain(round(value, 12)) if exact else f'{value:.2g}'} {unit}"
+    return f"{readable(round(value, 12)) if exact else f'{value:.2g}'} {unit}"

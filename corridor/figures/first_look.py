@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from corridor.figures import maps, style
+from corridor.report import counted, short
 
 if TYPE_CHECKING:
     from corridor.block import Block
@@ -33,7 +34,7 @@ def first_look(block: Block, camera: str | None = None) -> Figure:
     ground = frame.place(maps.columns(block.ground))
     limits = maps.extent(cameras, maps.body(points), ground)
     long = (limits[1] - limits[0]) > 1.4 * (limits[3] - limits[2])
-    title = f"{style.short(block.name, 60)}: first look"
+    title = f"{short(block.name, 60)}: first look"
     if long:
         height = maps.map_height(limits, 8.5, 4.5)
         figure = style.sheet(1.15 + height + 0.95 + 2.3 + 0.55, title, _counts(block))
@@ -52,21 +53,19 @@ def first_look(block: Block, camera: str | None = None) -> Figure:
 
 
 def _counts(block: Block) -> str:
-    parts = [style.counted(len(block.images), "image")]
+    parts = [counted(len(block.images), "image")]
     flights = len(block.flight_names)
     if flights > 1:
-        parts.append(style.counted(flights, "flight"))
+        parts.append(counted(flights, "flight"))
     if len(block.cameras) > 1:
-        parts.append(style.counted(len(block.cameras), "camera"))
+        parts.append(counted(len(block.cameras), "camera"))
     if len(block.tie_points):
         number = int(np.count_nonzero(_multiplicity(block.tie_points)))
-        parts.append(style.counted(number, "tie point"))
-        parts.append(style.counted(len(block.tie_points), "tie observation"))
+        parts.append(counted(number, "tie point"))
+        parts.append(counted(len(block.tie_points), "tie observation"))
     if len(block.marks):
-        parts.append(style.counted(len(block.marks), "mark"))
-    parts.append(
-        f"GNSS at {style.counted(len(block.gnss), 'image')}" if len(block.gnss) else "no GNSS"
-    )
+        parts.append(counted(len(block.marks), "mark"))
+    parts.append(f"GNSS at {counted(len(block.gnss), 'image')}" if len(block.gnss) else "no GNSS")
     return " \u00b7 ".join(parts)
 
 
@@ -176,7 +175,7 @@ def _coverage(
     axes.yaxis.set_major_locator(MaxNLocator(max(2, int(high / 0.45)), steps=[1, 2, 4, 5, 10]))
     text = "where in the image"
     if len(block.cameras) > 1:
-        text += f", camera {style.short(camera, 14)}"
+        text += f", camera {short(camera, 14)}"
     style.caption(axes, text)
     style.label(axes, "x (px)", "y (px)")
     style.count_bar(figure, image, left + wide + 0.12, top, 0.1, high, "observations a cell")

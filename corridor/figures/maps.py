@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from corridor.figures import style
+from corridor.report import short
 
 if TYPE_CHECKING:
     from corridor.block import Block
@@ -182,7 +183,7 @@ def groups(block: Block) -> list[tuple[str, np.ndarray]]:
     flights = np.asarray(block.image_flight)
     if len(block.flight_names) > 1:
         return [
-            (f"flight {style.short(name, 12)}", np.flatnonzero(flights == code))
+            (f"flight {short(name, 12)}", np.flatnonzero(flights == code))
             for code, name in enumerate(block.flight_names)
         ]
     if "strip" in images:
@@ -191,7 +192,7 @@ def groups(block: Block) -> list[tuple[str, np.ndarray]]:
         if len(names) > 1:
             return [
                 (
-                    f"strip {style.short(name, 12)}" if name else "no strip",
+                    f"strip {short(name, 12)}" if name else "no strip",
                     np.flatnonzero(strip == name),
                 )
                 for name in names

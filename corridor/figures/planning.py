@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 from corridor.figures import style
+from corridor.report import readable, short
 
 _DASHES = ("-", (0, (5, 2)), (0, (1, 1.6)), (0, (5, 1.5, 1, 1.5)))
 _STEPS = np.array([s * 10.0**k for k in range(-3, 5) for s in (1, 2, 5)])
@@ -49,7 +50,7 @@ def accuracy_by_control(
         axes.set_ylim(low, high)
         ticks = _STEPS[(low <= _STEPS) & (high >= _STEPS)]
         axes.yaxis.set_major_locator(FixedLocator(ticks))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: style.plain(value)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: readable(value)))
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.yaxis.set_minor_locator(FixedLocator([]))
         for tick in ticks:
@@ -59,7 +60,7 @@ def accuracy_by_control(
         axes.set_xlim(counts.min() - 0.06 * span, counts.max() + 0.06 * span)
         for name, (count, *both) in series.items():
             axes.plot(count, 100 * np.asarray(both[k]), zorder=4, **looks[name])
-    keys = [Line2D([], [], label=style.short(name, 40), **look) for name, look in looks.items()]
+    keys = [Line2D([], [], label=short(name, 40), **look) for name, look in looks.items()]
     for k, key in enumerate(keys):
         row, column = divmod(k, _ROW)
         style.legend(figure, 0.83 + 0.22 * row, [key], left=0.25 + 3.15 * column)

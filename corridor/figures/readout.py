@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from corridor.figures import style
+from corridor.report import short
 
 if TYPE_CHECKING:
     from corridor.readout import Readout
@@ -51,7 +52,7 @@ def _turning(readout):
     for k, (name, grey) in enumerate(photos):
         axes = style.panel(figure, _MARGIN + k * (wide + _GAP), top, wide, tall)
         what = "at rest, straight" if k == 0 and not smeared else "turning, bent"
-        style.caption(axes, f"{style.short(name, 40)}: {what}")
+        style.caption(axes, f"{short(name, 40)}: {what}")
         _photo(axes, grey)
         used = drawing["weights"][k] > 0.1
         axes.plot(*drawing["points"][k][used].T, **measured, markersize=1.6, zorder=2)
@@ -99,7 +100,7 @@ def _led(readout):
     ]
     style.legend(figure, 0.86, keys)
     axes = style.panel(figure, _MARGIN, top, wide, tall)
-    style.caption(axes, style.short(name, 40))
+    style.caption(axes, short(name, 40))
     _photo(axes, grey, pale=False)
     left = _MARGIN + wide + _GAP + 0.15
     right = style.WIDTH - left - 0.25

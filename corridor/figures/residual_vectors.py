@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -12,16 +10,14 @@ from matplotlib.patches import Rectangle
 
 from corridor.figures import style
 from corridor.figures.first_look import cells
-
-if TYPE_CHECKING:
-    from corridor.adjustment.result import Adjustment
+from corridor.report import Adjusted, readable, short
 
 MOST_CAMERAS = 4
 ROOM = 1.08  # the panel over the image, for arrows that leave it
 LEAST = 3  # residuals a cell needs before it gets an arrow
 
 
-def residual_vectors(adjustment: Adjustment, camera: str | None = None) -> Figure:
+def residual_vectors(adjustment: Adjusted, camera: str | None = None) -> Figure:
     """Mean residual (measured minus modelled) in each cell of the image, as an arrow.
 
     adjustment: its tie points, or its marks where it has no tie points; outliers left out.
@@ -29,7 +25,7 @@ def residual_vectors(adjustment: Adjustment, camera: str | None = None) -> Figur
     Dark arrows are more than two standard errors of their mean long, pale ones may be chance.
     """
     block = adjustment.block
-    title = f"{style.short(block.name, 50)}: mean residuals in the image"
+    title = f"{short(block.name, 50)}: mean residuals in the image"
     table = used(adjustment)
     if table is None:
         return style.sentence("No image residuals to show.", title)
@@ -58,7 +54,7 @@ def residual_vectors(adjustment: Adjustment, camera: str | None = None) -> Figur
         1.0 + (0.2 if len(block.cameras) > 1 else 0.0) + -(-len(fields) // across) * row_height,
         title,
         f"{sum(number[n] for n in shown):,} residuals \u00b7 arrows exaggerated "
-        f"{style.plain(exaggeration)} times \u00b7 pale: within two standard errors of zero",
+        f"{readable(exaggeration)} times \u00b7 pale: within two standard errors of zero",
         width=max(bar_left + 0.9, 6.5),
     )
     most = max(field.count.max() for field in fields)
@@ -68,7 +64,7 @@ def residual_vectors(adjustment: Adjustment, camera: str | None = None) -> Figur
         axes = style.panel(figure, left, head + (index // across) * row_height, *sizes[index])
         shades = field.draw(axes, exaggeration, most)
         if len(block.cameras) > 1:
-            style.caption(axes, f"camera {style.short(name, 24)}")
+            style.caption(axes, f"camera {short(name, 24)}")
         if index == 0:
             _key(figure, left, inch_per_px / ROOM, exaggeration)
     style.count_bar(figure, shades, bar_left, head, 0.1, sizes[0][1], "residuals a cell")
@@ -80,7 +76,7 @@ def _scale(camera, width: float, height: float) -> float:
     return min(width / camera.width, height / camera.height)
 
 
-def used(adjustment: Adjustment) -> pd.DataFrame | None:
+def used(adjustment: Adjusted) -> pd.DataFrame | None:
     """Image residuals that took part: of tie points, else of marks; None without any."""
     for kind in ("tie", "mark"):
         table = adjustment.residuals.get(kind)
@@ -174,7 +170,7 @@ def _longest(fields: list[_Field]) -> float:
 def _key(figure: Figure, left: float, inch_per_px: float, exaggeration: float) -> None:
     length = style.nice(1.2 / (inch_per_px * exaggeration))
     inches = length * exaggeration * inch_per_px
-    stated_arrow(figure, left, 0.83, inches, f"{style.plain(length)} px")
+    stated_arrow(figure, left, 0.83, inches, f"{readable(length)} px")
 
 
 def stated_arrow(figure: Figure, left: float, top: float, length: float, text: str) -> None:

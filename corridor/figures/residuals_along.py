@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -13,12 +11,10 @@ from matplotlib.ticker import MaxNLocator
 
 from corridor.figures import maps, style
 from corridor.figures.residual_vectors import used
-
-if TYPE_CHECKING:
-    from corridor.adjustment.result import Adjustment
+from corridor.report import Adjusted, short
 
 
-def residuals_along(adjustment: Adjustment) -> Figure:
+def residuals_along(adjustment: Adjusted) -> Figure:
     """RMS of the image residuals of each image, and the GNSS residuals x, y, z, along the block.
 
     The distance is that of the camera centre along the block's main axis; where a block has
@@ -26,7 +22,7 @@ def residuals_along(adjustment: Adjustment) -> Figure:
     residuals is the stated standard deviation (median), one scale for all three components.
     """
     block = adjustment.block
-    title = f"{style.short(block.name, 50)}: residuals along the block"
+    title = f"{short(block.name, 50)}: residuals along the block"
     table = used(adjustment)
     gnss = adjustment.residuals.get("gnss")
     gnss = gnss if gnss is not None and len(gnss) else None

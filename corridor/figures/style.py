@@ -21,6 +21,8 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from corridor.report import short
+
 INK = "#222222"
 QUIET = "#6f6f6f"
 FAINT = "#c4c4c4"
@@ -176,28 +178,6 @@ def nice(value: float) -> float:
     return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= value * (1 + 1e-9))
 
 
-def plain(value: float) -> str:
-    """A number as a person writes it: 2,000, 0.05, 12."""
-    if value and not 1e-6 <= abs(value) < 1e12:
-        return f"{value:.3g}"
-    text = f"{value:,.10f}".rstrip("0").rstrip(".")
-    return text or "0"
-
-
-def counted(number: int, noun: str, plural: str | None = None) -> str:
-    """ "1 image", "88 images"."""
-    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
-
-
-def short(name: object, most: int = 18) -> str:
-    """A name cut in its middle where it is longer than `most` characters."""
-    text = str(name)
-    if len(text) <= most:
-        return text
-    tail = (most - 1) // 2
-    return text[: most - 1 - tail] + "\u2026" + text[len(text) - tail :]
-
-
 def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=None) -> None:
     """Writes names beside points (n, 2); a name that finds no free place is left out.
 
@@ -224,7 +204,7 @@ def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=Non
     for point, name in zip(np.asarray(xy, dtype=float), names, strict=True):
         for dx, dy, across, upright in places:
             text = axes.annotate(
-                short(name),
+                short(name, 18),
                 point,
                 (dx, dy),
                 textcoords="offset points",

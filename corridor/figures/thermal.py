@@ -13,6 +13,7 @@ from matplotlib.patches import Rectangle
 
 from corridor.figures import style
 from corridor.figures.residual_vectors import arrows, stated_arrow
+from corridor.report import readable, short
 
 if TYPE_CHECKING:
     from corridor.thermal import CameraDifference, Fit, Maps
@@ -44,7 +45,7 @@ def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = 
     tall = min(wide * maps.height / maps.width, 1.3 * wide)
     row = tall + 0.95
     note = f"{_note(maps, picture)} \u00b7 null map: {_note(maps, null)}"
-    figure = style.sheet(1.15 + 2 * row, f"{title}: {style.short(maps.picture[picture], 40)}", note)
+    figure = style.sheet(1.15 + 2 * row, f"{title}: {short(maps.picture[picture], 40)}", note)
     measured = [maps.dx[picture], maps.dy[picture]]
     calm = [maps.dx[null], maps.dy[null], maps.sigma[picture]]
     top = 1.15
@@ -57,7 +58,7 @@ def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = 
     _bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "dx, dy (px)")
     top += row
     norm = Normalize(*_ends(calm))
-    name = style.short(maps.picture[null], 18)
+    name = short(maps.picture[null], 18)
     for k, (values, what) in enumerate(
         zip(calm, (f"null map ({name}): dx", "null map: dy", "predicted sigma"), strict=True)
     ):
@@ -158,7 +159,7 @@ def camera_difference(difference: CameraDifference, title: str = "Two cameras") 
     _bar(figure, image, _LEFT + wide + 0.2, 1.2, tall, "distance (px)")
     size = style.nice(0.8 / (wide / difference.width * exaggeration))
     inches = size * exaggeration * wide / difference.width
-    stated_arrow(figure, _LEFT, 0.93, inches, f"{style.plain(size)} px")
+    stated_arrow(figure, _LEFT, 0.93, inches, f"{readable(size)} px")
     return figure
 
 
@@ -213,7 +214,7 @@ def _vectors(figure, axes, maps, picture, left, top, wide):
     _frame(axes, maps, False)
     inch = wide / maps.width
     size = style.nice(longest)
-    stated_arrow(figure, left, top - 0.13, size * exaggeration * inch, f"{style.plain(size)} px")
+    stated_arrow(figure, left, top - 0.13, size * exaggeration * inch, f"{readable(size)} px")
 
 
 def _frame(axes, picture, first):

@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from corridor.figures import maps, style
+from corridor.report import counted, readable, short
 
 _REFUSED = {"marker": "X", "mfc": "white", "mec": style.MIDDLE, "mew": 1.0}
 _AXES = (("x", style.DARK, "-"), ("y", style.LIGHT, "--"), ("z", style.INK, ":"))
@@ -32,7 +33,7 @@ def track(
         empty where unknown.
     max_sigma: m, above which positions were refused. north: letter at the arrow along y.
     """
-    title = f"{style.short(name, 50)}: exposures on the track"
+    title = f"{short(name, 50)}: exposures on the track"
     if not len(positions):
         return style.sentence("The track has no epochs.", title)
     low, high = _span(positions, exposures)
@@ -82,8 +83,27 @@ def track(
     return figure
 
 
+def antenna(found) -> Figure:
+    """The picture of antenna positions at the exposures (`corridor.gnss.Antenna`)."""
+    positions = found.track.table[["time_s", "x", "y"]].copy()
+    pieces = found.interpolated.segments
+    positions["segment"] = np.searchsorted(
+        pieces["first"].to_numpy(), np.arange(len(positions)), side="right"
+    )
+    placed = found.track.crs is not None or found.track.origin is not None
+    return track(
+        positions,
+        found.interpolated.table,
+        found.interpolated.curve,
+        found.interpolated.max_sigma,
+        name=found.track.source.name,
+        note=f"method: {found.interpolated.method}",
+        north="N" if placed else "y",
+    )
+
+
 def _count(rows: np.ndarray, word: str) -> str:
-    return f"{style.counted(int(rows.sum()), 'exposure')}, {word}"
+    return f"{counted(int(rows.sum()), 'exposure')}, {word}"
 
 
 def _span(positions, exposures) -> tuple[float, float]:
@@ -144,14 +164,12 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
     low, high = axes.get_ylim()
     few = high / low < 300
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: style.plain(float(value))))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: readable(float(value))))
     axes.yaxis.set_minor_formatter(NullFormatter())
     if max_sigma and low < 1000 * max_sigma < high:
         look = {"color": style.MIDDLE, "lw": 0.9, "ls": "-."}
         axes.axhline(1000 * max_sigma, **look)
-        keys.append(
-            Line2D([], [], label=f"refused above {style.plain(1000 * max_sigma)} mm", **look)
-        )
+        keys.append(Line2D([], [], label=f"refused above {readable(1000 * max_sigma)} mm", **look))
     return keys
 
 

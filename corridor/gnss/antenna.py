@@ -2,7 +2,6 @@
 
 import os
 import tomllib
-import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from corridor.gnss.coordinates import Local, convert, to_local
 from corridor.gnss.exposures import Exposures, align
 from corridor.gnss.interpolation import MAX_SIGMA_M, Interpolated, interpolate
 from corridor.gnss.track import GEOGRAPHIC, Track, check_quality
+from corridor.report import whole_file, whole_files, write_picture
 
 _COLUMNS = ["image", "x", "y", "z", "sx", "sy", "sz"]
 _SETTINGS = "block.toml"
@@ -72,30 +72,11 @@ class Antenna:
             lines.append(f"  and {len(self.refused) - len(shown)} more")
         return lines
 
-    def picture(self):
-        """Track, exposures and sigmas along the flight (a matplotlib Figure)."""
-        from corridor import figures
-
-        positions = self.track.table[["time_s", "x", "y"]].copy()
-        pieces = self.interpolated.segments
-        positions["segment"] = np.searchsorted(
-            pieces["first"].to_numpy(), np.arange(len(positions)), side="right"
-        )
-        placed = self.track.crs is not None or self.track.origin is not None
-        return figures.track(
-            positions,
-            self.interpolated.table,
-            self.interpolated.curve,
-            self.interpolated.max_sigma,
-            name=self.track.source.name,
-            note=f"method: {self.interpolated.method}",
-            north="N" if placed else "y",
-        )
-
-    def save(self, path: str | os.PathLike) -> list[Path]:
+    def save(self, path: str | os.PathLike, picture=None) -> list[Path]:
         """Writes the table and, beside it, the picture; both or none. Returns the paths.
 
         path: a .csv, or a folder (the file is gnss.csv then). An earlier gnss.csv is replaced.
+        picture: a matplotlib figure, as `corridor.figures.antenna` makes it.
         Raises InputError where `path` is another kind of file.
         """
         path = Path(path)
@@ -108,29 +89,15 @@ class Antenna:
                 f"{path} is there and is no gnss.csv (image, x, y, z), so it is not replaced; "
                 "name another file"
             )
-        picture = path.with_suffix(".png")
-        token = uuid.uuid4().hex[:8]
-        halves = {part: part.with_name(f".{part.name}.{token}.part") for part in (path, picture)}
-        made = [parent for parent in path.parents if not parent.exists()]
-        done: list[Path] = []
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._write(halves[path])
-            self.picture().savefig(
-                halves[picture], format="png", dpi=144, metadata={"Software": None}
-            )
-            # The picture first: a table is never there without one.
-            for part in (picture, path):
-                os.replace(halves[part], part)
-                done.append(part)
-        finally:
-            for half in halves.values():
-                half.unlink(missing_ok=True)
-            if len(done) < len(halves):
-                for parent in made:
-                    if parent.is_dir() and not any(parent.iterdir()):
-                        parent.rmdir()
-        return [path, picture]
+        if picture is None:
+            with whole_file(path) as part:
+                self._write(part)
+            return [path]
+        # The picture first: a table is never there without one.
+        with whole_files(path.with_suffix(".png"), path) as (drawn, part):
+            write_picture(picture, drawn)
+            self._write(part)
+        return [path, path.with_suffix(".png")]
 
     def _write(self, path: Path) -> None:
         table = self.gnss.copy()

@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from corridor.block import Block, read, whole_folder
+from corridor.block import Block, read
 from corridor.effects import every_effect, find, take_out
 from corridor.errors import InputError
 from corridor.interchange.cameras import moved_to
 from corridor.interchange.formats import writers
 from corridor.interchange.proof import MEDIAN_PX, Residuals
 from corridor.interchange.rows import rows_of
+from corridor.report import whole_folder
 
 _MARK = "exported_by_corridor.txt"
 _RESULT = "adjustment.json"

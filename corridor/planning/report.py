@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import textwrap
 from collections.abc import Mapping
@@ -12,8 +11,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from corridor.block import whole_folder
 from corridor.figures import accuracy_by_control
+from corridor.report import whole_folder, write_json, write_picture
 
 _RESULT = "plan.json"
 _FILES = (_RESULT, "plan.csv", "advice.txt", "accuracy.png")
@@ -74,22 +73,11 @@ def save(
     with whole_folder(folder, _RESULT, lambda name: name in _FILES) as part:
         table.to_csv(part / "plan.csv", index=False, float_format="%.6g", lineterminator="\n")
         (part / "advice.txt").write_text(said + "\n", encoding="utf-8", newline="\n")
-        rows = [
-            {key: _plain(value) for key, value in row.items()} for row in table.to_dict("records")
-        ]
+        rows = table.to_dict("records")
         content = {"advice": said, "settings": dict(settings or {}), "rows": rows}
-        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-        (part / _RESULT).write_text(text + "\n", encoding="utf-8", newline="\n")
-        picture(table).savefig(
-            part / "accuracy.png", format="png", dpi=144, metadata={"Software": None}
-        )
+        write_json(content, part / _RESULT)
+        write_picture(picture(table), part / "accuracy.png")
     return [folder / name for name in sorted(_FILES)]
-
-
-def _plain(value):
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _cell(value, factor: float, form: str) -> str:

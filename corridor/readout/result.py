@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping
@@ -14,6 +13,7 @@ import numpy as np
 
 from corridor.errors import InputError
 from corridor.readout.photograph import CannotMeasure
+from corridor.report import check_folder, listed_in, whole_folder, write_json
 
 _RESULT = "readout.json"
 SENSES = ("cw", "ccw")
@@ -96,13 +96,7 @@ class Readout:
 
 def can_save_readout(folder: str | os.PathLike) -> None:
     """Raises InputError, before any work is done, where `save_readout` would refuse `folder`."""
-    target = Path(folder)
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{folder} is a file; name a folder to write to")
-    if target.exists() and any(target.iterdir()) and not (target / _RESULT).is_file():
-        raise InputError(
-            f"{folder} is a folder without {_RESULT}, so it is not replaced; name a new folder"
-        )
+    check_folder(folder, _RESULT)
 
 
 def save_readout(
@@ -113,25 +107,13 @@ def save_readout(
     Returns the paths. An earlier result in `folder` is replaced; what else lies there stays.
     Raises InputError where `folder` is a file or a folder of something else.
     """
-    # Only here: measuring needs no block.
-    from corridor.block import whole_folder
-
     names = [f"{name}.png" for name in pictures]
-    earlier = {_RESULT, *names, *_earlier(Path(folder))}
-    with whole_folder(folder, _RESULT, lambda name: name in earlier) as part:
-        for name, content in pictures.items():
-            (part / f"{name}.png").write_bytes(content)
-        content = readout.as_dict() | {"pictures": names}
-        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-        (part / _RESULT).write_text(text + "\n", encoding="utf-8")
+    earlier = listed_in(folder, _RESULT, "pictures")
+    with whole_folder(folder, _RESULT, lambda name: name in names or earlier(name)) as part:
+        for name, content in zip(names, pictures.values(), strict=True):
+            (part / name).write_bytes(content)
+        write_json(readout.as_dict() | {"pictures": names}, part / _RESULT)
     return [Path(folder) / name for name in (_RESULT, *names)]
-
-
-def _earlier(folder):
-    try:
-        return json.loads((folder / _RESULT).read_text(encoding="utf-8"))["pictures"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return []
 
 
 def of_turning(

@@ -21,6 +21,7 @@ from corridor.geometry import (
     rotation_from_quaternion,
     rotation_from_vector,
 )
+from corridor.report import whole_file
 from corridor.simulation.fly import bank_of, check_plan, fly, ground_width
 from corridor.simulation.ground_points import evenly, surveyed
 from corridor.simulation.noise import add_noise
@@ -58,15 +59,10 @@ class Simulated(Block):
         """
         folder = Path(folder)
         path = folder.parent / f"{folder.name}.truth.json"
-        folder.parent.mkdir(parents=True, exist_ok=True)
         lines = ",\n".join(f"{json.dumps(k)}: {_lines(v)}" for k, v in self.truth.items())
-        part = path.with_name(f".{path.name}.part")
-        try:
+        with whole_file(path) as part:
             part.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8", newline="\n")
             super().write(folder, form)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
 
 
 def simulate(

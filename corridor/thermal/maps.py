@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.errors import InputError
+from corridor.report import whole_file
 from corridor.thermal.matching import Matcher, fault
 from corridor.thermal.series import another_size, read_series
 
@@ -59,17 +60,10 @@ class Maps:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write MAPS.npz, whole or not at all."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.name}.part")
         values = {name: np.asarray(getattr(self, name)) for name in _ARRAYS}
         values["picture"] = values["picture"].astype(str)
-        try:
-            with part.open("wb") as stream:
-                np.savez_compressed(stream, **values, warnings=np.array(self.warnings, dtype=str))
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
+        with whole_file(path) as part, part.open("wb") as stream:
+            np.savez_compressed(stream, **values, warnings=np.array(self.warnings, dtype=str))
 
 
 def read_maps(path: str | os.PathLike) -> Maps:

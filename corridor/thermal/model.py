@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.errors import InputError
+from corridor.report import whole_file
 
 KINDS = ("similarity", "radial", "decentring", "polynomial")
 _ROUNDS = 60
@@ -201,17 +202,11 @@ class ThermalModel:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write MODEL.json, whole or not at all."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.name}.part")
-        try:
-            text = json.dumps(self.to_dict(), allow_nan=False, ensure_ascii=False)
-            # One key a line: a person finds the numbers, and the file stays small.
-            text = text.replace(', "', ',\n "')
+        text = json.dumps(self.to_dict(), allow_nan=False, ensure_ascii=False)
+        # One key a line: a person finds the numbers, and the file stays small.
+        text = text.replace(', "', ',\n "')
+        with whole_file(path) as part:
             part.write_text(text + "\n", encoding="utf-8", newline="\n")
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
 
 
 def read_model(path: str | os.PathLike) -> ThermalModel:

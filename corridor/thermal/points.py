@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.errors import InputError
+from corridor.report import whole_file
 from corridor.thermal.model import ThermalModel
 
 
@@ -79,10 +80,5 @@ def write_points(table: pd.DataFrame, path: str | os.PathLike) -> None:
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a folder: name a file to write")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
-    try:
+    with whole_file(path) as part:
         table.to_csv(part, index=False, lineterminator="\n", float_format="%.17g")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

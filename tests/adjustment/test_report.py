@@ -12,7 +12,7 @@ from made_up import adjustment, corridor
 from matplotlib.figure import Figure
 
 import corridor as package
-from corridor.adjustment import report
+from corridor import report
 
 READOUT = ("rolling_shutter", "readout", "block", 0.0248, 0.00051, "s")
 
@@ -20,6 +20,22 @@ READOUT = ("rolling_shutter", "readout", "block", 0.0248, 0.00051, "s")
 @pytest.fixture(scope="module")
 def block():
     return corridor(images=8, ground=7)
+
+
+def text_of(made):
+    return str(report.of_adjustment(made))
+
+
+def html_of(made):
+    return report.of_adjustment(made).html()
+
+
+def tables_of(made):
+    return report.of_adjustment(made).tables
+
+
+def opening_of(made):
+    return report.of_adjustment(made).opening
 
 
 def many(count):
@@ -46,7 +62,7 @@ class TestRounding:
 
     def test_a_coefficient_below_one_is_not_written_as_one(self, block):
         pairs = [{"a": "camera.P1.f", "b": "gnss_bias.z", "value": 0.99996}]
-        assert "0.999960" in report.as_text(adjustment(block, high_correlations=pairs))
+        assert "0.999960" in text_of(adjustment(block, high_correlations=pairs))
 
 
 class TestText:
@@ -63,13 +79,13 @@ class TestText:
             [(long, -0.512, 0.12345, 1234.5, 0.00012, 0.0034, 0.1, False)],
             columns=["flight", "x", "y", "z", "sx", "sy", "sz", "fixed"],
         )
-        lines = report.as_text(made).splitlines()
+        lines = text_of(made).splitlines()
         assert max(map(len, lines)) <= 100
         assert any(line.rstrip().endswith("0.97") or "0.970" in line for line in lines)
 
     def test_it_opens_with_what_a_surveyor_wants_to_know(self, block):
         made = adjustment(block)
-        opening = " ".join(report.as_text(made).split("\n\n")[0].split())
+        opening = " ".join(text_of(made).split("\n\n")[0].split())
         assert opening.startswith("The adjustment of thin (16 images) converged in 5 iterations.")
         assert "Sigma naught is 0.931" in opening and "7 % smaller" in opening
         assert (
@@ -86,20 +102,20 @@ class TestText:
         ],
     )
     def test_sigma_naught_is_put_into_words(self, block, sigma0, said):
-        assert said in report.headline(adjustment(block, sigma0=sigma0))
+        assert said in opening_of(adjustment(block, sigma0=sigma0))
 
     def test_a_failure_to_converge_is_the_first_thing_said(self, block):
-        text = report.headline(adjustment(block, converged=False, iterations=50))
+        text = opening_of(adjustment(block, converged=False, iterations=50))
         assert "did not converge in 50 iterations" in text and "not a result" in text
 
     def test_absence_of_check_points_is_said(self, block):
         made = adjustment(dataclasses.replace(block, ground=None, marks=None))
-        assert "no check points" in report.as_text(made)
-        assert "Check points" not in [table.title for table in report.tables(made)]
+        assert "no check points" in text_of(made)
+        assert "Check points" not in [table.title for table in tables_of(made)]
 
     def test_every_number_of_the_tables_is_there(self, block):
         made = adjustment(block, effects=[READOUT])
-        text = report.as_text(made)
+        text = text_of(made)
         tie = made.observations["tie"]
         assert f"{tie['count']:,}" in text and f"{tie['rms']:.3f} px an axis" in text
         assert f" {tie['outliers']:,} " in text
@@ -113,54 +129,54 @@ class TestText:
 
     def test_a_parameter_that_may_be_zero_is_named(self, block):
         made = adjustment(block)
-        note = next(t for t in report.tables(made) if t.title == "Camera P1").notes[0]
+        note = next(t for t in tables_of(made) if t.title == "Camera P1").notes[0]
         assert note.startswith("k2, k3, p1, p2 differ from zero by less than two")
         assert "k1" not in note
 
     def test_a_camera_held_fixed_is_said_to_be_held(self, block):
         made = adjustment(block)
         made.camera = made.camera.assign(sigma=0.0, free=False)
-        table = next(t for t in report.tables(made) if t.title == "Camera P1")
+        table = next(t for t in tables_of(made) if t.title == "Camera P1")
         assert table.rows[0] == ("f", "8192", "held", "px") and not table.notes
         assert [row[0] for row in table.rows] == ["f", "cx", "cy", "k1"]  # the zeros say nothing
 
     def test_gross_errors_left_out_of_the_rms_are_said_and_nothing_else_is(self, block):
         """Outliers stay in the RMS; only what lies beyond 15 robust sigmas is left out."""
         made = adjustment(block)
-        table = report.tables(made)[0]
+        table = tables_of(made)[0]
         assert made.observations["tie"]["outliers"] and "RMS" in table.header
         assert not [note for note in table.notes if "gross" in note]
         made.observations["mark"]["gross"] = 3
-        assert report.tables(made)[0].notes[0].endswith("beyond 15 robust sigmas: 3 of marks")
+        assert tables_of(made)[0].notes[0].endswith("beyond 15 robust sigmas: 3 of marks")
 
     def test_correlations_left_out_are_counted(self, block):
         pairs = [{"a": f"a{k}", "b": f"b{k}", "value": -0.951 - 0.001 * k} for k in range(30)]
-        text = report.as_text(adjustment(block, high_correlations=pairs))
+        text = text_of(adjustment(block, high_correlations=pairs))
         assert "18 further pairs above it left out" in text
         assert "a29" in text and "a0 " not in text  # strongest first
 
     def test_no_strong_correlation_is_said_too(self, block):
-        assert "none of the 8 parameters' correlations is above 0.95" in report.as_text(
+        assert "none of the 8 parameters' correlations is above 0.95" in text_of(
             adjustment(block, high_correlations=[])
         )
 
     def test_check_points_left_out_are_counted_and_the_largest_shown(self):
         made = adjustment(corridor(images=8, ground=60))
         made.check_points["dz"] = np.arange(len(made.check_points)) / 1000
-        table = next(t for t in report.tables(made) if t.title == "Check points")
+        table = next(t for t in tables_of(made) if t.title == "Check points")
         assert len(table.rows) == 20
         assert f"{len(made.check_points) - 20} smaller ones left out" in " ".join(table.notes)
         assert table.rows[-1][0] == made.check_points["point"].iloc[-1]
 
     def test_warnings_stand_at_the_top_as_whole_sentences(self, block):
         sentence = "focal length and height cannot be separated by these images and this GNSS"
-        text = report.as_text(adjustment(block, warnings=[sentence]))
+        text = text_of(adjustment(block, warnings=[sentence]))
         assert " ".join(text.split("\n\n")[0].split()).endswith("! " + sentence)
 
     def test_the_report_holds_no_time(self, block):
         quick, slow = (adjustment(block, seconds=s) for s in (0.31, 456.789))
-        assert report.as_text(quick) == report.as_text(slow)
-        assert report.as_html(quick) == report.as_html(slow)
+        assert text_of(quick) == text_of(slow)
+        assert html_of(quick) == html_of(slow)
 
 
 class Rows(HTMLParser):
@@ -192,22 +208,24 @@ class TestHtml:
         made = adjustment(block, effects=[READOUT])
         cells = [
             cell
-            for table in report.tables(made)
+            for table in tables_of(made)
             if table.rows
             for row in (table.header, *table.rows)
             for cell in row
         ]
-        assert Rows(report.as_html(made)).cells == cells
+        assert Rows(html_of(made)).cells == cells
 
     def test_names_cannot_break_out_of_their_cells(self, block):
         name = "<script>alert('x')</script> & co"
         ground = block.ground.assign(point=[f"{name}{k}" for k in range(len(block.ground))])
         made = adjustment(dataclasses.replace(block, name=name, ground=ground, marks=None))
-        page = Rows(report.as_page(made))
+        page = Rows(report.of_adjustment(made).page())
         assert "script" not in [tag for tag, _ in page.tags]
 
     def test_the_page_needs_no_other_file(self, block):
-        page = report.as_page(adjustment(block), [("plan", "What it shows.", b"\x89PNG...")])
+        page = report.of_adjustment(adjustment(block)).page(
+            [("plan", "What it shows.", b"\x89PNG...")]
+        )
         for tag, attributes in Rows(page).tags:
             assert tag not in ("script", "link", "iframe")
             source = attributes.get("src") or attributes.get("href")
@@ -217,7 +235,7 @@ class TestHtml:
 
 class TestDict:
     def test_it_is_what_the_design_says(self, block):
-        made = report.as_dict(adjustment(block, effects=[READOUT]))
+        made = report.adjustment_dict(adjustment(block, effects=[READOUT]))
         assert {
             "converged", "iterations", "seconds", "sigma0", "redundancy", "observations", "camera",
             "effects", "lever_arm", "check_points", "correlations", "warnings",
@@ -236,14 +254,14 @@ class TestDict:
 
     def test_groups_stand_between_slug_and_parameter(self, block):
         effects = [("gnss_bias", axis, flight, 0.1, 0.01, "m") for flight in "AB" for axis in "xyz"]
-        found = report.as_dict(adjustment(block, effects=effects))["effects"]["gnss_bias"]
+        found = report.adjustment_dict(adjustment(block, effects=effects))["effects"]["gnss_bias"]
         assert list(found) == ["A", "B"] and list(found["A"]) == ["x", "y", "z"]
 
     def test_more_than_fifty_groups_are_summarised(self, block):
-        found = report.as_dict(adjustment(block, effects=many(51)))["effects"]["focal"]["f"]
+        found = report.adjustment_dict(adjustment(block, effects=many(51)))["effects"]["focal"]["f"]
         assert found["groups"] == 51 and found["table"] == "effect_focal.csv"
         assert found["mean"] == pytest.approx(2.5) and found["max"] == pytest.approx(5.0)
-        fifty = report.as_dict(adjustment(block, effects=many(50)))["effects"]["focal"]
+        fifty = report.adjustment_dict(adjustment(block, effects=many(50)))["effects"]["focal"]
         assert len(fifty) == 50
 
     def test_numbers_are_finite_or_null(self, block):
@@ -254,7 +272,7 @@ class TestDict:
         made.check_rms = made.check_mean = made.check_std = type(made.check_rms)(
             *[float("nan")] * 3
         )
-        found = report.as_dict(made)
+        found = report.adjustment_dict(made)
         text = json.dumps(found, allow_nan=False)
         assert json.loads(text) == found
         assert found["sigma0"] is None and found["camera"]["P1"]["f"]["sigma"] is None
@@ -270,7 +288,7 @@ class TestSave:
         made = adjustment(block, effects=many(60))
         made.residuals["tie"].loc[0, "outlier"] = True
         out = tmp_path / "out" / "first"
-        written = report.save(made, out)
+        written = report.save_adjustment(made, out)
         names = self.files(out)
         assert {p.relative_to(out).as_posix() for p in written} == names
         assert {
@@ -283,13 +301,13 @@ class TestSave:
         assert [p.name for p in (tmp_path / "out").iterdir()] == ["first"]
 
     def test_the_saved_block_can_be_read_again(self, block, tmp_path):
-        report.save(adjustment(block), tmp_path / "out")
+        report.save_adjustment(adjustment(block), tmp_path / "out")
         again = package.read(tmp_path / "out" / "block")
         assert len(again.images) == len(block.images)
 
     def test_tables_hold_what_they_say(self, block, tmp_path):
         made = adjustment(block, effects=many(60))
-        report.save(made, tmp_path / "out")
+        report.save_adjustment(made, tmp_path / "out")
         focal = pd.read_csv(tmp_path / "out" / "effect_focal.csv")
         assert focal["value"].to_numpy() == pytest.approx(0.1 * np.arange(60))
         outliers = pd.read_csv(tmp_path / "out" / "outliers.csv")
@@ -298,7 +316,9 @@ class TestSave:
         assert (np.diff(np.hypot(outliers["vx"], outliers["vy"]) / outliers["sigma"]) <= 1e-9).all()
 
     def test_pictures_are_saved_and_shown_in_the_page(self, block, tmp_path):
-        report.save(adjustment(block), tmp_path / "out", {"a_map": Figure()}, {"a_map": "A map."})
+        report.save_adjustment(
+            adjustment(block), tmp_path / "out", {"a_map": Figure()}, {"a_map": "A map."}
+        )
         assert (tmp_path / "out" / "a_map.png").read_bytes().startswith(b"\x89PNG")
         page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
         assert "data:image/png;base64," in page and "A map." in page
@@ -307,9 +327,9 @@ class TestSave:
 
     def test_an_earlier_result_is_replaced_and_its_leftovers_go(self, block, tmp_path):
         out = tmp_path / "out"
-        report.save(adjustment(block, effects=many(60)), out)
+        report.save_adjustment(adjustment(block, effects=many(60)), out)
         (out / "my notes.txt").write_text("keep me")
-        report.save(adjustment(block, sigma0=2.0), out)
+        report.save_adjustment(adjustment(block, sigma0=2.0), out)
         assert json.loads((out / "adjustment.json").read_text())["sigma0"] == 2.0
         assert not (out / "effect_focal.csv").exists()
         assert (out / "my notes.txt").read_text() == "keep me"
@@ -327,11 +347,11 @@ class TestSave:
             (out / "thesis.tex").write_text("precious")
         before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
         with pytest.raises(package.InputError):
-            report.save(adjustment(block), out)
+            report.save_adjustment(adjustment(block), out)
         assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
     def test_an_empty_folder_may_be_filled(self, block, tmp_path):
-        report.save(adjustment(block), tmp_path)
+        report.save_adjustment(adjustment(block), tmp_path)
         assert (tmp_path / "adjustment.json").is_file()
 
     @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
@@ -342,7 +362,7 @@ class TestSave:
     ):
         out = tmp_path / "deep" / "out"
         if earlier:
-            report.save(adjustment(block, sigma0=3.0), out)
+            report.save_adjustment(adjustment(block, sigma0=3.0), out)
         before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
 
         def fail(*_, **__):
@@ -356,6 +376,6 @@ class TestSave:
         else:
             monkeypatch.setattr(json, "dumps", fail)
         with pytest.raises(type(error)):
-            report.save(adjustment(block), out, {"plan": figure})
+            report.save_adjustment(adjustment(block), out, {"plan": figure})
         assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
         assert earlier or not (tmp_path / "deep").exists()

@@ -5,16 +5,17 @@ import re
 
 from made_up import adjustment, corridor
 
-from corridor.figures import save_adjustment
-from corridor.figures.report import CAPTIONS, pictures
+from corridor.figures import of_adjustment
+from corridor.report import CAPTIONS, save_adjustment
 
 
 def test_every_picture_has_a_caption_and_every_caption_a_picture():
-    assert set(pictures(adjustment(corridor(images=8)))) == set(CAPTIONS)
+    assert set(of_adjustment(adjustment(corridor(images=8)))) == set(CAPTIONS)
 
 
 def test_the_folder_holds_every_picture_alone_and_in_the_page(tmp_path):
-    written = save_adjustment(adjustment(corridor(images=8)), tmp_path / "out")
+    made = adjustment(corridor(images=8))
+    written = save_adjustment(made, tmp_path / "out", of_adjustment(made))
     names = {path.name for path in written}
     assert {f"{name}.png" for name in CAPTIONS} <= names
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
@@ -26,7 +27,7 @@ def test_the_folder_holds_every_picture_alone_and_in_the_page(tmp_path):
 def test_the_same_adjustment_gives_the_same_page(tmp_path):
     made = adjustment(corridor(images=8))
     for name in ("a", "b"):
-        save_adjustment(made, tmp_path / name)
+        save_adjustment(made, tmp_path / name, of_adjustment(made))
     one, two = ((tmp_path / name / "report.html").read_bytes() for name in ("a", "b"))
     assert one == two
     assert str(tmp_path).encode() not in one

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from corridor.adjustment import Adjustment
-from corridor.block import check_folder, whole_folder
 from corridor.diagnosis.comparison import Comparison
 from corridor.diagnosis.report.beside import COUNT, beside
 from corridor.diagnosis.report.contents import Contents
 from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.report.page import make_page
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.report import check_folder, files_in, listed_in, whole_folder, write_json
 
 if TYPE_CHECKING:
     from corridor.diagnosis.diagnose import Diagnosis
@@ -52,8 +51,7 @@ def save(
     check_output(folder)
     before, after, notes = beside(diagnosis, counterparts, threads, say)
     slugs, adjustment = _believable(diagnosis, say)
-    earlier = _earlier(folder)
-    with whole_folder(folder, RESULT, lambda name: name in earlier) as part:
+    with whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part:
         say({"message": "writing the blocks"})
         adjustment.block.write(part / "block")
         corrected(diagnosis.block, adjustment, slugs).write(part / "corrected")
@@ -67,10 +65,9 @@ def save(
         content["counterparts"] = {
             word: _told(case) for word, case in (("before", before), ("after", after))
         }
-        content["files"] = sorted([RESULT, *_files(part)])
-        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-        (part / RESULT).write_text(text + "\n", encoding="utf-8")
-        written = _files(part)
+        content["files"] = sorted([RESULT, *files_in(part)])
+        write_json(content, part / RESULT)
+        written = files_in(part)
     return [folder / name for name in written]
 
 
@@ -112,18 +109,3 @@ def _told(case: Comparison | None) -> dict | None:
         "leaving": [one.statistic.name for one in case.leaving],
         "gap": case.gap,
     }
-
-
-def _earlier(folder: Path) -> set[str]:
-    """Entries of `folder` that an earlier diagnosis wrote, as its own list has them."""
-    try:
-        files = json.loads((folder / RESULT).read_text(encoding="utf-8"))["files"]
-        return {RESULT, *(str(name).split("/")[0] for name in files)}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {RESULT}
-
-
-def _files(folder: Path) -> list[str]:
-    return sorted(
-        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
-    )

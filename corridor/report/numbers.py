@@ -47,9 +47,16 @@ def metre_digits(values) -> int:
     return int(min(9, 2 - math.floor(math.log10(sizes.max()))))
 
 
-def counted(number: int, noun: str) -> str:
+def counted(number: int, noun: str, plural: str | None = None) -> str:
     """A number with its noun: 1 image, 1,200 images."""
-    return f"{number:,} {noun}{'s' * (number != 1)}"
+    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
+
+
+def readable(value: float) -> str:
+    """A number as a person writes it: 2,000, 0.05, 12."""
+    if value and not 1e-6 <= abs(value) < 1e12:
+        return f"{value:.3g}"
+    return f"{value:,.10f}".rstrip("0").rstrip(".") or "0"
 
 
 def short(name: object, most: int = 24) -> str:

@@ -1,0 +1,74 @@
+"""Data as a table, a text, a page, a JSON file, a folder: one way for every result.
+
+A result that wants to be read hands over a `Report`: an opening, warnings, tables of texts. What
+is shown holds no time, no path and no address, and every number is rounded to what its standard
+deviation justifies, so that a notebook can be compared with an earlier run; full numbers go to
+JSON and CSV. Files and folders appear whole or not at all.
+"""
+
+from corridor.report.adjustment import (
+    CAPTIONS,
+    Adjusted,
+    adjustment_dict,
+    of_adjustment,
+    save_adjustment,
+)
+from corridor.report.files import (
+    check_folder,
+    files_in,
+    listed_in,
+    whole_file,
+    whole_files,
+    whole_folder,
+    write_csv,
+    write_json,
+    write_picture,
+)
+from corridor.report.json import json_text, plain
+from corridor.report.numbers import (
+    DASH,
+    coefficient,
+    counted,
+    fixed,
+    metre_digits,
+    readable,
+    rounded,
+    short,
+    significant,
+    times,
+)
+from corridor.report.page import Report, page
+from corridor.report.table import WIDTH, Table
+
+__all__ = [
+    "CAPTIONS",
+    "DASH",
+    "WIDTH",
+    "Adjusted",
+    "Report",
+    "Table",
+    "adjustment_dict",
+    "check_folder",
+    "coefficient",
+    "counted",
+    "files_in",
+    "fixed",
+    "json_text",
+    "listed_in",
+    "metre_digits",
+    "of_adjustment",
+    "page",
+    "plain",
+    "readable",
+    "rounded",
+    "save_adjustment",
+    "short",
+    "significant",
+    "times",
+    "whole_file",
+    "whole_files",
+    "whole_folder",
+    "write_csv",
+    "write_json",
+    "write_picture",
+]

@@ -1,0 +1,462 @@
+"""What an adjustment found, for a terminal, a notebook, another program and a folder."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+
+from corridor.report.files import (
+    files_in,
+    listed_in,
+    whole_folder,
+    write_csv,
+    write_json,
+    write_picture,
+)
+from corridor.report.json import plain
+from corridor.report.numbers import (
+    DASH,
+    coefficient,
+    counted,
+    fixed,
+    metre_digits,
+    rounded,
+    short,
+    significant,
+    times,
+)
+from corridor.report.page import Report
+from corridor.report.table import Table
+
+RESULT = "adjustment.json"
+CAPTIONS = {
+    "check_points": (
+        "Where the adjusted check points lie, seen from where they were surveyed. A pattern that "
+        "turns, bends or grows along the corridor is not chance."
+    ),
+    "residual_vectors": (
+        "What the camera model leaves over. Arrows in all directions are noise; arrows that "
+        "follow their neighbours are something the camera did that the model does not know."
+    ),
+    "residuals_along": (
+        "Image and GNSS residuals along the block. Steps between strips or flights, and slopes "
+        "along one, point at time, at the antenna or at the camera."
+    ),
+    "correlation_matrix": (
+        "Parameters that this block cannot tell apart: a full cell means that one can stand in "
+        "for the other."
+    ),
+    "first_look": "Images, points and coverage of the block after the adjustment.",
+}
+
+_KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control"}
+_UNITS = {"f": "px", "cx": "px", "cy": "px"}
+_DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["sx", "sy", "sz"]
+_STRONG = 0.95
+_MOST_GROUPS_SHOWN = 8  # of one effect parameter
+_MOST_GROUPS = 50  # in the dictionary
+_MOST_POINTS = 20
+_MOST_PAIRS = 12
+
+
+class Adjusted(Protocol):
+    """What a report reads of an adjustment; see `corridor.Adjustment` for shapes and units."""
+
+    block: Any
+    converged: bool
+    iterations: int
+    seconds: float
+    sigma0: float
+    redundancy: int
+    warnings: list[str]
+    observations: dict[str, dict]
+    residuals: dict[str, pd.DataFrame]
+    camera: pd.DataFrame
+    effects: pd.DataFrame
+    lever_arm: pd.DataFrame
+    poses: pd.DataFrame
+    check_points: pd.DataFrame
+    check_rms: Any
+    check_mean: Any
+    check_std: Any
+    correlations: list[dict]
+    high_correlations: list[dict]
+    correlation_matrix: tuple[list[str], np.ndarray]
+
+
+def of_adjustment(adjustment: Adjusted) -> Report:
+    """Headline, warnings and every table of an adjustment, those without rows left out."""
+    made = [
+        _observations(adjustment),
+        _camera(adjustment),
+        _effects(adjustment),
+        _lever_arms(adjustment),
+        _check_points(adjustment),
+        _check_statistics(adjustment),
+        _correlations(adjustment),
+        _strong_correlations(adjustment),
+    ]
+    return Report(
+        title=f"Adjustment of {adjustment.block.name}",
+        opening=_headline(adjustment),
+        warnings=adjustment.warnings,
+        tables=[table for table in made if table is not None],
+    )
+
+
+def save_adjustment(
+    adjustment: Adjusted,
+    folder: str | os.PathLike,
+    pictures: Mapping[str, Any] | None = None,
+    captions: Mapping[str, str] = CAPTIONS,
+) -> list[Path]:
+    """Writes an adjustment into `folder`, whole or not at all; returns the paths, sorted.
+
+    adjustment.json, report.html (one page, pictures inside), block/ (the adjusted block), one
+    PNG for each picture, check_points.csv, poses.csv, outliers.csv (image measurements held to be
+    wrong) and effect_SLUG.csv for an effect of more than 50 groups.
+    pictures: matplotlib figures by name, as `corridor.figures.of_adjustment` makes them.
+    captions: one sentence for each, for the page.
+    An earlier result in `folder` is replaced; what else lies there stays. Raises InputError where
+    `folder` is a file, or holds something but no earlier result.
+    """
+    folder, pictures = Path(folder), pictures or {}
+    with whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part:
+        adjustment.block.write(part / "block")
+        shown = []
+        for name, figure in pictures.items():
+            png = write_picture(figure, part / f"{name}.png")
+            shown.append((name.replace("_", " "), captions.get(name, ""), png))
+        page = of_adjustment(adjustment).page(shown)
+        (part / "report.html").write_text(page, encoding="utf-8", newline="\n")
+        for name, table in _files(adjustment).items():
+            write_csv(table, part / name)
+        content = adjustment_dict(adjustment)
+        content["pictures"] = [f"{name}.png" for name in pictures]
+        content["files"] = sorted([RESULT, *files_in(part)])
+        write_json(content, part / RESULT)
+        written = files_in(part)
+    return [folder / name for name in written]
+
+
+def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
+    """The content of `adjustment.json`: finite numbers or None.
+
+    An effect with one group is {parameter: {value, sigma, unit}}, with several
+    {group: {parameter: ...}}; of more than 50 groups there is a summary for each parameter
+    and, in a saved folder, a table `effect_SLUG.csv`.
+    """
+    check = {
+        name: {"xy": found.xy, "z": found.z, "3d": found.d3}
+        for name, found in (
+            ("rms", adjustment.check_rms),
+            ("mean", adjustment.check_mean),
+            ("std", adjustment.check_std),
+        )
+    }
+    camera: dict[str, dict] = {}
+    for row in adjustment.camera.itertuples(index=False):
+        camera.setdefault(row.camera, {})[row.parameter] = {"value": row.value, "sigma": row.sigma}
+    lever_arm = {
+        row.flight: {
+            axis: {"value": getattr(row, axis), "sigma": getattr(row, f"s{axis}")} for axis in "xyz"
+        }
+        for row in adjustment.lever_arm.itertuples(index=False)
+    }
+    content = {
+        "block": adjustment.block.name,
+        "converged": bool(adjustment.converged),
+        "iterations": adjustment.iterations,
+        "seconds": adjustment.seconds,
+        "sigma0": adjustment.sigma0,
+        "redundancy": adjustment.redundancy,
+        "observations": adjustment.observations,
+        "camera": camera,
+        "effects": {
+            slug: _effect_dict(slug, effect)
+            for slug, effect in adjustment.effects.groupby("slug", sort=False)
+        },
+        "lever_arm": lever_arm,
+        "check_points": {"rows": adjustment.check_points.to_dict(orient="records"), **check},
+        "correlations": adjustment.correlations,
+        "high_correlations": adjustment.high_correlations,
+        "parameters": len(adjustment.correlation_matrix[0]),
+        "warnings": adjustment.warnings,
+    }
+    return plain(content)
+
+
+def _effect_dict(slug: str, effect: pd.DataFrame) -> dict[str, Any]:
+    if _has_table(effect):
+        return {
+            name: {
+                "groups": len(part),
+                "mean": part["value"].mean(),
+                "std": part["value"].std(),
+                "min": part["value"].min(),
+                "max": part["value"].max(),
+                "sigma": part["sigma"].median(),
+                "unit": part["unit"].iloc[0],
+                "table": f"effect_{slug}.csv",
+            }
+            for name, part in effect.groupby("parameter", sort=False)
+        }
+    groups: dict[str, dict] = {}
+    for row in effect.itertuples(index=False):
+        found = {"value": row.value, "sigma": row.sigma, "unit": row.unit}
+        groups.setdefault(str(row.group), {})[row.parameter] = found
+    return next(iter(groups.values())) if len(groups) == 1 else groups
+
+
+def _has_table(effect: pd.DataFrame) -> bool:
+    """Whether an effect has too many groups for the dictionary."""
+    return effect["group"].astype(str).nunique() > _MOST_GROUPS
+
+
+def _files(adjustment: Adjusted) -> dict[str, pd.DataFrame]:
+    """The tables of full numbers by the names of their files."""
+    files = {
+        "check_points.csv": adjustment.check_points,
+        "poses.csv": adjustment.poses,
+        "outliers.csv": _outliers(adjustment),
+    }
+    for slug, effect in adjustment.effects.groupby("slug", sort=False):
+        if _has_table(effect):
+            files[f"effect_{slug}.csv"] = effect.drop(columns="slug")
+    return {name: table for name, table in files.items() if len(table) or name == "poses.csv"}
+
+
+def _outliers(adjustment: Adjusted) -> pd.DataFrame:
+    """Image measurements flagged as outlier, largest first."""
+    columns = ["point", "image", "x", "y", "vx", "vy", "sigma"]
+    parts = []
+    for kind in ("tie", "mark"):
+        table = adjustment.residuals[kind]
+        part = table.loc[table["outlier"], columns].astype({"point": str, "image": str})
+        parts.append(part.assign(kind=kind))
+    every = pd.concat(parts, ignore_index=True)
+    size = np.hypot(every["vx"], every["vy"]) / every["sigma"]
+    return every.iloc[np.argsort(-size.to_numpy(), kind="stable")]
+
+
+# --- the opening -------------------------------------------------------------------------------
+
+
+def _headline(adjustment: Adjusted) -> str:
+    """The first sentences of a report, for a surveyor who reads nothing else."""
+    block = adjustment.block
+    name = short(block.name, 50)
+    steps = counted(adjustment.iterations, "iteration")
+    images = counted(len(block.images), "image")
+    if not adjustment.converged:
+        return (
+            f"The adjustment of {name} ({images}) did not converge in {steps}: "
+            "its numbers are not a result."
+        )
+    parts = [f"The adjustment of {name} ({images}) converged in {steps}."]
+    sigma0 = float(adjustment.sigma0)
+    if math.isfinite(sigma0):
+        parts.append(f"Sigma naught is {sigma0:.3f}: the residuals are {_compared(sigma0)}.")
+    number = len(adjustment.check_points)
+    if number:
+        rms = adjustment.check_rms
+        digits = metre_digits([rms.xy, rms.z])
+        parts.append(
+            f"At {counted(number, 'check point')} it is off by {fixed(rms.xy, digits)} m in plan "
+            f"and {fixed(rms.z, digits)} m in height (RMS)."
+        )
+    else:
+        parts.append("There are no check points, so nothing independent tests it.")
+    return " ".join(parts)
+
+
+def _compared(sigma0: float) -> str:
+    percent = round(100 * (sigma0 - 1))
+    if abs(percent) <= 5:
+        return "as large as the stated standard deviations say"
+    if percent > 100:
+        return f"{sigma0:.1f} times as large as the stated standard deviations say"
+    word = "larger" if percent > 0 else "smaller"
+    return f"{abs(percent)} % {word} than the stated standard deviations say"
+
+
+# --- the tables --------------------------------------------------------------------------------
+
+
+def _observations(adjustment: Adjusted) -> Table:
+    """Number, outliers, RMS and sigma naught of each kind of measurement."""
+    rows, gross = [], []
+    for kind, found in adjustment.observations.items():
+        if not found.get("count"):
+            continue
+        counts = (f"{found['count']:,}", f"{found['outliers']:,}")
+        rows.append((_KINDS[kind], *counts, _rms(found["rms"]), fixed(found["sigma0"], 3)))
+        if found.get("gross"):
+            gross.append(f"{found['gross']:,} of {_KINDS[kind]}")
+    notes = [
+        f"all together: sigma naught {fixed(adjustment.sigma0, 4)}, "
+        f"redundancy {adjustment.redundancy:,}"
+    ]
+    if gross:
+        left_out = "RMS and sigma naught of a line leave out gross errors, beyond 15 robust sigmas"
+        notes.insert(0, f"{left_out}: {', '.join(gross)}")
+    header = ("residuals", "count", "outliers", "RMS", "sigma naught")
+    return Table("Observations", header, tuple(rows), "lrrlr", tuple(notes))
+
+
+def _rms(rms) -> str:
+    """One number in px an axis, or three in metres."""
+    if np.ndim(rms) == 0:
+        return f"{fixed(rms, 3)} px an axis"
+    digits = metre_digits(rms)
+    return "  ".join(fixed(value, digits) for value in rms) + " m (x, y, z)"
+
+
+def _camera(adjustment: Adjusted) -> Table:
+    """Interior parameters, and which of them may be zero."""
+    frame = adjustment.camera
+    several = frame["camera"].nunique() > 1
+    rows, doubtful = [], []
+    for row in frame.itertuples(index=False):
+        if row.sigma <= 0 and row.value == 0:
+            continue  # a coefficient this camera does not have
+        name = (short(row.camera),) if several else ()
+        unit = _UNITS.get(row.parameter, "")
+        rows.append((*name, row.parameter, *rounded(row.value, row.sigma), unit))
+        if not unit and row.sigma > 0 and abs(row.value) < 2 * row.sigma:
+            doubtful.append(" ".join((*name, row.parameter)))
+    notes = ()
+    if doubtful:
+        verb = "differs" if len(doubtful) == 1 else "differ"
+        notes = (f"{', '.join(doubtful)} {verb} from zero by less than two standard deviations",)
+    if several:
+        header = ("camera", "parameter", "value", "sigma", "unit")
+        return Table("Cameras", header, tuple(rows), "llrrl", notes)
+    title = f"Camera {short(frame['camera'].iloc[0])}"
+    return Table(title, ("parameter", "value", "sigma", "unit"), tuple(rows), "lrrl", notes)
+
+
+def _effects(adjustment: Adjusted) -> Table | None:
+    """Parameters of the effects that were estimated; many groups of one are summed up."""
+    frame = adjustment.effects
+    if not len(frame):
+        return None
+    rows, notes = [], []
+    for (slug, parameter), part in frame.groupby(["slug", "parameter"], sort=False):
+        slug, unit = short(slug), str(part["unit"].iloc[0])
+        if len(part) > _MOST_GROUPS_SHOWN:
+            values, typical = part["value"], float(np.nanmedian(part["sigma"]))
+            mean = rounded(values.mean(), typical)
+            low, high = (rounded(value, typical)[0] for value in (values.min(), values.max()))
+            rows.append((slug, parameter, f"{len(part):,} groups", *mean, unit, DASH))
+            notes.append(
+                f"{slug} {parameter}: mean of the groups and median of their sigmas; "
+                f"values from {low} to {high} {unit}".rstrip()
+            )
+            continue
+        for row in part.itertuples(index=False):
+            found = rounded(row.value, row.sigma)
+            ratio = abs(row.value) / row.sigma if row.sigma > 0 else math.nan
+            rows.append((slug, parameter, short(row.group, 16), *found, unit, times(ratio)))
+    header = ("effect", "parameter", "of", "value", "sigma", "unit", "value/sigma")
+    return Table("Effects", header, tuple(rows), "lllrrlr", tuple(notes))
+
+
+def _lever_arms(adjustment: Adjusted) -> Table | None:
+    """From the camera to the GNSS antenna, flight by flight."""
+    rows = []
+    for row in adjustment.lever_arm.itertuples(index=False):
+        axes = ((row.x, row.sx), (row.y, row.sy), (row.z, row.sz))
+        found = [rounded(value, 0.0 if row.fixed else sigma) for value, sigma in axes]
+        rows.append((short(row.flight), *found[0], *found[1], *found[2]))
+    if not rows:
+        return None
+    header = ("flight", "x", "sigma", "y", "sigma", "z", "sigma")
+    note = "metres, camera frame (x right, y down, z forward), camera to antenna"
+    return Table("Lever arm of the GNSS antenna", header, tuple(rows), "lrrrrrr", (note,))
+
+
+def _check_points(adjustment: Adjusted) -> Table | None:
+    """The check points one by one, of many the largest."""
+    frame = adjustment.check_points
+    if not len(frame):
+        return None
+    differences = frame[_DIFFERENCES].to_numpy(dtype=float)
+    digits = metre_digits(differences)
+    notes = ["metres, adjusted minus given; sigma of the adjusted point"]
+    if len(frame) > _MOST_POINTS:
+        size = np.linalg.norm(differences, axis=1)
+        left_out = counted(len(frame) - _MOST_POINTS, "smaller one")
+        notes.append(f"the {_MOST_POINTS} largest; {left_out} left out")
+        frame = frame.iloc[np.sort(np.argsort(-size, kind="stable")[:_MOST_POINTS])]
+    numbers = frame[_DIFFERENCES + _SIGMAS].to_numpy(dtype=float)
+    rows = [
+        (short(name), *(fixed(value, digits) for value in values), f"{rays:,}")
+        for name, values, rays in zip(frame["point"], numbers, frame["rays"], strict=True)
+    ]
+    header = ("check point", "dx", "dy", "dz", "sigma x", "sigma y", "sigma z", "images")
+    return Table("Check points", header, tuple(rows), "lrrrrrrr", tuple(notes))
+
+
+def _check_statistics(adjustment: Adjusted) -> Table | None:
+    """RMS, mean and STD of all check points, in plan, height and space."""
+    count = len(adjustment.check_points)
+    if not count:
+        return None
+    digits = metre_digits(adjustment.check_points[_DIFFERENCES])
+    statistics = {
+        "RMS": adjustment.check_rms,
+        "mean": adjustment.check_mean,
+        "STD": adjustment.check_std,
+    }
+    rows = tuple(
+        (name, *(fixed(value, digits) for value in (found.xy, found.z, found.d3)))
+        for name, found in statistics.items()
+    )
+    title = f"{counted(count, 'check point')} together" if count > 1 else "The check point"
+    note = "metres; RMS about zero, STD about the mean"
+    return Table(title, ("", "xy", "z", "3D"), rows, "lrrr", (note,))
+
+
+def _correlations(adjustment: Adjusted) -> Table | None:
+    """Focal length and lever arm with the heights they can stand in for."""
+    rows = tuple(
+        (
+            short(c["a"], 30),
+            short(c["b"], 28),
+            coefficient(c["mean"]),
+            fixed(c["std"], 3),
+            significant(c["sigma_a"]),
+            significant(c["sigma_b"]),
+        )
+        for c in adjustment.correlations
+    )
+    if not rows:
+        return None
+    header = ("of", "with", "mean", "STD", "sigma of", "sigma with")
+    note = "over all images or points the second name stands for; sigmas in px (f) and m"
+    return Table("Correlations with position", header, rows, "llrrrr", (note,))
+
+
+def _strong_correlations(adjustment: Adjusted) -> Table | None:
+    """Parameters that can hardly be told apart, the strongest first."""
+    pairs = sorted(adjustment.high_correlations, key=lambda c: -abs(c["value"]))
+    names, _ = adjustment.correlation_matrix
+    if not pairs:
+        if len(names) < 2:
+            return None
+        note = f"none of the {len(names):,} parameters' correlations is above {_STRONG}"
+        return Table("Strong correlations", notes=(note,))
+    shown = pairs[:_MOST_PAIRS]
+    rows = tuple((short(c["a"], 38), short(c["b"], 38), coefficient(c["value"])) for c in shown)
+    notes = [f"between parameters, above {_STRONG} in size"]
+    if len(pairs) > len(shown):
+        notes.append(f"{counted(len(pairs) - len(shown), 'further pair')} above it left out")
+    header = ("of", "with", "correlation")
+    return Table("Strong correlations", header, rows, "llr", tuple(notes))

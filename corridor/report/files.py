@@ -1,0 +1,181 @@
+"""Files and folders that appear whole or not at all, also where two runs write the same ones.
+
+What is written stands under a hidden name of its own until it is whole; the run that ends last
+wins, whole, and nothing hidden stays.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from corridor.errors import InputError
+from corridor.report.json import json_text
+
+
+@contextmanager
+def whole_file(path: str | os.PathLike) -> Iterator[Path]:
+    """A path to write to, which becomes `path` when the `with` ends well; its folder is made."""
+    with whole_files(path) as (part,):
+        yield part
+
+
+@contextmanager
+def whole_files(*paths: str | os.PathLike) -> Iterator[tuple[Path, ...]]:
+    """Paths to write to, which become `paths`, in this order, when the `with` ends well.
+
+    Otherwise (error, full disk, Ctrl-C) none of them is touched, nor is any folder made.
+    """
+    targets = [Path(path) for path in paths]
+    token = uuid.uuid4().hex[:8]
+    parts = tuple(path.with_name(f".{path.name}.{token}.part") for path in targets)
+    made = [parent for parent in targets[0].parents if not parent.exists()]
+    try:
+        targets[0].parent.mkdir(parents=True, exist_ok=True)
+        yield parts
+        with _alone_in(targets[0].parent):
+            for part, target in zip(parts, targets, strict=True):
+                part.replace(target)
+    except BaseException:
+        for part in parts:
+            part.unlink(missing_ok=True)
+        _remove_empty(made)
+        raise
+
+
+@contextmanager
+def whole_folder(
+    folder: str | os.PathLike, mark: str, ours: Callable[[str], bool] = lambda name: True
+) -> Iterator[Path]:
+    """A folder to write into, which becomes `folder` when the `with` ends well.
+
+    Otherwise (error, full disk, Ctrl-C) nothing of it stays and what `folder` held is untouched.
+    mark: file that tells a folder of this kind; another folder that is not empty is not replaced.
+    ours: names of entries that may go with the old folder, asked when it goes; the others are kept.
+    Raises InputError where `folder` is something else.
+    """
+    check_folder(folder, mark)
+    target = Path(folder).resolve()
+    made = [parent for parent in target.parents if not parent.exists()]
+    token = uuid.uuid4().hex[:8]
+    part, old = (target.parent / f".{target.name}.{token}.{end}" for end in ("part", "old"))
+    try:
+        part.mkdir(parents=True)
+        yield part
+        with _alone_in(target.parent):
+            if target.exists():
+                _keep(target, part, ours)
+                target.rename(old)
+            part.rename(target)
+    except BaseException:
+        if old.exists() and not target.exists():
+            old.rename(target)
+        shutil.rmtree(part, ignore_errors=True)
+        _remove_empty(made)
+        raise
+    finally:
+        if target.exists():
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def check_folder(folder: str | os.PathLike, mark: str) -> None:
+    """Raises InputError where `whole_folder` would refuse a folder: to be told before long work."""
+    target = Path(folder).resolve()
+    if target.exists() and not target.is_dir():
+        raise InputError(f"{folder} is a file; name a folder to write to")
+    if target.exists() and any(target.iterdir()) and not (target / mark).is_file():
+        raise InputError(
+            f"{folder} is a folder without {mark}, so it is not replaced; name a new folder"
+        )
+
+
+def listed_in(folder: str | os.PathLike, mark: str, key: str = "files") -> Callable[[str], bool]:
+    """Whether an entry of a folder is on the list that its result keeps: `ours` of `whole_folder`.
+
+    mark: the JSON file of the result. key: where it lists its files, paths in the folder.
+    """
+    path = Path(folder) / mark
+
+    def ours(name: str) -> bool:
+        try:
+            files = json.loads(path.read_text(encoding="utf-8"))[key]
+            return name == mark or name in {str(file).split("/")[0] for file in files}
+        except (OSError, ValueError, KeyError, TypeError):
+            return name == mark
+
+    return ours
+
+
+def files_in(folder: Path) -> list[str]:
+    """Every file of a folder and of those in it, as sorted paths with slashes."""
+    return sorted(
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+    )
+
+
+def write_json(content: Mapping[str, Any], path: Path) -> None:
+    """JSON of finite numbers or null, a value a line."""
+    path.write_text(json_text(content), encoding="utf-8", newline="\n")
+
+
+def write_csv(frame: pd.DataFrame, path: Path) -> None:
+    """A table with ten digits, empty where a number is unknown."""
+    frame.to_csv(path, index=False, float_format="%.10g", lineterminator="\n")
+
+
+def write_picture(figure, path: Path) -> bytes:
+    """Writes a matplotlib figure as PNG without date or version; returns the bytes."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=144, metadata={"Software": None})
+    path.write_bytes(stream.getvalue())
+    return stream.getvalue()
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Who else replaces something in a folder waits; not where the system has no such lock."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(lock)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _keep(source: Path, target: Path, ours: Callable[[str], bool]) -> None:
+    for entry in source.iterdir():
+        if ours(entry.name) or (target / entry.name).exists():
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.copytree(entry, target / entry.name, symlinks=True, copy_function=_link)
+        else:
+            _link(entry, target / entry.name)
+
+
+def _link(source: str | Path, target: str | Path) -> None:
+    # A hard link costs nothing; not every file system has them.
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except (OSError, NotImplementedError):
+        shutil.copy2(source, target, follow_symlinks=False)
