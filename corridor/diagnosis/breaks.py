@@ -17,8 +17,6 @@ from corridor.adjustment import Adjustment
 from corridor.diagnosis.mismatches import FAR, LEVEL, Ties, ties_by_camera
 from corridor.effects import every_effect
 
-# The effect of the catalogue that is told in its place.
-SHOWS_AS = next(effect.slug for effect in every_effect() if effect.sudden)
 # Lines along the longer side, and how far apart the two of a pair may lie, of that side: farther
 # apart, a smooth deformation tells them apart as well.
 LINES, NEAR = 512, 1 / 16
@@ -41,8 +39,18 @@ class Line:
     log_p: float
 
 
+def shows_as() -> list[str]:
+    """Slugs of the effects of the catalogue that a broken picture may be told as."""
+    return [effect.slug for effect in every_effect() if effect.sudden]
+
+
 def broken_picture(adjustment: Adjustment) -> list[dict]:
-    """Entries of `unknown` of diagnosis.json: the line at which the picture is broken, or none."""
+    """Entries of `unknown` of diagnosis.json: the line at which the picture is broken, or none.
+
+    It is told as the first sudden effect of the catalogue; without one nothing is.
+    """
+    if not shows_as():
+        return []
     found = [(line, ties) for ties in ties_by_camera(adjustment) if (line := _worst(ties))]
     if not found:
         return []
@@ -55,7 +63,7 @@ def broken_picture(adjustment: Adjustment) -> list[dict]:
     dx, dy = np.round(line.shift, 1) + 0.0
     name, way = ("x", "upright") if line.axis == 0 else ("y", "level")
     one = {
-        "group": SHOWS_AS,
+        "group": shows_as()[0],
         "log_evidence": -line.log_p,
         "where": f"across the {way} line {name} = {line.at:.0f} px, where {line.jumped} of "
         f"{line.of} points that are seen on both sides of it jump by x = {dx:.1f}, "

@@ -128,8 +128,7 @@ def _same_as(block: Block, effect: Effect, every: list[Effect]) -> str | None:
     """A second flight, where with one flight an effect is another one of the catalogue."""
     if effect.group != "flight" or len(block.flight_names) > 1:
         return None
-    coarse = [o for o in every if type(o) is not type(effect) and isinstance(effect, type(o))]
-    return "images.flight" if coarse else None
+    return "images.flight" if effect.refines in {other.slug for other in every} else None
 
 
 def _unknown_cell(block: Block, effect: Effect, control) -> str | None:
@@ -268,7 +267,7 @@ class OfPoints(Effect):
     def __init__(self, effect: Effect, points: list[str]):
         super().__init__(effect.group)
         self.inner, self.points = effect, set(points)
-        for name in ("slug", "title", "place", "needs", "generic", "stands_in_for"):
+        for name in Effect.__annotations__:
             setattr(self, name, getattr(effect, name))
 
     def parameters(self, block):

@@ -13,7 +13,7 @@ from corridor.adjustment import Adjustment
 from corridor.block import Block
 from corridor.diagnosis import gap
 from corridor.diagnosis.believed import Believed
-from corridor.diagnosis.breaks import SHOWS_AS, broken_picture
+from corridor.diagnosis.breaks import broken_picture, shows_as
 from corridor.diagnosis.crowds import crowds
 from corridor.diagnosis.location import locate
 from corridor.diagnosis.report import as_html, as_text, beside, evidence, save
@@ -177,7 +177,7 @@ def diagnose(
             }
         )  # fmt: skip
     last = course.last.adjustment
-    sudden = [one for one in unknown if one["group"] == SHOWS_AS]
+    sudden = [one for one in unknown if one["group"] in shows_as()]
     if sudden:
         # The lines of that group are far apart; before they bent to it, points told the rim.
         for line in broken_picture(before):

@@ -83,8 +83,7 @@ def equations(
     effects that are nuisance. options: camera, control, check, lever_arm as given to `adjust`.
     priors: of the believed model, by name; of candidates, by slug or `slug.parameter`.
     """
-    tested = {effect.slug for effect in effects}
-    mine = {k: v for k, v in priors.items() if k.partition(".")[0] in tested}
+    mine = {k: v for k, v in priors.items() if _of_candidate(k, effects, adjustment.block)}
     others = {k: v for k, v in priors.items() if k not in mine}
     done = adjustment.problem
     problem = candidate_problem(
@@ -109,6 +108,17 @@ def equations(
     if not len(gnss[0]) and len(problem.control_rows) < 3:
         out.free_motions = _motions(state, len(out.right))
     return out
+
+
+def _of_candidate(label: str, effects: list[Effect], block) -> bool:
+    """Whether a prior is one of a candidate: of its slug, or of `slug.parameter`.
+
+    `lever_arm.F1.z` is the arm of a flight that every adjustment with GNSS estimates; `lever_arm.z`
+    is the candidate that corrects a stated arm.
+    """
+    slug, _, parameter = label.partition(".")
+    names = [p.name for e in effects if e.slug == slug for p in e.parameters(block)]
+    return bool(names) and parameter in ("", *names)
 
 
 def _state_of(adjustment: Adjustment, problem):

@@ -137,6 +137,7 @@ class NoiseModel:
         self.evidence = evidence
         self.few = len(equations.residual) < 12
         self._found: dict[tuple, tuple[GnssNoise, float]] = {}
+        self._start: GnssNoise | None = None
         if not self.few:
             self.P, self.rho, self.core, self.own = elimination.antennas()
 
@@ -165,14 +166,19 @@ class NoiseModel:
         ]
         return float(np.sum(span)) + 0.5 / PRIOR_COLOURED[1] ** 2
 
-    def given(self, chosen: dict[int, float], start: GnssNoise | None = None):
-        """The noise of a model of groups n -> kappa, and the log probability of the data."""
+    def given(self, chosen: dict[int, float]) -> tuple[GnssNoise, float]:
+        """The noise of a model of groups n -> kappa, and the log probability of the data.
+
+        It is sought from the noise of the model without any, whatever was asked before.
+        """
         if self.few:
             return self.stated, self.evidence.model(chosen)[0]
         key = tuple(sorted(chosen.items()))
         if key not in self._found:
+            if self._start is None:
+                self._start, _ = _estimate(self.stated, self.P, self.rho)
             base, P, rho = self._left(chosen)
-            noise, value = _estimate(self.stated, P, rho, start)
+            noise, value = _estimate(self.stated, P, rho, self._start)
             self._found[key] = noise, base - 0.5 * value
         return self._found[key]
 
@@ -324,8 +330,7 @@ class Likelihood:
         return minimize(
             self, x, jac=True, method="L-BFGS-B",
             bounds=list(zip(self.low, self.high, strict=True)),
-            # From where another model ended, little is left to do.
-            options={"maxiter": 40 if start is None else 12, "ftol": 1e-6},
+            options={"maxiter": 40, "ftol": 1e-6},
         )  # fmt: skip
 
     def arguments(self, noise: GnssNoise) -> np.ndarray:

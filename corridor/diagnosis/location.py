@@ -66,7 +66,7 @@ def _images(images, size, effect) -> tuple[str, dict]:
     text = f"in {many} of {len(size)} images, largest in {images.names[worst]}"
     if np.isfinite(images.time[worst]):
         where["time_s"] = float(images.time[worst])
-    if effect.place == "motion" or "row" in effect.slug:
+    if effect.place == "motion" or effect.by_row:
         where["row"] = "all"
     centre = np.average(images.centre, axis=0, weights=size**4)
     where |= {"x": float(centre[0]), "y": float(centre[1])}

@@ -20,6 +20,9 @@ import numpy as np
 from corridor.geometry import is_outlier
 
 NU = 4.0
+# Share of the stated standard deviation below which nothing is measured: without any noise at all
+# rounding errors would be evidence.
+LEAST = 0.02
 
 
 @dataclass
@@ -74,7 +77,7 @@ def pseudo_residuals(problem, state, residual: np.ndarray) -> tuple[np.ndarray, 
         slope = _slope(s, share)
         out[mine] = residual[mine] * ((NU + 2.0) / (NU + s) / slope)[:, None]
         found = np.mean(((out[mine] / sigma[mine][:, None]) ** 2).sum(axis=1)) / 2.0 / share
-        factor = float(np.sqrt(max(found, 1e-12)))
+        factor = max(float(np.sqrt(found)), LEAST)
     marks = np.flatnonzero(~tie & known)
     of_marks = factor
     if len(marks):

@@ -157,14 +157,14 @@ def _round(adjustment, believed, effects, model, threshold, level, seed) -> Roun
     log = {"model": list(model), "sigma_px": float(np.median(e.scales.of_observation))}
     more = _through_noise(noises, plain, evidence, found, threshold, model)
     if more:
-        noise, _ = noises.given(more, noise)
+        noise, _ = noises.given(more)
         evidence = Evidence(Elimination(e, noise).reduce())
         found = search(evidence, threshold["suspected"], model)
         log["through_noise"] = [plain.groups[n].key for n in more]
     found = _kept(evidence, found, model)
     found = _at_any_size(evidence, found, threshold["suspected"])
     found = _without_parts(evidence, found, threshold["suspected"])
-    found = _beyond_noise(noises, noise, found, threshold["suspected"])
+    found = _beyond_noise(noises, found, threshold["suspected"])
     log["found"] = {evidence.groups[n].key: float(v) for n, v in found.evidence.items()}
     keys = [evidence.groups[n].key for n in found.chosen]
     return Round(adjustment, e, noise, noises, evidence, threshold, found, keys, log)
@@ -276,16 +276,16 @@ def _through_noise(noises, plain, evidence, found, threshold, model) -> dict[int
     short = [n for n in short if n not in base and noises.touches(n) > FELT]
     if not short:
         return None
-    noise, total = noises.given(base)
+    _, total = noises.given(base)
     best = None
     for n in short:
-        found_total, kappa = _beside_noise(noises, base, n, at_stated[n].kappa, noise)
+        found_total, kappa = _beside_noise(noises, base, n, at_stated[n].kappa)
         if best is None or found_total > best[0]:
             best = found_total, base | {n: kappa}
     return best[1] if best[0] - total > threshold["suspected"] else None
 
 
-def _beyond_noise(noises, noise, found: Found, threshold: float) -> Found:
+def _beyond_noise(noises, found: Found, threshold: float) -> Found:
     """The model with the evidence of what the antenna feels against noise that may do the same.
 
     Noise that was estimated with an effect in the model leaves all of it to the effect. What is
@@ -302,19 +302,19 @@ def _beyond_noise(noises, noise, found: Found, threshold: float) -> Found:
             for k, kappa in found.chosen.items()
             if k != n and noises.evidence.block(noises.evidence.groups[k])[0] is not None
         }
-        _, without = noises.given(rest, noise)
-        total, _ = _beside_noise(noises, rest, n, found.chosen[n], noise)
+        _, without = noises.given(rest)
+        total, _ = _beside_noise(noises, rest, n, found.chosen[n])
         each[n] = min(gain, total - without)
     order = sorted((n for n in each if each[n] > threshold), key=lambda n: -each[n])
     return Found({n: found.chosen[n] for n in order}, {n: each[n] for n in order}, found.total)
 
 
-def _beside_noise(noises, base, n: int, kappa: float, noise) -> tuple[float, float]:
+def _beside_noise(noises, base, n: int, kappa: float) -> tuple[float, float]:
     """Log probability of the data with one more group, averaged over its sizes, and the likeliest.
 
     The noise is estimated with the group in the model, of size `kappa`.
     """
-    found, total = noises.given(base | {n: kappa}, noise)
+    found, total = noises.given(base | {n: kappa})
     if noises.evidence.groups[n].known:
         return total, kappa
     each: dict[int, float] = {}

@@ -274,12 +274,7 @@ def parameter_names(group: Group) -> set[str]:
 
 def refines(a: Group, b: Group) -> bool:
     """Whether a is b with more sets of values: a lever arm each flight, a time each image."""
-    finer = a.effect.group != b.effect.group
-    return (
-        finer
-        and (isinstance(a.effect, type(b.effect)) or isinstance(b.effect, type(a.effect)))
-        and len(a) > len(b)
-    )
+    return a.effect.refines == b.slug and len(a) > len(b)
 
 
 def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:

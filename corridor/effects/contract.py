@@ -49,6 +49,8 @@ class Effect(ABC):
     generic: a mathematical shape that stands for the unknown, not a physical cause.
     searched: whether the diagnosis asks for it; not where others of the catalogue say it better.
     sudden: a break of the picture at a line, which matches across that line show one by one too.
+    by_row: it differs from row to row of a picture, and has no one place in it.
+    refines: slug of the effect of which it is the same with more sets of values, if there is one.
     row_degree: of the place motion: degree of the polynomial in the row that holds the shift.
     stands_in_for: camera parameters that have to be held, or the effect to have a prior: it can
     move what they move.
@@ -65,6 +67,8 @@ class Effect(ABC):
     generic: bool = False
     searched: bool = True
     sudden: bool = False
+    by_row: bool = False
+    refines: str = ""
     row_degree: int = 1
     stands_in_for: tuple[str, ...] = ()
     revealed_by: str = ""

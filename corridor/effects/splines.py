@@ -87,6 +87,8 @@ def _clamped(inner: np.ndarray, degree: int) -> np.ndarray:
 def _splines(at: np.ndarray, inner: np.ndarray, count: int) -> np.ndarray:
     """B-splines (rows, count) between and beyond knots, which include both ends."""
     degree = _degree(count)
+    if not len(at):
+        return np.zeros((0, count))
     inside = np.clip(at, inner[0], inner[-1])
     return BSpline.design_matrix(inside, _clamped(inner, degree), degree).toarray()
 

@@ -166,8 +166,8 @@ def odds_of_a_bias(bias, flights, rng):
     out = []
     for _ in range(flights):
         noises = biased(rng, bias=bias)
-        noise, without = noises.given({})
-        out.append(_beside_noise(noises, {}, 0, 1.0, noise)[0] - without)
+        _, without = noises.given({})
+        out.append(_beside_noise(noises, {}, 0, 1.0)[0] - without)
     return np.array(out)
 
 

@@ -12,5 +12,6 @@ class FocalPerFlight(Focal):
     title = "Focal length of each flight (true minus stated)"
     called = "a focal length of its own in each flight"
     group = "flight"
+    refines = "focal"
     revealed_by = "flights over the same ground with GNSS or control, whose heights disagree"
     unobservable_when = "each flight has its own free GNSS height and neither control nor obliques"

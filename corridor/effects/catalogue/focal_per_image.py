@@ -12,6 +12,7 @@ class FocalPerImage(Focal):
     title = "Focal length of each image (true minus stated)"
     called = "a focal length that changes from image to image"
     group = "image"
+    refines = "focal"
     generic = True
     revealed_by = "GNSS heights image by image, tilted images, or ground with relief"
     unobservable_when = "images look straight down on flat ground without GNSS"

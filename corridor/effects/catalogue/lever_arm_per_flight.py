@@ -11,6 +11,7 @@ class LeverArmPerFlight(LeverArm):
     title = "Lever arm of the GNSS antenna in each flight, to be added to the stated one"
     called = "a correction of the GNSS antenna's lever arm, another in each flight"
     group = "flight"
+    refines = "lever_arm"
     revealed_by = "images of several headings and tilts in each flight, with control"
     unobservable_when = (
         "a flight keeps one heading: its arm is a bias of its GNSS; nadir images leave z to the "

@@ -15,6 +15,7 @@ class RowPolynomial(Effect):
     place = "image"
     group = "image"
     generic = True
+    by_row = True
     revealed_by = "many tie points in every image, over all of its rows"
     unobservable_when = "an image has few points, or points in few rows"
 

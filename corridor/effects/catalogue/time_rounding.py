@@ -12,6 +12,7 @@ class TimeRounding(ClockOffset):
     title = "Error of the exposure time of each image (true minus stated)"
     called = "an error in the exposure time of each image"
     group = "image"
+    refines = "clock_offset"
     revealed_by = "GNSS residuals along the flight that other directions do not share"
     unobservable_when = (
         "the drone hovers, or the error times the speed is below the noise of the GNSS"
