@@ -12,7 +12,9 @@ from corridor.adjustment.ordering import bandwidth, corridor_order
 from corridor.block import Block
 from corridor.camera import INTERIOR, parameters_named
 from corridor.effects import (
+    Arrays,
     Effect,
+    EffectValues,
     Images,
     Stack,
     Values,
@@ -64,7 +66,7 @@ class State:
     rotation: np.ndarray
     points: np.ndarray
     interior: np.ndarray
-    effects: Values
+    effects: Arrays
     arms: np.ndarray
 
 
@@ -148,6 +150,36 @@ class Problem:
         ties = self.block.tie_points["point"].cat.categories.to_numpy(dtype=object)
         marks = self.block.marks["point"].cat.categories.to_numpy(dtype=object)
         return np.concatenate([ties, marks])[self.point_codes]
+
+    def values(
+        self,
+        state: State,
+        shared_sigma: np.ndarray | None = None,
+        own_sigma: np.ndarray | None = None,
+    ) -> Values:
+        """Values of the effects at a state, of the groups that are estimated.
+
+        shared_sigma: of the `unknowns`. own_sigma: (images, own unknowns).
+        """
+        out = []
+        for slug, member in self.stack.members.items():
+            # Values of images are kept in the order of the problem.
+            of_images = member.effect.place != "ground" and member.effect.group == "image"
+            groups = [str(n) for n in (self.images.names if of_images else member.groups)]
+            value, sigma = (np.full((len(groups), len(member.parameters)), np.nan) for _ in "vs")
+            for n, (other, k) in enumerate(self.own_unknowns):
+                if other == slug:
+                    value[:, k] = state.effects[slug][:, k]
+                    value[self.idle[self.idle[:, 1] == 6 + n, 0], k] = np.nan
+                    if own_sigma is not None:
+                        sigma[:, k] = own_sigma[:, n]
+            for n, unknown in enumerate(self.unknowns):
+                if (unknown.kind, unknown.owner) == ("effect", slug):
+                    value[unknown.at] = state.effects[slug][unknown.at]
+                    if shared_sigma is not None:
+                        sigma[unknown.at] = shared_sigma[n]
+            out.append(EffectValues(member.effect, groups, member.parameters, value, sigma))
+        return Values(out)
 
 
 def make_problem(

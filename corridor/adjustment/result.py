@@ -15,6 +15,7 @@ from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
 from corridor.block import Block
 from corridor.camera import INTERIOR
+from corridor.effects import Values
 from corridor.geometry import (
     GROSS,
     is_outlier,
@@ -211,40 +212,17 @@ class Adjustment(Checked):
         return pd.DataFrame(rows, columns=["camera", "parameter", "value", "sigma", "free"])
 
     @cached_property
+    def values(self) -> Values:
+        """Values of the effects that were estimated, with groups, standard deviations and units."""
+        own = range(6, self.problem.d)
+        each = self.covariance.each_pose[:, own, own] if len(own) else None
+        own_sigma = None if each is None else self.sigma0 * np.sqrt(each)
+        return self.problem.values(self.state, self._shared_sigma, own_sigma)
+
+    @cached_property
     def effects(self) -> pd.DataFrame:
-        """Values of the effects that were estimated."""
-        p = self.problem
-        rows = []
-        for slug, member in p.stack.members.items():
-            own = [n for n, (other, _) in enumerate(p.own_unknowns) if other == slug]
-            for k, parameter in enumerate(member.parameters):
-                if own:
-                    sigma = self.sigma0 * np.sqrt(
-                        self.covariance.each_pose[:, 6 + own[k], 6 + own[k]]
-                    )
-                    idle = p.idle[p.idle[:, 1] == 6 + own[k], 0]
-                    values = self.state.effects[slug][:, k]
-                    rows += [
-                        (
-                            slug,
-                            parameter.name,
-                            p.images.names[i],
-                            values[i],
-                            sigma[i],
-                            parameter.unit,
-                        )
-                        for i in np.setdiff1d(np.arange(p.image_count), idle).tolist()
-                    ]
-                    continue
-                for n, unknown in enumerate(p.unknowns):
-                    if unknown.kind == "effect" and unknown.owner == slug and unknown.at[1] == k:
-                        value = float(self.state.effects[slug][unknown.at])
-                        sigma = float(self._shared_sigma[n])
-                        rows.append(
-                            (slug, parameter.name, unknown.group, value, sigma, parameter.unit)
-                        )
-        columns = ["slug", "parameter", "group", "value", "sigma", "unit"]
-        return pd.DataFrame(rows, columns=columns)
+        """Table of `values`: slug, parameter, group, value, sigma, unit."""
+        return self.values.frame
 
     @cached_property
     def lever_arm(self) -> pd.DataFrame:

@@ -68,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Find velocities and values, take the effect out, say what was done and write the block."""
     import corridor
-    from corridor.effects import correct, find, values_of
+    from corridor.effects import Values, correct, find
 
     block = corridor.read(options.block)
     if options.model is not None:
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> None:
     values, looked_at = {}, set()
     for name, given in options.effect:
         if given is None and options.source is not None:
-            given = values_of(name, options.source, block)
+            (given,) = Values.read(options.source, block, [name]).values()
         values[name] = given
         effect = find(name).form(block)
         looked_at |= {*effect.needs, *effect.takes}

@@ -54,7 +54,8 @@ def run(options: argparse.Namespace) -> None:
     """Export, and say what the target holds and what not."""
     from corridor import interchange
 
-    block, effects = interchange.read_adjusted(options.block)
+    block, found = interchange.read_adjusted(options.block)
+    effects = dict(found)
     for slug, values in options.effect:
         effects[slug] = {**effects.get(slug, {}), **values}
     made = interchange.export_project(

@@ -160,21 +160,14 @@ class _Bars:
 
 def effect_word(text: str) -> tuple[str, dict[str, float] | None]:
     """Slug and values of SLUG:PARAMETER=VALUE,...; no values where it is a SLUG alone."""
-    slug, colon, rest = text.partition(":")
-    if slug and not colon and not any(mark in slug for mark in "=, "):
-        return slug.strip(), None
-    values = {}
-    for word in rest.split(","):
-        name, _, number = word.partition("=")
-        try:
-            values[name.strip()] = float(number)
-        except ValueError:
-            colon = ""
-    if not colon or not slug or not all(values):
+    from corridor.effects import parse_word
+
+    try:
+        return parse_word(text)
+    except ValueError:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not SLUG:PARAMETER=VALUE, for example rolling_shutter:readout=0.03"
-        )
-    return slug.strip(), values
+        ) from None
 
 
 def _seed(text):

@@ -328,6 +328,8 @@ def _effect(one, used: list[str], rivals: dict[str, dict[str, float]]) -> dict:
         "cannot_be_told_apart_from": one.alternatives,
         **one.where,
     }
+    if one.values is not None:
+        out |= {"group": one.values.kind, "values": one.values.to_json()}
     if not one.rivals:
         return out
     adjusted = next((key for key in [one.key, *one.rivals] if key in used), None)

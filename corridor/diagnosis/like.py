@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from corridor.block import Block
 from corridor.diagnosis.simulator import Simulator
-from corridor.effects import add
+from corridor.effects import Values, add
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
 from corridor.simulation import Simulated
@@ -56,7 +56,7 @@ def counterpart(
         block = _with_effects(block, believed, effects)
     values = {name: getattr(block, name) for name in Block.__dataclass_fields__}
     truth = _truth(believed, seed)
-    truth["effects"] |= {slug: dict(given) for slug, given in effects.items()}
+    truth["effects"] |= Values.of(block, effects).plain()
     return Simulated(**values, truth=truth)
 
 
@@ -91,19 +91,6 @@ def _truth(believed: Simulator, seed: int) -> dict:
     def rows(names, values) -> dict:
         return dict(zip(list(names), np.asarray(values).tolist(), strict=True))
 
-    effects = {}
-    for slug, member in p.stack.members.items():
-        # Values of images are kept in the order of the problem.
-        groups = list(p.images.names) if member.effect.group == "image" else member.groups
-        by_name = {
-            parameter.name: rows(groups, state.effects[slug][:, n])
-            for n, parameter in enumerate(member.parameters)
-        }
-        single = member.effect.group == "block"
-        effects[slug] = {
-            name: next(iter(values.values())) if single else values
-            for name, values in by_name.items()
-        }
     named = p.point_names
     ground = block.ground[["x", "y", "z"]].to_numpy(float).copy()
     at = pd.Index(named[p.point_kinds]).get_indexer(block.ground["point"])
@@ -132,7 +119,7 @@ def _truth(believed: Simulator, seed: int) -> dict:
             },
         },
         "camera": cameras,
-        "effects": effects,
+        "effects": p.values(state).plain(),
         "lever_arm": rows(p.images.flight_names, state.arms) if len(p.gnss_image) else {},
         "centre": rows(block.images["image"], state.centre[order]),
         "quaternion": rows(block.images["image"], quaternion_from_rotation(state.rotation)[order]),

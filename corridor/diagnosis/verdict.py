@@ -14,6 +14,7 @@ import numpy as np
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.rounds import FELT, Course, Round
+from corridor.effects import EffectValues
 
 # Log units within which two explanations are equally good: odds of a hundred, as of the level. By
 # chance alone the difference varies by as many units as the two are standard deviations apart.
@@ -35,7 +36,8 @@ class Estimate:
     """One effect that was found (for a flight or a camera of its own, one each).
 
     parameters: name, value, sigma, unit; of an effect with values for each image, their root mean
-    square. alternatives: slugs that cannot be told apart from it. separate: what would. key,
+    square, and values has those of the images. alternatives: slugs that cannot be told apart from
+    it. separate: what would. key,
     rivals: of its group, and of theirs (see `Group`).
     """
 
@@ -48,6 +50,7 @@ class Estimate:
     where: dict = field(default_factory=dict)
     key: str = ""
     rivals: list[str] = field(default_factory=list)
+    values: EffectValues | None = None
 
 
 @dataclass
@@ -202,7 +205,14 @@ def _estimates(one: Round, n: int, theta, spread) -> list[Estimate]:
                 "name": name, "value": value, "sigma": error, "unit": unit,
                 "statistic": "root mean square over the images",
             }  # fmt: skip
-        return [estimate(rows, {})]
+        made = estimate(rows, {})
+        count = len(group) // len(names)
+        # Labels are image by image.
+        of_images, sigma = theta.reshape(count, -1), sigma.reshape(count, -1)
+        images = [str(label[0]) for label in group.labels[:: len(names)]]
+        parameters = group.effect.parameters(one.equations.problem.block)
+        made.values = EffectValues(group.effect, images, parameters, of_images, sigma)
+        return [made]
     out = []
     for part in dict.fromkeys(label[0] for label in group.labels):
         rows = {

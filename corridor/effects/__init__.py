@@ -15,7 +15,7 @@ from corridor.effects.contract import (
     group_names,
     group_of_image,
 )
-from corridor.effects.correction import correct, values_of
+from corridor.effects.correction import correct
 from corridor.effects.forward import (
     Prediction,
     add,
@@ -24,12 +24,15 @@ from corridor.effects.forward import (
     stated_lever_arms,
     take_out,
 )
-from corridor.effects.stack import ROW_REACH, Stack, Values, check_needs
+from corridor.effects.stack import ROW_REACH, Arrays, Stack, check_needs
+from corridor.effects.values import EffectValues, Values, parse_word
 
 __all__ = [
     "ROW_REACH",
+    "Arrays",
     "Context",
     "Effect",
+    "EffectValues",
     "Images",
     "Parameter",
     "Prediction",
@@ -42,9 +45,9 @@ __all__ = [
     "find",
     "group_names",
     "group_of_image",
+    "parse_word",
     "point_positions",
     "predict",
     "stated_lever_arms",
     "take_out",
-    "values_of",
 ]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from abc import ABC, abstractmethod
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -76,9 +77,15 @@ class Effect(ABC):
 
     def __init__(self, group: str | None = None):
         if group is not None:
-            if group not in GROUPS:
-                raise InputError(f"group {group!r} is unknown: use one of {', '.join(GROUPS)}")
-            self.group = group
+            self.group = self.per(group).group
+
+    def per(self, group: str) -> Effect:
+        """The same effect with another kind of groups: one set of values for each of them."""
+        if group not in GROUPS:
+            raise InputError(f"group {group!r} is unknown: use one of {', '.join(GROUPS)}")
+        out = copy(self)
+        out.group = group
+        return out
 
     @abstractmethod
     def parameters(self, block: Block) -> list[Parameter]:

@@ -13,9 +13,9 @@ import numpy as np
 
 from corridor.block import Block
 from corridor.camera import project_rays
-from corridor.effects.contract import Context, Images, find
-from corridor.effects.stack import Stack, Values
-from corridor.errors import InputError
+from corridor.effects.contract import Context, Images
+from corridor.effects.stack import Arrays, Stack
+from corridor.effects.values import Values
 from corridor.geometry import rotation_from_vector
 
 
@@ -34,54 +34,29 @@ class Prediction:
     control: np.ndarray
 
 
-def gather(block: Block, values: Mapping[str, Mapping | np.ndarray]) -> tuple[Stack, Values]:
-    """A stack of effects and its values from `{"rolling_shutter": {"readout": 0.0248}}`.
-
-    A value is a number for all groups, or `{group: number}`; an array (groups, parameters) in
-    place of the inner mapping is taken as it is. Raises InputError for unknown names.
-    """
-    control = block.ground[block.ground["role"] == "control"]
-    stack = Stack(block, [find(name) for name in values], list(control["point"]))
-    filled = stack.start()
-    for name, given in values.items():
-        slug = name.partition("@")[0]
-        member = stack.members[slug]
-        if not isinstance(given, Mapping):
-            filled[slug] = np.broadcast_to(np.asarray(given, float), member.shape).copy()
-            continue
-        names = [p.name for p in member.parameters]
-        for parameter, value in given.items():
-            if parameter not in names:
-                raise InputError(
-                    f"effect {slug} has no parameter {parameter!r}: it has {', '.join(names)}"
-                )
-            column = filled[slug][:, names.index(parameter)]
-            if isinstance(value, Mapping):
-                for group, number in value.items():
-                    if group not in member.groups:
-                        raise InputError(
-                            f"effect {slug} has no {member.effect.group} {group!r}: it has "
-                            f"{', '.join(member.groups[:10])}"
-                        )
-                    column[member.groups.index(group)] = number
-            else:
-                column[:] = value
-    return stack, filled
-
-
 def predict(block: Block, values: Mapping = {}) -> Prediction:  # noqa: B006
     """What the block's own poses, cameras, points and the effects say should be measured.
 
-    values: see `gather`. Poses, points (points.csv; marks: ground.csv, else points.csv) and
+    values: see `Values.of`. Poses, points (points.csv; marks: ground.csv, else points.csv) and
     cameras are those of the block; a lever arm is the stated one.
     """
-    stack, filled = gather(block, values)
-    images = Images.of(block)
+    return _predict(block, Images.of(block), *_stacked(block, values))
+
+
+def _stacked(block: Block, values: Mapping) -> tuple[Stack, Arrays]:
+    """The effects of a block with the values that are given, start values where none is."""
+    given = Values.of(block, values)
+    control = block.ground.loc[block.ground["role"] == "control", "point"]
+    stack = Stack(block, [one.effect for one in given.values()], list(control))
+    return stack, {slug: one.filled for slug, one in given.items()}
+
+
+def _predict(block: Block, images: Images, stack: Stack, values: Arrays) -> Prediction:
     return Prediction(
-        tie=_seen(block, "tie_points", images, stack, filled),
-        mark=_seen(block, "marks", images, stack, filled),
-        gnss=_antenna(block, images, stack, filled),
-        control=_given(block, stack, filled, images),
+        tie=_seen(block, "tie_points", images, stack, values),
+        mark=_seen(block, "marks", images, stack, values),
+        gnss=_antenna(block, images, stack, values),
+        control=_given(block, stack, values, images),
     )
 
 
@@ -162,8 +137,8 @@ def _moved_ground(images, names, position, stack, values):
 def add(block: Block, values: Mapping) -> Block:
     """The block as it would have been measured with the effects on top.
 
-    values: `{slug: {parameter: number}}`, see `gather`. The shifts are those at the poses, points
-    and cameras of the block: adjust it first where they are rough.
+    values: `{slug: {parameter: number}}`, see `Values.of`. The shifts are those at the poses,
+    points and cameras of the block: adjust it first where they are rough.
     """
     return _moved(block, values, 1.0)
 
@@ -174,11 +149,9 @@ def take_out(block: Block, values: Mapping) -> Block:
 
 
 def _moved(block: Block, values: Mapping, sign: float) -> Block:
-    neutral = {name: np.zeros((1, 1)) for name in values}
-    stack, _ = gather(block, values)
-    for name in neutral:
-        neutral[name] = np.zeros(stack.members[name.partition("@")[0]].shape)
-    there, here = predict(block, values), predict(block, neutral)
+    stack, given = _stacked(block, values)
+    images, neutral = Images.of(block), {slug: np.zeros_like(v) for slug, v in given.items()}
+    there, here = (_predict(block, images, stack, v) for v in (given, neutral))
     out = block.copy()
     for table, kind, columns in (
         ("tie_points", "tie", ["x", "y"]),
@@ -189,14 +162,13 @@ def _moved(block: Block, values: Mapping, sign: float) -> Block:
         rows = getattr(out, table)
         if len(rows) and np.nanmax(np.abs(difference), initial=0.0) > 0:
             rows[columns] = rows[columns].to_numpy(float) + np.nan_to_num(difference)
-    names, given = _control(block)
+    names, position = _control(block)
     if stack.at("ground") and names:
-        stack, filled = gather(block, values)
-        true, images = given, Images.of(block)
+        true = position
         # A point moves by what its true place says; from where it was given that is a contraction.
         for _ in range(40 if sign < 0 else 1):
             before = true
-            true = given + sign * _moved_ground(images, names, true, stack, filled)
+            true = position + sign * _moved_ground(images, names, true, stack, given)
             if np.abs(true - before).max() < 1e-12:
                 break
         out.ground.loc[out.ground["role"] == "control", ["x", "y", "z"]] = true

@@ -17,7 +17,8 @@ from corridor.effects.contract import (
 )
 from corridor.errors import InputError
 
-Values = dict[str, np.ndarray]
+# Slug -> (groups, parameters), as the equations have the values of effects.
+Arrays = dict[str, np.ndarray]
 # Motion is fitted a little beyond the first and last row: modelled points may lie outside.
 ROW_REACH = 0.55
 
@@ -60,7 +61,7 @@ class Stack:
             for effect in effects
         }
 
-    def start(self) -> Values:
+    def start(self) -> Arrays:
         """Start values, slug -> (groups, parameters)."""
         return {
             slug: np.tile([p.start for p in member.parameters], (len(member.groups), 1))
@@ -72,7 +73,7 @@ class Stack:
         return [m for m in self.members.values() if m.effect.place == place]
 
     def evaluate(
-        self, place: str, context: Context, values: Values
+        self, place: str, context: Context, values: Arrays
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sum of the shifts (rows, dimension) at a place and their derivatives side by side.
 
@@ -90,7 +91,7 @@ class Stack:
             parts.append(derivative)
         return total, np.concatenate(parts, axis=2)
 
-    def motion_by_row(self, images: Images, values: Values) -> tuple[np.ndarray, np.ndarray]:
+    def motion_by_row(self, images: Images, values: Arrays) -> tuple[np.ndarray, np.ndarray]:
         """Motion of every image as a polynomial in s = row fraction / `ROW_REACH`.
 
         Returns coefficients (images, degree + 1, 6), of s^0 first, and those of the derivative
@@ -113,7 +114,7 @@ class Stack:
             np.ascontiguousarray(np.einsum("qn,inck->iqck", fit, derivative)),
         )
 
-    def _one(self, member: Member, context: Context, values: Values):
+    def _one(self, member: Member, context: Context, values: Arrays):
         effect, mine = member.effect, values[member.effect.slug]
         if effect.group == "block":
             rows = np.broadcast_to(mine, (len(context), mine.shape[1]))

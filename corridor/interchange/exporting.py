@@ -6,7 +6,6 @@ what it can hold, or the export is refused, or the rest is lost because somebody
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.block import Block, read
-from corridor.effects import every_effect, find, take_out
+from corridor.effects import Values, every_effect, take_out
 from corridor.errors import InputError
 from corridor.interchange.cameras import moved_to
 from corridor.interchange.formats import writers
@@ -44,31 +43,16 @@ class Exported:
         return "\n".join(lines)
 
 
-def read_adjusted(folder: str | Path) -> tuple[Block, dict]:
+def read_adjusted(folder: str | Path) -> tuple[Block, Values]:
     """A block, or the adjusted block of a result of `corridor adjust`, and its effects.
 
-    The effects are `{slug: {parameter: value or {group: value}}}`, as `take_out` takes them.
     Raises InputError.
     """
     folder = Path(folder)
-    result = folder / _RESULT
-    if not result.is_file():
-        return read(folder), {}
-    try:
-        found = json.loads(result.read_text(encoding="utf-8"))["effects"]
-        effects = {
-            slug: {name: _value(entry) for name, entry in parameters.items()}
-            for slug, parameters in found.items()
-        }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{result} cannot be read ({error}); adjust the block again") from None
-    return read(folder / "block"), effects
-
-
-def _value(entry):
-    if "value" in entry:
-        return float(entry["value"])
-    return {group: float(inner["value"]) for group, inner in entry.items()}
+    if not (folder / _RESULT).is_file():
+        return read(folder), Values()
+    block = read(folder / "block")
+    return block, Values.read(folder / _RESULT, block)
 
 
 def export_project(
@@ -93,7 +77,7 @@ def export_project(
     if corrected and lossy:
         raise InputError("--corrected and --lossy contradict each other: give one of them")
     target = writers()[form]
-    effects = {slug: dict(values) for slug, values in (effects or {}).items()}
+    effects = Values.of(block, effects or {})
     unheld = {name: target.unheld(camera) for name, camera in block.cameras.items()}
     unheld = {name: names for name, names in unheld.items() if names}
     stated = _stated_effect(block, effects)
@@ -137,7 +121,7 @@ def export_names() -> dict[str, str]:
 
 def _stated_effect(block, effects):
     """An effect whose values the block states and nobody estimated or takes out."""
-    chosen = [find(slug) for slug in effects]
+    chosen = [one.effect for one in effects.values()]
     for effect in (one.form(block) for one in every_effect()):
         if effect.stated(block) is None or effect.missing(block):
             continue

@@ -60,7 +60,6 @@ _UNITS = {"f": "px", "cx": "px", "cy": "px"}
 _DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["sx", "sy", "sz"]
 _STRONG = 0.95
 _MOST_GROUPS_SHOWN = 8  # of one effect parameter
-_MOST_GROUPS = 50  # in the dictionary
 _MOST_POINTS = 20
 _MOST_PAIRS = 12
 
@@ -79,6 +78,7 @@ class Adjusted(Protocol):
     residuals: dict[str, pd.DataFrame]
     camera: pd.DataFrame
     effects: pd.DataFrame
+    values: Any
     lever_arm: pd.DataFrame
     poses: pd.DataFrame
     check_points: pd.DataFrame
@@ -148,9 +148,7 @@ def save_adjustment(
 def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
     """The content of `adjustment.json`: finite numbers or None.
 
-    An effect with one group is {parameter: {value, sigma, unit}}, with several
-    {group: {parameter: ...}}; of more than 50 groups there is a summary for each parameter
-    and, in a saved folder, a table `effect_SLUG.csv`.
+    Effects are as `corridor.effects.Values` writes them; effect_groups: who shares their values.
     """
     check = {
         name: {"xy": found.xy, "z": found.z, "3d": found.d3}
@@ -178,10 +176,8 @@ def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
         "redundancy": adjustment.redundancy,
         "observations": adjustment.observations,
         "camera": camera,
-        "effects": {
-            slug: _effect_dict(slug, effect)
-            for slug, effect in adjustment.effects.groupby("slug", sort=False)
-        },
+        "effects": adjustment.values.to_json(),
+        "effect_groups": {slug: one.kind for slug, one in adjustment.values.items()},
         "lever_arm": lever_arm,
         "check_points": {"rows": adjustment.check_points.to_dict(orient="records"), **check},
         "correlations": adjustment.correlations,
@@ -192,43 +188,13 @@ def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
     return plain(content)
 
 
-def _effect_dict(slug: str, effect: pd.DataFrame) -> dict[str, Any]:
-    if _has_table(effect):
-        return {
-            name: {
-                "groups": len(part),
-                "mean": part["value"].mean(),
-                "std": part["value"].std(),
-                "min": part["value"].min(),
-                "max": part["value"].max(),
-                "sigma": part["sigma"].median(),
-                "unit": part["unit"].iloc[0],
-                "table": f"effect_{slug}.csv",
-            }
-            for name, part in effect.groupby("parameter", sort=False)
-        }
-    groups: dict[str, dict] = {}
-    for row in effect.itertuples(index=False):
-        found = {"value": row.value, "sigma": row.sigma, "unit": row.unit}
-        groups.setdefault(str(row.group), {})[row.parameter] = found
-    return next(iter(groups.values())) if len(groups) == 1 else groups
-
-
-def _has_table(effect: pd.DataFrame) -> bool:
-    """Whether an effect has too many groups for the dictionary."""
-    return effect["group"].astype(str).nunique() > _MOST_GROUPS
-
-
 def _files(adjustment: Adjusted) -> dict[str, pd.DataFrame]:
     """The tables of full numbers by the names of their files."""
     files = {
         "check_points.csv": adjustment.check_points,
         "poses.csv": adjustment.poses,
         "outliers.csv": _outliers(adjustment),
-    }
-    for slug, effect in adjustment.effects.groupby("slug", sort=False):
-        if _has_table(effect):
-            files[f"effect_{slug}.csv"] = effect.drop(columns="slug")
+    } | adjustment.values.tables()
     return {name: table for name, table in files.items() if len(table) or name == "poses.csv"}
 
 

@@ -304,19 +304,13 @@ def _truth(perfect: Block, plan: Plan, seed: int, effects: Mapping, noise: Noise
         "seed": seed,
         "noise": asdict(noise),
         "camera": {name: camera.to_table() for name, camera in perfect.cameras.items()},
-        "effects": {slug: _plain(values) for slug, values in effects.items()},
+        "effects": catalogue.Values.of(perfect, effects).plain(),
         "lever_arm": {name: list(arm) for name, arm in perfect.lever_arm.items()},
         "centre": rows(perfect.images, "image", "xyz"),
         "quaternion": rows(perfect.images, "image", _POSE),
         "ground": rows(perfect.ground, "point", "xyz"),
         "points": rows(perfect.points, "point", "xyz"),
     }
-
-
-def _plain(values):
-    if isinstance(values, Mapping):
-        return {key: _plain(value) for key, value in values.items()}
-    return np.asarray(values, dtype=float).tolist()
 
 
 def _lines(value: object) -> str:

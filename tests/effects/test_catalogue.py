@@ -16,7 +16,7 @@ import corridor
 from corridor.camera import INTERIOR, undistort
 from corridor.effects import add, every_effect, find, predict, take_out
 from corridor.effects.contract import GROUPS, PLACES, Context, Effect, Images
-from corridor.effects.forward import gather
+from corridor.effects.forward import _stacked as gather
 from corridor.errors import InputError
 from corridor.simulation import add_noise
 

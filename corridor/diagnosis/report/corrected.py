@@ -8,7 +8,7 @@ import numpy as np
 
 from corridor.adjustment import Adjustment
 from corridor.block import Block, record_correction, taken_out
-from corridor.effects import take_out
+from corridor.effects import Values, take_out
 
 _MEASURED = {
     "tie_points": ["x", "y"],
@@ -26,7 +26,7 @@ def corrected(block: Block, adjustment: Adjustment, slugs: Iterable[str]) -> Blo
     columns stay. A track is left out where the antenna positions that came with it have changed.
     The table `corrected` of its block.toml holds what was taken out.
     """
-    values = estimates(adjustment, slugs)
+    values = Values(adjustment.values[slug] for slug in slugs)
     out = block.copy()
     out.ground = out.ground.assign(role=adjustment.problem.roles) if len(out.ground) else out.ground
     if not values:
@@ -44,29 +44,7 @@ def corrected(block: Block, adjustment: Adjustment, slugs: Iterable[str]) -> Blo
     before = taken_out(out)
     record_correction(
         out,
-        {slug: _plain(mine) for slug, mine in values.items() if slug not in before},
+        {slug: mine for slug, mine in values.plain().items() if slug not in before},
         [f"{slug} was taken out once more" for slug in values if slug in before],
     )
     return out
-
-
-def estimates(adjustment: Adjustment, slugs: Iterable[str]) -> dict[str, dict]:
-    """Values of effects as `take_out` wants them: slug -> parameter -> group -> value."""
-    table, out = adjustment.effects, {}
-    for slug in slugs:
-        mine = table[table["slug"] == slug]
-        out[slug] = {
-            str(name): dict(zip(part["group"].astype(str), part["value"], strict=True))
-            for name, part in mine.groupby("parameter", sort=False)
-        }
-    return out
-
-
-def _plain(parameters: dict[str, dict]) -> dict:
-    """A value that the whole block shares as a number, others by their group."""
-    return {
-        name: float(groups["block"])
-        if list(groups) == ["block"]
-        else {group: float(value) for group, value in groups.items()}
-        for name, groups in parameters.items()
-    }

@@ -13,8 +13,9 @@ from corridor.diagnosis.report.beside import COUNT, beside
 from corridor.diagnosis.report.contents import Contents
 from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.report.page import make_page
+from corridor.effects import Values
 from corridor.errors import AdjustmentFailed, InputError
-from corridor.report import check_folder, files_in, listed_in, whole_folder, write_json
+from corridor.report import check_folder, files_in, listed_in, whole_folder, write_csv, write_json
 
 if TYPE_CHECKING:
     from corridor.diagnosis.diagnose import Diagnosis
@@ -59,6 +60,9 @@ def save(
         contents = Contents.of(diagnosis, before, after, slugs, notes, command)
         page = make_page(contents, part)
         (part / "report.html").write_text(page, encoding="utf-8")
+        found = Values(one.values for one in diagnosis.findings.effects if one.values)
+        for name, table in found.tables().items():
+            write_csv(table, part / name)
         content = diagnosis.to_dict()
         content["notes"] = contents.notes
         content["written"] = slugs
