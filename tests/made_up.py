@@ -12,6 +12,7 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.camera import Camera
+from corridor.effects import EffectValues, Parameter, Values
 
 Three = namedtuple("Three", "xy z d3")
 FREE = ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
@@ -162,7 +163,30 @@ def adjustment(block, effects=(), seed=5, **changes):
         ],
         "high_correlations": high, "correlation_matrix": (names, matrix), "warnings": [],
     }  # fmt: skip
+    made["values"] = _values(made["effects"])
     return SimpleNamespace(**(made | changes))
+
+
+def _values(frame):
+    """The same numbers as the table of effects has, and the numbers alone."""
+    out = []
+    for slug, part in frame.groupby("slug", sort=False):
+        groups = list(dict.fromkeys(part["group"]))
+        units = part.groupby("parameter", sort=False)["unit"].first()
+        value, sigma = (
+            part.pivot(index="group", columns="parameter", values=name).loc[groups, units.index]
+            for name in ("value", "sigma")
+        )
+        out.append(
+            EffectValues(
+                SimpleNamespace(slug=slug, group="flight"),
+                [str(group) for group in groups],
+                [Parameter(name, unit, 1.0) for name, unit in units.items()],
+                value.to_numpy(),
+                sigma.to_numpy(),
+            )
+        )
+    return Values(out)
 
 
 def _three(values):
