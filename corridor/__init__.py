@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from corridor.effects import every_effect as catalogue  # noqa: F401
     from corridor.errors import AdjustmentFailed as AdjustmentFailed
     from corridor.errors import InputError as InputError
+    from corridor.preparation import prepare as prepare
     from corridor.simulation import simulate as simulate
 
 __version__ = "0.1.0"
@@ -33,6 +34,7 @@ _HOME = {
     "read": "corridor.block",
     "Block": "corridor.block",
     "Camera": "corridor.camera",
+    "prepare": "corridor.preparation",
     "adjust": "corridor.adjustment",
     "Adjustment": "corridor.adjustment",
     "catalogue": "corridor.effects",

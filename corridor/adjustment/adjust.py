@@ -17,6 +17,7 @@ from corridor.adjustment.solve import solve
 from corridor.block import Block
 from corridor.effects import Effect, check_needs, find
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.preparation import Prepared, prepare
 
 
 def adjust(
@@ -48,6 +49,7 @@ def adjust(
     progress: called with a dictionary: after each iteration iteration, cost, damping, step and
         accepted; while start values are made, message.
 
+    What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
     nor GNSS is adjusted as a free network, laid on its start poses as a whole.
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
@@ -56,6 +58,8 @@ def adjust(
     if threads < 1:
         raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
     effects = [effect if isinstance(effect, Effect) else find(effect) for effect in effects]
+    prepared = prepare(block)
+    block = prepared.block
     check_needs(block, effects)
     control = None if control is None else list(control)
     check = None if check is None else list(check)
@@ -80,7 +84,18 @@ def adjust(
             return found
 
     result = again(block)
-    return _without_false_fixes(result, again) if reject_gnss else result
+    result = _without_false_fixes(result, again) if reject_gnss else result
+    for note in _used(prepared, effects):
+        result.add_note(note)
+    return result
+
+
+def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:
+    """Sentences on derived columns that this adjustment made use of, and on what failed."""
+    used = {"gnss", "images.flight"}
+    used |= {column for effect in effects for column in (*effect.needs, *effect.takes)}
+    told = [one.sentence for one in prepared.derived if one.column in used]
+    return list(dict.fromkeys([*told, *prepared.notes]))
 
 
 def _once(

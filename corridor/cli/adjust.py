@@ -55,13 +55,8 @@ def run(options: argparse.Namespace) -> None:
     import corridor
 
     _model.announce_compilation()
-    block = corridor.read(options.block)
-    if len(block.track) and not len(block.gnss):
-        found = corridor.gnss.of_block(block)
-        block.gnss = found.gnss
-        print(f"antenna at the exposures from track.csv: {len(found.gnss)} of {len(block.images)}")
     adjustment = corridor.adjust(
-        block,
+        corridor.read(options.block),
         camera=options.camera,
         effects=options.effect,
         control=options.control,

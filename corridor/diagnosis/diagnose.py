@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -29,6 +29,7 @@ from corridor.diagnosis.verdict import (
 )
 from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.preparation import derived, prepare
 from corridor.report import plain
 
 # Tie observations from which on some can be spared, and look-alikes that are tried in turn.
@@ -97,6 +98,7 @@ class Diagnosis:
                 "effects": self.effects,
                 "unknown": self.unknown,
                 "untestable": self.untestable,
+                "derived": [one.to_dict() for one in derived(self.block)],
                 "detection_limits": self.detection_limits,
                 "gap": self.gap,
                 "variance": self.alarms,
@@ -139,7 +141,8 @@ def diagnose(
     if not 0.0 < level < 1.0:
         raise InputError(f"level {level} is no probability: use a number between 0 and 1")
     only = None if only is None else list(only)
-    block, notes = _with_antenna(block)
+    block, found, notes = prepare(block)
+    notes = [*(one.sentence for one in found if one.column == "gnss"), *notes]
     believed = Believed.of(block, camera, effects, control, check, priors, threads)
     # Matrices are many and small: threads would wait for each other.
     with threadpool_limits(1):
@@ -304,19 +307,6 @@ class _HeldOut:
             self.second = fits[best]
             self.gap = gap.tie_gap(self.first, self.second, self.rows)
         return found, keys
-
-
-def _with_antenna(block: Block) -> tuple[Block, list[str]]:
-    """The block with antenna positions interpolated from its track, where it has only that."""
-    if len(block.gnss) or not len(block.track):
-        return block, []
-    from corridor.diagnosis.track import antenna_of_track
-
-    try:
-        table, notes = antenna_of_track(block)
-    except InputError as failed:
-        return block, [f"The track could not be interpolated: {failed}"]
-    return replace(block, gnss=table), notes
 
 
 def _effect(one, used: list[str], rivals: dict[str, dict[str, float]]) -> dict:

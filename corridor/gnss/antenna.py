@@ -156,8 +156,7 @@ def antenna(
     if not good.any():
         why = made.table["why"].value_counts()
         raise AdjustmentFailed(
-            f"none of the {len(times)} exposures got a position ({why.index[0]}: {why.iloc[0]}); "
-            "nothing was written"
+            f"none of the {len(times)} exposures got a position ({why.index[0]}: {why.iloc[0]})"
         )
     points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset)
     gnss = pd.DataFrame({"image": names.to_numpy()[good]})

@@ -1,6 +1,17 @@
 """What a block can know by itself: velocities, angular rates, antenna positions."""
 
 from corridor.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
+from corridor.preparation.prepare import Derived, Prepared, derived, prepare
 from corridor.preparation.velocity import METHODS, Velocities, velocities
 
-__all__ = ["METHODS", "Velocities", "rates_from_gyro", "rates_from_neighbours", "velocities"]
+__all__ = [
+    "METHODS",
+    "Derived",
+    "Prepared",
+    "Velocities",
+    "derived",
+    "prepare",
+    "rates_from_gyro",
+    "rates_from_neighbours",
+    "velocities",
+]

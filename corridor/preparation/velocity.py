@@ -102,7 +102,7 @@ def _best(block: Block, given: np.ndarray) -> str:
     known = block.images["image"].isin(block.gnss["image"]) if len(block.gnss) else [False]
     if len(block.track) or np.all(known):
         return "gnss"
-    return "strip" if _rounding(block.column("images", "time_s")) else "neighbours"
+    return "strip" if rounding(block.column("images", "time_s")) else "neighbours"
 
 
 def _from_metadata(block: Block, given: np.ndarray) -> Velocities:
@@ -148,7 +148,7 @@ def _from_track(block: Block) -> Velocities:
 
 def _from_positions(block: Block, position: np.ndarray, method: str) -> Velocities:
     time = times(block)
-    step = _rounding(time)
+    step = rounding(time)
     notes: list[str] = []
     runs = list(track_runs(block, time, position, notes))
     velocity = np.full((len(time), 3), np.nan)
@@ -273,7 +273,7 @@ def _central(time, position):
     return velocity, span, wider
 
 
-def _rounding(time: np.ndarray) -> float:
+def rounding(time: np.ndarray) -> float:
     """Step, s, of which all time stamps are multiples; 0 for finer ones."""
     known = time[np.isfinite(time)]
     if len(known) < 3:

@@ -54,5 +54,5 @@ def test_the_command_adjusts_with_them_and_says_so(flown, tmp_path, capsys):
     block.write(tmp_path / "block")
     assert main(["adjust", str(tmp_path / "block"), "--camera", "fixed"]) == 0
     said = capsys.readouterr().out
-    assert "antenna at the exposures from track.csv: 12 of 12" in said
+    assert "Antenna positions of 12 of 12 images are interpolated from the track" in said
     assert "GNSS" in said

@@ -26,7 +26,8 @@ _BY_QUALITY = {1: 1.0, 2: 20.0, 3: 100.0, 4: 50.0, 5: 200.0, 6: 5.0, 7: 1000.0}
 class Interpolated:
     """Antenna positions at given times.
 
-    table: one row a time, in their order: time_s; x, y, z and sx, sy, sz, m; vx, vy, vz, m/s;
+    table: one row a time, in their order: time_s; x, y, z and sx, sy, sz, m; vx, vy, vz and svx,
+        svy, svz, m/s (sigmas of velocities: of the smoother alone);
         segment (row of `segments`, -1 where none); why: a few words where the position is
         refused, "" where it is good. Refused by its sigma: the numbers are there; for another
         reason: NaN.
@@ -92,7 +93,7 @@ def interpolate(
     notes: list[str] = []
     epochs = _epochs(track, velocities and method == "smoother", notes)
     piece, why = _pieces_of(times, pieces, flight)
-    position, sigma, velocity = (np.full((len(times), 3), np.nan) for _ in range(3))
+    position, sigma, velocity, v_sigma = (np.full((len(times), 3), np.nan) for _ in range(4))
     curves, noise = [], []
     for number, row in enumerate(pieces.itertuples()):
         chosen = piece == number
@@ -109,13 +110,16 @@ def interpolate(
         else:
             made = _curve(method, epochs, part, at)
         count = int(chosen.sum())
-        position[chosen], sigma[chosen], velocity[chosen] = (each[:count] for each in made)
+        position[chosen], sigma[chosen], velocity[chosen], v_sigma[chosen] = (
+            each[:count] for each in made
+        )
         curves.append(_curve_rows(number, dense, made[0][count:], made[1][count:]))
     weak = (why == "") & (np.nanmax(np.nan_to_num(sigma, nan=-1.0), axis=1) > max_sigma)
     largest = np.max(np.nan_to_num(sigma, nan=0.0), axis=1, initial=0.0)
     why[weak] = [f"sigma {value:.2f} m is above {max_sigma:g} m" for value in largest[weak]]
     table = pd.DataFrame({"time_s": times})
-    table[_POSITION], table[_SIGMA], table[_VELOCITY] = position, sigma, velocity
+    table[_POSITION], table[_SIGMA] = position, sigma
+    table[_VELOCITY], table[_VELOCITY_SIGMA] = velocity, v_sigma
     table["segment"], table["why"] = piece, pd.Series(why, dtype="str")
     columns = ["segment", "group", "gust", "slow", "sigma_m", "velocity_sigma"]
     found = pd.DataFrame(noise, columns=columns)
@@ -223,9 +227,9 @@ def _smoothed(epochs, at, slow_share, correlation_s):
     usual, excess = regimes.split(epochs.sigma, epochs.time)
     epochs = epochs._replace(position=epochs.position - origin, usual=usual, excess=excess)
     model = regimes.fit(epochs, slow_share, correlation_s)
-    position, sigma, velocity = smoother.smooth(epochs, at, model)
+    position, *others = smoother.smooth(epochs, at, model)
     used = np.median(epochs.sigma, axis=0) * [noise.scale for noise in model.axes]
-    return (position + origin, sigma, velocity), model, used
+    return (position + origin, *others), model, used
 
 
 def _curve(method, epochs, part, at):
@@ -234,7 +238,7 @@ def _curve(method, epochs, part, at):
     sigma = np.full_like(position, np.nan)
     if epochs.stated:
         sigma = polynomials.propagated(method, time, values, epochs.sigma[part], at)
-    return position, sigma, velocity
+    return position, sigma, velocity, np.full_like(position, np.nan)
 
 
 def _curve_rows(number, time, position, sigma):

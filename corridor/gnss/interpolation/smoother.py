@@ -12,8 +12,8 @@ from corridor.gnss.interpolation.regimes import Epochs, Model, kept, rows
 
 def smooth(
     epochs: Epochs, times: np.ndarray, model: Model
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, its sigma and velocity, each (m, 3), at times (m,) within the piece.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Position, its sigma, velocity and its sigma, each (m, 3), at times (m,) within the piece.
 
     The sigma is that of the true antenna, the slow error of the positions included; exact for
     the continuous model at any moment, between epochs as well as at one. The axes are smoothed
@@ -27,7 +27,7 @@ def smooth(
     step = np.searchsorted(epochs.time, time)  # the epoch that a row leads to
     step = np.minimum(step, n - 1)
     place = order[~observed] - n
-    position, sigma, velocity = (np.empty((len(times), 3)) for _ in range(3))
+    position, sigma, velocity, velocity_sigma = (np.empty((len(times), 3)) for _ in range(4))
     for axis, noise in enumerate(model.axes):
         at = rows(epochs, axis, noise)
         slow = bool(at.share.any())
@@ -50,4 +50,5 @@ def smooth(
         position[place, axis] = states[~observed, 0]
         sigma[place, axis] = sigmas[~observed, 0]
         velocity[place, axis] = states[~observed, 1]
-    return position, sigma, velocity
+        velocity_sigma[place, axis] = sigmas[~observed, 1]
+    return position, sigma, velocity, velocity_sigma

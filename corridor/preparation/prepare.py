@@ -1,0 +1,258 @@
+"""What a block can know by itself, filled in where nobody has given it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from corridor.block import Block
+from corridor.errors import AdjustmentFailed, InputError
+from corridor.gnss import Antenna, interpolate, of_block
+from corridor.preparation.velocity import FASTEST_M_S, rounding
+
+_TABLE = "derived"
+_XYZ, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
+_VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
+_RATES = ["wx", "wy", "wz"]
+
+
+@dataclass(frozen=True)
+class Derived:
+    """One column, or columns of one kind, that a block did not have.
+
+    column: `images.vx`, or a whole table, `gnss`. source: the file, or the columns, it came from.
+    sigma: median standard deviation of one axis, in the column's unit; None where unknown.
+    sentence: for a reader.
+    """
+
+    column: str
+    source: str
+    sigma: float | None
+    sentence: str
+
+    def to_dict(self) -> dict:
+        """As in diagnosis.json and in the table `derived` of block.toml."""
+        return {"column": self.column, "from": self.source, "sigma": self.sigma,
+                "text": self.sentence}  # fmt: skip
+
+
+class Prepared(NamedTuple):
+    """block: with what it can know by itself. derived: what of it was derived, now or before.
+
+    notes: sentences on what could not be.
+    """
+
+    block: Block
+    derived: list[Derived]
+    notes: list[str]
+
+
+def prepare(block: Block) -> Prepared:
+    """The block with antenna positions, velocities, flights and angular rates it can tell itself.
+
+    Antenna positions: from track.csv where there is no gnss.csv. Velocities vx, vy, vz with their
+    sigmas svx, svy, svz (m/s, world): by the smoother of `corridor.gnss`, from track.csv, else
+    gnss.csv, else the poses of images.csv; a drone that brakes or turns between two positions has
+    a large sigma there. Filled in for all images or none: an effect needs them all. Flights: by
+    the track that covers an image's time. Angular rates wx, wy, wz (rad/s, camera frame): from
+    rates.csv, at the image's time.
+
+    What is given is never replaced, and the block handed in is not changed. What was derived is
+    recorded in the table `derived` of block.toml, so that a written block tells it apart from what
+    was measured; preparing twice changes nothing. Missing columns never stop it.
+    Raises InputError where track.csv contradicts the images: other clock, single positions alone.
+    """
+    made, notes = copy.copy(block), []
+    made.extra = copy.deepcopy(block.extra)
+    known = np.isfinite(made.column("images", "time_s"))
+    if len(made.track) and known.any():
+        _flights_of_track(made)
+    flown = _antenna(made, notes) if len(made.track) and known.any() else None
+    if known.all():
+        _velocities(made, flown)
+        _rates(made)
+    # Whatever is derived is recorded.
+    made = block if made.extra == block.extra else made
+    return Prepared(made, derived(made), notes)
+
+
+def derived(block: Block) -> list[Derived]:
+    """What of a prepared block nobody has measured, as its block.toml records it."""
+    table = block.extra.get(_TABLE)
+    if not isinstance(table, Mapping):
+        return []
+    return [
+        Derived(column, str(one.get("from", "")), one.get("sigma"), str(one.get("text", "")))
+        for column, one in table.items()
+        if isinstance(one, Mapping)
+    ]
+
+
+def _record(block: Block, column: str, source: str, sigma: np.ndarray | None, text: str) -> None:
+    entry = {"from": source}
+    if sigma is not None and np.isfinite(sigma).any():
+        entry["sigma"] = float(np.nanmedian(sigma))
+    block.extra[_TABLE] = {**block.extra.get(_TABLE, {}), column: {**entry, "text": text}}
+
+
+def _flights_of_track(block: Block) -> None:
+    """Flights of images.csv, where only track.csv names them and each image is in one of them."""
+    track = block.track
+    if "flight" not in track or track["flight"].isna().any() or block.has("images.flight"):
+        return
+    time = block.column("images", "time_s")
+    spans = track.groupby("flight", sort=False)["time_s"].agg(["min", "max"])
+    inside = (time[:, None] >= spans["min"].to_numpy()) & (time[:, None] <= spans["max"].to_numpy())
+    if len(spans) < 2 or not (inside.sum(axis=1) == 1).all():
+        return
+    names = spans.index.astype(str).to_numpy(object)[inside.argmax(axis=1)]
+    block.images = block.images.assign(flight=pd.Series(names, block.images.index, dtype="str"))
+    _record(
+        block, "images.flight", "track.csv", None,
+        f"Flights are those of the track: {len(spans)} of them.",
+    )  # fmt: skip
+
+
+def _antenna(block: Block, notes: list[str]) -> Antenna | None:
+    """The track at the exposures; its positions go into gnss.csv where that is missing."""
+    needed = not len(block.gnss)
+    if not needed and _complete(block):
+        return None
+    try:
+        flown = of_block(block)
+    except AdjustmentFailed as failed:
+        notes.append(f"No antenna position comes from track.csv: {failed}.")
+        return None
+    except InputError:
+        if needed:
+            raise
+        return None  # Positions are given: the track was to tell velocities only.
+    if needed:
+        block.gnss = flown.gnss
+        found = flown.gnss
+        _record(
+            block, "gnss", "track.csv",
+            found[_SIGMA].to_numpy() if "sx" in found else None,
+            f"Antenna positions of {len(found)} of {len(block.images)} images are interpolated "
+            "from the track.",
+        )  # fmt: skip
+        notes += flown.notes
+    return flown
+
+
+def _complete(block: Block) -> bool:
+    velocity = block.images.reindex(columns=_VELOCITY).to_numpy(dtype=float, na_value=np.nan)
+    return bool(np.isfinite(velocity).all())
+
+
+def _velocities(block: Block, flown: Antenna | None) -> None:
+    given = np.stack([block.column("images", axis) for axis in _VELOCITY], axis=1)
+    stated = np.stack([block.column("images", axis) for axis in _VELOCITY_SIGMA], axis=1)
+    lacking = ~np.isfinite(given).all(axis=1)
+    if not lacking.any():
+        return
+    velocity, sigma = given.copy(), stated
+    sources = []
+    for source, found in _sources(block, flown):
+        lost = ~np.isfinite(velocity).all(axis=1)
+        if not lost.any():
+            break
+        table = found()
+        take = lost & np.isfinite(table).all(axis=1)
+        take &= np.linalg.norm(table[:, :3], axis=1) < FASTEST_M_S
+        if take.any():
+            velocity[take], sigma[take] = table[take, :3], table[take, 3:]
+            sources.append(source)
+    if not np.isfinite(velocity).all():
+        return
+    columns = {**dict(zip(_VELOCITY, velocity.T, strict=True)),
+               **dict(zip(_VELOCITY_SIGMA, sigma.T, strict=True))}  # fmt: skip
+    block.images = block.images.assign(**columns)
+    several = sigma[lacking]
+    text = (
+        f"Velocities of {int(lacking.sum())} of {len(given)} images are derived from "
+        f"{' and '.join(sources)}: sigma {np.median(several):.2g} m/s (median), "
+        f"{several.max():.2g} m/s (largest)."
+    )
+    for axis in _VELOCITY:
+        _record(block, f"images.{axis}", " and ".join(sources), several, text)
+
+
+def _sources(block: Block, flown: Antenna | None):
+    """(name, callable that gives velocities and their sigmas (images, 6)), the best first."""
+    if flown is not None:
+        columns = [*_VELOCITY, *_VELOCITY_SIGMA]
+        yield "track.csv", lambda: flown.interpolated.table[columns].to_numpy(dtype=float)
+    if len(block.gnss) and flown is None:
+        rows = block.image_rows("gnss")
+        place, sigma = np.full((2, len(block.images), 3), np.nan)
+        there = rows >= 0
+        place[rows[there]] = block.gnss[_XYZ].to_numpy(dtype=float)[there]
+        sigma[rows[there]] = block.gnss_sigma()[there]
+        yield "gnss.csv", lambda: _smoothed(block, place, sigma)
+    centre = np.stack([block.column("images", axis) for axis in _XYZ], axis=1)
+    yield "the poses of images.csv", lambda: _smoothed(block, centre, None)
+
+
+def _smoothed(block: Block, place: np.ndarray, sigma: np.ndarray | None) -> np.ndarray:
+    """Velocities and their sigmas (images, 6) of positions (images, 3) at the images' times.
+
+    NaN where a flight has too few positions, or none near. sigma: (images, 3) m; None: unknown.
+    """
+    time = block.column("images", "time_s")
+    cameras = pd.factorize(block.images["camera"])[0]
+    path = block.image_flight * (cameras.max() + 1) + cameras
+    out = np.full((len(time), 6), np.nan)
+    columns = {"time_s": time, **dict(zip(_XYZ, place.T, strict=True))}
+    # Rounded times make more scatter than the positions have: the scatter says how much.
+    if sigma is not None and not rounding(time):
+        columns |= dict(zip(_SIGMA, sigma.T, strict=True))
+    table = pd.DataFrame(columns).assign(flight=path.astype(str))
+    table = table[np.isfinite(place).all(axis=1)].sort_values(["flight", "time_s"], kind="stable")
+    table = table.drop_duplicates(["flight", "time_s"])
+    enough = table["flight"].map(table["flight"].value_counts()) > 1
+    if not enough.any():
+        return out
+    found = interpolate(
+        table[enough].reset_index(drop=True), time, flight=path.astype(str), max_sigma=np.inf
+    )
+    return found.table[[*_VELOCITY, *_VELOCITY_SIGMA]].to_numpy(dtype=float)
+
+
+def _rates(block: Block) -> None:
+    """Angular rates of images.csv from the records of rates.csv, at the images' times."""
+    if not len(block.rates) or any(block.has(f"images.{axis}") for axis in _RATES):
+        return
+    rate = np.stack([block.column("rates", axis) for axis in _RATES], axis=1)
+    at = block.column("rates", "time_s")
+    time = block.column("images", "time_s")
+    by = next((c for c in ("image", "flight") if block.has(f"rates.{c}")), None)
+    if by is None:
+        mine = [np.arange(len(at))] * len(time)
+    else:
+        owner = {
+            "image": block.images["image"].astype(str).to_numpy(),
+            "flight": np.array(block.flight_names, dtype=object)[block.image_flight],
+        }[by]
+        records = block.rates.groupby(block.rates[by].astype(str), sort=False).indices
+        mine = [records.get(str(name), np.zeros(0, int)) for name in owner]
+    out = np.full((len(time), 3), np.nan)
+    for n, rows in enumerate(mine):
+        rows = rows[np.argsort(at[rows], kind="stable")]
+        if len(rows) and at[rows[0]] <= time[n] <= at[rows[-1]]:
+            out[n] = [np.interp(time[n], at[rows], rate[rows, axis]) for axis in range(3)]
+    known = np.isfinite(out).all(axis=1)
+    if not known.any():
+        return
+    block.images = block.images.assign(**dict(zip(_RATES, out.T, strict=True)))
+    for axis in _RATES:
+        _record(
+            block, f"images.{axis}", "rates.csv", None,
+            f"Angular rates of {int(known.sum())} of {len(out)} images are those of rates.csv at "
+            "their times.",
+        )  # fmt: skip
