@@ -54,13 +54,11 @@ def assess(
 
 
 def _diagnosed(block: Block, options: dict) -> Diagnosis | str:
-    """The diagnosis, or why there is none: a fault of ours must not cost the other blocks."""
+    """The diagnosis, or why there is none."""
     try:
         return diagnose(block, **options)
     except (InputError, AdjustmentFailed) as error:
         return str(error)
-    except Exception as error:
-        return f"{type(error).__name__}: {error}"
 
 
 def _check(found: Diagnosis) -> tuple[float | None, float | None]:

@@ -37,6 +37,9 @@ def run(
     another version of corridor counts as missing. again: as if nothing were there.
     jobs, cluster: processes, or a Dask scheduler. rivals: whether the baselines are run.
     progress: called with a row, the rows done and all of them. options: of `diagnose`.
+
+    A block that cannot be read or adjusted is a row that says so in `failed`; any other exception
+    is a fault of ours and ends the run, with the rows that are done kept.
     """
     marks = {trial.name: _mark(trial, options, rivals) for trial in trials}
     if len(marks) < len(trials):
@@ -81,18 +84,12 @@ def _loaded(trial: Trial):
         return trial.load()
     except InputError as error:
         return str(error)
-    except Exception as error:  # files that are odd in a way nobody thought of
-        return f"{type(error).__name__}: {error}"
 
 
 def _one(name: str, loaded, options: dict, rivals: bool) -> dict:
     if isinstance(loaded, str):
         return {"name": name, "kind": "unread", "hidden": "?", "failed": loaded}
-    try:
-        return assess(name, *loaded, options, rivals)
-    except Exception as error:  # the other blocks are worth as much
-        failed = f"{type(error).__name__}: {error}"
-        return {"name": name, "kind": loaded[2].kind, "hidden": loaded[2].label, "failed": failed}
+    return assess(name, *loaded, options, rivals)
 
 
 def _mark(trial: Trial, options: dict, rivals: bool) -> str:

@@ -1,6 +1,8 @@
 """The benchmark on real, tiny blocks: from a folder, gone on with, and how an effect shows."""
 
+import importlib
 import json
+import sys
 
 import numpy as np
 import pandas as pd
@@ -15,7 +17,7 @@ from benchmarks.diagnosis.signal import Signal, _as_one, signals
 from benchmarks.diagnosis.truth import truth_of
 from corridor.cli import main
 from corridor.diagnosis.believed import Believed
-from corridor.errors import InputError
+from corridor.errors import AdjustmentFailed, InputError
 
 TINY = {"images": 24, "observations": 80, "check": 4, "noise": made.null("clean").noise}
 
@@ -217,13 +219,42 @@ class TestRefused:
             main(["benchmark-diagnosis", *options, "-o", str(tmp_path / "o")])
         assert stop.value.code == 2
 
-    def test_cases_without_the_generator(self, monkeypatch, tmp_path, capsys):
-        from benchmarks.diagnosis import trials
-
-        monkeypatch.setattr(trials, "_LOADED", "not_loaded_yet")
-        monkeypatch.setattr(trials, "_GENERATOR", tmp_path / "nowhere")
+    def test_cases_without_the_source_checkout(self, monkeypatch, tmp_path, capsys):
+        monkeypatch.setitem(sys.modules, "benchmarks", None)
         code = main(["benchmark-diagnosis", "--cases", "null", "-o", str(tmp_path / "o")])
         assert code == 2 and "source checkout" in capsys.readouterr().err
+
+
+class TestFailing:
+    """What a block does to the diagnosis is a result; what we do to it is not."""
+
+    @staticmethod
+    def run(monkeypatch, error, folder):
+        def assess(name, *_):
+            if name == "second":
+                raise error
+            return {"name": name, "failed": None}
+
+        monkeypatch.setattr(importlib.import_module("benchmarks.diagnosis.run"), "assess", assess)
+        trials = [
+            benchmark.Trial(name, name, lambda: (None, None, None)) for name in ("first", "second")
+        ]
+        return benchmark.run(trials, folder)
+
+    def test_a_fault_of_ours_ends_the_run_and_finished_rows_are_kept(self, monkeypatch, tmp_path):
+        with pytest.raises(TypeError, match="ours"):
+            self.run(monkeypatch, TypeError("ours"), tmp_path)
+        assert [p.name for p in (tmp_path / "blocks").iterdir()] == ["first.json"]
+
+    @pytest.mark.parametrize("fault", [InputError("no"), AdjustmentFailed("no")])
+    def test_what_diagnosing_may_raise_is_a_row(self, monkeypatch, fault):
+        def diagnose(*_, **__):
+            raise fault
+
+        monkeypatch.setattr("benchmarks.diagnosis.assess.diagnose", diagnose)
+        block = hidden("rolling_shutter").block
+        row = assess("it", block, None, truth_of({"effects": []}), {})
+        assert row["failed"] == "no" and row["kind"] == "null"
 
 
 class TestPlan:
