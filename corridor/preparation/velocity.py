@@ -10,6 +10,7 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.errors import InputError
+from corridor.preparation.record import derived, forget
 
 METHODS = ("auto", "metadata", "gnss", "strip", "neighbours")
 # No drone and no survey aeroplane flies faster; wrong time stamps easily do.
@@ -55,6 +56,7 @@ class Velocities:
         """The block with these velocities in images.csv."""
         block = block.copy()
         block.images = block.images.assign(**dict(zip(_AXES, self.velocity.T, strict=True)))
+        forget(block, *(f"images.{axis}" for axis in _AXES))
         return block
 
 
@@ -97,7 +99,8 @@ def velocities(block: Block, method: str = "auto") -> Velocities:
 
 
 def _best(block: Block, given: np.ndarray) -> str:
-    if np.isfinite(given).all():
+    # What `prepare` derived came from these same positions.
+    if np.isfinite(given).all() and "images.vx" not in {one.column for one in derived(block)}:
         return "metadata"
     known = block.images["image"].isin(block.gnss["image"]) if len(block.gnss) else [False]
     if len(block.track) or np.all(known):

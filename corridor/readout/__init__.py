@@ -59,7 +59,7 @@ def __getattr__(name):
         raise AttributeError(f"module 'corridor.readout' has no attribute {name!r}")
     home = _HOME[name]
     module = import_module(home)
-    value = module if home.endswith(f"readout.{name}") else getattr(module, name)
+    value = module if name == "render" else getattr(module, name)
     globals()[name] = value
     return value
 

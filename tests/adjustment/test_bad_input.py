@@ -212,7 +212,7 @@ class TestWhatAnEffectNeeds:
         "effect, columns, named",
         [
             ("focal_drift", ["time_s"], "images.csv has no time_s"),
-            ("rolling_shutter", ["vx", "vy", "vz"], "images.csv has no vx"),
+            ("rolling_shutter", ["vx", "vy", "vz", "time_s"], "images.csv has no vx"),
         ],
     )
     def test_a_column_that_is_not_there(self, block, effect, columns, named):

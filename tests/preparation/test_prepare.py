@@ -8,7 +8,7 @@ from strips import corridor_block
 import corridor
 from corridor.cli import main
 from corridor.errors import InputError
-from corridor.preparation import prepare
+from corridor.preparation import prepare, velocities
 from corridor.simulation import add_noise
 
 VELOCITY, SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
@@ -164,6 +164,13 @@ class TestPreparing:
         made.block.write(tmp_path / "block")
         again = prepare(corridor.read(tmp_path / "block"))
         assert again.derived == made.derived
+
+    def test_who_asks_for_velocities_by_a_method_is_not_given_derived_ones(self):
+        block = with_a_track_alone(velocities=False)
+        block.track = block.track.iloc[:0]
+        made = prepare(block).block
+        assert "vx" in made.images
+        assert velocities(made).method == velocities(block).method != "metadata"
 
     @pytest.mark.parametrize("lost", ["time_s", "x"])
     def test_what_is_missing_never_stops_it(self, lost):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,32 +11,12 @@ import pandas as pd
 from corridor.block import Block
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.gnss import Antenna, interpolate, of_block
+from corridor.preparation.record import Derived, derived, record
 from corridor.preparation.velocity import FASTEST_M_S, rounding
 
-_TABLE = "derived"
 _XYZ, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
 _VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
 _RATES = ["wx", "wy", "wz"]
-
-
-@dataclass(frozen=True)
-class Derived:
-    """One column, or columns of one kind, that a block did not have.
-
-    column: `images.vx`, or a whole table, `gnss`. source: the file, or the columns, it came from.
-    sigma: median standard deviation of one axis, in the column's unit; None where unknown.
-    sentence: for a reader.
-    """
-
-    column: str
-    source: str
-    sigma: float | None
-    sentence: str
-
-    def to_dict(self) -> dict:
-        """As in diagnosis.json and in the table `derived` of block.toml."""
-        return {"column": self.column, "from": self.source, "sigma": self.sigma,
-                "text": self.sentence}  # fmt: skip
 
 
 class Prepared(NamedTuple):
@@ -81,25 +59,6 @@ def prepare(block: Block) -> Prepared:
     return Prepared(made, derived(made), notes)
 
 
-def derived(block: Block) -> list[Derived]:
-    """What of a prepared block nobody has measured, as its block.toml records it."""
-    table = block.extra.get(_TABLE)
-    if not isinstance(table, Mapping):
-        return []
-    return [
-        Derived(column, str(one.get("from", "")), one.get("sigma"), str(one.get("text", "")))
-        for column, one in table.items()
-        if isinstance(one, Mapping)
-    ]
-
-
-def _record(block: Block, column: str, source: str, sigma: np.ndarray | None, text: str) -> None:
-    entry = {"from": source}
-    if sigma is not None and np.isfinite(sigma).any():
-        entry["sigma"] = float(np.nanmedian(sigma))
-    block.extra[_TABLE] = {**block.extra.get(_TABLE, {}), column: {**entry, "text": text}}
-
-
 def _flights_of_track(block: Block) -> None:
     """Flights of images.csv, where only track.csv names them and each image is in one of them."""
     track = block.track
@@ -112,7 +71,7 @@ def _flights_of_track(block: Block) -> None:
         return
     names = spans.index.astype(str).to_numpy(object)[inside.argmax(axis=1)]
     block.images = block.images.assign(flight=pd.Series(names, block.images.index, dtype="str"))
-    _record(
+    record(
         block, "images.flight", "track.csv", None,
         f"Flights are those of the track: {len(spans)} of them.",
     )  # fmt: skip
@@ -135,7 +94,7 @@ def _antenna(block: Block, notes: list[str]) -> Antenna | None:
     if needed:
         block.gnss = flown.gnss
         found = flown.gnss
-        _record(
+        record(
             block, "gnss", "track.csv",
             found[_SIGMA].to_numpy() if "sx" in found else None,
             f"Antenna positions of {len(found)} of {len(block.images)} images are interpolated "
@@ -180,7 +139,7 @@ def _velocities(block: Block, flown: Antenna | None) -> None:
         f"{several.max():.2g} m/s (largest)."
     )
     for axis in _VELOCITY:
-        _record(block, f"images.{axis}", " and ".join(sources), several, text)
+        record(block, f"images.{axis}", " and ".join(sources), several, text)
 
 
 def _sources(block: Block, flown: Antenna | None):
@@ -251,7 +210,7 @@ def _rates(block: Block) -> None:
         return
     block.images = block.images.assign(**dict(zip(_RATES, out.T, strict=True)))
     for axis in _RATES:
-        _record(
+        record(
             block, f"images.{axis}", "rates.csv", None,
             f"Angular rates of {int(known.sum())} of {len(out)} images are those of rates.csv at "
             "their times.",
