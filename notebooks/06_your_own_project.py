@@ -32,7 +32,6 @@ out = "../out/06_your_own_project"  # projects and blocks are written there
 
 # %%
 import os
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +42,6 @@ import corridor
 from corridor import interchange
 
 out = Path(out)
-shutil.rmtree(out, ignore_errors=True)
-out.mkdir(parents=True)
 
 # %% [markdown]
 # ## A flight, and what another program makes of it

@@ -50,6 +50,11 @@ class TestEveryChapter:
         for name in ("fast", "seed", "out"):
             assert f"{name} = " in tagged[0]
 
+    def test_it_deletes_nothing(self, chapter):
+        """`out` may name any folder of the reader's; what writes there replaces only its own."""
+        for word in ("rmtree", "rmdir", "unlink", "os.remove"):
+            assert word not in chapter.read_text(encoding="utf-8")
+
     @pytest.mark.slow
     def test_it_runs_in_its_fast_form(self, chapter, tmp_path):
         papermill = pytest.importorskip(
