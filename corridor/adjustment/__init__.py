@@ -11,6 +11,7 @@ from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
 from corridor.adjustment.laid import Laid, lay_on_control
+from corridor.adjustment.linear_system import Columns, LinearSystem
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.normal import LOSSES, Loss, Normal
 from corridor.adjustment.problem import make_problem
@@ -32,8 +33,10 @@ __all__ = [
     "LOSSES",
     "QUANTITIES",
     "Adjustment",
+    "Columns",
     "Covariance",
     "Laid",
+    "LinearSystem",
     "Loss",
     "Normal",
     "Similarity",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -294,6 +294,46 @@ def make_problem(
             arms=stated_lever_arms(block),
         ),
         notes=notes,
+        **columns,
+    )
+
+
+def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
+    """The same measurements with columns for effects that are tested, but for those of the antenna.
+
+    Tested effects have no prior and may do what a free camera does: nothing is solved for them.
+    Everything else stays as it was estimated, with its priors.
+    """
+    p, tested = problem, list(tested)
+    slugs = {effect.slug for effect in tested}
+    kept = [m.effect for slug, m in p.stack.members.items() if slug not in slugs]
+    here = [effect for effect in tested if effect.place != "antenna"]
+    control = list(p.block.ground["point"].to_numpy(dtype=object)[p.control_rows])
+    stack = Stack(p.block, [*kept, *here], control)
+    unknowns, columns = _unknowns(p.images, stack, p.free, p.arms_free, p.gnss_image, len(control))
+    given = zip(p.unknowns, p.prior_value, p.prior_weight, strict=True)
+    priors = {(u.kind, u.owner, u.label): prior for u, *prior in given}
+    own = columns["own_unknowns"]
+    of_images = dict(zip(p.own_unknowns, p.own_prior.T, strict=True))
+    number = {key: 6 + n for n, key in enumerate(own)}
+    idle = [(image, p.own_unknowns[n - 6]) for image, n in p.idle]
+    idle = [(image, number[key]) for image, key in idle if key[0] not in slugs]
+    nothing = (0.0, 0.0)
+    shared_priors = [
+        nothing if u.kind == "effect" and u.owner in slugs else priors[u.kind, u.owner, u.label]
+        for u in unknowns
+    ]
+    own_priors = [nothing if key[0] in slugs else of_images[key] for key in own]
+    value, weight = np.array(shared_priors, float).reshape(-1, 2).T
+    return replace(
+        p,
+        stack=stack,
+        unknowns=unknowns,
+        prior_value=value,
+        prior_weight=weight,
+        own_prior=np.array(own_priors, float).reshape(-1, 2).T,
+        idle=np.array(idle, dtype=np.int64).reshape(-1, 2),
+        start=replace(p.start, effects=stack.start()),
         **columns,
     )
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from corridor.adjustment import make_problem
+from corridor.adjustment import Columns
 from corridor.block import Block
-from corridor.effects import Context, Effect, Images, Stack, every_effect
+from corridor.effects import Effect, every_effect
 from corridor.errors import InputError
 
 # What a generic shape, and one of several control points, has to bring more than a named effect.
@@ -144,36 +144,33 @@ def _unknown_cell(block: Block, effect: Effect, control) -> str | None:
 
 
 def make_groups(
-    problem, effects: list[Effect], columns: Mapping, owns: list[str], priors: Mapping
+    columns: Columns, controls: int, effects: Iterable[Effect], priors: Mapping
 ) -> list[Group]:
-    """Groups of the columns of a problem in which the candidates are effects.
+    """Groups of the columns of a system in which the candidates are effects.
 
-    columns: slug -> list of (column of the core, group name, parameter number); owns: slugs of
-    effects that have a block of per-image columns, in its order. priors: by `slug.parameter` or
-    slug, (mean, standard deviation) in the parameter's unit.
+    controls: how many control points there are. priors: by `slug.parameter` or slug, (mean,
+    standard deviation) in the parameter's unit.
     """
+    effects = sorted(effects, key=lambda effect: effect.place == "antenna")
+    slugs = {effect.slug for effect in effects}
+    shared = [u for u in columns.shared if u.kind == "effect" and u.owner in slugs]
+    owns = [slug for slug in columns.of_image if slug in slugs]
     out = []
-    count = len(problem.control_rows)
     for effect in effects:
+        parameters = columns.parameters[effect.slug]
         if effect.slug in owns:
-            parameters = effect.parameters(problem.block)
-            images = list(problem.images.names)
-            labels = [(name, p.name, p.unit) for name in images for p in parameters]
-            scale = np.tile([p.scale for p in parameters], len(images))
+            labels = [(name, p.name, p.unit) for name in columns.images for p in parameters]
+            scale = np.tile([p.scale for p in parameters], len(columns.images))
             own, at = owns.index(effect.slug), np.arange(len(labels))
             out.append(Group(effect.slug, effect, own, at, scale, labels, PER_IMAGE))
             continue
-        parameters = effect.parameters(problem.block)
-        entries = columns.get(effect.slug, [])
-        if not entries:
-            continue
-        names = [name for _, name, _ in entries]
-        parts = dict.fromkeys(names) if effect.group == "point" else [None]
-        for part in parts:
+        entries = [(n, u.group, u.at[1]) for n, u in enumerate(shared) if u.owner == effect.slug]
+        names = dict.fromkeys(name for _, name, _ in entries)
+        for part in names if effect.group == "point" else [None] * bool(entries):
             mine = [entry for entry in entries if part is None or entry[1] == part]
             labels = [(name, parameters[k].name, parameters[k].unit) for _, name, k in mine]
             key = effect.slug if part is None else f"{effect.slug}.{part}"
-            log_prior = -np.log(count) if part is not None else 0.0
+            log_prior = -np.log(controls) if part is not None else 0.0
             scale = np.array([parameters[k].scale for *_, k in mine])
             at = np.array([column for column, *_ in mine])
             out.append(Group(key, effect, None, at, scale, labels, log_prior, part))
@@ -200,65 +197,6 @@ def _with_prior(group: Group, priors: Mapping) -> None:
             group.mean[k] = prior[0] / prior[1]
         else:
             group.scale[k] = first[k]
-
-
-def candidate_problem(block: Block, camera, believed, effects, control, check, priors, lever_arm):
-    """A problem in which candidates that act on images and ground are effects, without priors.
-
-    The GNSS is left out of it: its covariance is not diagonal (`corridor.diagnosis.gnss_noise`).
-    """
-    here = [effect for effect in effects if effect.place != "antenna"]
-    slugs = {effect.slug for effect in here}
-    held = dict(priors)
-    for effect in here:
-        # make_problem refuses what a free camera can do unless it is held; the elimination is
-        # not troubled by it.
-        if effect.stands_in_for:
-            held |= _holding(block, effect)
-    problem = make_problem(block, camera, [*believed, *here], control, check, held, lever_arm)
-    for n, unknown in enumerate(problem.unknowns):
-        if unknown.kind == "effect" and unknown.owner in slugs:
-            problem.prior_weight[n] = 0.0
-    for n, (slug, _) in enumerate(problem.own_unknowns):
-        if slug in slugs:
-            problem.own_prior[1, n] = 0.0
-    return problem
-
-
-def _holding(block: Block, effect: Effect) -> dict:
-    """A prior for each parameter of an effect."""
-    return {f"{effect.slug}.{p.name}": (0.0, p.scale) for p in effect.parameters(block)}
-
-
-def antenna_columns(
-    block: Block, images: Images, image: np.ndarray, effects: list[Effect]
-) -> list[tuple[Effect, np.ndarray, np.ndarray, list[str]]]:
-    """Derivatives of antenna positions by the effects that act there.
-
-    images: in the order of the problem. image: (k,) of each position. Returns for each effect its
-    derivative (k, 3, p) at zero, the group (k,) of each row and the groups' names.
-    """
-    out = []
-    for effect in effects:
-        if effect.place != "antenna":
-            continue
-        stack = Stack(block, [effect])
-        member = stack.members[effect.slug]
-        context = Context(images, image)
-        start = {effect.slug: np.zeros((len(_names(images, member)), len(member.parameters)))}
-        _, derivative = stack.evaluate("antenna", context, start)
-        out.append((effect, derivative, context.group(effect.group), _names(images, member)))
-    return out
-
-
-def _names(images: Images, member) -> list[str]:
-    kind = member.effect.group
-    return {
-        "block": ["block"],
-        "camera": images.camera_names,
-        "flight": images.flight_names,
-        "image": list(images.names),
-    }[kind]
 
 
 class OfPoints(Effect):

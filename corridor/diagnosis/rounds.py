@@ -133,10 +133,7 @@ def members(names: dict[str, Effect], keys: list[str]) -> list[Effect]:
 
 
 def _round(adjustment, believed, effects, model, threshold, level, seed) -> Round:
-    e = equations(
-        adjustment, effects, believed.effects, believed.options,
-        believed.priors_of(effects),
-    )  # fmt: skip
+    e = equations(adjustment, effects, believed.priors_of(effects))
     stated = Elimination(e, None)
     # The stated noise is asked about what the antenna feels and what is in the model: no more.
     several = {

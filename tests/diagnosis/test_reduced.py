@@ -48,7 +48,7 @@ def tiny():
     control = p.block.ground["point"].to_numpy(object)[p.control_rows]
     chosen = candidates(block, p.free, [], control, SLUGS)
     assert [effect.slug for effect in chosen.effects] == sorted(SLUGS)
-    e = equations(adjustment, chosen.effects, [], believed.options, {})
+    e = equations(adjustment, chosen.effects, {})
     adjusted = adjustment.block
     at = adjusted.points.set_index("point")
     names = adjusted.ground["point"]

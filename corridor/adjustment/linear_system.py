@@ -1,0 +1,489 @@
+"""The equations of an adjustment at a state, with a name for every column and row.
+
+    N x = t,  N = A' P A,  t = A' P r
+
+with the points eliminated: x holds six unknowns for the pose of each image (centre m, then
+rotation about the camera's axes, rad), those of effects that each image has for itself, and what
+images share. Whoever asks what measurements say at a state asks here: covariances, the diagnosis,
+the planner, replicates.
+
+A system depends on its problem and its state and on nothing that was asked before: rows that an
+effect looks at are brought to rest first, from the measured ones.
+Source: Triggs et al. 2000, section 6 (elimination of the points).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import block_array, csc_array, csr_array
+from threadpoolctl import threadpool_limits
+
+from corridor.adjustment.matrix import Bordered
+from corridor.adjustment.normal import Loss, Normal, moved_state
+from corridor.adjustment.point_covariance import make_point_covariance
+from corridor.adjustment.problem import Problem, State, Unknown, with_effects
+from corridor.block import Block
+from corridor.effects import Context, Effect, Images, Parameter, Stack
+
+if TYPE_CHECKING:
+    from corridor.adjustment.result import Adjustment
+
+point_covariance_for = lru_cache(make_point_covariance)
+# Rows are at rest where a pass moves no image point by more, px; each pass leaves a thousandth.
+AT_REST_PX = 1e-11
+MOST_PASSES = 12
+POSE = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The unknowns of a linear system: for each its number, name, value and prior.
+
+    images (m,): names. pose (m, 6), of_image: slug -> (m, parameters): numbers of the unknowns
+    that each image has for itself. parameters: slug -> parameters of one group, of every effect.
+    shared (q,): what images share, with its numbers shared_at (q,).
+    scale (n,): prior standard deviation of an effect's parameter, NaN for all else. value (n,):
+    of what is not a pose. prior_weight (n,): of the priors that count in the equations.
+    """
+
+    images: np.ndarray
+    pose: np.ndarray
+    of_image: dict[str, np.ndarray]
+    parameters: dict[str, list[Parameter]]
+    shared: list[Unknown]
+    shared_at: np.ndarray
+    scale: np.ndarray
+    value: np.ndarray
+    prior_weight: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.scale)
+
+    def of(self, slug: str) -> np.ndarray:
+        """Numbers of an effect's unknowns that images share (k,)."""
+        mine = [(u.kind, u.owner) == ("effect", slug) for u in self.shared]
+        return self.shared_at[np.array(mine, dtype=bool)]
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """Names (n,): `IMG7.x`, `IMG7.time_rounding.offset`, `camera.P1.f`."""
+        out = [""] * len(self)
+        blocks = [(self.pose, POSE)]
+        blocks += [
+            (at, [f"{slug}.{p.name}" for p in self.parameters[slug]])
+            for slug, at in self.of_image.items()
+        ]
+        for at, names in blocks:
+            for image, row in zip(self.images, at.tolist(), strict=True):
+                for number, name in zip(row, names, strict=True):
+                    out[number] = f"{image}.{name}"
+        for number, unknown in zip(self.shared_at.tolist(), self.shared, strict=True):
+            out[number] = unknown.label
+        return out
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Measured minus modelled.
+
+    pixels (n, 2) px, NaN behind a camera; gnss (k, 3), control (c, 3) m. behind: how many image
+    points lie behind their camera.
+    """
+
+    pixels: np.ndarray
+    gnss: np.ndarray
+    control: np.ndarray
+    behind: int = 0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Measured coordinates, three rows each, and what the unknowns do to them.
+
+    names (k,): of images, or control points. given, residual (measured minus modelled), sigma:
+    (k, 3), m. jacobian (3k, n): derivative of the modelled by the columns. image (k,): of antenna
+    positions, -1 of control points.
+    """
+
+    names: np.ndarray
+    given: np.ndarray
+    residual: np.ndarray
+    sigma: np.ndarray
+    jacobian: csr_array
+    image: np.ndarray
+
+
+@dataclass(frozen=True)
+class ImageRows:
+    """The image points that were measured, ordered by point: px.
+
+    image, point (n,): positions; tie (n,): whether it is a tie point, not a mark; row (n,): in the
+    file, marks after ties; xy (n, 2); sigma (n,).
+    """
+
+    image: np.ndarray
+    point: np.ndarray
+    tie: np.ndarray
+    row: np.ndarray
+    xy: np.ndarray
+    sigma: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """The equations of a problem at a state. Raises Singular where they are solved and cannot be.
+
+    gnss: whether the antenna positions count in matrix, right side and solutions with their stated
+        weights. Their rows are there either way: their noise may be coloured.
+    tested: effects that act on the antenna and have columns without being estimated.
+    information: (q, q) of other measurements on what images share, on top of the problem's.
+    held (k, 2): image and unknown of it that are held, where nothing else holds the whole block.
+    """
+
+    problem: Problem
+    state: State
+    loss: Loss = field(default_factory=Loss)
+    gnss_counts: bool = True
+    tested: tuple[Effect, ...] = ()
+    information: np.ndarray | None = None
+    held: np.ndarray | None = None
+    threads: int = 1
+    storage: str = "auto"
+
+    @classmethod
+    def of(cls, adjustment: Adjustment) -> LinearSystem:
+        """The system at the result of an adjustment, every residual with its stated weight."""
+        return cls(adjustment.problem, adjustment.state)
+
+    # --- other systems -----------------------------------------------------------------------
+
+    def testing(self, effects: Iterable[Effect]) -> LinearSystem:
+        """The system with columns for effects, without priors on them; the GNSS is kept apart.
+
+        An effect that the problem estimates stands where it is, another one at zero.
+        """
+        effects = list(effects)
+        away = tuple(effect for effect in effects if effect.place == "antenna")
+        problem = with_effects(self.problem, effects)
+        # Zero moves nothing; some effects ask for another start when they are adjusted.
+        stacks = [problem.stack, *(Stack(self.block, [effect]) for effect in away)]
+        zero = {s: np.zeros_like(v) for stack in stacks for s, v in stack.start().items()}
+        known = {slug: v for slug, v in self.state.effects.items() if slug in zero}
+        state = replace(self.state, effects=zero | known)
+        return replace(self, problem=problem, state=state, tested=away, gnss_counts=False)
+
+    def with_pixels(self, residual: np.ndarray, sigma: np.ndarray) -> LinearSystem:
+        """The system with other residuals (n, 2), px, of the image points and their sigmas (n,).
+
+        Where a residual is NaN, the measured point stays.
+        """
+        xy = self.problem.xy + np.nan_to_num(residual - self.residuals().pixels)
+        return replace(self, problem=replace(self.problem, xy=xy, weight=1.0 / sigma))
+
+    def at(self, state: State) -> LinearSystem:
+        """The same measurements at another state."""
+        return replace(self, state=state)
+
+    # --- names -------------------------------------------------------------------------------
+
+    @cached_property
+    def columns(self) -> Columns:
+        """Names, values and priors of the unknowns."""
+        p, state = self.problem, self.state
+        m, d, q = p.image_count, p.d, p.shared_count
+        shared, of_image = list(p.unknowns), {}
+        parameters = {slug: member.parameters for slug, member in p.stack.members.items()}
+        for number, (slug, _) in enumerate(p.own_unknowns):
+            of_image.setdefault(slug, []).append(np.arange(m) * d + 6 + number)
+        of_image = {slug: np.stack(at, axis=1) for slug, at in of_image.items()}
+        at, shared_at = m * d + q, [m * d + np.arange(q)]
+        for beside in self._beside:
+            slug = beside.effect.slug
+            parameters[slug] = beside.parameters
+            numbers = np.arange(at, at + beside.jacobian.shape[1])
+            at += len(numbers)
+            if beside.effect.group == "image":
+                of_image[slug] = numbers.reshape(m, -1)
+            else:
+                shared += beside.shared
+                shared_at.append(numbers)
+        shared_at = np.concatenate(shared_at)
+        scale, value, weight = np.full(at, np.nan), np.zeros(at), np.zeros(at)
+        tables = {"camera": state.interior, "lever_arm": state.arms}
+        for number, unknown in zip(shared_at.tolist(), shared, strict=True):
+            if unknown.kind == "effect":
+                scale[number] = parameters[unknown.owner][unknown.at[1]].scale
+            value[number] = tables.get(unknown.kind, state.effects.get(unknown.owner))[unknown.at]
+        weight[shared_at[:q]] = p.prior_weight
+        for slug, numbers in of_image.items():
+            scale[numbers] = [parameter.scale for parameter in parameters[slug]]
+            value[numbers] = state.effects[slug]
+        for number, held in enumerate(p.own_prior[1]):
+            weight[6 + number : m * d : d] = held
+        pose = np.arange(m)[:, None] * d + np.arange(6)
+        return Columns(
+            p.images.names, pose, of_image, parameters, shared, shared_at, scale, value, weight
+        )
+
+    @property
+    def block(self) -> Block:
+        """What was measured."""
+        return self.problem.block
+
+    @property
+    def images(self) -> Images:
+        """The images in the order of the columns, at the state."""
+        return self.problem.images.with_poses(self.state.centre, self.state.rotation)
+
+    @property
+    def control_names(self) -> np.ndarray:
+        """Names (c,) of the ground control that counts."""
+        return self.block.ground["point"].to_numpy(dtype=object)[self.problem.control_rows]
+
+    @cached_property
+    def image_rows(self) -> ImageRows:
+        """What was measured in the images, in the order of `residuals`."""
+        p = self.problem
+        point = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))
+        sigma = np.broadcast_to(1.0 / p.weight, len(p.img))
+        return ImageRows(p.img, point, p.row < p.tie_count, p.row, p.xy, sigma)
+
+    # --- residuals and rows ------------------------------------------------------------------
+
+    def residuals(self) -> Residuals:
+        """Measured minus modelled, effects that are only tested among the modelled."""
+        normal = Normal(self.problem, self.loss)
+        pixels, behind = _at_rest(normal, self.state)
+        gnss = np.zeros((0, 3))
+        if len(self.problem.gnss_image):
+            predicted = normal.antenna(self.state, self.images)[0]
+            gnss = self.problem.gnss_given - predicted - self._moved_beside()
+        return Residuals(pixels, gnss, normal.view(self.state).control_residual, behind)
+
+    @cached_property
+    def gnss(self) -> Rows:
+        """The antenna positions."""
+        p = self.problem
+        m, d, k = p.image_count, p.d, len(p.gnss_image)
+        image, sigma = p.gnss_image, p.gnss_weight**-0.5
+        names = p.images.names[image]
+        if not k:
+            empty = csr_array((0, len(self.columns)))
+            return Rows(names, p.gnss_given, np.zeros((0, 3)), sigma, empty, image)
+        predicted, own, shared = Normal(p, self.loss).antenna_rows(self.state, self.images)
+        column = np.broadcast_to((image[:, None] * d + np.arange(d))[:, None], own.shape)
+        row = np.broadcast_to(np.arange(3 * k).reshape(k, 3, 1), own.shape)
+        poses = csr_array((own.ravel(), (row.ravel(), column.ravel())), shape=(3 * k, m * d))
+        parts = [poses, csr_array(shared.reshape(3 * k, -1)), *(b.jacobian for b in self._beside)]
+        residual = p.gnss_given - predicted - self._moved_beside()
+        jacobian = csr_array(block_array([parts]))
+        jacobian.eliminate_zeros()
+        return Rows(names, p.gnss_given, residual, sigma, jacobian, image)
+
+    @cached_property
+    def control(self) -> Rows:
+        """The ground control. The columns move it by effects of the ground; its points are gone."""
+        p = self.problem
+        view = Normal(p, self.loss).view(self.state)
+        c = len(p.control_rows)
+        row, slot = np.nonzero(p.ground_column[:c] >= 0)
+        column = p.image_count * p.d + p.ground_column[row, slot]
+        value = view.d_ground[row, :, slot].ravel()
+        at = (3 * row[:, None] + np.arange(3)).ravel()
+        jacobian = csr_array((value, (at, np.repeat(column, 3))), shape=(3 * c, len(self.columns)))
+        sigma = p.control_weight**-0.5
+        given, residual = p.control_given, view.control_residual
+        return Rows(self.control_names, given, residual, sigma, jacobian, np.full(c, -1))
+
+    @cached_property
+    def _beside(self) -> list[_Beside]:
+        """Columns of the tested effects of the antenna."""
+        context = Context(self.images, self.problem.gnss_image)
+        rows = 3 * len(context)
+        out = []
+        for stack in (Stack(self.block, [effect]) for effect in self.tested):
+            (member,) = stack.members.values()
+            effect, (groups, count) = member.effect, member.shape
+            _, derivative = stack.evaluate("antenna", context, stack.start())
+            group = context.group(effect.group)
+            moved = np.einsum("nij,nj->ni", derivative, self.state.effects[effect.slug][group])
+            row = np.broadcast_to(np.arange(rows).reshape(-1, 3, 1), derivative.shape)
+            column = np.broadcast_to(group[:, None, None] * count + np.arange(count), row.shape)
+            at = (row.ravel(), column.ravel())
+            jacobian = csr_array((derivative.ravel(), at), shape=(rows, groups * count))
+            shared: list[Unknown] = []
+            if effect.group != "image":
+                # Flights without a position have nothing to be tested with.
+                seen = np.flatnonzero(np.bincount(group, minlength=groups))
+                jacobian = jacobian[:, (seen[:, None] * count + np.arange(count)).ravel()]
+                shared = [
+                    Unknown("effect", effect.slug, q.name, q.unit, (g, number), member.groups[g])
+                    for g in seen.tolist()
+                    for number, q in enumerate(member.parameters)
+                ]
+            out.append(_Beside(effect, member.parameters, jacobian, shared, moved))
+        return out
+
+    def _moved_beside(self) -> np.ndarray | float:
+        return sum((beside.moved for beside in self._beside), 0.0)
+
+    # --- the equations -----------------------------------------------------------------------
+
+    @cached_property
+    def _normal(self) -> Normal:
+        p = self.problem
+        if not self.gnss_counts:
+            nothing = np.zeros((0, 3))
+            p = replace(
+                p, gnss_image=np.zeros(0, np.int64), gnss_given=nothing, gnss_weight=nothing
+            )
+        normal = Normal(p, self.loss, self.threads, self.storage)
+        if self.held is not None:
+            normal.pins = self.held
+        _at_rest(normal, self.state)
+        normal.assemble(self.state, 0.0)
+        if self.information is not None:
+            normal.corner += np.tril(self.information)
+            normal.shared_reference += np.diag(self.information)
+        return normal
+
+    @property
+    def _of_problem(self) -> int:
+        """Columns that the kernels know; those of tested effects of the antenna come behind."""
+        return self.problem.image_count * self.problem.d + self.problem.shared_count
+
+    @cached_property
+    def right(self) -> np.ndarray:
+        """t (n,): half the downward gradient of the cost."""
+        out = np.zeros(len(self.columns))
+        known = self._normal.gradient[: self.problem.image_count].ravel()
+        out[: self._of_problem] = np.concatenate([known, self._normal.shared_gradient])
+        return out
+
+    @cached_property
+    def matrix(self) -> csc_array:
+        """N (n, n), symmetric."""
+        normal = self._normal
+        border, corner = csc_array(self._border), normal.corner
+        corner = csc_array(corner + np.tril(corner, -1).T)
+        beside = len(self.columns) - self._of_problem
+        blocks = [
+            [normal.blocks.symmetric(), border, None],
+            [border.T, corner, None],
+            [None, None, csc_array((beside, beside))],
+        ]
+        return csc_array(block_array(blocks))
+
+    @property
+    def _border(self) -> np.ndarray:
+        p = self.problem
+        return self._normal.border[: p.image_count].reshape(-1, p.wide)[:, : p.shared_count]
+
+    @cached_property
+    def reference(self) -> np.ndarray:
+        """Diagonal (n,) of N before the points were eliminated: what is not rounding beside it."""
+        normal, m = self._normal, self.problem.image_count
+        return np.concatenate([normal.reference[:m].ravel(), normal.shared_reference])
+
+    @cached_property
+    def motions(self) -> np.ndarray:
+        """Change (n, 7) of the columns when the whole block moves, turns and grows."""
+        p = self.problem
+        out = np.zeros((len(self.columns), 7))
+        out[: p.image_count * p.d] = motions(self.state, p.d)
+        return out
+
+    # --- solutions ---------------------------------------------------------------------------
+
+    @cached_property
+    def _solved(self) -> tuple[Normal, Bordered]:
+        # The factor lies where the matrix was: who asks for that later has it assembled anew.
+        normal = self._normal
+        self.right, self.reference  # noqa: B018, small, and gone with the matrix
+        del self.__dict__["_normal"]
+        return normal, normal.factor()
+
+    @property
+    def factor(self) -> Bordered:
+        """N factorised. Raises Singular."""
+        return self._solved[1]
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """N^-1 right for right (n, k). Raises Singular."""
+        n = self.problem.image_count * self.problem.d
+        with threadpool_limits(1):
+            return np.concatenate(self.factor.solve(right[:n], right[n:]))
+
+    def step(self) -> State:
+        """The state one step of Gauss and Newton away.
+
+        Exact where the measurements miss the state by what is linear. Raises Singular.
+        """
+        p = self.problem
+        change = self.solve(self.right[:, None])[:, 0]
+        poses, shared = np.split(change, [p.image_count * p.d])
+        poses = poses.reshape(-1, p.d)
+        points, *_ = self._solved[0].substitute(self.state, 0.0, poses, shared)
+        return moved_state(p, self.state, poses, shared, points)
+
+    def point_covariances(
+        self, near: np.ndarray, poses_shared: np.ndarray, shared: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Of every point (n, 6), lower half, and with what images share (n, 3, q), m^2.
+
+        near: covariances of images that share a point, stored as the equations; poses_shared
+        (images d, q), shared (q, q): the others.
+        """
+        p, (normal, factor) = self.problem, self._solved
+        view, blocks, count = normal.view(self.state), factor.blocks, len(p.ptr) - 1
+        out, cross = np.empty((count, 6)), np.empty((count, 3, p.shared_count))
+        kernel = point_covariance_for(p.d)
+        for first, last in normal.chunks(0, count):
+            kernel(
+                *normal.arguments(view, first, last), near, blocks.stride,
+                blocks.neighbour_start, blocks.neighbour, poses_shared, shared,
+                normal.longest, out, cross,
+            )  # fmt: skip
+        return out, cross
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """A tested effect of the antenna: derivative (3k, columns), names, what it moves (k, 3) m."""
+
+    effect: Effect
+    parameters: list[Parameter]
+    jacobian: csr_array
+    shared: list[Unknown]
+    moved: np.ndarray
+
+
+def _at_rest(normal: Normal, state: State) -> tuple[np.ndarray, int]:
+    """Residuals (n, 2) px of the image points, rows at rest, and how many are behind a camera."""
+    last, behind = normal.look(state, passes=1)
+    for _ in range(MOST_PASSES if normal.looks or normal.moves else 0):
+        residual, behind = normal.look(state, passes=1)
+        moved = np.nanmax(np.abs(residual - last), initial=0.0)
+        last = residual
+        if moved < AT_REST_PX:
+            break
+    return last, behind
+
+
+def motions(state: State, d: int) -> np.ndarray:
+    """Change (images * d, 7) of the poses when the block as a whole moves, turns, grows."""
+    m = len(state.centre)
+    away = state.centre - state.centre.mean(axis=0)
+    out = np.zeros((m, d, 7))
+    for k in range(3):
+        axis = np.eye(3)[k]
+        out[:, k, k] = 1.0
+        out[:, :3, 3 + k] = np.cross(axis, away)
+        out[:, 3:6, 3 + k] = -state.rotation @ axis
+    out[:, :3, 6] = away
+    return out.reshape(m * d, 7)
