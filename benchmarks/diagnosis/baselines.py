@@ -21,8 +21,8 @@ import math
 import numpy as np
 
 from corridor.adjustment import Adjustment
-from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.candidates import candidates, with_points
+from corridor.diagnosis.reference import ReferenceModel
 from corridor.effects import Effect, Images, group_names, group_of_image, predict
 from corridor.errors import AdjustmentFailed, InputError
 
@@ -31,7 +31,7 @@ OUTLYING = 3.0
 METHODS = ("correlation", "bic", "t_test", "check_points")
 
 
-def baselines(believed: Believed, before: Adjustment) -> dict[str, dict[str, float]]:
+def baselines(believed: ReferenceModel, before: Adjustment) -> dict[str, dict[str, float]]:
     """Method -> effect -> number. before: adjustment of the believed model.
 
     Effects of single control points are called `slug.point`.

@@ -32,10 +32,10 @@ from benchmarks.diagnosis.truth import Hidden, Truth
 from corridor import adjustment
 from corridor.adjustment import Adjustment
 from corridor.block import Block
-from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.gnss_noise import NoiseModel
+from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import FELT
 from corridor.diagnosis.verdict import MOST_MORE, refines
 from corridor.errors import AdjustmentFailed, InputError
@@ -177,7 +177,7 @@ def _beside(evidence: Evidence, n: int, others: list[int]) -> np.ndarray:
 
 def _plain(block: Block, options: dict) -> Adjustment:
     """The believed model by plain least squares: what a difference is taken of must be linear."""
-    model = Believed.of(
+    model = ReferenceModel.of(
         block, options.get("camera"), options.get("effects", ()), None, None, None, 1
     )
     return adjustment.adjust(block, effects=model.effects, **model.options)

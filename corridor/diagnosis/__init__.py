@@ -10,20 +10,21 @@ that is, what it does to data that the fit has not used, and what could not be t
 is added. `counterpart` gives one of them as a block.
 """
 
-from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.comparison import Closing, Compared, Comparison, compare
 from corridor.diagnosis.confusability import confusability
+from corridor.diagnosis.corrected import corrected
 from corridor.diagnosis.counterpart import Counterparts, counterparts, measure
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
 from corridor.diagnosis.estimated_noise import EstimatedNoise
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.like import counterpart
-from corridor.diagnosis.report import check_output, corrected
+from corridor.diagnosis.reference import ReferenceModel
+from corridor.diagnosis.report import check_output
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.statistics import Statistic
 
 __all__ = [
-    "Believed",
+    "ReferenceModel",
     "Closing",
     "Compared",
     "Comparison",

@@ -12,13 +12,13 @@ from threadpoolctl import threadpool_limits
 from corridor.adjustment import Adjustment
 from corridor.block import Block
 from corridor.diagnosis import gap
-from corridor.diagnosis.believed import Believed
+from corridor.diagnosis.beside import beside
 from corridor.diagnosis.breaks import broken_picture, shows_as
 from corridor.diagnosis.crowds import crowds
 from corridor.diagnosis.location import locate
-from corridor.diagnosis.report import as_html, as_text, beside, evidence, save
+from corridor.diagnosis.reference import ReferenceModel
+from corridor.diagnosis.report import as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.rounds import Course, Round, members, run
-from corridor.diagnosis.sentence import sentence
 from corridor.diagnosis.variance import variance_alarms
 from corridor.diagnosis.verdict import (
     Findings,
@@ -51,7 +51,7 @@ class Diagnosis:
     """
 
     block: Block
-    believed: Believed
+    believed: ReferenceModel
     before: Adjustment
     after: Adjustment
     course: Course
@@ -143,7 +143,7 @@ def diagnose(
     only = None if only is None else list(only)
     block, found, notes = prepare(block)
     notes = [*(one.sentence for one in found if one.column == "gnss"), *notes]
-    believed = Believed.of(block, camera, effects, control, check, priors, threads)
+    believed = ReferenceModel.of(block, camera, effects, control, check, priors, threads)
     # Matrices are many and small: threads would wait for each other.
     with threadpool_limits(1):
         course = run(believed, only, list(without), level, seed, progress)
@@ -203,7 +203,9 @@ class _HeldOut:
     cannot be told apart from those found, over the error with those found (`check`, `tie`).
     """
 
-    def __init__(self, believed: Believed, names: dict, keys: list[str], seed: int, notes: list):
+    def __init__(
+        self, believed: ReferenceModel, names: dict, keys: list[str], seed: int, notes: list
+    ):
         self.believed, self.names, self.keys, self.notes = believed, names, keys, notes
         self.gap: dict = {"before": None, "after": None}
         self.rivals: dict[str, dict[str, float]] = {}

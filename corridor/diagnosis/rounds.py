@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from corridor.adjustment import Adjustment
-from corridor.diagnosis.believed import Believed
 from corridor.diagnosis.candidates import Candidates, candidates, with_points
 from corridor.diagnosis.equations import Equations, equations
 from corridor.diagnosis.evidence import KAPPA, Evidence
 from corridor.diagnosis.gnss_noise import GnssNoise, NoiseModel
 from corridor.diagnosis.reduced import Elimination
+from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.search import Found, contributions, search, tuned
 from corridor.diagnosis.threshold import thresholds
 from corridor.effects import Effect
@@ -81,7 +81,7 @@ class Course:
 
 
 def run(
-    believed: Believed,
+    believed: ReferenceModel,
     only=None,
     without=(),
     level: float = 0.01,
@@ -324,7 +324,7 @@ def _beside_noise(noises, base, n: int, kappa: float) -> tuple[float, float]:
     return float(np.logaddexp.reduce(list(each.values()))), float(KAPPA[max(each, key=each.get)])
 
 
-def _check_priors(believed: Believed, names: dict[str, Effect]) -> None:
+def _check_priors(believed: ReferenceModel, names: dict[str, Effect]) -> None:
     """Refuse priors of what is neither estimated nor a candidate."""
     known = {effect.slug for effect in believed.effects} | set(names) | {"camera", "lever_arm"}
     for label in believed.priors:

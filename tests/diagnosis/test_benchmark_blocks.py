@@ -16,7 +16,7 @@ from benchmarks.diagnosis.generator import plan_of_benchmark as made
 from benchmarks.diagnosis.signal import Signal, _as_one, signals
 from benchmarks.diagnosis.truth import truth_of
 from corridor.cli import main
-from corridor.diagnosis.believed import Believed
+from corridor.diagnosis.reference import ReferenceModel
 from corridor.errors import AdjustmentFailed, InputError
 
 TINY = {"images": 24, "observations": 80, "check": 4, "noise": made.null("clean").noise}
@@ -111,7 +111,7 @@ class TestWhatTheNameCloses:
 
 @pytest.fixture(scope="module")
 def said(shutter):
-    believed = Believed.of(shutter.block, None, [], None, None, None, 1)
+    believed = ReferenceModel.of(shutter.block, None, [], None, None, None, 1)
     return baselines(believed, believed.adjust())
 
 

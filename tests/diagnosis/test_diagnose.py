@@ -8,7 +8,7 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.diagnosis import Believed, diagnose
+from corridor.diagnosis import ReferenceModel, diagnose
 from corridor.effects import add, find
 from corridor.errors import InputError
 from corridor.simulation import add_noise
@@ -178,7 +178,7 @@ def test_a_refit_begins_where_the_first_adjustment_ended():
     """From start values half a metre off, its first step is a tenth of the cold one or less."""
     block = made()
     block.images[["x", "y", "z"]] += np.random.default_rng(1).normal(0, 0.5, (len(block.images), 3))
-    believed = Believed.of(block, None, (), None, None, None, 1)
+    believed = ReferenceModel.of(block, None, (), None, None, None, 1)
     believed.adjust()
     refit = believed.adjust([find("rolling_shutter")])
     start = corridor.adjust(block, camera="fraser10", effects=["rolling_shutter"])

@@ -13,10 +13,9 @@ from believing import flown
 import corridor
 from corridor.diagnosis import diagnose
 from corridor.diagnosis.report import folder as writing
-from corridor.diagnosis.report import page as paging
-from corridor.diagnosis.sentence import sentence
+from corridor.diagnosis.report.sentence import sentence
+from corridor.diagnosis.report.wording import placed, scaled, to_add, two_digits, value_and_sigma
 from corridor.diagnosis.verdict import Estimate
-from corridor.diagnosis.wording import placed, scaled, to_add, two_digits, value_and_sigma
 from corridor.effects import correct, find
 from corridor.errors import AdjustmentFailed, InputError
 
@@ -52,8 +51,8 @@ def quick(monkeypatch):
     def none(*arguments):
         raise AdjustmentFailed("no time for it")
 
-    monkeypatch.setattr(sys.modules["corridor.diagnosis.report.beside"], "counterparts", none)
-    monkeypatch.setattr(writing, "make_page", lambda contents, pictures: contents.sentence)
+    monkeypatch.setattr(sys.modules["corridor.diagnosis.beside"], "counterparts", none)
+    monkeypatch.setattr(writing, "make_page", lambda found, *_: found.sentence)
 
 
 class TestPage:
@@ -98,16 +97,6 @@ class TestPage:
         page = (saved[0] / "report.html").read_text(encoding="utf-8")
         assert "<pre>corridor diagnose BLOCK -o OUT</pre>" in page
         assert np.__version__ in page
-
-    def test_a_template_that_fails_ends_on_one_sentence(self, diagnosis, tmp_path, monkeypatch):
-        broken = tmp_path / "template.py"
-        broken.write_text(
-            '# %% tags=["parameters"]\npass\n\n# %%\nraise ValueError("ink is out")\n'
-        )
-        monkeypatch.setattr(paging, "TEMPLATE", broken)
-        contents = SimpleNamespace(name="block")
-        with pytest.raises(AdjustmentFailed, match="could not be made: .*ink is out"):
-            paging.make_page(contents, tmp_path)
 
 
 class TestJson:
@@ -165,7 +154,7 @@ class TestBlocks:
         """The number alone would belong to nobody."""
         point = block.ground["point"][block.ground["role"] == "control"].iloc[0]
         found = {"control_blunder": {"x": {point: 0.05}}}
-        home = sys.modules["corridor.diagnosis.report.corrected"]
+        home = sys.modules["corridor.diagnosis.corrected"]
         monkeypatch.setattr(home, "estimates", lambda *_: found)
         done = home.corrected(block, diagnosis.after, ["control_blunder"])
         assert done.extra["corrected"] == found
@@ -394,7 +383,7 @@ class TestWording:
 
 
 def test_a_table_escapes_what_a_surveyor_may_have_typed():
-    from corridor.diagnosis.report.notebook import html_table
+    from corridor.diagnosis.report.page import html_table
 
     page = html_table(pd.DataFrame({"point": ["<b>P7</b>"], "mm": ["1.2 +- 0.1"]}))
     assert "<b>" not in page and "1.2 ± 0.1" in page

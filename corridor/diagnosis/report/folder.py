@@ -5,20 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from corridor.adjustment import Adjustment
+from corridor.diagnosis.beside import COUNT, beside
 from corridor.diagnosis.comparison import Comparison
-from corridor.diagnosis.report.beside import COUNT, beside
-from corridor.diagnosis.report.contents import Contents
-from corridor.diagnosis.report.corrected import corrected
+from corridor.diagnosis.corrected import corrected
+from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.page import make_page
 from corridor.effects import Values
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.report import check_folder, files_in, listed_in, whole_folder, write_csv, write_json
-
-if TYPE_CHECKING:
-    from corridor.diagnosis.diagnose import Diagnosis
 
 RESULT = "diagnosis.json"
 
@@ -29,7 +25,7 @@ def check_output(folder: str | os.PathLike) -> None:
 
 
 def save(
-    diagnosis: Diagnosis,
+    diagnosis: Diagnosed,
     folder: str | os.PathLike,
     counterparts: int = COUNT,
     threads: int = 1,
@@ -50,24 +46,23 @@ def save(
     folder = Path(folder)
     say = progress or (lambda _: None)
     check_output(folder)
-    before, after, notes = beside(diagnosis, counterparts, threads, say)
+    compared = beside(diagnosis, counterparts, threads, say)
+    notes = [*diagnosis.notes, *compared.notes]
     slugs, adjustment = _believable(diagnosis, say)
     with whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part:
         say({"message": "writing the blocks"})
         adjustment.block.write(part / "block")
         corrected(diagnosis.block, adjustment, slugs).write(part / "corrected")
         say({"message": "making the page"})
-        contents = Contents.of(diagnosis, before, after, slugs, notes, command)
-        page = make_page(contents, part)
+        page = make_page(diagnosis, compared, slugs, notes, command, part)
         (part / "report.html").write_text(page, encoding="utf-8")
         found = Values(one.values for one in diagnosis.findings.effects if one.values)
         for name, table in found.tables().items():
             write_csv(table, part / name)
-        content = diagnosis.to_dict()
-        content["notes"] = contents.notes
-        content["written"] = slugs
-        content["counterparts"] = {
-            word: _told(case) for word, case in (("before", before), ("after", after))
+        content = diagnosis.to_dict() | {
+            "notes": notes,
+            "written": slugs,
+            "counterparts": {"before": _told(compared.before), "after": _told(compared.after)},
         }
         content["files"] = sorted([RESULT, *files_in(part)])
         write_json(content, part / RESULT)
@@ -75,7 +70,7 @@ def save(
     return [folder / name for name in written]
 
 
-def _believable(diagnosis: Diagnosis, say: Callable) -> tuple[list[str], Adjustment]:
+def _believable(diagnosis: Diagnosed, say: Callable) -> tuple[list[str], Adjustment]:
     """Slugs of the effects that are beyond doubt and help, and the block adjusted with them."""
     firm = [
         key.partition(".")[0]

@@ -1,20 +1,19 @@
-"""The page: the template executed as a notebook, its outputs put together without their code."""
+"""The page of a diagnosis: a heading, what it means, and the tables and pictures below it."""
 
 from __future__ import annotations
 
-import os
-import pickle
-import signal
-import tempfile
-from concurrent.futures import ThreadPoolExecutor
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from corridor.diagnosis.report.contents import Contents
-from corridor.errors import AdjustmentFailed
+import pandas as pd
 
-TEMPLATE = Path(__file__).with_name("template.py")
-TIMEOUT_S = 600
+from corridor.diagnosis.beside import Beside
+from corridor.diagnosis.report import tables
+from corridor.diagnosis.report.diagnosed import Diagnosed
+from corridor.report import Table, page, write_picture
 
 _STYLE = """
 body {margin: 2.2em auto; padding: 0 1.2em; max-width: 68em; color: #222; background: #fff;
@@ -24,114 +23,164 @@ h2 {font-size: 1.1em; font-weight: 600; margin: 2.2em 0 .3em}
 p {margin: .4em 0; max-width: 50em}
 p.sentence {font-size: 1.3em; line-height: 1.4; border-left: 4px solid #004488;
   padding: .2em 0 .2em .8em; margin: .6em 0 1em}
-p.note {border-left: 3px solid #ddaa33; padding: .1em 0 .1em .7em}
+p.notice {border-left: 3px solid #ddaa33; padding: .1em 0 .1em .7em}
 img {max-width: 100%; height: auto; display: block; margin: .8em 0}
 div.wide {overflow-x: auto}
 table {border-collapse: collapse; margin: .8em 0; font-size: 14px}
-th, td {padding: .18em 1.2em .18em 0; text-align: left; vertical-align: top; max-width: 30em}
+th, td {padding: .18em 1.2em .18em 0; text-align: right; vertical-align: top; max-width: 30em;
+  white-space: nowrap; font-variant-numeric: tabular-nums}
 th {font-weight: 400; color: #555; border-bottom: 1px solid #999}
-.number {text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums}
+.name {text-align: left; white-space: normal}
 pre {background: #f4f4f4; padding: .6em .8em; overflow-x: auto}
 @media print {body {margin: 0; max-width: none} img, tr {break-inside: avoid}}
 """.strip()
 
 
-def make_page(contents: Contents, pictures: Path) -> str:
-    """The page as HTML that needs no other file; its pictures go to a folder as well."""
-    import jupytext
+@dataclass(frozen=True)
+class Section:
+    """A heading with what is shown below it: names of tables and pictures, the command.
 
-    with tempfile.TemporaryDirectory(prefix="corridor-") as folder:
-        work = Path(folder)
-        (work / "contents.pickle").write_bytes(pickle.dumps(contents))
-        notebook = jupytext.read(TEMPLATE)
-        _set_parameters(
-            notebook, contents=str(work / "contents.pickle"), pictures=str(pictures.resolve())
-        )
-        _execute(notebook, work)
-    return _html(notebook, contents.name)
+    text: HTML. Where nothing is to be shown, the heading is left out as well.
+    """
+
+    heading: str
+    shows: tuple[str, ...]
+    text: str = ""
 
 
-def _set_parameters(notebook, **values: str) -> None:
-    """Gives the cell tagged `parameters` other values, as papermill does."""
-    for cell in notebook.cells:
-        if "parameters" in cell.metadata.get("tags", []):
-            cell.source += "\n" + "\n".join(f"{k} = {v!r}" for k, v in values.items())
+LIMITS = Section(
+    "The smallest effect that would have been seen",
+    ("limits",),
+    "4.5 standard deviations, which are seen in nearly every block like this one. <em>Usual "
+    "size</em> is one standard deviation of what cameras and flights are expected to have.",
+)
+FIRST = (
+    Section(
+        "Measured beside simulated",
+        ("measured_beside_simulated",),
+        "The block was simulated again and again from the model that was believed in, with noise "
+        "as large as its residuals show, and adjusted each time. Where the measured curve (dark) "
+        "leaves the grey band, the model cannot have produced what was measured. The gap is the "
+        "sum of all that sticks out, in squares of the counterparts' deviations; it has to shrink "
+        "when the missing effect is added.",
+    ),
+    Section("What was found", ("found", "unknown")),
+    Section("What would tell look-alikes apart", ("separating",)),
+    Section(
+        "Data that the fit has not used",
+        ("gap",),
+        "Image points held out and check points have no say in the adjustment. <em>Noise alone"
+        "</em> is what the simulated counterparts show, in which nothing is missing; <em>closed"
+        "</em> is the share of the excess variance above it that is gone.",
+    ),
+    Section("Statistics that leave their band", ("leaving",)),
+    Section(
+        "Where",
+        ("where_maps", "where_axes"),
+        "The same comparison over the picture and over the ground, and below along every other "
+        "axis that this block has. Every cell of a map says by how many standard deviations of "
+        "the counterparts the measured value lies above or below them, so that what poses and "
+        "points absorb is allowed for: cells that go together are disagreement, a patchwork is "
+        "noise.",
+    ),
+    Section(
+        "Evidence of all candidates",
+        ("evidence",),
+        "How much more likely the data are with each candidate than without it, as natural "
+        "logarithm, each alone and beside what was found. A look-alike is tall alone and gone "
+        "beside the right one. Generic shapes stand for what is not in the catalogue.",
+    ),
+)
+LAST = (
+    Section("What could not be tested", ("untestable",)),
+    Section("Noise that is not the same everywhere", ("variance",)),
+    Section("Known physics", ("physics",)),
+    Section("The model that was believed in", ("believed",)),
+    Section("The rounds of the search", ("rounds",)),
+    Section("What was written beside this page", ("written",)),
+    Section("How to make this page again", ("command", "versions")),
+)
 
 
-def _execute(notebook, work: Path) -> None:
-    """Runs all cells in a kernel of this very Python, apart from the reader's own settings."""
-    from nbclient import NotebookClient
-    from nbclient.exceptions import CellExecutionError, DeadKernelError
-    from traitlets.config import Config
+def make_page(
+    diagnosis: Diagnosed,
+    compared: Beside,
+    written: list[str],
+    notes: list[str],
+    command: str,
+    folder: Path,
+) -> str:
+    """The page as HTML that needs no other file; its pictures go to a folder as well.
 
-    # No kernel that some other Python has installed under the same name.
-    config = Config({"KernelSpecManager": {"kernel_dirs": []}})
-    config.KernelManager.connection_file = str(work / "kernel.json")
-    if os.name != "nt":
-        # Sockets in the folder need no port; Windows has none.
-        config.KernelManager.transport, config.KernelManager.ip = "ipc", str(work / "kernel")
-    client = NotebookClient(
-        notebook,
-        kernel_name="python3",
-        timeout=TIMEOUT_S,
-        resources={"metadata": {"path": str(work)}},
-        extra_arguments=["--HistoryManager.enabled=False"],
-        config=config,
-    )
-    here = str(Path(__file__).resolve().parents[3])
-    before = os.environ.get("PYTHONPATH")
-    environment = os.environ | {
-        "PYTHONPATH": here if not before else os.pathsep.join([here, before]),
-        "IPYTHONDIR": str(work / "ipython"),
-        "PYDEVD_DISABLE_FILE_VALIDATION": "1",
-        "MPLBACKEND": "agg",
-    }
-    # In a thread of its own nbclient leaves the signals alone, and Ctrl-C is ours to answer.
-    with (work / "kernel.log").open("w+") as log, ThreadPoolExecutor(1) as pool:
-        job = pool.submit(client.execute, env=environment, stderr=log)
-        try:
-            job.result()
-        except KeyboardInterrupt:
-            if client.km is not None and client.km.provisioner is not None:
-                os.kill(client.km.provisioner.pid, signal.SIGTERM)
-            raise
-        except (CellExecutionError, DeadKernelError, RuntimeError) as failed:
-            log.seek(0)
-            said = [line for line in f"{log.read()}\n{failed}".splitlines() if line.strip()]
-            raise AdjustmentFailed(f"the report could not be made: {said[-1]}") from failed
-
-
-def _html(notebook, name: str) -> str:
-    """Outputs of the code cells between the headings; one without anything below it is left out."""
-    from markdown_it import MarkdownIt
-
-    title = escape(f"Diagnosis of {name}")
-    parts = [
-        "<!DOCTYPE html>",
-        '<html lang="en">',
-        '<head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{title}</title>",
-        f"<style>{_STYLE}</style></head>",
-        "<body>",
+    compared: `Beside`. written: slugs of the effects in block/ and corrected/. notes: sentences on
+    what did not go as usual. command: what was typed.
+    """
+    pieces = _tables(diagnosis, compared, written) | _pictures(diagnosis, compared, folder)
+    if command:
+        pieces["command"] = f"<pre>{escape(command)}</pre>"
+    name = diagnosis.block.name
+    body = [
+        f"<h1>What is missing from the model of {escape(name)}?</h1>",
+        f'<p class="sentence">{_text(diagnosis.sentence)}</p>',
+        *(f'<p class="notice">{_text(note)}</p>' for note in notes),
     ]
-    heading = ""
-    for cell in notebook.cells:
-        if cell.cell_type == "markdown":
-            heading = MarkdownIt().render(cell.source)
-            continue
-        shown = [text for output in cell.get("outputs", []) if (text := _output(output))]
-        if shown:
-            parts += [heading, *shown]
-        heading = ""
-    parts.append("</body></html>\n")
-    return "\n".join(part for part in parts if part)
+    first = (LIMITS, *FIRST) if diagnosis.verdict == "nothing" else (*FIRST, LIMITS)
+    for section in (*first, *LAST):
+        body += _shown(section, pieces)
+    return page(f"Diagnosis of {name}", body, _STYLE)
 
 
-def _output(output) -> str:
-    data = output.get("data", {})
-    if "image/png" in data:
-        alt = output.get("metadata", {}).get("image/png", {}).get("alt", "picture")
-        code = "".join(data["image/png"].split())
-        return f'<img alt="{escape(alt)}" src="data:image/png;base64,{code}">'
-    return data.get("text/html", "")
+def _shown(section: Section, pieces: Mapping[str, str]) -> list[str]:
+    below = [pieces[name] for name in section.shows if name in pieces]
+    text = [f"<p>{section.text}</p>"] if section.text else []
+    return [f"<h2>{section.heading}</h2>", *text, *below] if below else []
+
+
+def _tables(diagnosis: Diagnosed, compared: Beside, written: list[str]) -> dict[str, str]:
+    before, after = compared.before, compared.after
+    frames = {
+        "found": tables.found(diagnosis),
+        "separating": tables.separating(diagnosis),
+        "unknown": tables.unknown(diagnosis),
+        "gap": tables.gap(diagnosis, before, after),
+        "leaving": tables.leaving(before, after),
+        "limits": tables.limits(diagnosis),
+        "untestable": tables.untestable(diagnosis, before),
+        "variance": tables.variance(diagnosis),
+        "rounds": tables.rounds(diagnosis),
+        "physics": tables.physics(diagnosis),
+        "believed": tables.believed(diagnosis),
+        "written": tables.written(diagnosis, written),
+        "versions": tables.versions(diagnosis, before),
+    }
+    return {name: html_table(frame) for name, frame in frames.items() if len(frame)}
+
+
+def _pictures(diagnosis: Diagnosed, compared: Beside, folder: Path) -> dict[str, str]:
+    from corridor import figures
+
+    name = diagnosis.block.name
+    drawn = {}
+    if compared.before is not None:
+        cases = compared.before, compared.after
+        drawn["measured_beside_simulated"] = figures.counterpart(*cases)
+        drawn["where_maps"] = figures.counterpart_maps(*cases)
+        drawn["where_axes"] = figures.counterpart_axes(*cases)
+    threshold = diagnosis.course.last.threshold
+    drawn["evidence"] = figures.evidence_bars(tables.evidence(diagnosis), threshold, name)
+    out = {}
+    for key, figure in drawn.items():
+        code = base64.b64encode(write_picture(figure, folder / f"{key}.png")).decode("ascii")
+        alt = key.replace("_", " ")
+        out[key] = f'<img alt="{alt}" src="data:image/png;base64,{code}">'
+    return out
+
+
+def html_table(frame: pd.DataFrame) -> str:
+    """A table of texts; columns of numbers end on the right."""
+    told = frame.map(lambda text: str(text).replace("+-", "\u00b1"))
+    return f'<div class="wide">{Table.of(told).html()}</div>'
+
+
+def _text(text: object) -> str:
+    return escape(str(text).replace("+-", "\u00b1"))

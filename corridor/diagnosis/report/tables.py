@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import platform
+from importlib.metadata import version
 
 import numpy as np
 import pandas as pd
 
+from corridor import __version__
 from corridor.diagnosis import gap as gaps
 from corridor.diagnosis.comparison import Comparison
-from corridor.diagnosis.wording import (
+from corridor.diagnosis.report.diagnosed import Diagnosed
+from corridor.diagnosis.report.wording import (
     effects_by_slug,
     listed,
     placed,
@@ -19,16 +22,14 @@ from corridor.diagnosis.wording import (
     upper,
     value_and_sigma,
 )
+from corridor.diagnosis.verdict import Estimate
+from corridor.report import DASH
 
-if TYPE_CHECKING:
-    from corridor.diagnosis.diagnose import Diagnosis
-    from corridor.diagnosis.verdict import Estimate
-
-DASH = "\u2013"
 # Parameters of one effect in the table; all of them are in diagnosis.json.
 MOST = 8
 # Statistics in the table of those that leave their band.
 MOST_LEAVING = 15
+_LIBRARIES = ("numpy", "scipy", "numba", "pandas", "matplotlib")
 CHECK_RMS = "check-point error, RMS"
 CLASSES = {
     "named": "named",
@@ -38,7 +39,7 @@ CLASSES = {
 }
 
 
-def found(d: Diagnosis) -> pd.DataFrame:
+def found(d: Diagnosed) -> pd.DataFrame:
     """Effects that were found, a row a parameter."""
     known, rows = effects_by_slug(), []
     for one in d.findings.effects:
@@ -66,7 +67,7 @@ def found(d: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def separating(d: Diagnosis) -> pd.DataFrame:
+def separating(d: Diagnosed) -> pd.DataFrame:
     """What would tell apart what this flight cannot."""
     known = effects_by_slug()
     rows = [
@@ -81,7 +82,7 @@ def separating(d: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns).drop_duplicates()
 
 
-def _chosen(d: Diagnosis, one: Estimate) -> str:
+def _chosen(d: Diagnosed, one: Estimate) -> str:
     """Which of the look-alikes the block was adjusted with, and why."""
     key = next((key for key in [one.key, *one.rivals] if key in d.used), None)
     if key is None:
@@ -94,7 +95,7 @@ def _chosen(d: Diagnosis, one: Estimate) -> str:
     return f"{name}: {kind} err {share:.2f} times as much with it"
 
 
-def unknown(d: Diagnosis) -> pd.DataFrame:
+def unknown(d: Diagnosed) -> pd.DataFrame:
     """What lies outside the catalogue: as what it shows, where, and whether a shape helps."""
     known = effects_by_slug()
     rows = [
@@ -115,7 +116,7 @@ def unknown(d: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def gap(d: Diagnosis, before: Comparison | None, after: Comparison | None) -> pd.DataFrame:
+def gap(d: Diagnosed, before: Comparison | None, after: Comparison | None) -> pd.DataFrame:
     """What data that the fit has not used say before and after, and the floor of noise."""
     added = bool(d.findings.effects or any(one["kept"] is not None for one in d.unknown))
     floor = _floor(after if added else before)
@@ -196,7 +197,7 @@ def leaving(before: Comparison | None, after: Comparison | None) -> pd.DataFrame
     return made if then else made.drop(columns="after")
 
 
-def evidence(d: Diagnosis) -> pd.DataFrame:
+def evidence(d: Diagnosed) -> pd.DataFrame:
     """Log evidence of every candidate: name, generic, found, alone, beside (what was found).
 
     Of single control points the strongest one.
@@ -221,7 +222,7 @@ def evidence(d: Diagnosis) -> pd.DataFrame:
     return frame.sort_values("alone", ascending=False, kind="stable").reset_index(drop=True)
 
 
-def limits(d: Diagnosis) -> pd.DataFrame:
+def limits(d: Diagnosed) -> pd.DataFrame:
     """The smallest effect of each kind that would have been seen, beside what is usual."""
     known, rows = effects_by_slug(), []
     for slug in sorted(d.detection_limits):
@@ -253,7 +254,7 @@ def limits(d: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def untestable(d: Diagnosis, before: Comparison | None) -> pd.DataFrame:
+def untestable(d: Diagnosed, before: Comparison | None) -> pd.DataFrame:
     """What could not be tested or compared, and what to hand in."""
     known = effects_by_slug()
     by_remedy: dict[str, list[str]] = {}
@@ -274,7 +275,7 @@ def untestable(d: Diagnosis, before: Comparison | None) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["not tested", "to add"])
 
 
-def variance(d: Diagnosis) -> pd.DataFrame:
+def variance(d: Diagnosed) -> pd.DataFrame:
     """Quantities with which the size of the image noise changes, and crowds of wrong matches."""
     rows = [
         (alarm["quantity"], f"{alarm['ratio']:.2f}", f"{alarm['z']:+.1f}", alarm["where"])
@@ -284,7 +285,7 @@ def variance(d: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def rounds(d: Diagnosis) -> pd.DataFrame:
+def rounds(d: Diagnosed) -> pd.DataFrame:
     """What each round of the search began with and found."""
     rows = []
     for n, one in enumerate(d.course.rounds, start=1):
@@ -299,7 +300,7 @@ def rounds(d: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def physics(d: Diagnosis) -> pd.DataFrame:
+def physics(d: Diagnosed) -> pd.DataFrame:
     """What hides the effects that were found, look alike, or are weak in this block."""
     known = effects_by_slug()
     relevant: dict[str, str] = {}
@@ -320,7 +321,7 @@ def physics(d: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["effect", "here", "hidden when", "shown by"])
 
 
-def believed(d: Diagnosis) -> pd.DataFrame:
+def believed(d: Diagnosed) -> pd.DataFrame:
     """The model that was believed in, as adjusted."""
     rows, p = [], d.before.problem
     for name, free in p.free.items():
@@ -342,7 +343,7 @@ def believed(d: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["model", "as adjusted"])
 
 
-def written(d: Diagnosis, slugs: list[str]) -> pd.DataFrame:
+def written(d: Diagnosed, slugs: list[str]) -> pd.DataFrame:
     """What stands in the two blocks."""
     told = listed(slugs) or "nothing"
     with_it = f"adjusted with {told}" if slugs else "adjusted with the believed model"
@@ -365,3 +366,16 @@ def _share(closed: float) -> str:
 
 def _whole(value: float) -> str:
     return f"{value:,.0f}" if value >= 10 else f"{value:.1f}"
+
+
+def versions(d: Diagnosed, before: Comparison | None) -> pd.DataFrame:
+    """What has to be the same for the same page."""
+    rows = [
+        ("level of a false name", f"{100 * d.level:g} %"),
+        ("seed", f"{d.seed}"),
+        ("counterparts", f"{before.count if before else 0}"),
+        ("Python", platform.python_version()),
+        ("corridor", __version__),
+        *((name, version(name)) for name in _LIBRARIES),
+    ]
+    return pd.DataFrame(rows, columns=["what", "value"])

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import textwrap
 from html import escape
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from corridor.diagnosis.report import tables
-
-if TYPE_CHECKING:
-    from corridor.diagnosis.diagnose import Diagnosis
+from corridor.diagnosis.report.diagnosed import Diagnosed
 
 WIDTH = 100
 
 
-def as_text(diagnosis: Diagnosis) -> str:
+def as_text(diagnosis: Diagnosed) -> str:
     """The sentence and short tables, as plain text."""
     parts = [textwrap.fill(diagnosis.sentence, WIDTH)]
     parts += [_table(frame) for frame in _short(diagnosis)]
@@ -35,13 +32,13 @@ def as_text(diagnosis: Diagnosis) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def as_html(diagnosis: Diagnosis) -> str:
+def as_html(diagnosis: Diagnosed) -> str:
     """The sentence and the same tables, for a notebook."""
     parts = [frame.to_html(index=False, border=0) for frame in _short(diagnosis) if len(frame)]
     return f"<p><b>{escape(diagnosis.sentence)}</b></p>" + "".join(parts)
 
 
-def _short(diagnosis: Diagnosis) -> list[pd.DataFrame]:
+def _short(diagnosis: Diagnosed) -> list[pd.DataFrame]:
     """What was found, where the noise changes, and the gap."""
     shown = ["slug", "class", "parameter", "value", "sigma", "unit", "log evidence"]
     gap = tables.gap(diagnosis, None, None)

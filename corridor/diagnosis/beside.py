@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 from corridor.adjustment import Adjustment
 from corridor.diagnosis.comparison import Comparison, compare
+from corridor.diagnosis.corrected import corrected
 from corridor.diagnosis.counterpart import counterparts
-from corridor.diagnosis.report.corrected import corrected
 from corridor.errors import AdjustmentFailed, InputError
-
-if TYPE_CHECKING:
-    from corridor.diagnosis.diagnose import Diagnosis
 
 COUNT = 20
 
 
+class Beside(NamedTuple):
+    """Comparisons before and, where something was added, after; notes on what did not succeed."""
+
+    before: Comparison | None
+    after: Comparison | None
+    notes: list[str]
+
+
 def beside(
-    diagnosis: Diagnosis,
+    diagnosis,
     count: int = COUNT,
     threads: int = 1,
     progress: Callable[[dict], None] | None = None,
-) -> tuple[Comparison | None, Comparison | None, list[str]]:
-    """The block beside its counterparts before and, where something was added, after; notes.
+) -> Beside:
+    """The block of a diagnosis beside its counterparts before and after; notes.
 
     count: how many counterparts, 19 or more. threads: 1 or 2. progress: called with a dictionary
     that holds a message, done and of. None where counterparts could not be adjusted, which a note
@@ -46,10 +51,10 @@ def beside(
         except (InputError, AdjustmentFailed) as failed:
             notes.append(f"Counterparts of {word} could not be adjusted: {failed}")
             break
-    return *cases, notes
+    return Beside(*cases, notes)
 
 
-def _without_shapes(diagnosis: Diagnosis) -> Adjustment:
+def _without_shapes(diagnosis) -> Adjustment:
     """The adjustment with what was found; its generic shapes taken out beforehand.
 
     Estimating a hundred columns anew in every counterpart would take minutes.

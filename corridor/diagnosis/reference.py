@@ -20,7 +20,7 @@ WIDTH = 2.0
 
 
 @dataclass
-class Believed:
+class ReferenceModel:
     """A block and the options of its adjustment.
 
     camera, control, check, lever_arm: as of `corridor.adjust`. effects: those the user believes
@@ -41,7 +41,9 @@ class Believed:
     scale: float = 1.0
 
     @classmethod
-    def of(cls, block, camera, effects: Iterable, control, check, priors, threads) -> Believed:
+    def of(
+        cls, block, camera, effects: Iterable, control, check, priors, threads
+    ) -> ReferenceModel:
         """The believed model with its defaults.
 
         Default of the camera: Fraser's ten parameters, or none where the camera is calibrated.

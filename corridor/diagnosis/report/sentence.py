@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from corridor.diagnosis.wording import (
+from corridor.diagnosis.report.diagnosed import Diagnosed
+from corridor.diagnosis.report.wording import (
     amount,
     effects_by_slug,
     falls,
@@ -13,10 +12,7 @@ from corridor.diagnosis.wording import (
     upper,
     value_and_sigma,
 )
-
-if TYPE_CHECKING:
-    from corridor.diagnosis.diagnose import Diagnosis
-    from corridor.diagnosis.verdict import Estimate
+from corridor.diagnosis.verdict import Estimate
 
 # Parameters told in the sentence; the table has them all.
 MOST = 4
@@ -28,7 +24,7 @@ SAME = 0.02
 LIMITS = 3
 
 
-def sentence(diagnosis: Diagnosis) -> str:
+def sentence(diagnosis: Diagnosed) -> str:
     """What is missing, by how much, and what adding it does; two or three short sentences."""
     tell = {
         "named": _named,
@@ -40,7 +36,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     return tell[diagnosis.verdict](diagnosis)
 
 
-def _named(d: Diagnosis) -> str:
+def _named(d: Diagnosed) -> str:
     firm = [one for one in d.findings.effects if one.kind == "named"]
     told = _told(firm)
     if len(told) == 1:
@@ -56,7 +52,7 @@ def _named(d: Diagnosis) -> str:
     return " ".join([text, *beside, _effect_of_adding(d, len(told) + len(beside))])
 
 
-def _ambiguous(d: Diagnosis) -> str:
+def _ambiguous(d: Diagnosed) -> str:
     first, *others = _ambiguities(d)
     text = f"Either {_either(first)} is missing from the model; this flight cannot tell them apart"
     text += f". What would: {first[0].separate}." if first[0].separate else "."
@@ -68,7 +64,7 @@ def _ambiguous(d: Diagnosis) -> str:
     return f"{text} {_effect_of_adding(d, 1 + len(more), 'one of them')}"
 
 
-def _unknown(d: Diagnosis) -> str:
+def _unknown(d: Diagnosed) -> str:
     text = f"Something outside the catalogue is missing from the model: {_places(d)}."
     known = effects_by_slug()
 
@@ -87,7 +83,7 @@ def _unknown(d: Diagnosis) -> str:
     return f"{text} {_effect_of_adding(d, 1, 'a smooth shape of it')}"
 
 
-def _suspected(d: Diagnosis) -> str:
+def _suspected(d: Diagnosed) -> str:
     told = _told([one for one in d.findings.effects if one.kind == "suspected"])
     parts = [f"{name} ({values})" if values else name for name, values in told]
     if d.unknown:
@@ -99,7 +95,7 @@ def _suspected(d: Diagnosis) -> str:
     )
 
 
-def _nothing(d: Diagnosis) -> str:
+def _nothing(d: Diagnosed) -> str:
     text = "Nothing is missing from the model that this flight could show."
     limits = seen_best(d)
     if limits:
@@ -109,7 +105,7 @@ def _nothing(d: Diagnosis) -> str:
     return text
 
 
-def seen_best(d: Diagnosis) -> list[str]:
+def seen_best(d: Diagnosed) -> list[str]:
     """Limits of detection of the effects that this block shows best, beside what is usual."""
     known, found = effects_by_slug(), []
     for slug, limits in d.detection_limits.items():
@@ -166,7 +162,7 @@ def _values(estimate: Estimate) -> str:
     return ", ".join(out)
 
 
-def _ambiguities(d: Diagnosis) -> list[list[Estimate]]:
+def _ambiguities(d: Diagnosed) -> list[list[Estimate]]:
     """Estimates that have look-alikes, those of one effect together."""
     out: dict[str, list[Estimate]] = {}
     for one in d.findings.effects:
@@ -182,12 +178,12 @@ def _either(estimates: list[Estimate]) -> str:
     return " or ".join([mine, *(known[slug].called for slug in estimates[0].alternatives)])
 
 
-def _places(d: Diagnosis) -> str:
+def _places(d: Diagnosed) -> str:
     known = effects_by_slug()
     return "; ".join(f"{known[one['group']].called}, {one['where']}" for one in d.unknown)
 
 
-def _effect_of_adding(d: Diagnosis, number: int, what: str = "") -> str:
+def _effect_of_adding(d: Diagnosed, number: int, what: str = "") -> str:
     """What becomes of data that the fit has not used; only what the numbers show."""
     adding = f"Adding {what or ('it' if number == 1 else 'them')}"
     check, tie = d.gap["check_m"], d.gap["tie_px"]

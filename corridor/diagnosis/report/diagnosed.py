@@ -1,0 +1,34 @@
+"""What a report reads of a diagnosis."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from corridor.adjustment import Adjustment
+from corridor.block import Block
+from corridor.diagnosis.reference import ReferenceModel
+from corridor.diagnosis.rounds import Course
+from corridor.diagnosis.verdict import Findings
+
+
+class Diagnosed(Protocol):
+    """See `corridor.diagnosis.Diagnosis`."""
+
+    block: Block
+    believed: ReferenceModel
+    before: Adjustment
+    after: Adjustment
+    course: Course
+    findings: Findings
+    unknown: list[dict]
+    gap: dict[str, Any]
+    detection_limits: dict[str, dict[str, float | None]]
+    untestable: list[dict]
+    alarms: list[dict]
+    notes: list[str]
+    used: list[str]
+    rivals: dict[str, dict[str, float]]
+    level: float
+    seed: int
+    verdict: str
+    sentence: str
