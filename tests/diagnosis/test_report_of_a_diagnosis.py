@@ -11,12 +11,12 @@ import pytest
 from believing import flown
 
 import corridor
-from corridor.diagnosis import diagnose
+from corridor.diagnosis import corrected, diagnose
 from corridor.diagnosis.report import folder as writing
 from corridor.diagnosis.report.sentence import sentence
 from corridor.diagnosis.report.wording import placed, scaled, to_add, two_digits, value_and_sigma
 from corridor.diagnosis.verdict import Estimate
-from corridor.effects import correct, find
+from corridor.effects import Values, correct, find
 from corridor.errors import AdjustmentFailed, InputError
 
 READOUT = 0.025
@@ -150,13 +150,15 @@ class TestBlocks:
         value = found["parameters"][0]["value"]
         assert record == {"rolling_shutter": {"readout": pytest.approx(value, rel=0.01)}}
 
-    def test_what_one_point_has_keeps_its_name(self, block, diagnosis, monkeypatch):
+    def test_what_one_point_has_keeps_its_name(self, block, diagnosis):
         """The number alone would belong to nobody."""
         point = block.ground["point"][block.ground["role"] == "control"].iloc[0]
         found = {"control_blunder": {"x": {point: 0.05}}}
-        home = sys.modules["corridor.diagnosis.corrected"]
-        monkeypatch.setattr(home, "estimates", lambda *_: found)
-        done = home.corrected(block, diagnosis.after, ["control_blunder"])
+        after = diagnosis.after
+        with_blunder = SimpleNamespace(
+            problem=after.problem, block=after.block, values=Values.of(block, found)
+        )
+        done = corrected(block, with_blunder, ["control_blunder"])
         assert done.extra["corrected"] == found
 
     def test_it_is_not_taken_out_twice(self, saved):
