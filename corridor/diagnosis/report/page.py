@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from corridor import report
 from corridor.diagnosis.beside import Beside
 from corridor.diagnosis.report import tables
 from corridor.diagnosis.report.diagnosed import Diagnosed
-from corridor.report import Table, page, write_picture
 
 _STYLE = """
 body {margin: 2.2em auto; padding: 0 1.2em; max-width: 68em; color: #222; background: #fff;
@@ -127,7 +127,7 @@ def make_page(
     first = (LIMITS, *FIRST) if diagnosis.verdict == "nothing" else (*FIRST, LIMITS)
     for section in (*first, *LAST):
         body += _shown(section, pieces)
-    return page(f"Diagnosis of {name}", body, _STYLE)
+    return report.page(f"Diagnosis of {name}", body, _STYLE)
 
 
 def _shown(section: Section, pieces: Mapping[str, str]) -> list[str]:
@@ -170,7 +170,7 @@ def _pictures(diagnosis: Diagnosed, compared: Beside, folder: Path) -> dict[str,
     drawn["evidence"] = figures.evidence_bars(tables.evidence(diagnosis), threshold, name)
     out = {}
     for key, figure in drawn.items():
-        code = base64.b64encode(write_picture(figure, folder / f"{key}.png")).decode("ascii")
+        code = base64.b64encode(report.write_picture(figure, folder / f"{key}.png")).decode("ascii")
         alt = key.replace("_", " ")
         out[key] = f'<img alt="{alt}" src="data:image/png;base64,{code}">'
     return out
@@ -179,7 +179,7 @@ def _pictures(diagnosis: Diagnosed, compared: Beside, folder: Path) -> dict[str,
 def html_table(frame: pd.DataFrame) -> str:
     """A table of texts; columns of numbers end on the right."""
     told = frame.map(lambda text: str(text).replace("+-", "\u00b1"))
-    return f'<div class="wide">{Table.of(told).html()}</div>'
+    return f'<div class="wide">{report.Table.of(told).html()}</div>'
 
 
 def _text(text: object) -> str:
