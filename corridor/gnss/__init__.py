@@ -1,5 +1,6 @@
 """The antenna's track: reading it, its coordinates, and where the antenna was at each exposure."""
 
+from corridor.gnss.alignment import Alignment, align, align_time
 from corridor.gnss.antenna import Antenna, antenna, frame_of_block, of_block
 from corridor.gnss.coordinates import (
     GridCost,
@@ -9,7 +10,7 @@ from corridor.gnss.coordinates import (
     grid_cost,
     to_local,
 )
-from corridor.gnss.exposures import Alignment, Exposures, align, align_time, read_exposures
+from corridor.gnss.exposures import Exposures
 from corridor.gnss.interpolation import (
     MAX_SIGMA_M,
     METHODS,
@@ -17,8 +18,9 @@ from corridor.gnss.interpolation import (
     interpolate,
     segments,
 )
+from corridor.gnss.reading import read_exposures, read_track
 from corridor.gnss.slow_noise import SlowNoise
-from corridor.gnss.track import QUALITY, Track, check_quality, read_track
+from corridor.gnss.track import QUALITY, Track, check_quality
 
 __all__ = [
     "MAX_SIGMA_M",

@@ -10,8 +10,9 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.gnss.alignment import align
 from corridor.gnss.coordinates import Local, convert, to_local
-from corridor.gnss.exposures import Exposures, align
+from corridor.gnss.exposures import Exposures
 from corridor.gnss.interpolation import MAX_SIGMA_M, Interpolated, interpolate
 from corridor.gnss.track import GEOGRAPHIC, Track, check_quality
 from corridor.report import whole_file, whole_files, write_picture

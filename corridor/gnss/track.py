@@ -59,24 +59,6 @@ class Track:
         return self.table[POSITION].to_numpy()
 
 
-def read_track(path: str | Path) -> Track:
-    """The track in a file; the format is told by the content.
-
-    RTKLIB .pos, GrafNav text, MicMac XML or text, track.csv (.parquet) of a block. A folder:
-    the track.csv in it. Text may be packed (.gz).
-    Raises InputError, one sentence naming file, row and remedy.
-    """
-    from corridor.gnss import formats
-
-    path = Path(path)
-    if path.is_dir():
-        path = formats.table_in(path, "track")
-    track = formats.read(path)
-    if not isinstance(track, Track):
-        raise InputError(f"{path.name} holds image times, not a track; name the file of the track")
-    return track
-
-
 def check_quality(track: Track) -> None:
     """Raise InputError where every epoch is a single position: metres, not centimetres."""
     if "quality" not in track.table:
