@@ -1,9 +1,9 @@
-"""What `adjust` and `diagnose` have in common: the model one believes in, and news of its work."""
+"""The model that `adjust` and `diagnose` are told: the one place that makes it from options."""
 
 import argparse
 import re
-import sys
-from pathlib import Path
+
+from corridor.cli._options import SHARED, add, option
 
 _PRIOR = re.compile(r"(?P<name>[^=\s]+)=(?P<value>[^=]+?)(?:\+-|\+/-|±)(?P<sigma>[^=]+)")
 
@@ -15,82 +15,32 @@ def configure(
 
     camera: the default of --camera. effect, prior: help of --effect and --prior. threads: default.
     """
-    parser.add_argument("block", metavar="BLOCK", type=Path, help="folder of the block")
-    parser.add_argument(
-        "-o", "--output", metavar="OUT", type=Path, help="folder for the results (none: print only)"
-    )
-    parser.add_argument(
-        "--camera",
-        metavar="WHAT",
-        help="free camera parameters: fixed, a list such as f,cx,cy,k1,k2, fraser8 or fraser10 "
-        f"(default: {camera}, fixed where block.toml says calibrated = true)",
-    )
-    parser.add_argument("--effect", metavar="SLUG", action="append", default=[], help=effect)
-    parser.add_argument(
-        "--control",
-        metavar="ID,ID",
-        type=_identifiers,
-        help="ground points held as control (default: the roles in ground.csv; none: no control)",
-    )
-    parser.add_argument(
-        "--check", metavar="ID,ID", type=_identifiers, help="ground points to be compared with"
-    )
-    parser.add_argument(
-        "--prior",
-        metavar="NAME=VALUE+-SIGMA",
-        action="append",
-        type=_prior,
-        default=[],
-        help=prior,
-    )
-    parser.add_argument(
-        "--threads",
-        metavar="N",
-        type=whole("number of threads", 1),
-        default=threads,
-        help=f"threads to use (default {threads})",
+    default = f"(default: {camera}, fixed where block.toml says calibrated = true)"
+    add(
+        parser,
+        {
+            "block": {},
+            "--output": option("folder for the results (none: print only)"),
+            "--camera": option(f"{SHARED['--camera']['help']} {default}"),
+            "--effect": option(effect),
+            "--control": {},
+            "--check": {},
+            "--prior": option(prior, "NAME=VALUE+-SIGMA", _prior, action="append", default=[]),
+            "--threads": {"default": threads},
+        },
     )
 
 
-def whole(what: str, least: int):
-    """A type of option: a whole number of at least so much."""
-
-    def number(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a {what} from {least}")
-        return int(text)
-
-    return number
-
-
-def announce_compilation():
-    """Say so once where the kernels are not compiled yet: half a minute of silence looks broken."""
-    from numba.core import event
-
-    class Once(event.Listener):
-        said = False
-
-        def on_start(self, compilation):
-            kernel = compilation.data["dispatcher"].py_func
-            if not self.said and kernel.__name__ == "assemble":
-                self.said = True
-                print(
-                    "compiling for this machine, once (half a minute)", file=sys.stderr, flush=True
-                )
-
-        def on_end(self, compilation):
-            pass
-
-    event.register("numba:compile", Once())
-
-
-def _identifiers(text):
-    if text == "none":
-        return []
-    found = [word.strip() for word in text.split(",") if word.strip()]
-    if not found:
-        raise argparse.ArgumentTypeError("no point named; write ID,ID or none")
-    return found
+def of_options(options: argparse.Namespace) -> dict:
+    """What the options say of the model, as `corridor.adjust` and `corridor.diagnose` take it."""
+    return {
+        "camera": options.camera,
+        "effects": options.effect,
+        "control": options.control,
+        "check": options.check,
+        "priors": dict(options.prior) or None,
+        "threads": options.threads,
+    }
 
 
 def _prior(text):

@@ -18,9 +18,9 @@ written, or not at all; an earlier result in OUT is replaced.
 """
 
 import argparse
-import sys
 
 from corridor.cli import _model
+from corridor.cli._options import add, announce_compilation, flag, option, say, wrote
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -32,39 +32,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
         prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
         threads=1,
     )
-    parser.add_argument(
-        "--loss",
-        metavar="LOSS",
+    add(parser, _OPTIONS)
+
+
+_OPTIONS = {
+    "--loss": option(
+        "squares (default), huber:2 or cauchy:2: from how many sigmas on residuals weigh less",
+        "LOSS",
         default="squares",
-        help="squares (default), huber:2 or cauchy:2: from how many sigmas on residuals weigh less",
-    )
-    parser.add_argument(
-        "--lever-arm",
-        choices=("free", "fixed"),
-        help="estimate the GNSS lever arm of each flight, or hold it (default: as block.toml says)",
-    )
-    parser.add_argument(
-        "--reject-gnss",
-        action="store_true",
-        help="leave out antenna positions beyond five sigmas (false fixes) and adjust again",
-    )
+    ),
+    "--lever-arm": {},
+    "--reject-gnss": flag(
+        "leave out antenna positions beyond five sigmas (false fixes) and adjust again"
+    ),
+}
 
 
 def run(options: argparse.Namespace) -> None:
     """Adjust, print the report, save what was asked for."""
     import corridor
 
-    _model.announce_compilation()
+    announce_compilation("half a minute", "assemble")
     adjustment = corridor.adjust(
         corridor.read(options.block),
-        camera=options.camera,
-        effects=options.effect,
-        control=options.control,
-        check=options.check,
+        **_model.of_options(options),
         loss=options.loss,
-        priors=dict(options.prior) or None,
         lever_arm=options.lever_arm,
-        threads=options.threads,
         progress=_progress,
         reject_gnss=options.reject_gnss,
     )
@@ -75,18 +68,15 @@ def run(options: argparse.Namespace) -> None:
         )
         return
     pictures = corridor.figures.of_adjustment(adjustment)
-    written = adjustment.save(options.output, pictures)
-    print("\nWrote", *written, sep="\n  ")
+    wrote(*adjustment.save(options.output, pictures))
 
 
 def _progress(step):
     if "message" in step:
-        print(step["message"], file=sys.stderr, flush=True)
+        say(step["message"])
         return
     word = "" if step["accepted"] else "  rejected"
-    print(
+    say(
         f"iteration {step['iteration']:3d}  cost {step['cost']:.6e}  damping {step['damping']:.0e}"
-        f"  step {step['step']:.1e}{word}",
-        file=sys.stderr,
-        flush=True,
+        f"  step {step['step']:.1e}{word}"
     )

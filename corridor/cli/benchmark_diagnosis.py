@@ -24,28 +24,39 @@ import argparse
 import sys
 from pathlib import Path
 
+from corridor.cli._options import add, flag, option, several, whole, wrote
 from corridor.errors import InputError
 
 KINDS = ("null", "single", "lookalike", "together", "unknown", "perfect", "all")
 
 
+def _kind(text):
+    if text not in KINDS:
+        raise argparse.ArgumentTypeError(f"{text!r} is unknown: use {', '.join(KINDS)}")
+    return text
+
+
+_SOURCES = {
+    "--blocks": option("folder of blocks and truths", "FOLDER", Path),
+    "--cases": option(f"made on demand: {', '.join(KINDS)}; or A,B", "KIND", several(_kind)),
+}
+_OPTIONS = {
+    "--output": option("folder to write", required=True),
+    "--count": option("blocks of each kind (default: its cases)", "N", whole("whole number", 1)),
+    "--short": flag("blocks of 40 images in place of 80"),
+    "--seed": option("of the blocks (default 0)"),
+    "--jobs": {},
+    "--cluster": {},
+    "--level": option("of a false name (default 0.01)"),
+    "--without-baselines": flag("leave out what others would say"),
+    "--again": flag("diagnose blocks anew that are done already"),
+}
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor benchmark-diagnosis`."""
-    add = parser.add_argument
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("--blocks", metavar="FOLDER", type=Path, help="folder of blocks and truths")
-    source.add_argument(
-        "--cases", metavar="KIND", type=_kinds, help=f"made on demand: {', '.join(KINDS)}; or A,B"
-    )
-    add("-o", "--output", metavar="OUT", type=Path, required=True, help="folder to write")
-    add("--count", metavar="N", type=_positive, help="blocks of each kind (default: its cases)")
-    add("--short", action="store_true", help="blocks of 40 images in place of 80")
-    add("--seed", metavar="N", type=int, default=0, help="of the blocks (default 0)")
-    add("--jobs", metavar="N", type=_positive, default=1, help="processes (default 1)")
-    add("--cluster", metavar="ADDRESS", help="Dask scheduler that does the work")
-    add("--level", metavar="P", type=_level, default=0.01, help="of a false name (default 0.01)")
-    add("--without-baselines", action="store_true", help="leave out what others would say")
-    add("--again", action="store_true", help="diagnose blocks anew that are done already")
+    add(parser.add_mutually_exclusive_group(required=True), _SOURCES)
+    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -64,9 +75,15 @@ def run(options: argparse.Namespace) -> None:
     try:
         with _Progress(len(trials)) as progress:
             rows = benchmark.run(
-                trials, options.output, options.jobs, options.cluster, options.again,
-                not options.without_baselines, progress, level=options.level,
-            )  # fmt: skip
+                trials,
+                options.output,
+                options.jobs,
+                options.cluster,
+                options.again,
+                not options.without_baselines,
+                progress,
+                level=options.level,
+            )
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"the blocks that were done are kept in {options.output}; the same command goes on"
@@ -76,7 +93,7 @@ def run(options: argparse.Namespace) -> None:
     settings = {k: str(v) for k, v in vars(options).items() if k not in aside and v is not None}
     written = benchmark.save(rows, found, options.output, settings)
     print(benchmark.as_text(found))
-    print("\nWrote", *written, options.output / benchmark.KEPT, sep="\n  ")
+    wrote(*written, options.output / benchmark.KEPT)
 
 
 class _Progress:
@@ -97,27 +114,3 @@ class _Progress:
     def __call__(self, row: dict, done: int, of: int) -> None:
         self.bar.set_postfix_str(f"{row['name']}: {row.get('verdict') or 'failed'}", refresh=False)
         self.bar.update(done - self.bar.n)
-
-
-def _kinds(text):
-    kinds = text.split(",")
-    wrong = [kind for kind in kinds if kind not in KINDS]
-    if wrong:
-        raise argparse.ArgumentTypeError(f"{wrong[0]!r} is unknown: use {', '.join(KINDS)}")
-    return kinds
-
-
-def _level(text):
-    try:
-        level = float(text)
-    except ValueError:
-        level = 0.0
-    if not 0.0 < level < 1.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no probability between 0 and 1")
-    return level
-
-
-def _positive(text):
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
-    return int(text)

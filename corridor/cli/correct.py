@@ -20,49 +20,42 @@ and velocities, and what was wrong with the time stamps.
 import argparse
 from pathlib import Path
 
-from corridor.cli.simulate import effect_word
+from corridor.cli._options import add, effect, option, warn, wrote
+
+_OPTIONS = {
+    "block": {},
+    "--effect": option(
+        "take out this effect of `corridor effects`; without values, those that the block "
+        "states or --from holds (may be repeated)",
+        "SLUG[:PARAMETER=VALUE]",
+        effect,
+        required=True,
+    ),
+    "--from": option(
+        "adjustment.json or diagnosis.json that holds the values", "FILE", Path, dest="source"
+    ),
+    "--model": option("thermal model that a laboratory has fitted", "MODEL", Path),
+    "--velocity": option(
+        "where velocities come from, for effects that need them: vx, vy, vz of images.csv "
+        "(metadata), antenna positions (gnss), a smooth flight along each strip (strip), the "
+        "images before and after (neighbours); default: the first of these that the block has",
+        choices=("auto", "metadata", "gnss", "strip", "neighbours"),
+        default="auto",
+    ),
+    "--turning": option(
+        "where angular rates come from, for effects that take them: wx, wy, wz of "
+        "images.csv if they are there (metadata, default), attitudes of the images before and "
+        "after",
+        choices=("metadata", "neighbours"),
+        default="metadata",
+    ),
+    "--output": option("folder to write", "BLOCK2", required=True),
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor correct`."""
-    parser.add_argument("block", metavar="BLOCK", type=Path, help="folder of the block")
-    parser.add_argument(
-        "--effect",
-        metavar="SLUG[:PARAMETER=VALUE]",
-        action="append",
-        type=effect_word,
-        required=True,
-        help="take out this effect of `corridor effects`; without values, those that the block "
-        "states or --from holds (may be repeated)",
-    )
-    parser.add_argument(
-        "--from",
-        dest="source",
-        metavar="FILE",
-        type=Path,
-        help="adjustment.json or diagnosis.json that holds the values",
-    )
-    parser.add_argument(
-        "--model", metavar="MODEL", type=Path, help="thermal model that a laboratory has fitted"
-    )
-    parser.add_argument(
-        "--velocity",
-        choices=("auto", "metadata", "gnss", "strip", "neighbours"),
-        default="auto",
-        help="where velocities come from, for effects that need them: vx, vy, vz of images.csv "
-        "(metadata), antenna positions (gnss), a smooth flight along each strip (strip), the "
-        "images before and after (neighbours); default: the first of these that the block has",
-    )
-    parser.add_argument(
-        "--turning",
-        choices=("metadata", "neighbours"),
-        default="metadata",
-        help="where angular rates come from, for effects that take them: wx, wy, wz of images.csv "
-        "if they are there (metadata, default), attitudes of the images before and after",
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="BLOCK2", type=Path, required=True, help="folder to write"
-    )
+    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -96,12 +89,10 @@ def run(options: argparse.Namespace) -> None:
         print(note)
     _tell(block, corrected, values)
     corrected.write(options.output)
-    print(f"wrote {options.output}")
+    wrote(options.output)
 
 
 def _by_model(block, options):
-    import sys
-
     import corridor
 
     if options.effect != [("thermal", None)] or options.source is not None:
@@ -110,11 +101,10 @@ def _by_model(block, options):
         )
     model = corridor.thermal.read_model(options.model)
     corrected, warnings = corridor.thermal.correct(block, model)
-    for warning in warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+    warn(warnings)
     _moved(block, corrected)
     corrected.write(options.output)
-    print(f"wrote {options.output}")
+    wrote(options.output)
 
 
 def _tell(block, corrected, values):

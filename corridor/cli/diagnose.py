@@ -23,6 +23,21 @@ import shlex
 import sys
 
 from corridor.cli import _model
+from corridor.cli._options import add, announce_compilation, names, option, say, whole, wrote
+
+_SLUGS = {"metavar": "SLUG", "action": "extend", "type": names("slug"), "default": []}
+_OPTIONS = {
+    "--only": _SLUGS | option("test these candidates alone (commas, may be repeated)"),
+    "--without": _SLUGS | option("leave these candidates out (commas, may be repeated)"),
+    "--level": {},
+    "--seed": {},
+    "--counterparts": option(
+        "simulated blocks to stand beside the measured one, 19 or more (default 20)",
+        "N",
+        whole("number of counterparts", 19),
+        default=20,
+    ),
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,55 +51,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "first parameter (may be repeated)",
         threads=min(2, os.cpu_count() or 1),
     )
-    for option, text in (
-        ("--only", "test these candidates alone (commas, may be repeated)"),
-        ("--without", "leave these candidates out (commas, may be repeated)"),
-    ):
-        parser.add_argument(
-            option, metavar="SLUG", action="extend", type=_slugs, default=[], help=text
-        )
-    parser.add_argument(
-        "--level",
-        metavar="P",
-        type=float,
-        default=0.01,
-        help="probability of a false name in a block that lacks nothing (default 0.01)",
-    )
-    parser.add_argument(
-        "--seed",
-        metavar="N",
-        type=_model.whole("seed", 0),
-        default=0,
-        help="of everything drawn (default 0)",
-    )
-    parser.add_argument(
-        "--counterparts",
-        metavar="N",
-        type=_model.whole("number of counterparts", 19),
-        default=20,
-        help="simulated blocks to stand beside the measured one, 19 or more (default 20)",
-    )
+    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:
     """Diagnose, print what came of it, save what was asked for."""
     import corridor
 
-    _model.announce_compilation()
+    announce_compilation("half a minute", "assemble")
     if options.output is not None:
         corridor.diagnosis.check_output(options.output)
     diagnosis = corridor.diagnose(
         corridor.read(options.block),
-        camera=options.camera,
-        effects=options.effect,
-        control=options.control,
-        check=options.check,
-        priors=dict(options.prior) or None,
+        **_model.of_options(options),
         only=options.only or None,
         without=options.without,
         level=options.level,
         seed=options.seed,
-        threads=options.threads,
         progress=_progress,
     )
     print(diagnosis)
@@ -98,7 +81,7 @@ def run(options: argparse.Namespace) -> None:
         command=shlex.join(["corridor", *sys.argv[1:]]),
         progress=_progress,
     )
-    print("\nWrote", *written, sep="\n  ")
+    wrote(*written)
 
 
 def _progress(step):
@@ -106,13 +89,6 @@ def _progress(step):
         return
     done, of = step.get("done"), step.get("of")
     if done is None:
-        print(step["message"], file=sys.stderr, flush=True)
+        say(step["message"])
     elif done % 5 == 0 or done == of:
-        print(f"{step['message']}: {done} of {of}", file=sys.stderr, flush=True)
-
-
-def _slugs(text):
-    found = [word.strip() for word in text.split(",") if word.strip()]
-    if not found:
-        raise argparse.ArgumentTypeError("no effect named; write SLUG or SLUG,SLUG")
-    return found
+        say(f"{step['message']}: {done} of {of}")

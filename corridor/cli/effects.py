@@ -56,9 +56,12 @@ def _full(effect):
 
 def _line(title, text):
     return textwrap.fill(
-        text, 100, initial_indent=f"  {title:10s} ", subsequent_indent=" " * 13,
+        text,
+        100,
+        initial_indent=f"  {title:10s} ",
+        subsequent_indent=" " * 13,
         break_on_hyphens=False,
-    )  # fmt: skip
+    )
 
 
 def _runs(effect):

@@ -18,36 +18,29 @@ it first, and export the result.
 """
 
 import argparse
-import sys
-from pathlib import Path
 
-from corridor.cli.simulate import effect_word
+from corridor.cli._options import add, flag, option, say, valued_effect, wrote
+
+_OPTIONS = {
+    "form": option("name of a format that is written", "FORMAT"),
+    "block": option("a block, or the result of `corridor adjust`"),
+    "--output": option("folder to write", "PROJECT", required=True),
+    "--effect": option(
+        "an effect that is in the measurements (may be repeated)",
+        "SLUG:PARAMETER=VALUE",
+        valued_effect,
+    ),
+}
+_LOSSES = {
+    "--corrected": flag("correct the measurements to what the target holds"),
+    "--lossy": flag("drop what the target cannot hold, and say so"),
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor export`."""
-    parser.add_argument("form", metavar="FORMAT", help="name of a format that is written")
-    parser.add_argument(
-        "block", metavar="BLOCK", type=Path, help="a block, or the result of `corridor adjust`"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="PROJECT", type=Path, required=True, help="folder to write"
-    )
-    parser.add_argument(
-        "--effect",
-        metavar="SLUG:PARAMETER=VALUE",
-        action="append",
-        type=_effect,
-        default=[],
-        help="an effect that is in the measurements (may be repeated)",
-    )
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument(
-        "--corrected", action="store_true", help="correct the measurements to what the target holds"
-    )
-    how.add_argument(
-        "--lossy", action="store_true", help="drop what the target cannot hold, and say so"
-    )
+    add(parser, _OPTIONS)
+    add(parser.add_mutually_exclusive_group(), _LOSSES)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -65,16 +58,7 @@ def run(options: argparse.Namespace) -> None:
         effects=effects,
         corrected=options.corrected,
         lossy=options.lossy,
-        progress=lambda what: print(what, file=sys.stderr, flush=True),
+        progress=say,
     )
     print(made)
-    print(f"\nWrote {options.output}")
-
-
-def _effect(text):
-    slug, values = effect_word(text)
-    if values is None:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not SLUG:PARAMETER=VALUE, for example rolling_shutter:readout=0.03"
-        )
-    return slug, values
+    wrote(options.output)

@@ -17,64 +17,49 @@ whose sigma is above --max-sigma are refused and named.
 """
 
 import argparse
-import sys
 from pathlib import Path
 
-_METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
+from corridor.cli._options import add, announce_compilation, flag, number, option, wrote
+
+_OPTIONS = {
+    "track": option("file with the antenna's track", "TRACK", Path),
+    "--images": option("when the images were taken", "IMAGES", Path, required=True),
+    "--output": option("table to write, a .csv", "GNSS", required=True),
+    "--method": option(
+        "smoother (default): Kalman smoother with a sigma that holds between epochs and "
+        "in turns; the others are curves through the epochs, for comparison",
+        choices=("smoother", "parabola", "spline", "pchip", "linear"),
+        default="smoother",
+    ),
+    "--max-sigma": option(
+        "refuse positions whose sigma is above this in one axis, metres (default 0.1: "
+        "beside positions of 2 cm it has a twenty-fifth of their weight, and can only mislead)",
+        "M",
+        number("is not a length in metres above 0", above=0.0),
+    ),
+    "--slow-share": option(
+        "share of the stated variance that neighbouring epochs have in common, 0 to below "
+        "1 (default: what the track shows)",
+        "SHARE",
+        number("is not a share from 0 to below 1", least=0.0, below=1.0),
+    ),
+    "--no-velocities": flag(
+        "leave the track's velocities aside (they may be differences of its positions)"
+    ),
+    "--photos": option(
+        "folder of the photographs, to name the exposures of a .MRK by their numbers"
+    ),
+    "--crs": option(
+        "coordinates of the table, as EPSG:2154 (default: the block's, else local metres)"
+    ),
+    "--track-system": {},
+    "--images-system": {},
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor gnss`."""
-    parser.add_argument("track", metavar="TRACK", type=Path, help="file with the antenna's track")
-    parser.add_argument(
-        "--images", metavar="IMAGES", type=Path, required=True, help="when the images were taken"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="GNSS", type=Path, required=True, help="table to write, a .csv"
-    )
-    parser.add_argument(
-        "--method",
-        choices=_METHODS,
-        default="smoother",
-        help="smoother (default): Kalman smoother with a sigma that holds between epochs and in "
-        "turns; the others are curves through the epochs, for comparison",
-    )
-    parser.add_argument(
-        "--max-sigma",
-        metavar="M",
-        type=_positive,
-        help="refuse positions whose sigma is above this in one axis, metres (default 0.1: beside "
-        "positions of 2 cm it has a twenty-fifth of their weight, and can only mislead)",
-    )
-    parser.add_argument(
-        "--slow-share",
-        metavar="SHARE",
-        type=_share,
-        help="share of the stated variance that neighbouring epochs have in common, 0 to below 1 "
-        "(default: what the track shows)",
-    )
-    parser.add_argument(
-        "--no-velocities",
-        action="store_true",
-        help="leave the track's velocities aside (they may be differences of its positions)",
-    )
-    parser.add_argument(
-        "--photos",
-        metavar="FOLDER",
-        type=Path,
-        help="folder of the photographs, to name the exposures of a .MRK by their numbers",
-    )
-    parser.add_argument(
-        "--crs",
-        metavar="CODE",
-        help="coordinates of the table, as EPSG:2154 (default: the block's, else local metres)",
-    )
-    for what in ("track", "images"):
-        parser.add_argument(
-            f"--{what}-system",
-            metavar="SYSTEM",
-            help=f"time system of {what.upper()} where it states none: GPST, UTC, UTC+hh:mm",
-        )
+    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -91,7 +76,7 @@ def run(options: argparse.Namespace) -> None:
     crs, offset = gnss.frame_of_block(options.images)
     if options.crs is not None and options.crs != crs:
         crs, offset = options.crs, (0.0, 0.0, 0.0)
-    _announce_compilation()
+    announce_compilation("ten seconds")
     found = gnss.antenna(
         track,
         exposures,
@@ -106,42 +91,4 @@ def run(options: argparse.Namespace) -> None:
     )
     written = found.save(options.output, figures.antenna(found))
     print(found)
-    print("\nWrote", *written, sep="\n  ")
-
-
-def _announce_compilation():
-    """Say so once where the kernels are not compiled yet: silence looks broken."""
-    from numba.core import event
-
-    class Once(event.Listener):
-        said = False
-
-        def on_start(self, compilation):
-            if not self.said:
-                self.said = True
-                print("compiling for this machine, once (ten seconds)", file=sys.stderr, flush=True)
-
-        def on_end(self, compilation):
-            pass
-
-    event.register("numba:compile", Once())
-
-
-def _positive(text):
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length in metres above 0")
-    return value
-
-
-def _share(text):
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a share from 0 to below 1")
-    return value
+    wrote(*written)

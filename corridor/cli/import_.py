@@ -21,55 +21,52 @@ is given, and the mistake is named.
 
 import argparse
 import re
-import sys
 from pathlib import Path
+
+from corridor.cli._options import add, flag, option, say, wrote
+
+
+def _size(text):
+    match = re.fullmatch(r"(\d+)[xX](\d+)", text)
+    if not match or min(map(int, match.groups())) < 2:
+        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, for example 4000x3000")
+    return int(match[1]), int(match[2])
+
+
+_OPTIONS = {
+    "form": option("auto, photos, or the name of a format", "FORMAT"),
+    "project": option("its file or folder", "PROJECT", Path),
+    "--output": option("folder to write", "BLOCK", required=True),
+    "--photos": option("photographs: time, GNSS, temperature"),
+    "--track": option("the receiver's track, as for `corridor gnss`", "FILE", Path),
+    "--ground": option("ground points, with their marks if it has them", "FILE", Path),
+    "--crs": option("system of the project's coordinates, as EPSG:32647", "CRS"),
+    "--size": option("picture size, for formats that have none", "WxH", _size),
+    "--track-system": option(
+        "time system of the track, where the file does not say: GPST, UTC, UTC+hh:mm"
+    ),
+    "--images-system": option(
+        "time system of the images' times, where the file does not say: GPST, UTC, UTC+hh:mm"
+    ),
+    "--form": option(
+        "how to write the tables (parquet: smaller and faster for large blocks)",
+        dest="table_form",
+        choices=("csv", "parquet"),
+        default="csv",
+    ),
+    "--force": flag("write the block although the proof refuses it"),
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor import`."""
-    parser.add_argument("form", metavar="FORMAT", help="auto, photos, or the name of a format")
-    parser.add_argument("project", metavar="PROJECT", type=Path, help="its file or folder")
-    parser.add_argument(
-        "-o", "--output", metavar="BLOCK", type=Path, required=True, help="folder to write"
-    )
-    parser.add_argument(
-        "--photos", metavar="FOLDER", type=Path, help="photographs: time, GNSS, temperature"
-    )
-    parser.add_argument(
-        "--track", metavar="FILE", type=Path, help="the receiver's track, as for `corridor gnss`"
-    )
-    parser.add_argument(
-        "--ground", metavar="FILE", type=Path, help="ground points, with their marks if it has them"
-    )
-    parser.add_argument(
-        "--crs", metavar="CRS", help="system of the project's coordinates, as EPSG:32647"
-    )
-    parser.add_argument(
-        "--size", metavar="WxH", type=_size, help="picture size, for formats that have none"
-    )
-    for name, what in (("track", "the track"), ("images", "the images' times")):
-        parser.add_argument(
-            f"--{name}-system",
-            metavar="SYSTEM",
-            help=f"time system of {what}, where the file does not say: GPST, UTC, UTC+hh:mm",
-        )
-    parser.add_argument(
-        "--form",
-        dest="table_form",
-        choices=("csv", "parquet"),
-        default="csv",
-        help="how to write the tables (parquet: smaller and faster for large blocks)",
-    )
-    parser.add_argument(
-        "--force", action="store_true", help="write the block although the proof refuses it"
-    )
+    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:
     """Import, prove, write, and say what came of it."""
     from corridor import interchange
 
-    said = _Said()
     made = interchange.import_project(
         options.project,
         options.form,
@@ -83,21 +80,7 @@ def run(options: argparse.Namespace) -> None:
         images_system=options.images_system,
         table_form=options.table_form,
         force=options.force,
-        progress=said,
+        progress=say,
     )
     print(made)
-    print(f"\nWrote {options.output}")
-
-
-class _Said:
-    """What is being done, one line a step, and bars for long ones; on stderr."""
-
-    def __call__(self, what: str) -> None:
-        print(what, file=sys.stderr, flush=True)
-
-
-def _size(text):
-    match = re.fullmatch(r"(\d+)[xX](\d+)", text)
-    if not match or min(map(int, match.groups())) < 2:
-        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, for example 4000x3000")
-    return int(match[1]), int(match[2])
+    wrote(options.output)

@@ -20,120 +20,121 @@ advice.txt.
 """
 
 import argparse
-import sys
 import textwrap
-from pathlib import Path
+
+from corridor.cli._options import add, flag, number, option, say, several, whole, wrote
+
+_metres = number("is not a length in metres")
+
+
+def _three(text):
+    numbers = several(_metres, counts=(1, 3))(text)
+    return tuple(numbers * (3 // len(numbers)))
+
+
+def _memory(text):
+    share, colon, seconds = text.partition(":")
+    of = number("is not SHARE:SECONDS, for example 0.5:30")
+    return of(share), of(seconds) if colon else 30.0
+
+
+def _prior(text):
+    name, _, sigma = text.partition("=")
+    of = number("is not the SIGMA of NAME=SIGMA, for example camera.NAME.f=2.5", above=0.0)
+    return name, of(sigma if name else "")
+
+
+def _pair(text):
+    here, equals, there = text.partition("=")
+    if not (here and equals and there):
+        raise argparse.ArgumentTypeError(f"{text!r} is not FLIGHT=FLIGHT, here = there")
+    return here, there
+
+
+_FLIGHTS = {
+    "plans": option("a .toml file, or names of plans joined by +", "PLAN", nargs="+"),
+    "--output": {},
+    "--control": option(
+        "numbers of control points (default 0,1,3,5)",
+        "N,N",
+        several(whole("number of control points", 0)),
+        action="store",
+        default=[0, 1, 3, 5],
+    ),
+    "--place": option(
+        "control spread evenly (default), or where each point helps most",
+        choices=("spread", "best"),
+        default="spread",
+    ),
+    "--goal": option(
+        "accuracies that the advice is about, m (default 0.01,0.03)",
+        "M,M",
+        several(number("is no accuracy in metres", above=0.0)),
+        default=[0.01, 0.03],
+    ),
+}
+_SETS = {
+    "--combine": flag("compare every combination of the flights", dest="combined", default=None),
+    "--as-given": option("compare the plans as they are", dest="combined", action="store_false"),
+}
+_MODEL = {
+    "--camera": option(
+        "free camera parameters, as of `corridor adjust`: "
+        "fixed for a pre-calibrated camera (default fraser8)"
+    ),
+    "--lever-arm": option(
+        "estimate the lever arm of each flight (default), or hold it", default="free"
+    ),
+    "--gnss-sigma": option(
+        "true noise of the GNSS, m, where it is not what the plan states", "X,Y,Z", _three
+    ),
+    "--bias": option("constant error of the GNSS, m", "X,Y,Z", _three),
+    "--bias-sigma": option("standard deviation of an unknown constant error, m", "X,Y,Z", _three),
+    "--bias-per": option(
+        "one constant error for all flights (default), or one each",
+        choices=("block", "flight"),
+        default="block",
+    ),
+    "--effect": option("estimate this effect of the antenna too (may be repeated)"),
+    "--prior": option(
+        "what is known of a parameter, as in gnss_bias.z=0.05 (may be repeated)",
+        "NAME=SIGMA",
+        _prior,
+        action="append",
+        default=[],
+    ),
+    "--correlated": option(
+        "share of the GNSS's variance that has a memory (default 0:30)",
+        "SHARE[:SECONDS]",
+        _memory,
+        default=(0.0, 30.0),
+    ),
+    "--carry-over": option("flight set whose camera is carried over", "PLAN"),
+    "--carry-control": option(
+        "control points of that flight set (default 5)",
+        "N",
+        whole("number of control points", 0),
+        default=5,
+    ),
+    "--mounted": option(
+        "carry a lever arm over too: flight here = there (may be repeated)",
+        "FLIGHT=FLIGHT",
+        _pair,
+        action="append",
+        default=[],
+    ),
+    "--held": flag("hold what is carried over instead of weighing it"),
+    "--jobs": {},
+    "--cluster": {},
+    "--seed": option("of the ground and the flight (default 0)"),
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor plan`."""
-    add = parser.add_argument
-    add("plans", metavar="PLAN", nargs="+", help="a .toml file, or names of plans joined by +")
-    add("-o", "--output", metavar="OUT", type=Path, help="folder to write (none: print only)")
-    add(
-        "--control",
-        metavar="N,N",
-        type=_counts,
-        default=[0, 1, 3, 5],
-        help="numbers of control points (default 0,1,3,5)",
-    )
-    add(
-        "--place",
-        choices=("spread", "best"),
-        default="spread",
-        help="control spread evenly (default), or where each point helps most",
-    )
-    add(
-        "--goal",
-        metavar="M,M",
-        type=_goals,
-        default=[0.01, 0.03],
-        help="accuracies that the advice is about, m (default 0.01,0.03)",
-    )
-    sets = parser.add_mutually_exclusive_group()
-    sets.add_argument(
-        "--combine",
-        dest="combined",
-        action="store_true",
-        default=None,
-        help="compare every combination of the flights",
-    )
-    sets.add_argument(
-        "--as-given", dest="combined", action="store_false", help="compare the plans as they are"
-    )
-    add(
-        "--camera",
-        metavar="WHAT",
-        help="free camera parameters, as of `corridor adjust`: "
-        "fixed for a pre-calibrated camera (default fraser8)",
-    )
-    add(
-        "--lever-arm",
-        choices=("free", "fixed"),
-        default="free",
-        help="estimate the lever arm of each flight (default), or hold it",
-    )
-    add(
-        "--gnss-sigma",
-        metavar="X,Y,Z",
-        type=_three,
-        help="true noise of the GNSS, m, where it is not what the plan states",
-    )
-    add("--bias", metavar="X,Y,Z", type=_three, help="constant error of the GNSS, m")
-    add(
-        "--bias-sigma",
-        metavar="X,Y,Z",
-        type=_three,
-        help="standard deviation of an unknown constant error, m",
-    )
-    add(
-        "--bias-per",
-        choices=("block", "flight"),
-        default="block",
-        help="one constant error for all flights (default), or one each",
-    )
-    add(
-        "--effect",
-        metavar="SLUG",
-        action="append",
-        default=[],
-        help="estimate this effect of the antenna too (may be repeated)",
-    )
-    add(
-        "--prior",
-        metavar="NAME=SIGMA",
-        action="append",
-        type=_prior,
-        default=[],
-        help="what is known of a parameter, as in gnss_bias.z=0.05 (may be repeated)",
-    )
-    add(
-        "--correlated",
-        metavar="SHARE[:SECONDS]",
-        type=_memory,
-        default=(0.0, 30.0),
-        help="share of the GNSS's variance that has a memory (default 0:30)",
-    )
-    add("--carry-over", metavar="PLAN", help="flight set whose camera is carried over")
-    add(
-        "--carry-control",
-        metavar="N",
-        type=int,
-        default=5,
-        help="control points of that flight set (default 5)",
-    )
-    add(
-        "--mounted",
-        metavar="FLIGHT=FLIGHT",
-        action="append",
-        type=_pair,
-        default=[],
-        help="carry a lever arm over too: flight here = there (may be repeated)",
-    )
-    add("--held", action="store_true", help="hold what is carried over instead of weighing it")
-    add("--jobs", metavar="N", type=int, default=1, help="processes (default 1)")
-    add("--cluster", metavar="ADDRESS", help="Dask scheduler that does the work")
-    add("--seed", metavar="N", type=int, default=0, help="of the ground and the flight (default 0)")
+    add(parser, _FLIGHTS)
+    add(parser.add_mutually_exclusive_group(), _SETS)
+    add(parser, _MODEL)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -161,7 +162,7 @@ def run(options: argparse.Namespace) -> None:
         carried = other.carried(dict(options.mounted), held=options.held)
     table = planning.sweep(
         planning.flight_sets(options.plans, options.combined),
-        options.control,
+        sorted(set(options.control)),
         options.place,
         options.jobs,
         options.cluster,
@@ -179,69 +180,9 @@ def run(options: argparse.Namespace) -> None:
     aside = ("run", "output", "jobs", "cluster")
     settings = {key: value for key, value in vars(options).items() if key not in aside}
     written = planning.save(table, said, options.output, settings)
-    print("\nWrote", *written, sep="\n  ")
+    wrote(*written)
 
 
 def _progress(done, of):
     if of > 1:
-        print(f"flight set {done} of {of}", file=sys.stderr, flush=True)
-
-
-def _counts(text):
-    try:
-        counts = sorted({int(word) for word in text.split(",")})
-    except ValueError:
-        counts = [-1]
-    if counts[0] < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} are no numbers of control points: write 0,1,3")
-    return counts
-
-
-def _goals(text):
-    try:
-        goals = [float(word) for word in text.split(",")]
-    except ValueError:
-        goals = [-1.0]
-    if not min(goals) > 0:
-        raise argparse.ArgumentTypeError(f"{text!r} are no accuracies in metres: write 0.01,0.03")
-    return goals
-
-
-def _three(text):
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (1, 3):
-        raise argparse.ArgumentTypeError(f"{text!r} is not one number or three: write 0.03,0.01,0")
-    return tuple(numbers * (3 // len(numbers)))
-
-
-def _memory(text):
-    share, colon, seconds = text.partition(":")
-    try:
-        return float(share), float(seconds) if colon else 30.0
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not SHARE:SECONDS, for example 0.5:30"
-        ) from None
-
-
-def _prior(text):
-    name, _, sigma = text.partition("=")
-    try:
-        value = float(sigma)
-    except ValueError:
-        value = -1.0
-    if not (name and value > 0):
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not NAME=SIGMA, for example camera.NAME.f=2.5"
-        )
-    return name, value
-
-
-def _pair(text):
-    here, equals, there = text.partition("=")
-    if not (here and equals and there):
-        raise argparse.ArgumentTypeError(f"{text!r} is not FLIGHT=FLIGHT, here = there")
-    return here, there
+        say(f"flight set {done} of {of}")

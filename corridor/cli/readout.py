@@ -16,85 +16,80 @@ both are written, or not at all.
 """
 
 import argparse
-import io
-import math
-import sys
 from pathlib import Path
+
+from corridor.cli._options import add, number, option, say, wrote
+
+
+def _sectors(text):
+    if not text.isdecimal() or int(text) < 6 or int(text) % 2:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an even number of sectors, 6 or more")
+    return int(text)
+
+
+_positive = number("is not a number greater than 0", above=0.0)
+_TURNS = {"metavar": "N", "type": _positive}
+_COMMON = {
+    "--speed-sigma": option(
+        "standard error of the speed or frequency (default 0)",
+        "PERCENT",
+        number("is not a number from 0", least=0.0),
+        default=0.0,
+    ),
+    "--row-direction": option(
+        "how rows follow each other in the stored picture (default: found)",
+        choices=("down", "up", "left", "right"),
+    ),
+    "--output": option("folder for the result", required=True),
+}
+_TWO_PHOTOS = {
+    "static": option("photograph of it at rest", "STATIC", Path),
+    "rotating": option("photograph of it turning", "ROTATING", Path),
+    "--sense": option(
+        "rotation as seen in the stored picture (default: found as far as it can be)",
+        choices=("cw", "ccw"),
+    ),
+    "--camera": option(
+        "calibration: a TOML file with one [camera.NAME] table, such as block.toml", "FILE", Path
+    ),
+    **_COMMON,
+}
+_STAR = {
+    **_TWO_PHOTOS,
+    "--turns-per-second": _TURNS | option("speed of the star", required=True),
+    "--sectors": option("black and white sectors together (default: counted)", "N", _sectors),
+}
+_WHEEL = {
+    **_TWO_PHOTOS,
+    "--video-fps": option(
+        "frames a second, if the file states it wrongly (slow motion)", "F", _positive
+    ),
+    "--photo-time": option(
+        "seconds after the first frame at which TURNING was taken (default: the middle)",
+        "T",
+        number("is not a number"),
+    ),
+}
+_SPEED = {
+    "--turns-per-second": _TURNS | option("speed of the wheel"),
+    "--video": option("film of the turning wheel from the same side", "VIDEO", Path),
+}
+_LED = {
+    "photo": option("the photograph", "PHOTO", Path),
+    "--frequency": option("periods a second", "HZ", _positive, required=True),
+    **_COMMON,
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor readout`, one set for each target."""
     targets = parser.add_subparsers(title="targets", metavar="TARGET", dest="target", required=True)
-    star = targets.add_parser("star", help="a Siemens star, at rest and turning")
-    _two_photos(star)
-    star.add_argument(
-        "--turns-per-second", metavar="N", type=_positive, required=True, help="speed of the star"
-    )
-    star.add_argument(
-        "--sectors",
-        metavar="N",
-        type=_sectors,
-        help="black and white sectors together (default: counted)",
-    )
+    add(targets.add_parser("star", help="a Siemens star, at rest and turning"), _STAR)
     wheel = targets.add_parser("wheel", help="a bicycle wheel, or a bar smeared by its rotation")
-    _two_photos(wheel)
-    speed = wheel.add_mutually_exclusive_group(required=True)
-    speed.add_argument("--turns-per-second", metavar="N", type=_positive, help="speed of the wheel")
-    speed.add_argument(
-        "--video", metavar="VIDEO", type=Path, help="film of the turning wheel from the same side"
-    )
-    wheel.add_argument(
-        "--video-fps",
-        metavar="F",
-        type=_positive,
-        help="frames a second, if the file states it wrongly (slow motion)",
-    )
-    wheel.add_argument(
-        "--photo-time",
-        metavar="T",
-        type=_number,
-        help="seconds after the first frame at which TURNING was taken (default: the middle)",
-    )
-    led = targets.add_parser("led", help="something lit by a LED blinking at a known frequency")
-    led.add_argument("photo", metavar="PHOTO", type=Path, help="the photograph")
-    led.add_argument(
-        "--frequency", metavar="HZ", type=_positive, required=True, help="periods a second"
-    )
-    _common(led)
-
-
-def _two_photos(parser):
-    parser.add_argument("static", metavar="STATIC", type=Path, help="photograph of it at rest")
-    parser.add_argument("rotating", metavar="ROTATING", type=Path, help="photograph of it turning")
-    parser.add_argument(
-        "--sense",
-        choices=("cw", "ccw"),
-        help="rotation as seen in the stored picture (default: found as far as it can be)",
-    )
-    parser.add_argument(
-        "--camera",
-        metavar="FILE",
-        type=Path,
-        help="calibration: a TOML file with one [camera.NAME] table, such as block.toml",
-    )
-    _common(parser)
-
-
-def _common(parser):
-    parser.add_argument(
-        "--speed-sigma",
-        metavar="PERCENT",
-        type=_not_negative,
-        default=0.0,
-        help="standard error of the speed or frequency (default 0)",
-    )
-    parser.add_argument(
-        "--row-direction",
-        choices=("down", "up", "left", "right"),
-        help="how rows follow each other in the stored picture (default: found)",
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="OUT", type=Path, required=True, help="folder for the result"
+    add(wheel, _WHEEL)
+    add(wheel.add_mutually_exclusive_group(required=True), _SPEED)
+    add(
+        targets.add_parser("led", help="something lit by a LED blinking at a known frequency"), _LED
     )
 
 
@@ -109,16 +104,12 @@ def run(options: argparse.Namespace) -> None:
         for option in ("video_fps", "photo_time"):
             if getattr(options, option) is not None:
                 raise InputError(f"--{option.replace('_', '-')} needs --video")
-    print(f"measuring the {options.target} ...", file=sys.stderr, flush=True)
+    say(f"measuring the {options.target} ...")
     readout = _measure(room, options)
-    picture = io.BytesIO()
-    figures.readout_picture(readout).savefig(
-        picture, format="png", dpi=144, metadata={"Software": None}
-    )
-    pictures = {"readout": picture.getvalue()}
+    pictures = {"readout": figures.png(figures.readout_picture(readout))}
     written = room.save_readout(readout, options.output, pictures)
     print(readout)
-    print("\nWrote", *written, sep="\n  ")
+    wrote(*written)
 
 
 def _measure(room, options):
@@ -147,33 +138,3 @@ def _measure(room, options):
         photo_time=options.photo_time,
         **known,
     )
-
-
-def _number(text):
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number")
-    return value
-
-
-def _positive(text):
-    value = _number(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not greater than 0")
-    return value
-
-
-def _not_negative(text):
-    value = _number(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is negative")
-    return value
-
-
-def _sectors(text):
-    if not text.isdecimal() or int(text) < 6 or int(text) % 2:
-        raise argparse.ArgumentTypeError(f"{text!r} is not an even number of sectors, 6 or more")
-    return int(text)

@@ -25,38 +25,30 @@ that the residuals show.
 import argparse
 from pathlib import Path
 
+from corridor.cli._options import Bars, add, effect, option, wrote
+
+_OPTIONS = {
+    "plan": option("a .toml file, or names of plans joined by +", "PLAN", nargs="?"),
+    "--like": option(
+        "in place of a plan: the simulated counterpart of this measured block", "BLOCK", Path
+    ),
+    "--output": {"metavar": "BLOCK"},
+    "--effect": option(
+        "add this effect; several parameters with commas (may be repeated); with --like, "
+        "a SLUG alone is part of the model and estimated",
+        "SLUG:PARAMETER=VALUE",
+        effect,
+    ),
+    "--camera": option(
+        "with --like: free camera parameters of the model, as for `corridor adjust`"
+    ),
+    "--seed": {},
+}
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor simulate`."""
-    parser.add_argument(
-        "plan", metavar="PLAN", nargs="?", help="a .toml file, or names of plans joined by +"
-    )
-    parser.add_argument(
-        "--like",
-        metavar="BLOCK",
-        type=Path,
-        help="in place of a plan: the simulated counterpart of this measured block",
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="BLOCK", type=Path, help="folder to write (none: print only)"
-    )
-    parser.add_argument(
-        "--effect",
-        metavar="SLUG:PARAMETER=VALUE",
-        action="append",
-        type=effect_word,
-        default=[],
-        help="add this effect; several parameters with commas (may be repeated); with --like, a "
-        "SLUG alone is part of the model and estimated",
-    )
-    parser.add_argument(
-        "--camera",
-        metavar="WHAT",
-        help="with --like: free camera parameters of the model, as for `corridor adjust`",
-    )
-    parser.add_argument(
-        "--seed", metavar="N", type=_seed, default=0, help="of everything drawn (default 0)"
-    )
+    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -70,7 +62,7 @@ def run(options: argparse.Namespace) -> None:
         if values is not None:
             added.setdefault(slug, {}).update(values)
     _check(options, believed)
-    with _Bars() as bars:
+    with Bars() as bars:
         if options.like is None:
             import corridor
 
@@ -92,7 +84,7 @@ def run(options: argparse.Namespace) -> None:
         bars("writing files", 0.0)
         block.write(options.output)
         bars("writing files", 1.0)
-    print(f"wrote {options.output} and {options.output}.truth.json beside it")
+    wrote(options.output, f"{options.output}.truth.json")
 
 
 def _check(options, believed):
@@ -131,46 +123,3 @@ def _list_plans():
         plan = read_plan(name)
         print(f"{name}\n  {plan.description}\n  {plan.source}")
     print("\n`corridor simulate NAME -o BLOCK` flies one, NAME+NAME several over the same ground.")
-
-
-class _Bars:
-    """A progress bar for each step that takes longer than a second."""
-
-    def __enter__(self):
-        self.bar, self.step = None, None
-        return self
-
-    def __exit__(self, *_):
-        if self.bar is not None:
-            self.bar.close()
-
-    def __call__(self, what: str, share: float) -> None:
-        from tqdm import tqdm
-
-        if what != self.step:
-            if self.bar is not None:
-                self.bar.close()
-            self.step = what
-            self.bar = tqdm(
-                total=100, desc=what, delay=1.0, leave=False,
-                bar_format="{desc} {percentage:3.0f} % |{bar}| {elapsed}",
-            )  # fmt: skip
-        self.bar.update(100 * share - self.bar.n)
-
-
-def effect_word(text: str) -> tuple[str, dict[str, float] | None]:
-    """Slug and values of SLUG:PARAMETER=VALUE,...; no values where it is a SLUG alone."""
-    from corridor.effects import parse_word
-
-    try:
-        return parse_word(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not SLUG:PARAMETER=VALUE, for example rolling_shutter:readout=0.03"
-        ) from None
-
-
-def _seed(text):
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a seed: give a whole number from 0")
-    return int(text)

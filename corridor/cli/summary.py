@@ -6,15 +6,13 @@ examples:
 """
 
 import argparse
-from pathlib import Path
+
+from corridor.cli._options import add, option, wrote
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor summary`."""
-    parser.add_argument("block", metavar="BLOCK", type=Path, help="folder of the block")
-    parser.add_argument(
-        "-o", "--output", metavar="OUT", type=Path, help="folder for the first-look picture"
-    )
+    add(parser, {"block": {}, "--output": option("folder for the first-look picture")})
 
 
 def run(options: argparse.Namespace) -> None:
@@ -28,4 +26,4 @@ def run(options: argparse.Namespace) -> None:
         path = options.output / "first_look.png"
         with report.whole_file(path) as part:
             report.write_picture(corridor.figures.first_look(block), part)
-        print(f"\nWrote {path}")
+        wrote(path)

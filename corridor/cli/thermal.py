@@ -18,44 +18,59 @@ Beside MAPS.npz and MODEL.json lies a picture of the same name. A block is corre
 """
 
 import argparse
-import math
-import sys
 from pathlib import Path
+
+from corridor.cli._options import Bars, add, flag, number, option, warn, wrote
+
+_MAPS = {"metavar": "MAPS.npz", "type": Path}
+_MODEL = {"metavar": "MODEL.json", "type": Path}
+_FILE = option("file to write", required=True)
+_STEPS = {
+    "map": (
+        "deformation maps from pictures",
+        {
+            "folder": option("pictures and series.csv", "FOLDER", Path),
+            "--output": _FILE | {"metavar": "MAPS.npz"},
+        },
+    ),
+    "fit": (
+        "the thermal model from maps",
+        {
+            "maps": _MAPS | option("what `map` wrote"),
+            "--output": _FILE | {"metavar": "MODEL.json"},
+        },
+    ),
+    "apply": (
+        "shifts of points from the model",
+        {
+            "model": _MODEL | option("what `fit` wrote"),
+            "--points": option(
+                "columns x, y (px) and temperature_c (C, of the optics)",
+                "POINTS.csv",
+                Path,
+                required=True,
+            ),
+            "--temperature": option(
+                "one temperature for all points", "C", number("is not a number")
+            ),
+            "--inverse": flag(
+                "x, y are seen at that temperature; dx, dy lead back to the model's t0"
+            ),
+            "--output": _FILE | {"metavar": "OUT.csv"},
+        },
+    ),
+    "prior": (
+        "print what the model says of a block's effect, as options of `adjust`",
+        {"model": _MODEL | option("what `fit` wrote"), "block": {}},
+    ),
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor thermal`, one set for each step."""
     steps = parser.add_subparsers(title="steps", metavar="STEP", dest="step", required=True)
-    maps = steps.add_parser("map", help="deformation maps from pictures")
-    maps.add_argument("folder", metavar="FOLDER", type=Path, help="pictures and series.csv")
-    fit = steps.add_parser("fit", help="the thermal model from maps")
-    fit.add_argument("maps", metavar="MAPS.npz", type=Path, help="what `map` wrote")
-    apply = steps.add_parser("apply", help="shifts of points from the model")
-    apply.add_argument("model", metavar="MODEL.json", type=Path, help="what `fit` wrote")
-    apply.add_argument(
-        "--points",
-        metavar="POINTS.csv",
-        type=Path,
-        required=True,
-        help="columns x, y (px) and temperature_c (C, of the optics)",
-    )
-    apply.add_argument(
-        "--temperature", metavar="C", type=_number, help="one temperature for all points"
-    )
-    apply.add_argument(
-        "--inverse",
-        action="store_true",
-        help="x, y are seen at that temperature; dx, dy lead back to the model's t0",
-    )
-    prior = steps.add_parser(
-        "prior", help="print what the model says of a block's effect, as options of `adjust`"
-    )
-    prior.add_argument("model", metavar="MODEL.json", type=Path, help="what `fit` wrote")
-    prior.add_argument("block", metavar="BLOCK", type=Path, help="folder of the block")
-    for step, name in ((maps, "MAPS.npz"), (fit, "MODEL.json"), (apply, "OUT.csv")):
-        step.add_argument(
-            "-o", "--output", metavar=name, type=Path, required=True, help="file to write"
-        )
+    for name, (text, options) in _STEPS.items():
+        add(steps.add_parser(name, help=text), options)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -64,8 +79,6 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _map(options):
-    from tqdm import tqdm
-
     from corridor import figures, thermal
     from corridor.errors import InputError
 
@@ -76,23 +89,18 @@ def _map(options):
             "another folder"
         )
     keep = options.output.with_name(f"{options.output.name}.part")
-    bar = tqdm(desc="matching", unit="picture", delay=1.0, leave=False)
-
-    def progress(done, of, name):
-        bar.total = of
-        bar.update(done - bar.n)
-
     try:
-        maps = thermal.measure_maps(options.folder, keep, progress)
-        _warn(maps.warnings)
+        with Bars() as bars:
+            maps = thermal.measure_maps(
+                options.folder, keep, lambda done, of, _: bars("matching", done / of)
+            )
+        warn(maps.warnings)
         drawn = figures.png(figures.deformation_maps(maps))
         maps.write(options.output)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"the finished pictures are kept in {keep}, the same command goes on from there"
         ) from None
-    finally:
-        bar.close()
     picture.write_bytes(drawn)
     thermal.forget(keep)
     usable = maps.valid.any(axis=1)
@@ -100,7 +108,7 @@ def _map(options):
         f"{len(maps.picture)} pictures of {maps.width} x {maps.height} px, {usable.sum()} of them "
         f"matched at {100 * maps.valid[usable].mean():.1f} % of {len(maps.x)} nodes"
     )
-    print("\nWrote", options.output, picture, sep="\n  ")
+    wrote(options.output, picture)
 
 
 def _fit(options):
@@ -109,7 +117,7 @@ def _fit(options):
     picture = _beside(options)
     fit = thermal.fit(thermal.read_maps(options.maps))
     model = fit.model
-    _warn(model.warnings)
+    warn(model.warnings)
     drawn = figures.png(figures.thermal_parameters(fit))
     model.write(options.output)
     picture.write_bytes(drawn)
@@ -120,7 +128,7 @@ def _fit(options):
     )
     if model.lag_s is not None:
         print(f"the optics lag {model.lag_s:.0f} +- {model.lag_sigma_s:.0f} s behind")
-    print("\nWrote", options.output, picture, sep="\n  ")
+    wrote(options.output, picture)
 
 
 def _apply(options):
@@ -128,9 +136,10 @@ def _apply(options):
 
     model = thermal.read_model(options.model)
     table, notes = thermal.apply(model, options.points, options.temperature, options.inverse)
-    _warn(notes)
+    warn(notes)
     thermal.write_points(table, options.output)
-    print(f"{len(table)} points\n\nWrote\n  {options.output}")
+    print(f"{len(table)} points")
+    wrote(options.output)
 
 
 def _prior(options):
@@ -156,18 +165,3 @@ def _beside(options):
     if picture == options.output:
         raise InputError(f"{picture} would be replaced by its own picture: name it otherwise")
     return picture
-
-
-def _warn(sentences):
-    for sentence in sentences:
-        print(f"warning: {sentence}", file=sys.stderr)
-
-
-def _number(text):
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number")
-    return value

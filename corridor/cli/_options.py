@@ -1,0 +1,211 @@
+"""What verbs have in common: their options in one table, the types of options, and news of work."""
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+
+def number(
+    wrong: str, least: float = -math.inf, above: float = -math.inf, below: float = math.inf
+) -> Callable[[str], float]:
+    """A type of option: a finite number in a range; wrong: what is said of any other text."""
+
+    def of(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and value >= least and above < value < below):
+            raise argparse.ArgumentTypeError(f"{text!r} {wrong}")
+        return value
+
+    return of
+
+
+def whole(what: str, least: int) -> Callable[[str], int]:
+    """A type of option: a whole number of at least so much."""
+
+    def of(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a {what} from {least}")
+        return int(text)
+
+    return of
+
+
+def several(of: Callable, counts: Iterable[int] = ()) -> Callable[[str], list]:
+    """A type of option: values with commas between them; counts: how many there may be."""
+
+    def values(text: str) -> list:
+        found = [of(word.strip()) for word in text.split(",")]
+        if counts and len(found) not in counts:
+            wanted = " or ".join(map(str, counts))
+            raise argparse.ArgumentTypeError(f"{text!r} is not {wanted} values: write A,B,C")
+        return found
+
+    return values
+
+
+def names(what: str) -> Callable[[str], list[str]]:
+    """A type of option: names with commas between them; `none` for no name at all."""
+
+    def of(text: str) -> list[str]:
+        found = [word.strip() for word in text.split(",") if word.strip()]
+        if not found:
+            raise argparse.ArgumentTypeError(f"no {what} named; write {what.upper()}, A,B or none")
+        return [] if found == ["none"] else found
+
+    return of
+
+
+def slug(text: str) -> str:
+    """A type of option: the slug of an effect."""
+    if not text or any(mark in text for mark in ":=, "):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a SLUG of `corridor effects`")
+    return text
+
+
+def effect(text: str) -> tuple[str, dict[str, float] | None]:
+    """Slug and values of SLUG:PARAMETER=VALUE,...; no values where it is a SLUG alone."""
+    from corridor.effects import parse_word
+
+    try:
+        return parse_word(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not SLUG:PARAMETER=VALUE, for example rolling_shutter:readout=0.03"
+        ) from None
+
+
+def valued_effect(text: str) -> tuple[str, dict[str, float]]:
+    """Slug and values of SLUG:PARAMETER=VALUE,PARAMETER=VALUE."""
+    name, values = effect(text)
+    return name, values if values is not None else effect(f"{text}:")[1]
+
+
+def option(text: str, metavar: str | None = None, of: Callable | None = None, **more) -> dict:
+    """What argparse is told of an option: its help, the word for its value, and its type."""
+    given = {"help": text, "metavar": metavar, "type": of, **more}
+    return {key: value for key, value in given.items() if value is not None or key == "default"}
+
+
+def flag(text: str, **more) -> dict:
+    """What argparse is told of an option without a value."""
+    return {"help": text, "action": "store_true", **more}
+
+
+_POINTS = {"metavar": "ID,ID", "action": "extend", "type": names("point")}
+SHARED = {
+    "block": option("folder of the block", "BLOCK", Path),
+    "--output": option("folder to write (none: print only)", "OUT", Path),
+    "--camera": option(
+        "free camera parameters: fixed, a list such as f,cx,cy,k1,k2, fraser8 or fraser10", "WHAT"
+    ),
+    "--effect": option(
+        "estimate this effect too (may be repeated; `corridor effects` lists them)",
+        "SLUG",
+        slug,
+        action="append",
+        default=[],
+    ),
+    "--control": _POINTS
+    | option("ground points held as control (default: the roles in ground.csv; none: no control)"),
+    "--check": _POINTS | option("ground points to be compared with"),
+    "--threads": option(
+        "threads to use (default %(default)s)", "N", whole("number of threads", 1), default=1
+    ),
+    "--seed": option("of everything drawn (default 0)", "N", whole("seed", 0), default=0),
+    "--jobs": option("processes (default 1)", "N", whole("number of processes", 1), default=1),
+    "--cluster": option("Dask scheduler that does the work", "ADDRESS"),
+    "--level": option(
+        "probability of a false name in a block that lacks nothing (default 0.01)",
+        "P",
+        number("is no probability between 0 and 1", above=0.0, below=1.0),
+        default=0.01,
+    ),
+    "--lever-arm": option(
+        "estimate the GNSS lever arm of each flight, or hold it (default: as block.toml says)",
+        choices=("free", "fixed"),
+    ),
+    "--photos": option("folder of the photographs", "FOLDER", Path),
+    "--crs": option("system of the coordinates, as EPSG:2154", "CODE"),
+    "--track-system": option(
+        "time system of TRACK where it states none: GPST, UTC, UTC+hh:mm", "SYSTEM"
+    ),
+    "--images-system": option(
+        "time system of IMAGES where it states none: GPST, UTC, UTC+hh:mm", "SYSTEM"
+    ),
+}
+
+
+def add(parser, options: Mapping[str, Mapping]) -> None:
+    """Adds options; what is the same for every verb comes from `SHARED`, by its name.
+
+    options: name -> what differs from `SHARED`, or all that argparse is told of it.
+    """
+    for name, own in options.items():
+        flags = ("-o", name) if name == "--output" else (name,)
+        parser.add_argument(*flags, **{**SHARED.get(name, {}), **own})
+
+
+def say(what: object) -> None:
+    """News on stderr, at once."""
+    print(what, file=sys.stderr, flush=True)
+
+
+def warn(sentences: Iterable[str]) -> None:
+    """Warnings on stderr, a line each."""
+    for sentence in sentences:
+        say(f"warning: {sentence}")
+
+
+def wrote(*paths: object) -> None:
+    """What was written and where, a line each."""
+    print("\nWrote", *paths, sep="\n  ")
+
+
+def announce_compilation(how_long: str, kernel: str = "") -> None:
+    """Say so once where kernels are not compiled yet: silence looks broken.
+
+    kernel: the one that takes long; by default any.
+    """
+    from numba.core import event
+
+    class Once(event.Listener):
+        said = False
+
+        def on_start(self, compilation):
+            name = compilation.data["dispatcher"].py_func.__name__
+            if not self.said and kernel in ("", name):
+                self.said = True
+                say(f"compiling for this machine, once ({how_long})")
+
+        def on_end(self, compilation):
+            pass
+
+    event.register("numba:compile", Once())
+
+
+class Bars:
+    """A progress bar for each step that takes longer than a second."""
+
+    def __enter__(self):
+        self.bar, self.step = None, None
+        return self
+
+    def __exit__(self, *_):
+        if self.bar is not None:
+            self.bar.close()
+
+    def __call__(self, what: str, share: float) -> None:
+        """What is being done and the share of it that is done."""
+        from tqdm import tqdm
+
+        if what != self.step:
+            self.__exit__()
+            self.step = what
+            form = "{desc} {percentage:3.0f} % |{bar}| {elapsed}"
+            self.bar = tqdm(total=100, desc=what, delay=1.0, leave=False, bar_format=form)
+        self.bar.update(100 * share - self.bar.n)
