@@ -208,6 +208,10 @@ class Block:
             _files=dict(self._files),
         )
 
+    def forget_folder(self) -> None:
+        """What follows is no longer what stands in the files the block was read from."""
+        self.folder, self._files = None, {}
+
     def select(
         self,
         images: Iterable[str] | None = None,
@@ -256,14 +260,14 @@ class Block:
                 frame = frame[frame["image"].isna() | here]
             kept[table] = frame
         unused = set(self.images["camera"]) - set(kept["images"]["camera"])
-        return replace(
+        part = replace(
             self,
             **kept,
             cameras={name: c for name, c in self.cameras.items() if name not in unused},
             lever_arm={name: arm for name, arm in self.lever_arm.items() if name not in lost},
-            folder=None,
-            _files={},
-        ).copy()
+        )
+        part.forget_folder()
+        return part.copy()
 
     def _points(self, table: str) -> pd.Index:
         column = getattr(self, table)["point"]

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
-from corridor.block.tables import LAYOUTS, POSE, ROLES, is_among
+from corridor.block.tables import LAYOUTS, POSE, ROLES, SIGMAS, is_among
 from corridor.geometry import rotation_from_quaternion
+from corridor.report import Report, Table, counted
 
 # A pose has six unknowns and a point gives two numbers; below this there is little to check it by.
 FEW_OBSERVATIONS = 10
+# Points that are seen in so many images or more stand in one line.
+MANY_IMAGES = 10
 
 
 @dataclass
@@ -69,50 +71,27 @@ class Summary:
             "notes": self.notes,
         }
 
-    def __str__(self) -> str:
-        lines = [f"Block {self.name}"]
-        for title, rows in self._sections():
-            lines += ["", title]
-            widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
-            for label, value, remark in rows:
-                lines.append(f"  {label:<{widths[0]}}  {value:>{widths[1]}}  {remark}".rstrip())
+    def report(self) -> Report:
+        """The first look as tables."""
+        sections = (
+            ("Contents", self._contents()),
+            ("Images a tie point is seen in", self._multiplicity()),
+            ("Cameras", self._cameras()),
+            ("Extent", self._extent()),
+            ("Not in this block", self._absent()),
+        )
+        tables = [Table(title, (), tuple(rows), "lrl") for title, rows in sections if rows]
         if self.notes:
-            lines += ["", "Notes", *(f"  - {note}" for note in self.notes)]
-        return "\n".join(lines)
+            tables.append(Table("Notes", notes=tuple(self.notes)))
+        return Report(f"Block {self.name}", f"Block {self.name}", (), tables)
 
-    def __repr__(self) -> str:
-        return str(self)
+    def __str__(self) -> str:
+        return str(self.report())
+
+    __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        body, left, right = [], "text-align:left", "text-align:right"
-        for title, rows in self._sections():
-            body.append(
-                f'<tr><th colspan="3" style="text-align:left">{html.escape(title)}</th></tr>'
-            )
-            for label, value, remark in rows:
-                body.append(
-                    f'<tr><td style="{left}">{html.escape(label)}</td>'
-                    f'<td style="{right}">{html.escape(value)}</td>'
-                    f'<td style="{left}">{html.escape(remark)}</td></tr>'
-                )
-        notes = "".join(f"<li>{html.escape(note)}</li>" for note in self.notes)
-        return (
-            f"<table><caption>Block {html.escape(self.name)}</caption>"
-            f"<tbody>{''.join(body)}</tbody></table>" + (f"<ul>{notes}</ul>" if notes else "")
-        )
-
-    def _sections(self) -> list[tuple[str, list[tuple[str, str, str]]]]:
-        return [
-            (title, rows)
-            for title, rows in (
-                ("Contents", self._contents()),
-                ("Images a tie point is seen in", self._multiplicity()),
-                ("Cameras", self._cameras()),
-                ("Extent", self._extent()),
-                ("Not in this block", self._absent()),
-            )
-            if rows
-        ]
+        return self.report().html()
 
     def _contents(self) -> list[tuple[str, str, str]]:
         count, rays = self.counts, self.observations_per_image
@@ -120,7 +99,7 @@ class Summary:
             (
                 "images",
                 f"{count['images']:,}",
-                f"{_many(count['flights'], 'flight')}, {_many(count['cameras'], 'camera')}, "
+                f"{counted(count['flights'], 'flight')}, {counted(count['cameras'], 'camera')}, "
                 f"{count['images_with_pose']:,} with a start pose",
             ),
             (
@@ -131,7 +110,7 @@ class Summary:
             (
                 "tie points",
                 f"{count['tie_points']:,}",
-                f"{_many(count['tie_observations'], 'observation')}, "
+                f"{counted(count['tie_observations'], 'observation')}, "
                 f"{count['tie_points_with_start']:,} points with start coordinates",
             ),
         ]
@@ -141,7 +120,7 @@ class Summary:
                 (
                     "ground points",
                     f"{count['ground_points']:,}",
-                    f"{roles + '; ' if roles else ''}{_many(count['marks'], 'mark')} in images",
+                    f"{roles + '; ' if roles else ''}{counted(count['marks'], 'mark')} in images",
                 )
             )
         for key, label, remark in (
@@ -155,11 +134,9 @@ class Summary:
 
     def _multiplicity(self) -> list[tuple[str, str, str]]:
         total = sum(self.multiplicity.values())
-        most = max(self.multiplicity.values(), default=1)
-        most_rays = 10  # the long tail in one line
         rows: dict[str, int] = {}
         for rays, count in self.multiplicity.items():
-            label = str(rays) if rays < most_rays else f"{most_rays} and more"
+            label = str(rays) if rays < MANY_IMAGES else f"{MANY_IMAGES} and more"
             rows[label] = rows.get(label, 0) + count
         most = max([*rows.values(), 1])
         return [
@@ -180,7 +157,7 @@ class Summary:
                 (
                     camera["name"],
                     f"{camera['width']} x {camera['height']} px",
-                    f"{focal}, {use}, readout {shutter}, {_many(camera['images'], 'image')}",
+                    f"{focal}, {use}, readout {shutter}, {counted(camera['images'], 'image')}",
                 )
             )
         return rows
@@ -220,23 +197,56 @@ class Summary:
         ]
 
 
-def _many(count: int, what: str) -> str:
-    return f"{count:,} {what}" + ("" if count == 1 else "s")
-
-
 def summarise(block, needs: Mapping[str, Iterable[str]]) -> Summary:
     """Summary of a Block; see `Block.summary`."""
-    ties, marks, images = block.tie_points, block.marks, block.images
-    rays = pd.Series(np.bincount(_codes(ties), minlength=1))
+    rays = pd.Series(np.bincount(_codes(block.tie_points), minlength=1))
     rays = rays[rays > 0]
     multiplicity = rays.value_counts().sort_index()
     rows = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
-    per_image = np.bincount(rows[rows >= 0], minlength=len(images))
-    once = ties["point"].cat.categories[rays.index[rays == 1]]
+    per_image = np.bincount(rows[rows >= 0], minlength=len(block.images))
+    few = np.flatnonzero(per_image < FEW_OBSERVATIONS)
+    once = block.tie_points["point"].cat.categories[rays.index[rays == 1]]
     pose = np.column_stack([block.column("images", name) for name in POSE])
     posed = ~np.isnan(pose).any(axis=1)
     start = block.points.dropna(subset=["x", "y", "z"])
+    known, missing = _columns(block)
+    lacking = {
+        what: [column for column in columns if not block.has(column)]
+        for what, columns in needs.items()
+    }
+    corners = {
+        "cameras": pose[posed, :3],
+        "points": start[["x", "y", "z"]].to_numpy(),
+        "ground": block.ground[["x", "y", "z"]].to_numpy(),
+    }
+    summary = Summary(
+        name=block.name,
+        counts=_counts(block, len(rays), int(posed.sum()), start),
+        multiplicity={int(seen): int(count) for seen, count in multiplicity.items()},
+        observations_per_image={
+            "min": float(per_image.min()),
+            "median": float(np.median(per_image)),
+            "max": float(per_image.max()),
+        },
+        few={block.images["image"].iloc[row]: int(per_image[row]) for row in few},
+        points_seen_once=[str(name) for name in once],
+        known=known,
+        missing=missing,
+        untestable={what: columns for what, columns in lacking.items() if columns},
+        extent={
+            what: (xyz.min(axis=0).tolist(), xyz.max(axis=0).tolist())
+            for what, xyz in corners.items()
+            if len(xyz)
+        },
+        gsd_m=_ground_pixel(block, pose),
+        cameras=_camera_facts(block),
+    )
+    summary.notes = _notes(block, summary)
+    return summary
 
+
+def _columns(block) -> tuple[dict[str, float], list[str]]:
+    """Known share of each optional column that is there; tables and columns that are not."""
     known, missing = {}, []
     for table, layout in LAYOUTS.items():
         frame = getattr(block, table)
@@ -246,72 +256,45 @@ def summarise(block, needs: Mapping[str, Iterable[str]]) -> Summary:
         for name in layout.optional:
             if block.has(f"{table}.{name}"):
                 known[f"{table}.{name}"] = float(frame[name].notna().mean())
-            elif name not in ("sigma", "sx", "sy", "sz"):  # these have defaults
+            elif name not in ("sigma", *SIGMAS):  # these have defaults
                 missing.append(f"{table}.{name}")
     if not block.has("camera.readout_s"):
         missing.append("camera.readout_s")
-    untestable = {
-        what: lacking
-        for what, columns in needs.items()
-        if (lacking := [column for column in columns if not block.has(column)])
-    }
-    counts = {
-        "images": len(images),
+    return known, missing
+
+
+def _counts(block, tie_points: int, posed: int, start: pd.DataFrame) -> dict[str, int]:
+    observed = block.tie_points["point"].cat.categories
+    return {
+        "images": len(block.images),
         "flights": len(block.flight_names),
         "cameras": len(block.cameras),
-        "images_with_pose": int(posed.sum()),
-        "tie_points": len(rays),
-        "tie_observations": len(ties),
-        "tie_points_with_start": int(is_among(start["point"], ties["point"].cat.categories).sum()),
-        "marks": len(marks),
+        "images_with_pose": posed,
+        "tie_points": tie_points,
+        "tie_observations": len(block.tie_points),
+        "tie_points_with_start": int(is_among(start["point"], observed).sum()),
+        "marks": len(block.marks),
         "ground_points": len(block.ground),
         **{role: int((block.ground["role"] == role).sum()) for role in ROLES},
-        "gnss": len(block.gnss),
-        "track": len(block.track),
-        "rates": len(block.rates),
+        **{table: len(getattr(block, table)) for table in ("gnss", "track", "rates")},
     }
-    few = np.flatnonzero(per_image < FEW_OBSERVATIONS)
-    extent = {}
-    for what, corners in (
-        ("cameras", pose[posed, :3]),
-        ("points", start[["x", "y", "z"]].to_numpy()),
-        ("ground", block.ground[["x", "y", "z"]].to_numpy()),
-    ):
-        if len(corners):
-            extent[what] = (corners.min(axis=0).tolist(), corners.max(axis=0).tolist())
-    users = images["camera"].value_counts()
-    summary = Summary(
-        name=block.name,
-        counts=counts,
-        multiplicity={int(seen): int(count) for seen, count in multiplicity.items()},
-        observations_per_image={
-            "min": float(per_image.min()),
-            "median": float(np.median(per_image)),
-            "max": float(per_image.max()),
-        },
-        few={images["image"].iloc[row]: int(per_image[row]) for row in few},
-        points_seen_once=[str(name) for name in once],
-        known=known,
-        missing=missing,
-        untestable=untestable,
-        extent=extent,
-        gsd_m=_ground_pixel(block, pose),
-        cameras=[
-            {
-                "name": camera.name,
-                "width": camera.width,
-                "height": camera.height,
-                "f": camera["f"],
-                "pixel_um": camera.pixel_um,
-                "readout_s": camera.readout_s,
-                "calibrated": camera.calibrated,
-                "images": int(users.get(camera.name, 0)),
-            }
-            for camera in block.cameras.values()
-        ],
-    )
-    summary.notes = _notes(block, summary)
-    return summary
+
+
+def _camera_facts(block) -> list[dict]:
+    users = block.images["camera"].value_counts()
+    return [
+        {
+            "name": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "f": camera["f"],
+            "pixel_um": camera.pixel_um,
+            "readout_s": camera.readout_s,
+            "calibrated": camera.calibrated,
+            "images": int(users.get(camera.name, 0)),
+        }
+        for camera in block.cameras.values()
+    ]
 
 
 def _codes(observations: pd.DataFrame) -> np.ndarray:
@@ -338,43 +321,34 @@ def _ground_pixel(block, pose: np.ndarray) -> float | None:
 
 
 def _notes(block, summary: Summary) -> list[str]:
-    notes = []
-
-    def note(count: int, one: str, more: str) -> None:
-        if count:
-            notes.append(one if count == 1 else f"{count:,} {more}")
-
-    few = {image: count for image, count in summary.few.items()}
-    if few:
-        shown = ", ".join(f"{image} ({count})" for image, count in list(few.items())[:5])
-        more = ", ..." if len(few) > 5 else ""
-        notes.append(
-            f"{_many(len(few), 'image')} with fewer than {FEW_OBSERVATIONS} observations: "
-            f"{shown}{more}."
-        )
-    note(
-        len(summary.points_seen_once),
-        "1 tie point is seen in one image only and tells nothing.",
-        "tie points are seen in one image only and tell nothing.",
-    )
     marks = block.marks["point"].value_counts()
     rays = block.ground["point"].map(marks.to_dict()).fillna(0).to_numpy(dtype=float)
     used = (block.ground["role"] != "unused").to_numpy()
-    note(
-        int((used & (rays == 0)).sum()),
-        "1 control or check point is not measured in any image.",
-        "control or check points are not measured in any image.",
-    )
-    note(
-        int((used & (rays == 1)).sum()),
-        "1 control or check point is measured in one image only.",
-        "control or check points are measured in one image only.",
-    )
-    note(
-        _outside(block),
-        "1 observation lies outside its picture.",
-        "observations lie outside their picture.",
-    )
+    point = ("control or check point is", "control or check points are")
+    notes = []
+    if summary.few:
+        shown = ", ".join(f"{image} ({n})" for image, n in list(summary.few.items())[:5])
+        more = ", ..." if len(summary.few) > 5 else ""
+        few = counted(len(summary.few), "image")
+        notes.append(f"{few} with fewer than {FEW_OBSERVATIONS} observations: {shown}{more}.")
+    for count, one, many, what in (
+        (
+            len(summary.points_seen_once),
+            "tie point is seen in one image only and tells",
+            "tie points are seen in one image only and tell",
+            "nothing",
+        ),
+        (int((used & (rays == 0)).sum()), *point, "not measured in any image"),
+        (int((used & (rays == 1)).sum()), *point, "measured in one image only"),
+        (
+            _outside(block),
+            "observation lies outside its",
+            "observations lie outside their",
+            "picture",
+        ),
+    ):
+        if count:
+            notes.append(f"{counted(count, one, many)} {what}.")
     flights = set(block.flight_names)
     for table in ("track", "rates"):
         frame = getattr(block, table)

@@ -51,7 +51,7 @@ def counterpart(
             block.ground.loc[block.ground.index[rows], ["x", "y", "z"]] = values
     block.ground["role"] = p.roles
     block.track = block.track.iloc[:0]
-    block.folder, block._files = None, {}
+    block.forget_folder()
     if effects:
         block = _with_effects(block, believed, effects)
     values = {name: getattr(block, name) for name in Block.__dataclass_fields__}
