@@ -29,20 +29,27 @@ def whole(what: str, least: int) -> Callable[[str], int]:
 
     def of(text: str) -> int:
         if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a {what} from {least}")
+            raise argparse.ArgumentTypeError(f"{text!r} is no {what}: a whole number from {least}")
         return int(text)
 
     return of
 
 
-def several(of: Callable, counts: Iterable[int] = ()) -> Callable[[str], list]:
-    """A type of option: values with commas between them; counts: how many there may be."""
+def several(of: Callable, wrong: str = "", counts: Iterable[int] = ()) -> Callable[[str], list]:
+    """A type of option: values with commas between them.
+
+    wrong: what is said of any other text (default: what `of` says). counts: how many there may be.
+    """
 
     def values(text: str) -> list:
-        found = [of(word.strip()) for word in text.split(",")]
-        if counts and len(found) not in counts:
-            wanted = " or ".join(map(str, counts))
-            raise argparse.ArgumentTypeError(f"{text!r} is not {wanted} values: write A,B,C")
+        try:
+            found = [of(word.strip()) for word in text.split(",")]
+        except argparse.ArgumentTypeError:
+            if not wrong:
+                raise
+            found = []
+        if not found or (counts and len(found) not in counts):
+            raise argparse.ArgumentTypeError(f"{text!r} {wrong}")
         return found
 
     return values

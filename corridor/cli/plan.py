@@ -24,11 +24,11 @@ import textwrap
 
 from corridor.cli._options import add, flag, number, option, say, several, whole, wrote
 
-_metres = number("is not a length in metres")
-
 
 def _three(text):
-    numbers = several(_metres, counts=(1, 3))(text)
+    numbers = several(
+        number("is no number"), "is not one number or three: write 0.03,0.01,0", counts=(1, 3)
+    )(text)
     return tuple(numbers * (3 // len(numbers)))
 
 
@@ -57,7 +57,7 @@ _FLIGHTS = {
     "--control": option(
         "numbers of control points (default 0,1,3,5)",
         "N,N",
-        several(whole("number of control points", 0)),
+        several(whole("count", 0), "are no numbers of control points: write 0,1,3"),
         action="store",
         default=[0, 1, 3, 5],
     ),
@@ -69,7 +69,7 @@ _FLIGHTS = {
     "--goal": option(
         "accuracies that the advice is about, m (default 0.01,0.03)",
         "M,M",
-        several(number("is no accuracy in metres", above=0.0)),
+        several(number("is none", above=0.0), "are no accuracies in metres: write 0.01,0.03"),
         default=[0.01, 0.03],
     ),
 }
