@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.diagnosis.generator import CATALOGUE, NULLS, null, single
 from benchmarks.diagnosis.generator.generate import generate
+from corridor.adjustment import Model
 from corridor.diagnosis import Closing, ReferenceModel, compare, counterparts
 from corridor.effects import find
 
@@ -29,9 +30,7 @@ SHORT = ("rolling_shutter", "lever_arm", "control_blunder", "sensor_unflatness")
 
 def believed(block, *effects):
     """Adjusted as `corridor diagnose` does by default."""
-    return ReferenceModel.of(block, None, (), None, None, None, 1).adjust(
-        [find(e) for e in effects]
-    )
+    return ReferenceModel.of(block, Model()).adjust([find(e) for e in effects])
 
 
 def null_block(kind, seed):

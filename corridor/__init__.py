@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from corridor.adjustment import Adjustment as Adjustment
+    from corridor.adjustment import Model as Model
     from corridor.adjustment import adjust as adjust
     from corridor.block import Block as Block
     from corridor.block import read as read
@@ -37,6 +38,7 @@ _HOME = {
     "prepare": "corridor.preparation",
     "adjust": "corridor.adjustment",
     "Adjustment": "corridor.adjustment",
+    "Model": "corridor.adjustment",
     "catalogue": "corridor.effects",
     "simulate": "corridor.simulation",
     "diagnose": "corridor.diagnosis",

@@ -13,7 +13,15 @@ from corridor.adjustment.datum import QUANTITIES
 from corridor.adjustment.laid import Laid, lay_on_control
 from corridor.adjustment.linear_system import Columns, LinearSystem
 from corridor.adjustment.matrix import Singular
-from corridor.adjustment.normal import LOSSES, Loss, Normal
+from corridor.adjustment.model import (
+    LOSSES,
+    REFERENCE_CAMERA,
+    Loss,
+    Model,
+    ParameterId,
+    camera_of,
+)
+from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import one_step, solve
@@ -32,16 +40,20 @@ def __getattr__(name):
 __all__ = [
     "LOSSES",
     "QUANTITIES",
+    "REFERENCE_CAMERA",
     "Adjustment",
     "Columns",
     "Covariance",
     "Laid",
     "LinearSystem",
     "Loss",
+    "Model",
     "Normal",
+    "ParameterId",
     "Similarity",
     "Singular",
     "adjust",
+    "camera_of",
     "check_table",
     "complete",
     "lay_on_control",

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import explain, laid_on, settle
 from corridor.adjustment.matrix import Singular
-from corridor.adjustment.normal import LOSSES, Loss, Normal
+from corridor.adjustment.model import Loss, Model
+from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import Problem, make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
 from corridor.block import Block
-from corridor.effects import Effect, check_needs, find
+from corridor.effects import Effect, check_needs
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.preparation import Prepared, prepare
 
@@ -33,6 +35,7 @@ def adjust(
     progress: Callable[[dict], None] | None = None,
     max_iterations: int = 50,
     reject_gnss: bool = False,
+    model: Model | None = None,
 ) -> Adjustment:
     """Least-squares adjustment of tie points, marks, ground control and GNSS.
 
@@ -48,6 +51,7 @@ def adjust(
         which no smoother of the track can see) and adjust again, until none is left.
     progress: called with a dictionary: after each iteration iteration, cost, damping, step and
         accepted; while start values are made, message.
+    model: a `Model` in place of camera, effects, control, check, loss, priors and lever_arm.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
@@ -57,35 +61,35 @@ def adjust(
     """
     if threads < 1:
         raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
-    effects = [effect if isinstance(effect, Effect) else find(effect) for effect in effects]
     prepared = prepare(block)
     block = prepared.block
-    check_needs(block, effects)
-    control = None if control is None else list(control)
-    check = None if check is None else list(check)
-
-    def once(block: Block, effects: list[Effect], priors: Mapping | None) -> Adjustment:
-        return _once(
-            block, camera, effects, control, check, loss, priors, lever_arm, threads, progress,
-            max_iterations,
-        )  # fmt: skip
+    model = Model.of(
+        model,
+        camera=camera,
+        effects=effects,
+        control=control,
+        check=check,
+        loss=loss,
+        priors=priors,
+        lever_arm=lever_arm,
+    )
+    check_needs(block, model.effects)
+    run = Run(min(threads, 2), progress, max_iterations)
 
     def again(part: Block) -> Adjustment:
         try:
-            return once(part, effects, priors)
+            return _once(part, model, run)
         except AdjustmentFailed:
-            if not effects:
+            if not model.effects:
                 raise
             # Effects look at poses: where those are far off, they lead further away.
-            slugs = {effect.slug for effect in effects}
-            other = {k: v for k, v in (priors or {}).items() if k.partition(".")[0] not in slugs}
-            found = once(once(part, [], other).block, effects, priors)
+            found = _once(_once(part, model.without_effects(), run).block, model, run)
             found.start = part
             return found
 
     result = again(block)
     result = _without_false_fixes(result, again) if reject_gnss else result
-    for note in _used(prepared, effects):
+    for note in _used(prepared, model.effects):
         result.add_note(note)
     return result
 
@@ -98,42 +102,36 @@ def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:
     return list(dict.fromkeys([*told, *prepared.notes]))
 
 
-def _once(
-    block: Block,
-    camera: str | Mapping[str, str] | None,
-    effects: list[Effect],
-    control: Iterable[str] | None,
-    check: Iterable[str] | None,
-    loss: str,
-    priors: Mapping[str, tuple[float, float]] | None,
-    lever_arm: str | None,
-    threads: int,
-    progress: Callable[[dict], None] | None,
-    max_iterations: int,
-) -> Adjustment:
-    """One adjustment, arguments as of `adjust`."""
+@dataclass
+class Run:
+    """How the equations are solved; see `adjust`."""
+
+    threads: int = 1
+    progress: Callable[[dict], None] | None = None
+    max_iterations: int = 50
+
+
+def _once(block: Block, model: Model, run: Run) -> Adjustment:
+    """One adjustment."""
     began = time.perf_counter()
     start, notes = block, []
     if _incomplete(block):
         from corridor.adjustment.initial import complete  # loads OpenCV: 25 MB
 
-        block = complete(block, progress and (lambda line: progress({"message": line})))
-
-    def problem_of(block: Block) -> Problem:
-        return make_problem(block, camera, effects, control, check, priors, lever_arm)
-
-    problem = problem_of(block)
-    normal = Normal(problem, _loss(loss), threads=min(threads, 2))
+        say = run.progress
+        block = complete(block, say and (lambda line: say({"message": line})))
+    problem, loss = make_problem(block, model), Loss.parse(model.loss)
+    normal = Normal(problem, loss, threads=run.threads)
     residual, behind = normal.look(problem.start)
     if behind:
         block, more = _ahead(block, problem, residual)
         notes += more
-        problem = problem_of(block)
-        normal = Normal(problem, _loss(loss), threads=min(threads, 2))
+        problem = make_problem(block, model)
+        normal = Normal(problem, loss, threads=run.threads)
     del residual  # as large as the observations
     try:
         opened = settle(normal, problem.start)
-        solution = solve(normal, max_iterations, progress=progress)
+        solution = solve(normal, run.max_iterations, progress=run.progress)
         state = solution.state
         if opened is not None and opened.shape[1] == 7:
             state = laid_on(problem, state, problem.start)
@@ -181,17 +179,6 @@ def _incomplete(block: Block) -> bool:
         if not known[getattr(block, table)["point"].cat.codes.to_numpy()].all():
             return True
     return False
-
-
-def _loss(text: str) -> Loss:
-    kind, _, width = text.partition(":")
-    try:
-        loss = Loss(LOSSES[kind], float(width or 2.0))
-    except (KeyError, ValueError):
-        loss = Loss(width=0.0)
-    if not loss.width > 0 or not np.isfinite(loss.width):
-        raise InputError(f"loss {text!r} is unknown: use squares, huber:2 or cauchy:2")
-    return loss
 
 
 def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block, list[str]]:

@@ -11,26 +11,18 @@ import numpy as np
 
 from corridor.adjustment import kernels
 from corridor.adjustment.matrix import Band, Bordered, Sparse
+from corridor.adjustment.model import Loss
 from corridor.adjustment.problem import Problem, State
 from corridor.camera import INTERIOR, radials_in_use
 from corridor.effects import ROW_REACH, Context, Images
 from corridor.geometry import rotation_from_vector
 
-LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.CAUCHY}
 # Observations that effects look at in one go: small enough for the cache.
 CHUNK = 16_384
 _FIRST_RADIAL = INTERIOR.index("k1")
 
 assemble_for = lru_cache(kernels.make_assemble)
 substitute_for = lru_cache(kernels.make_substitute)
-
-
-@dataclass
-class Loss:
-    """A loss function on the length of an image residual in sigmas."""
-
-    kind: int = kernels.SQUARES
-    width: float = 2.0
 
 
 @dataclass

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from corridor.adjustment.kernels import PANEL
+from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM, Model, ParameterId, Setting
 from corridor.adjustment.ordering import bandwidth, corridor_order
 from corridor.block import Block
-from corridor.camera import INTERIOR, parameters_named
+from corridor.camera import INTERIOR
 from corridor.effects import (
     Arrays,
     Effect,
@@ -18,7 +19,6 @@ from corridor.effects import (
     Images,
     Stack,
     Values,
-    find,
     group_names,
     group_of_image,
     stated_lever_arms,
@@ -27,31 +27,16 @@ from corridor.errors import InputError
 
 
 @dataclass(frozen=True)
-class Unknown:
-    """One unknown that images share.
+class Unknown(ParameterId):
+    """One unknown that images share. at: where its value lives (row, column of its table)."""
 
-    kind: `camera`, `effect` or `lever_arm`. owner: camera, slug or flight; group: group of an
-    effect; name: parameter. at: where the value lives (row, column of its table).
-    """
-
-    kind: str
-    owner: str
-    name: str
-    unit: str
-    at: tuple[int, int]
-    group: str = "block"
+    unit: str = ""
+    at: tuple[int, int] = (0, 0)
 
     @property
     def label(self) -> str:
         """Public name: `camera.P1.f`, `rolling_shutter.readout`, `lever_arm.F1.z`."""
-        group = "" if self.group == "block" else f"{self.group}."
-        if self.kind == "effect":
-            return f"{self.owner}.{group}{self.name}"
-        return f"{self.kind}.{self.owner}.{self.name}"
-
-    def answers_to(self, label: str) -> bool:
-        """Whether a name given by a person means this unknown (a group may be left out)."""
-        return label in (self.label, f"{self.owner}.{self.name}" if self.kind == "effect" else "")
+        return str(self)
 
 
 @dataclass
@@ -75,6 +60,7 @@ class Problem:
     """Everything that stays the same from one iteration to the next."""
 
     block: Block
+    model: Model
     images: Images
     order: np.ndarray  # image row of each position
     ptr: np.ndarray
@@ -159,14 +145,21 @@ class Problem:
     ) -> Values:
         """Values of the effects at a state, of the groups that are estimated.
 
-        shared_sigma: of the `unknowns`. own_sigma: (images, own unknowns).
+        shared_sigma: of the `unknowns`. own_sigma: (images, own unknowns). What is held has the
+        standard deviation 0.
         """
         out = []
+        held = self.model.held
         for slug, member in self.stack.members.items():
             # Values of images are kept in the order of the problem.
             of_images = member.effect.place != "ground" and member.effect.group == "image"
             groups = [str(n) for n in (self.images.names if of_images else member.groups)]
             value, sigma = (np.full((len(groups), len(member.parameters)), np.nan) for _ in "vs")
+            for k, parameter in enumerate(member.parameters):
+                for g, group in enumerate(groups):
+                    which = ParameterId(EFFECT, slug, parameter.name, group)
+                    if any(other.means(which) for other in held):
+                        value[g, k], sigma[g, k] = state.effects[slug][g, k], 0.0
             for n, (other, k) in enumerate(self.own_unknowns):
                 if other == slug:
                     value[:, k] = state.effects[slug][:, k]
@@ -182,25 +175,17 @@ class Problem:
         return Values(out)
 
 
-def make_problem(
-    block: Block,
-    camera: str | Mapping[str, str] | None = None,
-    effects: Iterable[str | Effect] = (),
-    control: Iterable[str] | None = None,
-    check: Iterable[str] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
-    lever_arm: str | None = None,
-) -> Problem:
+def make_problem(block: Block, model: Model | None = None, **options) -> Problem:
     """The problem of adjusting a block whose poses and points all have start values.
 
-    See `corridor.adjust` for the meaning of the arguments. Raises InputError for wrong input.
+    model, or options of `Model` in its place. Raises InputError for wrong input.
     """
+    model = Model.of(model, **options)
     images = Images.of(block)
-    roles = _roles(block, control, check)
+    roles = model.roles(block)
     control_rows = np.flatnonzero(roles == "control")
-    chosen = [effect if isinstance(effect, Effect) else find(effect) for effect in effects]
     control_names = list(block.ground["point"].to_numpy(dtype=object)[control_rows])
-    stack = Stack(block, chosen, control_names)
+    stack = Stack(block, model.effects, control_names)
 
     ground_names = block.ground["point"].to_numpy(dtype=object)
     network = _network(block, images, set(control_names), set(ground_names[roles == "unused"]))
@@ -210,13 +195,11 @@ def make_problem(
     rank[order] = np.arange(len(order))
 
     gnss_image, gnss_given, gnss_weight = _gnss(block, rank)
-    arms_free = bool(len(gnss_image)) and (
-        lever_arm == "free" or (lever_arm is None and not block.lever_arm_fixed)
-    )
-    if lever_arm not in (None, "free", "fixed"):
-        raise InputError(f"lever arm {lever_arm!r} is unknown: use free or fixed")
-    free = _free_parameters(block, camera)
-    unknowns, columns = _unknowns(images, stack, free, arms_free, gnss_image, len(control_names))
+    arms_free = bool(len(gnss_image)) and model.arms_free(block)
+    free, settings = model.free(block), model.settings
+    held = model.held
+    shared = free, arms_free, gnss_image
+    unknowns, columns = _unknowns(images, stack, *shared, len(control_names), held)
 
     position = {name: n for n, name in enumerate(control_names)}
     control_of_point = np.full(len(network.codes), -1, np.int64)
@@ -234,18 +217,16 @@ def make_problem(
         control_of_point = np.where(control_of_point >= 0, renumber[control_of_point], -1)
         control_rows = control_rows[measured]
         control_names = [n for n, seen in zip(control_names, measured, strict=True) if seen]
-        stack = Stack(block, chosen, control_names)
-        unknowns, columns = _unknowns(
-            images, stack, free, arms_free, gnss_image, len(control_names)
-        )
+        stack = Stack(block, model.effects, control_names)
+        unknowns, columns = _unknowns(images, stack, *shared, len(control_names), held)
 
     given = block.ground[["x", "y", "z"]].to_numpy(float)[control_rows]
     sigma = block.ground_sigma()[control_rows]
     own = [
-        f"{slug}.{stack.members[slug].parameters[number].name}"
+        ParameterId(EFFECT, slug, stack.members[slug].parameters[number].name)
         for slug, number in columns["own_unknowns"]
     ]
-    prior_value, prior_weight, own_prior = _priors(unknowns, own, priors or {})
+    prior_value, prior_weight, own_prior = _priors(unknowns, own, settings)
     _refuse_twice(stack, free, unknowns, prior_weight, own, own_prior)
     # An image without GNSS has nothing to say on its own antenna: that unknown rests at zero.
     silent = np.setdiff1d(np.arange(len(order)), gnss_image)
@@ -258,6 +239,7 @@ def make_problem(
 
     return Problem(
         block=block,
+        model=model,
         images=images,
         order=order,
         ptr=network.ptr,
@@ -285,13 +267,18 @@ def make_problem(
         prior_weight=prior_weight,
         own_prior=own_prior,
         idle=np.array(idle, dtype=np.int64).reshape(-1, 2),
-        start=State(
-            centre=images.centre,
-            rotation=images.rotation,
-            points=network.points,
-            interior=np.array([c.interior for c in block.cameras.values()]),
-            effects=stack.start(),
-            arms=stated_lever_arms(block),
+        start=_started(
+            State(
+                centre=images.centre,
+                rotation=images.rotation,
+                points=network.points,
+                interior=np.array([c.interior for c in block.cameras.values()]),
+                effects=stack.start(),
+                arms=stated_lever_arms(block),
+            ),
+            images,
+            stack,
+            settings,
         ),
         notes=notes,
         **columns,
@@ -310,7 +297,9 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     here = [effect for effect in tested if effect.place != "antenna"]
     control = list(p.block.ground["point"].to_numpy(dtype=object)[p.control_rows])
     stack = Stack(p.block, [*kept, *here], control)
-    unknowns, columns = _unknowns(p.images, stack, p.free, p.arms_free, p.gnss_image, len(control))
+    unknowns, columns = _unknowns(
+        p.images, stack, p.free, p.arms_free, p.gnss_image, len(control), p.model.held
+    )
     given = zip(p.unknowns, p.prior_value, p.prior_weight, strict=True)
     priors = {(u.kind, u.owner, u.label): prior for u, *prior in given}
     own = columns["own_unknowns"]
@@ -354,7 +343,7 @@ def _refuse_twice(stack: Stack, free: dict, unknowns, prior_weight, own, own_pri
     for slug, member in stack.members.items():
         doubled = [pair for pair in estimated if pair[1] in member.effect.stands_in_for]
         shared = [n for n, u in enumerate(unknowns) if (u.kind, u.owner) == ("effect", slug)]
-        mine = [n for n, name in enumerate(own) if name.partition(".")[0] == slug]
+        mine = [n for n, which in enumerate(own) if which.owner == slug]
         if doubled and not (prior_weight[shared].all() and own_prior[1, mine].all()):
             camera, _ = min(doubled)
             names = ", ".join(n for n in free[camera] if n in member.effect.stands_in_for)
@@ -363,49 +352,6 @@ def _refuse_twice(stack: Stack, free: dict, unknowns, prior_weight, own, own_pri
                 f"{'is' if ',' not in names else 'are'} estimated, can do: hold the camera "
                 "(fixed, or a list without them), give the effect a prior, or leave it out"
             )
-
-
-def _roles(block: Block, control, check) -> np.ndarray:
-    """Role of each row of ground.csv after --control and --check have had their say."""
-    roles = block.ground["role"].to_numpy(dtype=object).copy()
-    names = block.ground["point"].to_numpy(dtype=object)
-    for given, role in ((control, "control"), (check, "check")):
-        if given is None:
-            continue
-        given = list(given)
-        unknown = [name for name in given if name not in set(names)]
-        if unknown:
-            raise InputError(
-                f"ground.csv has no point {', '.join(unknown)}, which is to be a {role} point: "
-                f"it has {', '.join(names[:20]) or 'none'}"
-            )
-        chosen = np.isin(names, given)
-        # Who names the control points means that the others check, and the other way round.
-        other = "check" if role == "control" else "control"
-        if role == "control" or control is None:
-            roles[(roles == role) & ~chosen] = other if role == "control" else "unused"
-        roles[chosen] = role
-    both = set(control or ()) & set(check or ())
-    if both:
-        raise InputError(f"{', '.join(sorted(both))} cannot be control and check point at once")
-    return roles
-
-
-def _free_parameters(block: Block, camera) -> dict[str, tuple[str, ...]]:
-    """Free interior parameters of each camera."""
-    if isinstance(camera, Mapping):
-        unknown = [name for name in camera if name not in block.cameras]
-        if unknown:
-            raise InputError(
-                f"block.toml has no camera {', '.join(unknown)}: it has {', '.join(block.cameras)}"
-            )
-        return {name: parameters_named(camera.get(name, "fixed")) for name in block.cameras}
-    if camera is not None:
-        return {name: parameters_named(camera) for name in block.cameras}
-    return {
-        name: () if c.calibrated else parameters_named("fraser8")
-        for name, c in block.cameras.items()
-    }
 
 
 @dataclass
@@ -535,8 +481,11 @@ def _check_images(block: Block, image: np.ndarray, images: Images) -> None:
         )
 
 
-def _unknowns(images, stack, free, arms_free, gnss_image, controls):
-    """The border's unknowns, and which columns each image, antenna and control point touches."""
+def _unknowns(images, stack, free, arms_free, gnss_image, controls, held=()):
+    """The border's unknowns, and which columns each image, antenna and control point touches.
+
+    held: parameters of effects and lever arms that are not to vary.
+    """
     unknowns: list[Unknown] = []
     count = len(images.names)
     wanted = [name for name in INTERIOR if any(name in f for f in free.values())]
@@ -547,7 +496,7 @@ def _unknowns(images, stack, free, arms_free, gnss_image, controls):
                 index[c, parameter] = len(unknowns)
                 at = (c, INTERIOR.index(parameter))
                 unit = "px" if parameter in ("f", "cx", "cy") else ""
-                unknowns.append(Unknown("camera", name, parameter, unit, at))
+                unknowns.append(Unknown(CAMERA, name, parameter, unit=unit, at=at))
     camera_column = np.full((count, len(INTERIOR)), -1)
     for (c, parameter), column in index.items():
         camera_column[images.camera == c, INTERIOR.index(parameter)] = column
@@ -566,7 +515,11 @@ def _unknowns(images, stack, free, arms_free, gnss_image, controls):
                 groups = group_names(images, kind)
                 of_image = group_of_image(images, kind)
             for number, parameter in enumerate(member.parameters):
+                which = ParameterId(EFFECT, slug, parameter.name)
                 if place != "ground" and kind == "image":
+                    if any(other.means(which) for other in held):
+                        places[place].append(np.full(count, -1))
+                        continue
                     places[place].append(np.full(count, -2 - len(own)))
                     own.append((slug, number))
                     continue
@@ -575,9 +528,12 @@ def _unknowns(images, stack, free, arms_free, gnss_image, controls):
                     here = in_gnss if place == "antenna" else np.ones(count, dtype=bool)
                     if place != "ground" and not (here & (of_image == g)).any():
                         continue
+                    which = ParameterId(EFFECT, slug, parameter.name, group)
+                    if any(other.means(which) for other in held):
+                        continue
                     column[g] = len(unknowns)
                     unknowns.append(
-                        Unknown("effect", slug, parameter.name, parameter.unit, (g, number), group)
+                        Unknown(EFFECT, slug, parameter.name, group, parameter.unit, (g, number))
                     )
                 if place == "ground":
                     ground.append(column)
@@ -590,8 +546,10 @@ def _unknowns(images, stack, free, arms_free, gnss_image, controls):
             if not (mine & in_gnss).any():
                 continue
             for axis, name in enumerate("xyz"):
+                if ParameterId(LEVER_ARM, flight, name) in held:
+                    continue
                 arm_column[mine, axis] = len(unknowns)
-                unknowns.append(Unknown("lever_arm", flight, name, "m", (g, axis)))
+                unknowns.append(Unknown(LEVER_ARM, flight, name, unit="m", at=(g, axis)))
 
     def stacked(parts, rows):
         return np.stack(parts, 1).astype(np.int64) if parts else np.zeros((rows, 0), np.int64)
@@ -618,23 +576,61 @@ def _unknowns(images, stack, free, arms_free, gnss_image, controls):
 
 
 def _priors(
-    unknowns: list[Unknown], own: list[str], priors: Mapping
+    unknowns: list[Unknown], own: list[ParameterId], settings: Mapping[ParameterId, Setting]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Prior value and weight (0: none) of the border's unknowns and of those of every image."""
     value, weight = np.zeros(len(unknowns)), np.zeros(len(unknowns))
     of_images = np.zeros((2, len(own)))
-    for label, given in priors.items():
-        hit = [n for n, unknown in enumerate(unknowns) if unknown.answers_to(label)]
-        mine = [n for n, name in enumerate(own) if name == label]
+    for which, wish in settings.items():
+        if wish.prior is None:
+            continue
+        hit = [n for n, unknown in enumerate(unknowns) if which.means(unknown)]
+        mine = [n for n, other in enumerate(own) if which == other]
         if not hit and not mine:
-            names = [unknown.label for unknown in unknowns] + own
+            names = [str(unknown) for unknown in (*unknowns, *own)]
             raise InputError(
-                f"prior {label}: nothing of that name is estimated; estimated are "
+                f"prior {which}: nothing of that name is estimated; estimated are "
                 f"{', '.join(names) or 'poses and points only'}"
             )
-        mean, sigma = given
+        mean, sigma = wish.prior
         if not (np.isfinite(mean) and np.isfinite(sigma) and sigma > 0):
-            raise InputError(f"prior {label}: its standard deviation must be a positive number")
+            raise InputError(f"prior {which}: its standard deviation must be a positive number")
         value[hit], weight[hit] = mean, sigma**-2.0
         of_images[:, mine] = [[mean], [sigma**-2.0]]
     return value, weight, of_images
+
+
+def _started(
+    state: State, images: Images, stack: Stack, settings: Mapping[ParameterId, Setting]
+) -> State:
+    """The state with the values that somebody wants parameters to start from."""
+    for which, wish in settings.items():
+        if wish.value is None and wish.vary is None:
+            continue
+        cells = _cells_of(which, state, images, stack)
+        if not cells:
+            raise InputError(f"parameter {which}: the model has none of that name")
+        for table, at in cells if wish.value is not None else ():
+            table[at] = wish.value
+    return state
+
+
+def _cells_of(which: ParameterId, state: State, images: Images, stack: Stack) -> list:
+    """Arrays of a state and the places in them where a parameter has its values."""
+    if which.kind == CAMERA and which.owner in images.camera_names and which.name in INTERIOR:
+        return [
+            (state.interior, (images.camera_names.index(which.owner), INTERIOR.index(which.name)))
+        ]
+    if which.kind == LEVER_ARM and which.owner in images.flight_names and which.name in "xyz":
+        return [(state.arms, (images.flight_names.index(which.owner), "xyz".index(which.name)))]
+    member = stack.members.get(which.owner)
+    names = [p.name for p in member.parameters] if member else []
+    if which.kind != EFFECT or which.name not in names:
+        return []
+    of_images = member.effect.place != "ground" and member.effect.group == "image"
+    groups = list(images.names) if of_images else member.groups
+    return [
+        (state.effects[which.owner], (g, names.index(which.name)))
+        for g, group in enumerate(groups)
+        if which.group in ("block", group)
+    ]

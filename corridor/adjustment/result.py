@@ -11,6 +11,7 @@ from corridor import report
 from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.normal import Normal
+from corridor.adjustment.parameters import Parameters, parameters_of
 from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
 from corridor.block import Block
@@ -218,6 +219,11 @@ class Adjustment(Checked):
         each = self.covariance.each_pose[:, own, own] if len(own) else None
         own_sigma = None if each is None else self.sigma0 * np.sqrt(each)
         return self.problem.values(self.state, self._shared_sigma, own_sigma)
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """`adjustment.parameters["camera.P1.f"]`: value, sigma, unit, vary, prior; `to_frame()`."""
+        return parameters_of(self)
 
     @cached_property
     def effects(self) -> pd.DataFrame:

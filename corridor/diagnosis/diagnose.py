@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from corridor.adjustment import Adjustment
+from corridor.adjustment import Adjustment, Model
 from corridor.block import Block
 from corridor.diagnosis import gap
 from corridor.diagnosis.beside import beside
@@ -122,6 +122,7 @@ def diagnose(
     seed: int = 0,
     progress: Callable[[dict], None] | None = None,
     threads: int = 1,
+    model: Model | None = None,
 ) -> Diagnosis:
     """What is missing from the believed model of a measured block.
 
@@ -133,6 +134,7 @@ def diagnose(
     level: probability of a false name in a block that lacks nothing.
     seed: of the simulated threshold and the choice of held-out observations.
     progress: called with a dictionary that holds a message.
+    model: a `Model` in place of camera, effects, control, check and priors.
 
     Columns that are missing never stop it: see `untestable`.
     Raises InputError where the block cannot be adjusted as asked or a slug is unknown.
@@ -143,7 +145,10 @@ def diagnose(
     only = None if only is None else list(only)
     block, found, notes = prepare(block)
     notes = [*(one.sentence for one in found if one.column == "gnss"), *notes]
-    believed = ReferenceModel.of(block, camera, effects, control, check, priors, threads)
+    model = Model.of(
+        model, camera=camera, effects=effects, control=control, check=check, priors=priors
+    )
+    believed = ReferenceModel.of(block, model, threads)
     # Matrices are many and small: threads would wait for each other.
     with threadpool_limits(1):
         course = run(believed, only, list(without), level, seed, progress)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from corridor import adjustment
-from corridor.adjustment import Adjustment
+from corridor.adjustment import REFERENCE_CAMERA, Adjustment, Model, camera_of
 from corridor.block import Block
 from corridor.diagnosis.robust import scale_of
-from corridor.effects import Effect, find
+from corridor.effects import Effect
 
 # Stated standard deviations are wrong by this much at most, or the loss would see nothing else.
 TRUSTED = 0.02, 20.0
@@ -23,61 +23,44 @@ WIDTH = 2.0
 class ReferenceModel:
     """A block and the options of its adjustment.
 
-    camera, control, check, lever_arm: as of `corridor.adjust`. effects: those the user believes
-    in. priors: of the believed model, and of candidates. begun: where poses, points and cameras
-    were left by an adjustment: the next one starts from there, its robust loss anew. scale: of
-    Student's t in stated standard deviations, as that adjustment's tie points have it.
+    model: what the user believes in; its priors are also of candidates. begun: where poses, points
+    and cameras were left by an adjustment: the next one starts from there, its robust loss anew.
+    scale: of Student's t in stated standard deviations, as that adjustment's tie points have it.
     """
 
     block: Block
-    camera: str | Mapping[str, str] | None
-    effects: list[Effect]
-    control: list[str] | None
-    check: list[str] | None
-    priors: dict = field(default_factory=dict)
-    lever_arm: str | None = None
+    model: Model
     threads: int = 1
     begun: Block | None = None
     scale: float = 1.0
 
     @classmethod
-    def of(
-        cls, block, camera, effects: Iterable, control, check, priors, threads
-    ) -> ReferenceModel:
-        """The believed model with its defaults.
-
-        Default of the camera: Fraser's ten parameters, or none where the camera is calibrated.
-        """
-        if camera is None:
-            camera = {
-                name: "fixed" if c.calibrated else "fraser10" for name, c in block.cameras.items()
-            }
-        effects = [effect if isinstance(effect, Effect) else find(effect) for effect in effects]
-        control, check = (None if v is None else list(v) for v in (control, check))
-        return cls(
-            block, camera, effects, control, check, dict(priors or {}), None, max(threads, 1)
-        )
+    def of(cls, block: Block, model: Model, threads: int = 1) -> ReferenceModel:
+        """The believed model with the camera of a diagnosis where it has no other."""
+        camera = camera_of(block, REFERENCE_CAMERA) if model.camera is None else model.camera
+        return cls(block, replace(model, camera=camera), max(threads, 1))
 
     @property
-    def options(self) -> dict:
-        """camera, control, check, lever_arm."""
-        return {
-            "camera": self.camera, "control": self.control, "check": self.check,
-            "lever_arm": self.lever_arm,
-        }  # fmt: skip
+    def effects(self) -> list[Effect]:
+        """Effects the user believes in."""
+        return self.model.effects
+
+    @property
+    def priors(self) -> dict:
+        """Priors by name, of the believed model and of candidates."""
+        return {str(which): wish.prior for which, wish in self.model.settings.items() if wish.prior}
 
     def priors_of(self, effects: Iterable[Effect]) -> dict:
         """Priors that name cameras, lever arms, believed effects or one of `effects`."""
-        known = {effect.slug for effect in (*self.effects, *effects)} | {"camera", "lever_arm"}
+        known = {effect.slug: effect for effect in (*self.effects, *effects)}
         out = {}
-        for name, prior in self.priors.items():
-            owner, _, rest = name.partition(".")
-            if owner not in known:
+        for which, wish in self.model.settings.items():
+            if wish.prior is None or (which.kind == "effect" and which.owner not in known):
                 continue
-            if not rest:
-                effect = next(e for e in (*self.effects, *effects) if e.slug == owner)
-                name = f"{owner}.{effect.parameters(self.block)[0].name}"
-            out[name] = prior
+            if not which.name:
+                first = known[which.owner].parameters(self.block)[0].name
+                which = replace(which, name=first)
+            out[str(which)] = wish.prior
         return out
 
     def adjust(self, more: Iterable[Effect] = (), block: Block | None = None) -> Adjustment:
@@ -99,11 +82,14 @@ class ReferenceModel:
         if self.begun is not None:
             near = self.begun
             block = replace(block, images=near.images, points=near.points, cameras=near.cameras)
+        model = replace(
+            self.model.with_priors(priors),
+            effects=[*self.effects, *more],
+            loss=f"cauchy:{WIDTH * self.scale!r}",
+        )
         result = adjustment.adjust(
-            block, self.camera, [*self.effects, *more],
-            self.control, self.check, f"cauchy:{WIDTH * self.scale!r}", priors, self.lever_arm,
-            self.threads, max_iterations=_enough(more),
-        )  # fmt: skip
+            block, model=model, threads=self.threads, max_iterations=_enough(more)
+        )
         if self.begun is not None:
             return result
         self.begun, self.scale = result.block, _scale(result)

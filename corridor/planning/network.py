@@ -112,8 +112,8 @@ class Network:
         self.block, self.surveyed, self.unseen = _block_of(plan, surveyed, seed)
         self.problem = make_problem(
             _loosely_known(self.block),
-            camera,
-            chosen,
+            camera=camera,
+            effects=chosen,
             control=list(self.surveyed.names),
             priors={name: (0.0, sigma) for name, sigma in (priors or {}).items()},
             lever_arm=lever_arm if plan.gnss else None,

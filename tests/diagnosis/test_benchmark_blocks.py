@@ -15,6 +15,7 @@ from benchmarks.diagnosis.baselines import METHODS, baselines
 from benchmarks.diagnosis.generator import plan_of_benchmark as made
 from benchmarks.diagnosis.signal import Signal, _as_one, signals
 from benchmarks.diagnosis.truth import truth_of
+from corridor.adjustment import Model
 from corridor.cli import main
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.errors import AdjustmentFailed, InputError
@@ -111,7 +112,7 @@ class TestWhatTheNameCloses:
 
 @pytest.fixture(scope="module")
 def said(shutter):
-    believed = ReferenceModel.of(shutter.block, None, [], None, None, None, 1)
+    believed = ReferenceModel.of(shutter.block, Model())
     return baselines(believed, believed.adjust())
 
 

@@ -8,6 +8,7 @@ import pytest
 from strips import corridor_block
 
 import corridor
+from corridor.adjustment import Model
 from corridor.diagnosis import ReferenceModel, diagnose
 from corridor.effects import add, find
 from corridor.errors import InputError
@@ -178,7 +179,7 @@ def test_a_refit_begins_where_the_first_adjustment_ended():
     """From start values half a metre off, its first step is a tenth of the cold one or less."""
     block = made()
     block.images[["x", "y", "z"]] += np.random.default_rng(1).normal(0, 0.5, (len(block.images), 3))
-    believed = ReferenceModel.of(block, None, (), None, None, None, 1)
+    believed = ReferenceModel.of(block, Model())
     believed.adjust()
     refit = believed.adjust([find("rolling_shutter")])
     start = corridor.adjust(block, camera="fraser10", effects=["rolling_shutter"])

@@ -10,6 +10,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import spsolve
 from strips import CAMLIGHT, corridor_block
 
+from corridor.adjustment import Model
 from corridor.diagnosis.candidates import candidates
 from corridor.diagnosis.equations import equations
 from corridor.diagnosis.evidence import Evidence
@@ -42,7 +43,7 @@ def tiny():
     block = add_noise(block, tie_px=0.3, mark_px=0.3, gnss_m=0.02, control_m=0.005, seed=4)
     block.lever_arm_fixed = True
     block.images["temperature_c"] = np.linspace(20, 31, len(block.images))
-    believed = ReferenceModel.of(block, "fixed", (), None, None, None, 1)
+    believed = ReferenceModel.of(block, Model(camera="fixed"))
     adjustment = believed.adjust()
     p = adjustment.problem
     control = p.block.ground["point"].to_numpy(object)[p.control_rows]

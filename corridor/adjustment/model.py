@@ -1,0 +1,247 @@
+"""What is estimated: the model of an adjustment, and the names of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from corridor.adjustment import kernels
+from corridor.block import Block
+from corridor.camera import INTERIOR, parameters_named
+from corridor.effects import Effect, find
+from corridor.errors import InputError
+
+# Free parameters of a camera that is not calibrated, where nobody says which. An adjustment frees
+# what other programs free and published results have.
+DEFAULT_CAMERA = "fraser8"
+# A diagnosis frees affinity as well: what the camera can take must not be told as an effect.
+REFERENCE_CAMERA = "fraser10"
+LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.CAUCHY}
+# What is not an effect: interior parameters of a camera, the antenna's place in a flight.
+CAMERA, LEVER_ARM, EFFECT = "camera", "lever_arm", "effect"
+
+
+@dataclass
+class Loss:
+    """A loss function on the length of an image residual in sigmas."""
+
+    kind: int = kernels.SQUARES
+    width: float = 2.0
+
+    @classmethod
+    def parse(cls, text: str) -> Loss:
+        """From `squares`, `huber:2`, `cauchy:2`. Raises InputError for one that is unknown."""
+        kind, _, width = text.partition(":")
+        try:
+            loss = cls(LOSSES[kind], float(width or 2.0))
+        except (KeyError, ValueError):
+            loss = cls(width=0.0)
+        if not loss.width > 0 or not np.isfinite(loss.width):
+            raise InputError(f"loss {text!r} is unknown: use squares, huber:2 or cauchy:2")
+        return loss
+
+
+@dataclass(frozen=True)
+class ParameterId:
+    """Which parameter is meant: `camera.P1.f`, `lever_arm.F1.z`, `gnss_bias.F1.x`, `focal.f`.
+
+    kind: `camera`, `lever_arm` or `effect`. owner: camera, flight or slug. group: of an effect, a
+    flight, camera or point; `block` where all have one value. name: of the parameter.
+    """
+
+    kind: str
+    owner: str
+    name: str
+    group: str = "block"
+
+    def __str__(self) -> str:
+        if self.kind != EFFECT:
+            return f"{self.kind}.{self.owner}.{self.name}"
+        group = "" if self.group == "block" else f"{self.group}."
+        return f"{self.owner}.{group}{self.name}"
+
+    @classmethod
+    def parse(cls, text: str) -> ParameterId:
+        """The parameter that a name means; of a slug alone, the name is empty.
+
+        `lever_arm` is a kind and the slug of an effect: with a flight it is the kind.
+        """
+        owner, *group, name = text.split(".") if "." in text else (text, "")
+        if owner in (CAMERA, LEVER_ARM) and group:
+            return cls(owner, ".".join(group), name)
+        return cls(EFFECT, owner, name, ".".join(group) or "block")
+
+    def means(self, other: ParameterId) -> bool:
+        """Whether this name means another parameter; an effect's group may be left out."""
+        # By its name alone, a flight's lever arm may be that of the effect `lever_arm@flight`.
+        if str(self) == str(other):
+            return True
+        same = (self.kind, self.owner, self.name) == (other.kind, other.owner, other.name)
+        return same and self.kind == EFFECT and self.group == "block"
+
+
+@dataclass
+class Setting:
+    """What a person wants of one parameter; None: as the model has it.
+
+    value: where it starts, and stays where it is not to vary. prior: value and standard deviation.
+    """
+
+    value: float | None = None
+    vary: bool | None = None
+    prior: tuple[float, float] | None = None
+
+
+class Settings(dict):
+    """Settings by the names of parameters; one that is asked for first is as the model has it."""
+
+    def __missing__(self, name: str) -> Setting:
+        self[name] = Setting()
+        return self[name]
+
+
+@dataclass
+class Model:
+    """What is estimated, and what is known of it beforehand.
+
+    camera: free interior parameters, `fixed`, `fraser8`, `fraser10` or `f,cx,cy,k1`; a mapping
+        gives each camera its own. Default: eight, or none where the camera is calibrated.
+    effects: slugs of effects to estimate with the rest (`slug@flight` for one set a flight), or
+        effects.
+    control, check: ground points with that role, in place of the roles in ground.csv.
+    priors: value and standard deviation by name: `{"camera.P1.f": (8190.0, 5.0)}`.
+    lever_arm: `free` or `fixed`; default: free unless block.toml fixes it.
+    loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
+    parameters: what is wanted of single ones: `model.parameters["camera.P1.k3"].vary = False`.
+    """
+
+    camera: str | Mapping[str, str] | None = None
+    effects: Iterable[str | Effect] = ()
+    control: Iterable[str] | None = None
+    check: Iterable[str] | None = None
+    priors: Mapping[str, tuple[float, float]] | None = None
+    lever_arm: str | None = None
+    loss: str = "squares"
+    parameters: Settings = field(default_factory=Settings)
+
+    def __post_init__(self):
+        self.effects = [e if isinstance(e, Effect) else find(e) for e in self.effects]
+        self.control = None if self.control is None else list(self.control)
+        self.check = None if self.check is None else list(self.check)
+        self.priors = dict(self.priors or {})
+        if not isinstance(self.parameters, Settings):
+            self.parameters = Settings(self.parameters)
+        if self.lever_arm not in (None, "free", "fixed"):
+            raise InputError(f"lever arm {self.lever_arm!r} is unknown: use free or fixed")
+        Loss.parse(self.loss)
+
+    @classmethod
+    def of(cls, model: Model | None, **options) -> Model:
+        """A model as it is, or one of options as `Model` has them; not both."""
+        if model is None:
+            return cls(**options)
+        default = cls()
+        told = [k for k, v in options.items() if not _same(v, getattr(default, k))]
+        if told:
+            raise InputError(
+                f"{', '.join(told)} and a model are given: the model says it already, give one"
+            )
+        return model
+
+    @property
+    def settings(self) -> dict[ParameterId, Setting]:
+        """Wishes for single parameters, `priors` among them."""
+        out = {ParameterId.parse(name): Setting(prior=prior) for name, prior in self.priors.items()}
+        for name, wish in self.parameters.items():
+            mine = out.setdefault(ParameterId.parse(name), Setting())
+            mine.value, mine.vary = wish.value, wish.vary
+            mine.prior = wish.prior or mine.prior
+        return out
+
+    @property
+    def held(self) -> list[ParameterId]:
+        """Parameters that are not to vary."""
+        return [which for which, wish in self.settings.items() if wish.vary is False]
+
+    def with_priors(self, priors: Mapping[str, tuple[float, float]]) -> Model:
+        """The same model with these priors and no others."""
+        wishes = {name: replace(wish, prior=None) for name, wish in self.parameters.items()}
+        return replace(self, priors=priors, parameters=Settings(wishes))
+
+    def without_effects(self) -> Model:
+        """The same model without its effects, and without what is wanted of their parameters."""
+
+        def others(names: Mapping) -> dict:
+            return {k: v for k, v in names.items() if ParameterId.parse(k).kind != EFFECT}
+
+        return replace(
+            self,
+            effects=(),
+            priors=others(self.priors),
+            parameters=Settings(others(self.parameters)),
+        )
+
+    def free(self, block: Block) -> dict[str, tuple[str, ...]]:
+        """Free interior parameters of each camera. Raises InputError for an unknown camera."""
+        wanted = self.camera if self.camera is not None else camera_of(block, DEFAULT_CAMERA)
+        if isinstance(wanted, Mapping):
+            unknown = [name for name in wanted if name not in block.cameras]
+            if unknown:
+                raise InputError(
+                    f"block.toml has no camera {', '.join(unknown)}: it has "
+                    f"{', '.join(block.cameras)}"
+                )
+        else:
+            wanted = dict.fromkeys(block.cameras, wanted)
+        out = {name: set(parameters_named(wanted.get(name, "fixed"))) for name in block.cameras}
+        for which, wish in self.settings.items():
+            if which.kind == CAMERA and wish.vary is not None and which.owner in out:
+                if which.name not in INTERIOR:
+                    raise InputError(
+                        f"camera {which.owner} has no parameter {which.name}: it has "
+                        f"{', '.join(INTERIOR)}"
+                    )
+                (out[which.owner].add if wish.vary else out[which.owner].discard)(which.name)
+        return {name: tuple(k for k in INTERIOR if k in names) for name, names in out.items()}
+
+    def arms_free(self, block: Block) -> bool:
+        """Whether the lever arms of the flights are estimated."""
+        return self.lever_arm == "free" or (self.lever_arm is None and not block.lever_arm_fixed)
+
+    def roles(self, block: Block) -> np.ndarray:
+        """Role of each row of ground.csv after control and check have had their say.
+
+        Raises InputError for a point that ground.csv does not have, or that is to be both.
+        """
+        roles = block.ground["role"].to_numpy(dtype=object).copy()
+        names = block.ground["point"].to_numpy(dtype=object)
+        for given, role in ((self.control, "control"), (self.check, "check")):
+            if given is None:
+                continue
+            unknown = [name for name in given if name not in set(names)]
+            if unknown:
+                raise InputError(
+                    f"ground.csv has no point {', '.join(unknown)}, which is to be a {role} point: "
+                    f"it has {', '.join(names[:20]) or 'none'}"
+                )
+            chosen = np.isin(names, given)
+            # Who names the control points means that the others check, and the other way round.
+            other = "check" if role == "control" else "control"
+            if role == "control" or self.control is None:
+                roles[(roles == role) & ~chosen] = other if role == "control" else "unused"
+            roles[chosen] = role
+        both = set(self.control or ()) & set(self.check or ())
+        if both:
+            raise InputError(f"{', '.join(sorted(both))} cannot be control and check point at once")
+        return roles
+
+
+def camera_of(block: Block, free: str) -> dict[str, str]:
+    """The same free parameters for each camera, none where it is calibrated."""
+    return {name: "fixed" if c.calibrated else free for name, c in block.cameras.items()}
+
+
+def _same(a, b) -> bool:
+    return a is b or a == b or (a in ((), None, {}) and b in ((), None, {}, []))
