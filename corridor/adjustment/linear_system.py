@@ -322,7 +322,7 @@ class LinearSystem:
                 seen = np.flatnonzero(np.bincount(group, minlength=groups))
                 jacobian = jacobian[:, (seen[:, None] * count + np.arange(count)).ravel()]
                 shared = [
-                    Unknown("effect", effect.slug, q.name, q.unit, (g, number), member.groups[g])
+                    Unknown("effect", effect.slug, q.name, member.groups[g], q.unit, (g, number))
                     for g in seen.tolist()
                     for number, q in enumerate(member.parameters)
                 ]

@@ -195,7 +195,7 @@ class Model:
                 )
         else:
             wanted = dict.fromkeys(block.cameras, wanted)
-        out = {name: set(parameters_named(wanted.get(name, "fixed"))) for name in block.cameras}
+        out = {name: list(parameters_named(wanted.get(name, "fixed"))) for name in block.cameras}
         for which, wish in self.settings.items():
             if which.kind == CAMERA and wish.vary is not None and which.owner in out:
                 if which.name not in INTERIOR:
@@ -203,8 +203,9 @@ class Model:
                         f"camera {which.owner} has no parameter {which.name}: it has "
                         f"{', '.join(INTERIOR)}"
                     )
-                (out[which.owner].add if wish.vary else out[which.owner].discard)(which.name)
-        return {name: tuple(k for k in INTERIOR if k in names) for name, names in out.items()}
+                others = [name for name in out[which.owner] if name != which.name]
+                out[which.owner] = [*others, which.name] if wish.vary else others
+        return {name: tuple(names) for name, names in out.items()}
 
     def arms_free(self, block: Block) -> bool:
         """Whether the lever arms of the flights are estimated."""

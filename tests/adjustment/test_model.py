@@ -96,14 +96,15 @@ class TestSettings:
             make_problem(block, model)
 
 
-class TestParametersOfAResult:
-    @pytest.fixture(scope="class")
-    def found(self, block):
-        arm = f"lever_arm.{block.flight_names[0]}.z"
-        return corridor.adjust(
-            block, camera="f,cx,cy", effects=["rolling_shutter"], priors={arm: (0.0, 0.02)}
-        )
+@pytest.fixture(scope="module")
+def found(block):
+    arm = f"lever_arm.{block.flight_names[0]}.z"
+    return corridor.adjust(
+        block, camera="f,cx,cy", effects=["rolling_shutter"], priors={arm: (0.0, 0.02)}
+    )
 
+
+class TestParametersOfAResult:
     def test_they_are_those_of_the_tables(self, block, found):
         camera = name_of(block)
         f = found.parameters[f"camera.{camera}.f"]
