@@ -12,7 +12,7 @@ from corridor.interchange.exporting import (
     read_adjusted,
 )
 from corridor.interchange.ground import add_ground
-from corridor.interchange.importing import Imported, complete, import_project
+from corridor.interchange.importing import Additions, Imported, complete, import_project
 from corridor.interchange.project import Project
 from corridor.interchange.proof import Proof, Residuals, demand, prove
 from corridor.interchange.reading import format_names, read_project
@@ -20,6 +20,7 @@ from corridor.photographs import Metadata as Photograph
 from corridor.photographs import read_metadata as read_photograph
 
 __all__ = [
+    "Additions",
     "Exported",
     "Imported",
     "Photograph",

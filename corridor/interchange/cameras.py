@@ -16,6 +16,11 @@ _PICTURE = 41  # nodes a side over the picture
 TOLD_PX = 1e-6
 REFUSED_PX = 0.5
 
+
+class NoModel(InputError):
+    """A camera for which corridor has no model."""
+
+
 ALL = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "k5", "p1", "p2", "b1", "b2")
 
 
@@ -99,9 +104,11 @@ def standing_for(
 
 
 def from_image_formula(
-    camera: Camera, ray_of: Callable[[np.ndarray], np.ndarray], notes: list[str], what: str
-) -> Camera:
-    """The camera for a formula from the image to the ray: our polynomial goes the other way.
+    camera: Camera, ray_of: Callable[[np.ndarray], np.ndarray]
+) -> tuple[Camera, float]:
+    """The camera for a formula from the image to the ray, and how far it is off over the picture.
+
+    Our polynomial goes the other way.
 
     camera: width, height, f, cx, cy as read, the rest a start. ray_of: pixels (n, 2) to rays.
     Raises InputError where the formula folds inside the picture or no camera comes near.
@@ -127,8 +134,12 @@ def from_image_formula(
             f"camera {camera.name}: no camera of corridor comes nearer to its image-to-ray formula "
             f"than {far:.2g} px; undistort its images, or leave them out"
         )
-    notes.append(f"{what}: turned from image-to-ray, true to {far:.1g} px over the picture")
-    return camera
+    return camera, far
+
+
+def turned_note(camera: Camera, away: float) -> str:
+    """The sentence on a camera that `from_image_formula` made."""
+    return f"camera {camera.name}: turned from image-to-ray, true to {away:.1g} px over the picture"
 
 
 def moved_to(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from corridor.block import Block
@@ -11,7 +11,7 @@ from corridor.errors import InputError
 from corridor.interchange.faults import blaming
 from corridor.interchange.ground import add_ground
 from corridor.interchange.mapping import forget, from_photographs
-from corridor.interchange.placing import add_photographs, add_track, picture_size
+from corridor.interchange.placing import Track, add_photographs, add_track, picture_size
 from corridor.interchange.project import Project
 from corridor.interchange.proof import Proof, demand, prove
 from corridor.interchange.reading import read_project
@@ -43,41 +43,59 @@ class Imported:
         return "\n".join([*lines, "", str(self.proof)])
 
 
+@dataclass(frozen=True)
+class Additions:
+    """What is added to a project that is imported.
+
+    photos: folder of its photographs. track: file of the receiver. ground: file of ground points.
+    crs: of the project's coordinates. size: of the pictures, px. track_system, images_system: time
+    systems, where the files do not state them.
+    """
+
+    photos: Path | None = None
+    track: Path | None = None
+    ground: Path | None = None
+    crs: str | None = None
+    size: tuple[int, int] | None = None
+    track_system: str | None = None
+    images_system: str | None = None
+
+
+def _silent(what: str) -> None:
+    """Say nothing."""
+
+
 def import_project(
     path: str | Path,
     form: str,
     output: str | Path,
+    added: Additions | None = None,
     *,
-    photos: Path | None = None,
-    track: Path | None = None,
-    ground: Path | None = None,
-    crs: str | None = None,
-    size: tuple[int, int] | None = None,
-    track_system: str | None = None,
-    images_system: str | None = None,
     table_form: str = "csv",
     force: bool = False,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Callable[[str], None] = _silent,
+    **more,
 ) -> Imported:
     """Import a project, prove it, and write the block folder `output`, whole or not at all.
 
-    form: auto, photos (from photographs alone), or a name of `format_names()`. photos, track,
-    ground: what is added to it. crs: of the project's coordinates. size: of the pictures, px.
-    table_form: csv or parquet. force: write although the proof refuses.
+    form: auto, photos (from photographs alone), or a name of `format_names()`. added: what is added
+    to it; more: its fields, in place of it. table_form: csv or parquet. force: write although the
+    proof refuses.
     Raises InputError: one sentence naming file, line and remedy.
     """
     if Path(output).exists() and not Path(output).is_dir():
         raise InputError(f"{output} is a file; name a folder to write to")
-    path = Path(path)
+    path, added = Path(path), added or Additions(**more)
     if form == "photos":
         project = from_photographs(path, Path(output), progress)
-        photos = photos or path
+        added = replace(added, photos=added.photos or path)
     else:
-        if size is None and photos is not None:
-            size = picture_size(photos)
+        size = added.size
+        if size is None and added.photos is not None:
+            size = picture_size(added.photos)
         progress(f"reading {path}")
         project = read_project(path, form, size)
-    complete(project, photos, track, ground, crs, track_system, images_system, progress)
+    project = complete(project, added, progress)
     progress("proving by reprojection")
     with blaming(path, "a whole project"):
         proof = prove(project)
@@ -86,11 +104,11 @@ def import_project(
     except InputError as error:
         said = "".join(f"{sentence}. " for sentence in project.warnings)
         raise InputError(f"{path}: {said}{error}") from None
-    block = project.block
     if proof.verdict == "refused":
-        project.warnings.append(f"written with --force although {proof.refusal()}")
+        project = project.having(warnings=[f"written with --force although {proof.refusal()}"])
     elif proof.verdict == "unproved":
-        project.warnings.append(proof.refusal())
+        project = project.having(warnings=[proof.refusal()])
+    block = project.block
     block.source = block.source or f"imported from {project.form}: {path.name}"
     progress(f"writing {output}")
     block.write(output, table_form, observed=False)
@@ -100,35 +118,27 @@ def import_project(
 
 
 def complete(
-    project: Project,
-    photos: Path | None = None,
-    track: Path | None = None,
-    ground: Path | None = None,
-    crs: str | None = None,
-    track_system: str | None = None,
-    images_system: str | None = None,
-    progress: Callable[[str], None] = lambda what: None,
-) -> None:
-    """Add what photographs, a track and a file of ground points know; arguments as above."""
-    if crs is not None:
-        if project.block.crs not in (None, crs):
+    project: Project, added: Additions, progress: Callable[[str], None] = _silent
+) -> Project:
+    """The project with what photographs, a track and a file of ground points know."""
+    if added.crs is not None:
+        if project.block.crs not in (None, added.crs):
             raise InputError(
-                f"the project is in {project.block.crs[:60]}; --crs {crs} contradicts it"
+                f"the project is in {project.block.crs[:60]}; --crs {added.crs} contradicts it"
             )
-        _known_system(crs)
-        project.block.crs = crs
-        project.placed = True
+        _known_system(added.crs)
+        project = project.having(crs=added.crs, placed=True)
     exposures = None
-    if photos is not None:
-        progress(f"reading the photographs of {photos}")
-        with blaming(photos, "a folder of photographs"):
-            exposures = add_photographs(project, photos)
-    if track is not None:
-        progress(f"reading {track}")
-        with blaming(track, "a track"):
-            add_track(project, track, exposures, track_system, images_system)
-    if ground is not None:
-        add_ground(project, ground)
+    if added.photos is not None:
+        progress(f"reading the photographs of {added.photos}")
+        with blaming(added.photos, "a folder of photographs"):
+            project, exposures = add_photographs(project, added.photos)
+    if added.track is not None:
+        progress(f"reading {added.track}")
+        track = Track(added.track, added.track_system, added.images_system)
+        with blaming(added.track, "a track"):
+            project = add_track(project, exposures, track)
+    return project if added.ground is None else add_ground(project, added.ground)
 
 
 def _known_system(crs):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,14 +63,10 @@ def from_photographs(
     if not (model / "images.bin").is_file():
         _map(pycolmap, database, folder, model, len(names), progress)
     project = colmap.read(model)
-    project.form, project.source = "photos", folder
-    project.block.name = folder.resolve().name
     left = len(names) - len(project.block.images)
-    if left:
-        project.warnings.append(
-            f"{left} of {len(names)} photographs could not be connected to the others"
-        )
-    return project
+    lost = f"{left} of {len(names)} photographs could not be connected to the others"
+    project = project.having(warnings=[lost] if left else [], name=folder.resolve().name)
+    return replace(project, form="photos", source=folder)
 
 
 def forget(output: Path) -> None:

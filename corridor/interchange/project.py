@@ -1,9 +1,9 @@
-"""What a project of another program says."""
+"""What a project of another program says, and how its pieces become a block."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from corridor.block import Block
 from corridor.camera import Camera
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
+from corridor.gnss import Local
 
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 # From here on a float32 of another program, or a difference of cubes, loses what a survey needs.
@@ -38,6 +39,34 @@ class Project:
     warnings: list[str] = field(default_factory=list)
     placed: bool = True
     image_to_ray: bool = False
+
+    def having(
+        self,
+        *,
+        notes: Iterable[str] = (),
+        warnings: Iterable[str] = (),
+        placed: bool | None = None,
+        **changes,
+    ) -> Project:
+        """The project with more sentences, and with other fields of its block."""
+        return replace(
+            self,
+            block=replace(self.block, **changes) if changes else self.block,
+            notes=[*self.notes, *notes],
+            warnings=[*self.warnings, *warnings],
+            placed=self.placed if placed is None else placed,
+        )
+
+
+def local_table(local: Local) -> dict[str, float]:
+    """`local_frame` of block.toml."""
+    return {"lat_deg": local.lat_deg, "lon_deg": local.lon_deg, "height": local.height}
+
+
+def local_of(block: Block) -> Local | None:
+    """The block's east, north, up frame on Earth, None where it has none."""
+    local = block.extra.get("local_frame")
+    return Local(local["lat_deg"], local["lon_deg"], local["height"]) if local else None
 
 
 def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:

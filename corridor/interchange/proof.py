@@ -7,6 +7,7 @@ the observations decisively better is named.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,7 +32,6 @@ _SAMPLE = 20_000
 _CAMERAS, _ENOUGH = 12, 40
 
 _P1, _P2 = INTERIOR.index("p1"), INTERIOR.index("p2")
-_FIRST_RADIAL = INTERIOR.index("k1")
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
@@ -186,12 +186,9 @@ def _only(rows: Rows, kept: np.ndarray) -> Rows:
 
 def _undistorted_of(rows):
     """Residuals in px of an image free of distortion, as image-to-ray programs state them."""
-    world = rows.positions[rows.point]
-    image = rows.image
-    seen = np.einsum("nij,nj->ni", rows.rotation[image], world - rows.centre[image])
-    depth = np.where(seen[:, 2] > 0, seen[:, 2], np.nan)
-    away = undistort(rows.pixels, rows.interior, image) - seen[:, :2] / depth[:, None]
-    return Residuals.of(np.linalg.norm(away, axis=1) * rows.interior[image, 0])
+    case = _Case.of(rows)
+    away = case.rays() - case.seen(rows.positions[rows.point])
+    return Residuals.of(np.linalg.norm(away, axis=1) * rows.interior[rows.image, 0])
 
 
 def _pairs(project):
@@ -230,12 +227,42 @@ def _gross(kind, rows, length, proof):
 class _Case:
     """One observation in one image, as arrays that a mistake can be undone in."""
 
+    image: np.ndarray
     pixels: np.ndarray
     rotation: np.ndarray
     centre: np.ndarray
     interior: np.ndarray
     # image-to-ray distortion, and what a pixel is measured against
     backwards: bool = False
+
+    def rays(self) -> np.ndarray:
+        """Rays (m, 2) of the observations."""
+        if not self.backwards:
+            return undistort(self.pixels, self.interior, self.image)
+        rays = np.empty_like(self.pixels)
+        different, which = np.unique(self.interior, axis=0, return_inverse=True)
+        which = which.ravel()[self.image]
+        for k, interior in enumerate(different):
+            rays[which == k] = image_to_ray(self.pixels[which == k], interior)
+        return rays
+
+    def seen(self, world: np.ndarray) -> np.ndarray:
+        """Rays (m, 2) to the points (m, 3), NaN behind the camera."""
+        turned = np.einsum("nij,nj->ni", self.rotation[self.image], world - self.centre[self.image])
+        return turned[:, :2] / np.where(turned[:, 2:] > 0, turned[:, 2:], np.nan)
+
+    def residuals(self, world: np.ndarray) -> np.ndarray:
+        """(m, 2) px, measured minus modelled, of the points (m, 3)."""
+        if self.backwards:
+            return (self.rays() - self.seen(world)) * self.interior[self.image, :1]
+        return self.pixels - project(
+            world, self.centre[self.image], self.rotation[self.image], self.interior, self.image
+        )
+
+    @classmethod
+    def of(cls, rows: Rows) -> _Case:
+        """Of the observations as they are."""
+        return cls(rows.image, rows.pixels, rows.rotation, rows.centre, rows.interior)
 
 
 def _sample(rows: Rows) -> Rows:
@@ -273,12 +300,12 @@ def _alternatives(rows: Rows, again: bool = True) -> list[str]:
     again: whether points may be intersected anew.
     """
     rows = _sample(rows)
-    case = _Case(rows.pixels, rows.rotation, rows.centre, rows.interior)
+    case, middle = _Case.of(rows), rows.middle[rows.image]
     with np.errstate(all="ignore"):
         base, anew = _lengths(rows, case, moved=False), None
         found = []
-        for name, make in _MISTAKES.items():
-            other = make(rows, case)
+        for name, steps in _MISTAKES.items():
+            other = _undone(case, middle, steps)
             if other is None:
                 continue
             length = _lengths(rows, other, moved=False)
@@ -299,33 +326,15 @@ def _alternatives(rows: Rows, again: bool = True) -> list[str]:
 
 
 def _lengths(rows: Rows, case: _Case, moved: bool) -> np.ndarray:
-    image = rows.image
+    """Lengths (m,) of the residuals; moved: of the points where the rays of the case meet."""
     positions = rows.positions
     if moved:
-        ray = _rays(case, image)
-        good = np.isfinite(ray).all(axis=1)
+        rays = case.rays()
+        good = np.isfinite(rays).all(axis=1)
         pixel = 1.0 / case.interior[:, 0]
-        rays = Rays(image[good], ray[good], case.rotation, case.centre, pixel)
+        rays = Rays(case.image[good], rays[good], case.rotation, case.centre, pixel)
         positions = meeting_points(rays, rows.point[good], len(positions))
-    world = positions[rows.point]
-    if case.backwards:
-        seen = np.einsum("nij,nj->ni", case.rotation[image], world - case.centre[image])
-        depth = np.where(seen[:, 2] > 0, seen[:, 2], np.nan)
-        residual = _rays(case, image) - seen[:, :2] / depth[:, None]
-        return np.linalg.norm(residual, axis=1) * case.interior[image, 0]
-    modelled = project(world, case.centre[image], case.rotation[image], case.interior, image)
-    return np.linalg.norm(case.pixels - modelled, axis=1)
-
-
-def _rays(case, image):
-    if not case.backwards:
-        return undistort(case.pixels, case.interior, image)
-    rays = np.empty_like(case.pixels)
-    different, which = np.unique(case.interior, axis=0, return_inverse=True)
-    which = which.ravel()[image]
-    for k, interior in enumerate(different):
-        rays[which == k] = image_to_ray(case.pixels[which == k], interior)
-    return rays
+    return np.linalg.norm(case.residuals(positions[rows.point]), axis=1)
 
 
 def _is_better(base: np.ndarray, other: np.ndarray) -> float | None:
@@ -353,10 +362,7 @@ def _trimmed(length):
 
 def _half_pixel(rows: Rows, case: _Case) -> str | None:
     """A mean residual of half a pixel in both directions: adjusted projects have none."""
-    image = rows.image
-    residual = case.pixels - project(
-        rows.positions[rows.point], case.centre[image], case.rotation[image], case.interior, image
-    )
+    residual = case.residuals(rows.positions[rows.point])
     residual = residual[np.isfinite(residual).all(axis=1)]
     if len(residual) < 20:
         return None
@@ -372,115 +378,106 @@ def _half_pixel(rows: Rows, case: _Case) -> str | None:
     return None
 
 
-def _half(sign):
-    def make(rows, case):
-        return replace(case, pixels=case.pixels + 0.5 * sign)
-
-    return make
+# Each mistake undone: `case` and the middle of each observation's picture to what changes.
+def _shifted(by: float):
+    return lambda case, middle: {"pixels": case.pixels + by}
 
 
-def _swapped(rows, case):
+def _swapped(case, middle):
     interior = case.interior.copy()
     interior[:, [_P1, _P2]] = interior[:, [_P2, _P1]]
-    return replace(case, interior=interior) if (interior != case.interior).any() else None
+    return {"interior": interior}
 
 
-def _transposed(rows, case):
-    return replace(case, rotation=case.rotation.transpose(0, 2, 1))
+def _scaled_distortion(by: float):
+    def change(case, middle):
+        interior = case.interior.copy()
+        interior[:, 3:] *= by
+        return {"interior": interior}
+
+    return change
 
 
-def _translation(rows, case):
-    """The three numbers are t of X = R P + t, not the centre."""
-    return replace(case, centre=-np.einsum("nji,nj->ni", case.rotation, case.centre))
+def _transposed(case, middle):
+    return {"rotation": case.rotation.transpose(0, 2, 1)}
 
 
-def _centre(rows, case):
+def _times_rotation(case, middle):
     """The three numbers were turned into a centre though they were one."""
-    return replace(case, centre=-np.einsum("nij,nj->ni", case.rotation, case.centre))
+    return {"centre": -np.einsum("nij,nj->ni", case.rotation, case.centre)}
 
 
-def _camera_up(rows, case):
-    return replace(case, rotation=_FLIP @ case.rotation)
+def _times_transposed(case, middle):
+    """The three numbers are t of X = R P + t, not the centre."""
+    return {"centre": -np.einsum("nji,nj->ni", case.rotation, case.centre)}
 
 
-def _image_up(rows, case):
+def _camera_up(case, middle):
+    return {"rotation": _FLIP @ case.rotation}
+
+
+def _image_up(case, middle):
     """y of the observations counted upwards, from the other edge of the picture."""
-    return _turned_up(case, rows.middle[rows.image, 1])
+    x, y = case.pixels.T
+    return {"pixels": np.column_stack([x, 2 * middle[:, 1] - y])}
 
 
-def _image_up_about_point(rows, case):
-    return _turned_up(case, case.interior[rows.image, 2])
+def _image_up_about_point(case, middle):
+    x, y = case.pixels.T
+    return {"pixels": np.column_stack([x, 2 * case.interior[case.image, 2] - y])}
 
 
-def _turned_up(case, about):
-    return replace(case, pixels=np.column_stack([case.pixels[:, 0], 2 * about - case.pixels[:, 1]]))
+def _from_middle(case, middle):
+    return {"pixels": case.pixels + middle}
 
 
-def _both_up(rows, case):
-    return _camera_up(rows, _image_up(rows, case))
+def _exchanged(case, middle):
+    return {"pixels": case.pixels[:, ::-1]}
 
 
-def _both_up_about_point(rows, case):
-    return _camera_up(rows, _image_up_about_point(rows, case))
+def _backwards(case, middle):
+    return {"backwards": True}
 
 
-def _from_middle(rows, case):
-    return replace(case, pixels=case.pixels + rows.middle[rows.image])
-
-
-def _exchanged(rows, case):
-    return replace(case, pixels=case.pixels[:, ::-1])
-
-
-def _backwards(rows, case):
-    return replace(case, backwards=True) if case.interior[:, 3:].any() else None
-
-
-def _other_sign(rows, case):
-    interior = case.interior.copy()
-    interior[:, 3:] *= -1
-    return replace(case, interior=interior) if interior[:, 3:].any() else None
-
-
-def _undistorted(rows, case):
-    interior = case.interior.copy()
-    interior[:, 3:] = 0.0
-    return replace(case, interior=interior) if case.interior[:, 3:].any() else None
-
-
-def _transposed_up(rows, case):
-    return _camera_up(rows, _transposed(rows, case))
-
-
-def _transposed_translation(rows, case):
-    """R camera to world read as world to camera, and C made of t with it."""
-    turned = _transposed(rows, case)
-    shift = -np.einsum("nij,nj->ni", case.rotation, case.centre)
-    return replace(turned, centre=-np.einsum("nji,nj->ni", turned.rotation, shift))
-
-
-_MISTAKES = {
-    "half a pixel of origin (the observations half a pixel further right and down)": _half(1.0),
-    "half a pixel of origin (the observations half a pixel further left and up)": _half(-1.0),
-    "p1 and p2 exchanged": _swapped,
-    "a transposed rotation (camera to world in place of world to camera)": _transposed,
-    "a transposed rotation (and the centre made with it)": _transposed_translation,
-    "the translation t read as the centre": _translation,
-    "the centre read as the translation t": _centre,
-    "y upwards in the camera frame (the camera looks along -z)": _camera_up,
-    "y upwards in the image": _image_up,
-    "y upwards in the image and in the camera frame": _both_up,
-    "y upwards in the image (about the principal point)": _image_up_about_point,
-    "y upwards in the image (about the principal point) and in the camera frame": (
-        _both_up_about_point
+# What is undone, one step after the other.
+_MISTAKES: dict[str, tuple[Callable, ...]] = {
+    "half a pixel of origin (the observations half a pixel further right and down)": (
+        _shifted(0.5),
     ),
-    "a transposed rotation and y upwards": _transposed_up,
-    "the origin in the middle of the image": _from_middle,
-    "x and y of the observations exchanged": _exchanged,
-    "the other direction of distortion (image to ray in place of ray to image)": _backwards,
-    "the other sign of the distortion": _other_sign,
-    "observations that are free of distortion already": _undistorted,
-}
+    "half a pixel of origin (the observations half a pixel further left and up)": (_shifted(-0.5),),
+    "p1 and p2 exchanged": (_swapped,),
+    "a transposed rotation (camera to world in place of world to camera)": (_transposed,),
+    # C made of t with the wrong rotation: t again, then C.
+    "a transposed rotation (and the centre made with it)": (
+        _times_rotation, _transposed, _times_transposed,
+    ),
+    "the translation t read as the centre": (_times_transposed,),
+    "the centre read as the translation t": (_times_rotation,),
+    "y upwards in the camera frame (the camera looks along -z)": (_camera_up,),
+    "y upwards in the image": (_image_up,),
+    "y upwards in the image and in the camera frame": (_image_up, _camera_up),
+    "y upwards in the image (about the principal point)": (_image_up_about_point,),
+    "y upwards in the image (about the principal point) and in the camera frame": (
+        _image_up_about_point, _camera_up,
+    ),
+    "a transposed rotation and y upwards": (_transposed, _camera_up),
+    "the origin in the middle of the image": (_from_middle,),
+    "x and y of the observations exchanged": (_exchanged,),
+    "the other direction of distortion (image to ray in place of ray to image)": (_backwards,),
+    "the other sign of the distortion": (_scaled_distortion(-1.0),),
+    "observations that are free of distortion already": (_scaled_distortion(0.0),),
+}  # fmt: skip
+
+
+def _undone(case: _Case, middle: np.ndarray, steps: tuple[Callable, ...]) -> _Case | None:
+    """The case without a mistake; None where it makes no difference to this camera."""
+    other = case
+    for step in steps:
+        other = replace(other, **step(other, middle))
+    if other.backwards and not case.interior[:, 3:].any():
+        return None
+    same = other.interior is not case.interior and (other.interior == case.interior).all()
+    return None if same else other
 
 
 def demand(proof: Proof, force: bool) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from corridor.block import Block
 from corridor.errors import InputError
 from corridor.interchange.faults import blaming
 from corridor.interchange.formats import candidates, formats
@@ -36,17 +37,18 @@ def read_project(
     with blaming(path, f"a project of {form}"):
         project = formats()[form].read(path, size)
         near_origin(project.block)
-        _unseen(project)
+        project = project.having(warnings=_unseen(project.block))
     if others:
-        project.notes.append(f"the same place is also a project of {', '.join(others)}: name it so")
+        also = f"the same place is also a project of {', '.join(others)}: name it so"
+        project = project.having(notes=[also])
     return project
 
 
-def _unseen(project: Project) -> None:
+def _unseen(block: Block) -> list[str]:
     """Points and images without observations: a file that ends early at the end of a line."""
-    block = project.block
     if not len(block.tie_points):
-        return
+        return []
+    warnings = []
     names = block.tie_points["point"].cat.categories
     codes = block.tie_points["point"].cat.codes.to_numpy().astype(np.int64)
     seen = np.bincount(codes, minlength=len(names))
@@ -57,17 +59,18 @@ def _unseen(project: Project) -> None:
         few &= ~block.points["point"].isin(set(block.ground["point"]))
         few &= ~block.points["point"].isin(set(block.marks["point"].cat.categories))
     if few.any():
-        project.warnings.append(
+        warnings.append(
             f"{int(few.sum())} of {len(block.points)} points are seen in fewer than two images "
             f"(first: {block.points['point'][few].iloc[0]}): the observations may be cut off"
         )
     bare = ~block.images["image"].isin(set(block.tie_points["image"].unique()))
     bare &= ~block.images["image"].isin(set(block.marks["image"].unique()))
     if bare.any():
-        project.warnings.append(
+        warnings.append(
             f"{int(bare.sum())} of {len(block.images)} images see no point (first: "
             f"{block.images['image'][bare].iloc[0]})"
         )
+    return warnings
 
 
 def _found(path: Path) -> tuple[str, Path, list[str]]:

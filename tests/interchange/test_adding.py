@@ -14,7 +14,7 @@ from corridor.errors import InputError
 from corridor.gnss import Local
 from corridor.interchange import export_project, read_photograph, read_project
 from corridor.interchange.ground import crs_of_line, in_frame, read_gcp_list
-from corridor.interchange.placing import add_photographs, add_track, gyro_rates
+from corridor.interchange.placing import Track, add_photographs, add_track, gyro_rates
 
 from .conftest import exact_block
 
@@ -103,8 +103,7 @@ def flown(tmp_path_factory):
 
 def test_photographs_place_a_free_model_and_tell_times_and_temperatures(flown):
     home, block = flown
-    project = read_project(home / "model")
-    add_photographs(project, home / "photos")
+    project, _ = add_photographs(read_project(home / "model"), home / "photos")
     made = project.block
     local = made.extra["local_frame"]
     place = Local(local["lat_deg"], local["lon_deg"], local["height"])
@@ -129,8 +128,7 @@ def test_the_command_makes_a_block_that_adjusts(flown, tmp_path):
 
 def test_a_track_gives_antenna_positions_and_velocities(flown, tmp_path):
     home, block = flown
-    project = read_project(home / "model")
-    exposures = add_photographs(project, home / "photos")
+    project, exposures = add_photographs(read_project(home / "model"), home / "photos")
     time = np.arange(37195.0, 37230.0, 0.2)
     x = 22.0 / 2 * (time - 37200.25)
     places = PLACE.to_geographic(np.column_stack([x, np.zeros_like(x), np.full_like(x, 80.0)]))
@@ -144,8 +142,7 @@ def test_a_track_gives_antenna_positions_and_velocities(flown, tmp_path):
             f"{up:.4f} 1   9   0.0100   0.0100   0.0200   0.0   0.0   0.0   0.0   9.9"
         )
     (tmp_path / "rover.pos").write_text("\n".join(rows) + "\n")
-    add_track(project, tmp_path / "rover.pos", exposures)
-    made = project.block
+    made = add_track(project, exposures, Track(tmp_path / "rover.pos")).block
     assert len(made.gnss) == 12
     velocity = made.images[["vx", "vy", "vz"]].to_numpy(float)
     assert np.abs(np.linalg.norm(velocity, axis=1) - 11.0).max() < 0.05
@@ -155,7 +152,7 @@ def test_a_track_gives_antenna_positions_and_velocities(flown, tmp_path):
 def test_a_project_without_times_says_what_a_track_needs(flown, tmp_path):
     home, _ = flown
     with pytest.raises(InputError, match="--photos FOLDER"):
-        add_track(read_project(home / "model"), tmp_path / "rover.pos", None)
+        add_track(read_project(home / "model"), None, Track(tmp_path / "rover.pos"))
 
 
 def test_photographs_of_another_flight_are_refused(flown, tmp_path):
@@ -306,8 +303,7 @@ def test_djis_time_marks_in_the_folder_are_taken_for_times_and_positions(real_da
         table["image"] = table["image"].cat.rename_categories(renamed)
     block.__post_init__()
     export_project(block, "opensfm", tmp_path / "model")
-    project = read_project(tmp_path / "model")
-    exposures = add_photographs(project, tmp_path)
+    project, exposures = add_photographs(read_project(tmp_path / "model"), tmp_path)
     assert exposures.time_system == "GPST" and len(exposures.table) == 12
     # Second 190613.469 of the week is Tuesday, 4:56:53.
     assert project.block.column("images", "time_s")[0] == pytest.approx(

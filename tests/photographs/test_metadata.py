@@ -70,7 +70,7 @@ def test_photographs_of_a_phantom_4_give_a_block_its_velocities(real_data):
     """special_plot: 76 photographs, their speeds also in metadata.csv, read by another program."""
     home = real_data / "special_plot"
     project = Project("made", home, corridor.read(home / "block"))
-    add_photographs(project, home / "photos")
+    project, _ = add_photographs(project, home / "photos")
     block = project.block
     with (home / "metadata.csv").open() as file:
         known = {row["image"]: row for row in csv.DictReader(file)}

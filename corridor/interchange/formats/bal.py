@@ -9,6 +9,7 @@ Source: Agarwal et al. 2010, and the project's page.
 import bz2
 import gzip
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,9 @@ import numpy as np
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.interchange.columns import plain_numbers
-from corridor.interchange.formats.bundler import assemble
+from corridor.interchange.formats.bundler import BundlerArrays
 from corridor.interchange.project import Project
-from corridor.interchange.text import lines, missing, numbers, whole
+from corridor.textfile import Line, lines, missing
 
 NAME = "bal"
 TITLE = "Bundle Adjustment in the Large"
@@ -44,14 +45,14 @@ def _open(path):
     return gzip.open(path) if path.suffix == ".gz" else path.open("rb")
 
 
-def _rows(path):
+def _rows(path) -> Iterator[Line]:
     if path.suffix not in (".bz2", ".gz"):
         yield from lines(path)
         return
     try:
         with _open(path) as file:
-            for number, line in enumerate(file, start=1):
-                yield number, line.decode("ascii", errors="replace")
+            for at, text in enumerate(file, start=1):
+                yield Line(path, at, text.decode("ascii", errors="replace"))
     except FileNotFoundError as error:
         raise missing(path, error) from error
     except (OSError, EOFError) as error:
@@ -77,27 +78,16 @@ def _at_once(path):
 
 def _by_line(path):
     """The same, or InputError naming the line."""
-    found = ((line, text) for line, text in _rows(path) if text.strip())
-    line, text = next(found, (1, ""))
-    words = text.split()
-    if len(words) != 3:
-        raise InputError(
-            f"{path.name}, line {line}: {len(words)} words where cameras, points and observations "
-            "are counted; name a BAL file"
-        )
-    cameras, points, count = (whole(word, path, line, "a count", 1) for word in words)
+    found = (line for line in _rows(path) if line.text.strip())
+    line = next(found, Line(path, 1, ""))
+    words = line.words(3, "the count of cameras, points and observations of a BAL file")
+    cameras, points, count = (line.whole(word, "a count", 1) for word in words)
     views, rest = [], []
-    for line, text in found:
-        words = text.split()
+    for line in found:
         if len(views) < count:
-            if len(words) != 4:
-                raise InputError(
-                    f"{path.name}, line {line}: {len(words)} words where an observation has 4; "
-                    f"{count} observations are promised, {len(views)} are there"
-                )
-            views.append(numbers(words, path, line, "an observation"))
+            views.append(line.values(4, f"an observation ({len(views)} of {count} are there)"))
         else:
-            rest.append(numbers(words, path, line, "a parameter"))
+            rest.append(line.numbers(line.text.split(), "a parameter"))
     parameters = np.concatenate([*rest, np.zeros(0)])
     needed = 9 * cameras + 3 * points
     if len(views) < count or len(parameters) != needed:
@@ -114,17 +104,21 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         raise InputError(f"{path} is a folder; name the file of the BAL problem")
     cameras, points, views, parameters = _at_once(path) or _by_line(path)
     codes = views[:, :2]
-    if (codes % 1 != 0).any() or (codes < 0).any() or (codes >= [cameras, points]).any():
-        row = int(np.argmax(((codes % 1 != 0) | (codes < 0) | (codes >= [cameras, points])).any(1)))
+    wrong = ((codes % 1 != 0) | (codes < 0) | (codes >= [cameras, points])).any(axis=1)
+    if wrong.any():
         raise InputError(
-            f"{path.name}: observation {row + 1} names a camera or point beyond the counts; the "
-            "file is out of step"
+            f"{path.name}: observation {int(np.argmax(wrong)) + 1} names a camera or point beyond "
+            "the counts; the file is out of step"
         )
     camera = parameters[: 9 * cameras].reshape(-1, 9)
-    notes = ["images are named by their number"]
-    return assemble(
-        NAME, path, [f"camera {k}" for k in range(cameras)], camera[:, 6:],
-        rotation_from_vector(camera[:, :3]), camera[:, 3:6],
-        parameters[9 * cameras :].reshape(-1, 3), codes[:, 1].astype(np.int64),
-        codes[:, 0].astype(np.int64), views[:, 2:], size, notes, [],
-    )  # fmt: skip
+    image, point = codes.astype(np.int64).T
+    return BundlerArrays(
+        names=[f"camera {k}" for k in range(cameras)],
+        interior=camera[:, 6:],
+        rotation=rotation_from_vector(camera[:, :3]),
+        shift=camera[:, 3:6],
+        places=parameters[9 * cameras :].reshape(-1, 3),
+        point=point,
+        image=image,
+        xy=views[:, 2:],
+    ).project(NAME, path, size, ["images are named by their number"])

@@ -10,6 +10,7 @@ Source: Bundler v0.4 user's manual (Snavely), "Output format".
 """
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,19 +28,11 @@ from corridor.interchange.columns import (
     text_of,
     write_rows,
 )
-from corridor.interchange.following import Following, points_with_views
-from corridor.interchange.project import (
-    Project,
-    camera_from,
-    images_table,
-    in_the_middle,
-    observations_table,
-    points_table,
-    rotations_to_columns,
-    same_point_once,
-)
+from corridor.interchange.pieces import Pieces, Views
+from corridor.interchange.point_views import PointViews
+from corridor.interchange.project import Project, camera_from, in_the_middle
 from corridor.interchange.rows import rows_of
-from corridor.interchange.text import beginning, lines, whole
+from corridor.textfile import beginning, filled
 
 NAME = "bundler"
 TITLE = "Bundler .out"
@@ -58,101 +51,110 @@ def recognise(path: Path) -> bool:
     return beginning(path, *_FILE) is not None
 
 
+@dataclass
+class BundlerArrays:
+    """What a file of Bundler's conventions holds, BAL's alike.
+
+    interior (n, 3): f, k1, k2. rotation (n, 3, 3), shift (n, 3): of the cameras. places (p, 3).
+    point, image (m,), xy (m, 2): the views, from the image centre, y upwards.
+    """
+
+    names: list[str]
+    interior: np.ndarray
+    rotation: np.ndarray
+    shift: np.ndarray
+    places: np.ndarray
+    point: np.ndarray
+    image: np.ndarray
+    xy: np.ndarray
+
+    def project(
+        self, form: str, file: Path, size: tuple[int, int] | None, notes: list[str]
+    ) -> Project:
+        """The project; size: of the pictures, else one that holds every observation."""
+        focal = self.interior[:, 0]
+        if (focal < 0).any():
+            bad = int(np.argmin(focal))
+            raise InputError(f"{file.name}: camera {bad} has the focal length {focal[bad]:g}")
+        oriented = (focal > 0) & (np.abs(self.rotation).sum(axis=(1, 2)) > 0)
+        if not oriented.any():
+            raise InputError(f"{file.name} holds no oriented camera; run the reconstruction again")
+        keep = oriented[self.image]
+        if not oriented.all():
+            lost = np.flatnonzero(~oriented)
+            notes.append(
+                f"{len(lost)} cameras were not oriented (first: number {lost[0]}); they and their "
+                f"{int((~keep).sum())} observations were left out"
+            )
+        xy = self.xy[keep]
+        width, height = size or _made_up(xy, notes)
+        kept = np.flatnonzero(oriented)
+        cameras, used = _cameras(self.interior[kept], width, height)
+        rotation = self.rotation[kept]
+        names = pd.Index(np.arange(len(self.places))).astype("str")
+        notes.append("the frame and its scale are those of the reconstruction, not metres")
+        return Pieces(
+            name=file.stem,
+            cameras=cameras,
+            images=[self.names[k] for k in kept],
+            used=used,
+            centre=-np.einsum("nji,nj->ni", rotation, self.shift[kept]),
+            rotation=FLIP @ rotation,
+            ties=Views(
+                self.point[keep],
+                names,
+                (np.cumsum(oriented) - 1)[self.image[keep]],
+                xy * [1.0, -1.0] + in_the_middle(width, height),
+            ),
+            points=(names, self.places),
+            notes=notes,
+        ).project(form, file, placed=False)
+
+
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     """The project of a .out file. Raises InputError naming file and line.
 
     size: of the pictures, pixels; without it one is made up that holds every observation.
     """
     file = beginning(path, *_FILE) or path
-    source = Following(file)
-    line, text = source.next("the header")
-    if text.strip() != HEADER:
-        raise InputError(
-            f"{file.name}, line {line}: {text[:40]!r} where {HEADER!r} belongs; corridor reads "
-            "version 0.3"
+    source = PointViews(file)
+    line = source.next("the header")
+    if line.text.strip() != HEADER:
+        raise line.wrong(
+            f"{line.text.strip()[:40]!r} where {HEADER!r} belongs; corridor reads version 0.3"
         )
-    words, line = source.words(2, "number of cameras and points")
-    count = whole(words[0], file, line, "number of cameras", 1)
-    points = whole(words[1], file, line, "number of points")
-    interior, rotation, shift = [], [], []
-    for k in range(count):
-        what = f"camera {k} of {count}"
-        interior.append(source.values(3, what))
-        rotation.append(np.array([source.values(3, what) for _ in range(3)]))
-        shift.append(source.values(3, what))
-    places, code, image, xy = points_with_views(source, points, count, 3, "a camera")
-    for line, _ in source.rest():
-        raise InputError(
-            f"{file.name}, line {line}: the file goes on after its {points} points; its counts are "
-            "wrong"
-        )
-    warnings: list[str] = []
+    line = source.next("the number of cameras and points")
+    words = line.words(2, "the number of cameras and points")
+    count, points = (line.whole(word, "a number of cameras or points", 1) for word in words)
+    # f, k1, k2; three rows of the rotation; t.
+    rows = [[source.values(3, f"camera {k} of {count}") for _ in range(5)] for k in range(count)]
+    rows = np.array(rows)
+    views = source.points(points, count, 3, "a camera")
+    for line in source.rest():
+        raise line.wrong(f"the file goes on after its {points} points; its counts are wrong")
     notes: list[str] = []
-    project = assemble(
-        NAME, file, _names(file, count, notes), np.array(interior), np.array(rotation),
-        np.array(shift), places, code, image, xy, size, notes, warnings,
-    )  # fmt: skip
-    return project
+    names = _names(file, count, notes)
+    return BundlerArrays(names, rows[:, 0], rows[:, 1:4], rows[:, 4], *views).project(
+        NAME, file, size, notes
+    )
 
 
 def _names(file, count, notes):
     path = file.with_name("list.txt")
-    if path.is_file():
-        # A line is the name, perhaps with "0 focal" after it.
-        found = [_FOCAL.sub("", text).strip() for _, text in lines(path) if text.strip()]
-        if len(found) != count:
-            raise InputError(
-                f"{path.name} lists {len(found)} images where {file.name} has {count}; take both "
-                "from one run"
-            )
-        return found
-    notes.append("no list.txt beside the file: images are named by their number")
-    return [f"camera {k}" for k in range(count)]
-
-
-def assemble(
-    form, file, names, interior, rotation, shift, places, point, image, xy, size, notes, warnings
-) -> Project:
-    """The project of arrays as Bundler and BAL have them; interior (n, 3): f, k1, k2."""
-    oriented = (interior[:, 0] > 0) & (np.abs(rotation).sum(axis=(1, 2)) > 0)
-    if (interior[:, 0] < 0).any():
-        bad = int(np.argmin(interior[:, 0]))
-        raise InputError(f"{file.name}: camera {bad} has the focal length {interior[bad, 0]:g}")
-    if not oriented.any():
-        raise InputError(f"{file.name} holds no oriented camera; run the reconstruction again")
-    if not oriented.all():
-        lost = np.flatnonzero(~oriented)
-        notes.append(
-            f"{len(lost)} cameras were not oriented (first: number {lost[0]}); they and their "
-            f"{int((~oriented)[image].sum())} observations were left out"
+    if not path.is_file():
+        notes.append("no list.txt beside the file: images are named by their number")
+        return [f"camera {k}" for k in range(count)]
+    # A line is the name, perhaps with "0 focal" after it.
+    found = [_FOCAL.sub("", line.text).strip() for line in filled(path)]
+    if len(found) != count:
+        raise InputError(
+            f"{path.name} lists {len(found)} images where {file.name} has {count}; take both from "
+            "one run"
         )
-    keep = oriented[image]
-    point, image, xy = point[keep], image[keep], xy[keep]
-    width, height = size or _made_up(xy, interior, notes)
-    middle = np.array(in_the_middle(width, height))
-    pixels = xy * [1.0, -1.0] + middle
-    row = np.cumsum(oriented) - 1
-    kept = np.flatnonzero(oriented)
-    cameras, used = _cameras(interior[kept], width, height)
-    centre = -np.einsum("nji,nj->ni", rotation[kept], shift[kept])
-    point_names = pd.Index(np.arange(len(places))).astype("str")
-    chosen = [names[k] for k in kept]
-    block = Block(
-        name=file.stem,
-        cameras=cameras,
-        images=images_table(chosen, used, centre, rotations_to_columns(FLIP @ rotation[kept])),
-        tie_points=same_point_once(
-            observations_table(point, point_names, row[image], chosen, pixels),
-            "observations",
-            warnings,
-        ),
-        points=points_table(point_names, places),
-    )
-    notes.append("the frame and its scale are those of the reconstruction, not metres")
-    return Project(form, file, block, notes=notes, warnings=warnings, placed=False)
+    return found
 
 
-def _made_up(xy, interior, notes):
+def _made_up(xy, notes):
     """A picture that holds every observation, all images alike."""
     reach = np.abs(xy).max(axis=0, initial=1.0)
     width, height = (int(2 * np.ceil(side + 1)) for side in reach)
@@ -164,19 +166,15 @@ def _made_up(xy, interior, notes):
 
 
 def _cameras(interior, width, height):
-    """One camera where all images share f, k1, k2, else one an image."""
-    cx, cy = in_the_middle(width, height)
-
-    def camera(name, row):
-        return camera_from(name, width, height, row[0], cx, cy, k1=row[1], k2=row[2])
-
-    if (interior == interior[0]).all():
-        return {"camera": camera("camera", interior[0])}, ["camera"] * len(interior)
-    # Images that were calibrated alike share a camera.
+    """The different cameras by name, in the order of their images, and that of each image."""
     rows, which = np.unique(interior, axis=0, return_inverse=True)
     order = pd.unique(which.ravel())
-    names = {old: f"camera_{new}" for new, old in enumerate(order)}
-    cameras = {names[old]: camera(names[old], rows[old]) for old in order}
+    names = {old: "camera" if len(rows) == 1 else f"camera_{new}" for new, old in enumerate(order)}
+    middle = in_the_middle(width, height)
+    cameras = {
+        names[k]: camera_from(names[k], width, height, f, *middle, k1=k1, k2=k2)
+        for k, (f, k1, k2) in ((k, rows[k]) for k in order)
+    }
     return cameras, [names[k] for k in which.ravel()]
 
 
@@ -212,18 +210,16 @@ def losses(block: Block) -> list[str]:
 def write(block: Block, folder: Path, name: str) -> None:
     """Write bundle.out and list.txt."""
     rows = rows_of(block)
-    sizes = [(block.cameras[c].width, block.cameras[c].height) for c in block.images["camera"]]
-    middle = (np.array(sizes) - 1) / 2
-    feature = numbered(rows.image, len(sizes))
+    feature = numbered(rows.image, len(rows.image_names))
+    interior = np.array([[block.cameras[c][k] for k in _HELD] for c in block.images["camera"]])
+    turned = np.concatenate([FLIP @ rows.rotation, (rows.translation @ FLIP)[:, None]], axis=1)
+    cameras = np.concatenate([interior[:, None], turned], axis=1).reshape(-1, 3)
     with (folder / "bundle.out").open("wb") as file:
-        file.write(f"{HEADER}\n{len(sizes)} {len(rows.point_names)}\n".encode())
-        interior = np.array([[block.cameras[c][k] for k in _HELD] for c in block.images["camera"]])
-        turned = np.concatenate([FLIP @ rows.rotation, (rows.translation @ FLIP)[:, None]], axis=1)
-        cameras = np.concatenate([interior[:, None], turned], axis=1).reshape(-1, 3)
+        file.write(f"{HEADER}\n{len(interior)} {len(rows.point_names)}\n".encode())
         write_rows(file, in_rows(*cameras.T), "\n")
         for part, starts, seen in in_parts(*grouped(rows.point, len(rows.point_names))):
             image = rows.image[seen]
-            xy = (rows.pixels[seen] - middle[image]) * [1.0, -1.0]
+            xy = (rows.pixels[seen] - rows.middle[image]) * [1.0, -1.0]
             place = in_rows(*rows.positions[part].T)
             count = text_of(np.diff(starts))
             views = in_groups(in_rows(image, feature[seen], *xy.T), starts)

@@ -14,21 +14,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
 from corridor.errors import InputError
-from corridor.geometry import quaternion_from_rotation, rotation_from_quaternion
+from corridor.geometry import rotation_from_quaternion
 from corridor.interchange.cameras import from_image_formula
-from corridor.interchange.following import Following, points_with_views
-from corridor.interchange.project import (
-    Project,
-    camera_from,
-    images_table,
-    in_the_middle,
-    observations_table,
-    points_table,
-    same_point_once,
-)
-from corridor.interchange.text import beginning, numbers, whole
+from corridor.interchange.pieces import Pieces, Views
+from corridor.interchange.point_views import PointViews
+from corridor.interchange.project import Project, camera_from, in_the_middle
+from corridor.textfile import beginning
 
 NAME = "nvm"
 TITLE = "VisualSFM .nvm"
@@ -47,90 +39,82 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     size: of the pictures, pixels; without it the middle of the picture is estimated.
     """
     file = beginning(path, *_FILE) or path
-    source = Following(file)
-    line, text = source.next("the header")
-    if not text.startswith("NVM_V3"):
-        raise InputError(f"{file.name}, line {line}: {text[:30]!r} where NVM_V3 belongs")
-    if "FixedK" in text:
-        raise InputError(
-            f"{file.name}, line {line}: a fixed calibration (FixedK) is not read; export without it"
-        )
-    notes, warnings = [], []
-    line, text = source.next("the number of images")
-    count = whole(text.strip(), file, line, "number of images", 1)
+    source = PointViews(file)
+    line = source.next("the header")
+    if not line.text.startswith("NVM_V3"):
+        raise line.wrong(f"{line.text[:30]!r} where NVM_V3 belongs")
+    if "FixedK" in line.text:
+        raise line.wrong("a fixed calibration (FixedK) is not read; export without it")
+    line = source.next("the number of images")
+    count = line.whole(line.text.strip(), "number of images", 1)
     names, rows = [], []
     for k in range(count):
-        line, text = source.next(f"image {k + 1} of {count}")
-        # A name may hold blanks: the eleven numbers are counted from the end.
-        words = text.rstrip().rsplit(maxsplit=10)
+        line = source.next(f"image {k + 1} of {count}")
+        # A name may hold blanks: the ten numbers are counted from the end.
+        words = line.text.rstrip().rsplit(maxsplit=10)
         if len(words) != 11:
-            words = text.replace("\t", " ").rstrip().rsplit(maxsplit=10)
-        if len(words) != 11:
-            raise InputError(
-                f"{file.name}, line {line}: {len(words)} words where an image has a name and 10 "
-                "numbers; the file is cut off or out of step"
+            raise line.wrong(
+                f"{len(words)} words where an image has a name and 10 numbers; the file is cut off "
+                "or out of step"
             )
         names.append(words[0].strip().strip('"'))
-        rows.append(numbers(words[1:], file, line, f"image {k + 1}"))
-    line, text = source.next("the number of points")
-    points = whole(text.strip(), file, line, "number of points")
-    places, point, image, xy = points_with_views(source, points, count, 1, "an image")
-    more = sum(1 for _, text in source.rest() if "." in text.split()[0])
+        rows.append(line.numbers(words[1:], f"image {k + 1}"))
+    line = source.next("the number of points")
+    points = line.whole(line.text.strip(), "number of points")
+    views = source.points(points, count, 1, "an image")
+    notes: list[str] = []
+    more = sum(1 for line in source.rest() if "." in line.text.split()[0])
     if more:
         notes.append(f"the file holds further models ({more} lines); the first was read")
-    return _project(file, names, np.array(rows), places, point, image, xy, size, notes, warnings)
+    return _project(file, names, np.array(rows), views, size, notes)
 
 
-def _project(file, names, rows, places, point, image, xy, size, notes, warnings):
+def _project(file, names, rows, views, size, notes):
     focal, quaternion, centre, r = rows[:, 0], rows[:, 1:5], rows[:, 5:8], rows[:, 8]
+    places, point, image, xy = views
     if (focal <= 0).any() or (np.linalg.norm(quaternion, axis=1) < 1e-9).any():
         raise InputError(f"{file.name}: an image has no focal length or a quaternion of zero")
     rotation = rotation_from_quaternion(quaternion)
     from_corner = len(xy) > 0 and (xy >= 0).all()
     if size is None:
-        size = _estimated(xy, focal, r, rotation, centre, places, point, image, from_corner)
+        seen = np.einsum("nij,nj->ni", rotation[image], places[point] - centre[image])
+        size = _estimated(xy, focal[image], r[image], seen, from_corner)
         notes.append(
             f"the file has no picture size: {size[0]} x {size[1]} px was estimated from the "
             "observations; --size WIDTHxHEIGHT or --photos states the real one"
         )
     middle = np.array(in_the_middle(*size))
-    # Pixels of the corner count (0.5, 0.5) as the centre of the first one.
-    pixels = xy - 0.5 if from_corner else xy + middle
     notes.append(
         "image coordinates are counted from "
         + ("the corner of the first pixel" if from_corner else "the image centre")
     )
-    told: list[str] = []
-    cameras, used = {}, []
+    cameras, told = {}, []
     for k, (f, ratio) in enumerate(zip(focal, r, strict=True)):
-        name = f"camera_{k}"
-        start = camera_from(name, *size, f, *middle, k1=-ratio)
-        cameras[name] = (
-            from_image_formula(start, lambda p, c=start, r=ratio: _ray(p, c, r), told, "")
-            if ratio
-            else start
-        )
-        used.append(name)
+        camera = camera_from(f"camera_{k}", *size, f, *middle, k1=-ratio)
+        if ratio:
+            camera, away = from_image_formula(camera, lambda p, c=camera, r=ratio: _ray(p, c, r))
+            told.append(away)
+        cameras[camera.name] = camera
     if told:
-        worst = max(float(sentence.split("true to ")[1].split()[0]) for sentence in told)
         notes.append(
             f"the distortion goes from the image to the ray: turned for each of {len(told)} "
-            f"cameras, true to {worst:.1g} px over the picture"
+            f"cameras, true to {max(told):.1g} px over the picture"
         )
-    point_names = pd.Index(np.arange(len(places))).astype("str")
-    block = Block(
+    notes.append("the frame and its scale are those of the reconstruction, not metres")
+    known = pd.Index(np.arange(len(places))).astype("str")
+    # Pixels of the corner count (0.5, 0.5) as the centre of the first one.
+    pixels = xy - 0.5 if from_corner else xy + middle
+    return Pieces(
         name=file.stem,
         cameras=cameras,
-        images=images_table(names, used, centre, quaternion_from_rotation(rotation)),
-        tie_points=same_point_once(
-            observations_table(point, point_names, image, names, pixels), "views", warnings
-        ),
-        points=points_table(point_names, places),
-    )
-    notes.append("the frame and its scale are those of the reconstruction, not metres")
-    return Project(
-        NAME, file, block, notes=notes, warnings=warnings, placed=False, image_to_ray=True
-    )
+        images=names,
+        used=list(cameras),
+        centre=centre,
+        rotation=rotation,
+        ties=Views(point, known, image, pixels, "views"),
+        points=(known, places),
+        notes=notes,
+    ).project(NAME, file, placed=False, image_to_ray=True)
 
 
 def _ray(pixels, camera, r):
@@ -138,19 +122,21 @@ def _ray(pixels, camera, r):
     return measured * (1 + r * (measured**2).sum(axis=1, keepdims=True))
 
 
-def _estimated(xy, focal, r, rotation, centre, places, point, image, from_corner):
-    """Picture size: that of the observations, or from the middle that fits them best."""
+def _estimated(xy, focal, r, seen, from_corner):
+    """Picture size: that of the observations, or from the middle that fits them best.
+
+    focal, r (m,): of the camera of each observation; seen (m, 3): its point in the camera.
+    """
     if not len(xy):
         raise InputError("the project holds no observation; name a model with points")
     if not from_corner:
         return tuple(int(2 * np.ceil(side + 1)) for side in np.abs(xy).max(axis=0))
-    seen = np.einsum("nij,nj->ni", rotation[image], places[point] - centre[image])
     ideal = seen[:, :2] / np.where(seen[:, 2:] > 0, seen[:, 2:], np.nan)
     middle = (xy.min(axis=0) + xy.max(axis=0)) / 2
     for _ in range(20):
-        measured = (xy - middle) / focal[image][:, None]
-        bent = measured * (1 + r[image][:, None] * (measured**2).sum(axis=1, keepdims=True))
-        shift = np.nanmedian((bent - ideal) * focal[image][:, None], axis=0)
+        measured = (xy - middle) / focal[:, None]
+        bent = measured * (1 + r[:, None] * (measured**2).sum(axis=1, keepdims=True))
+        shift = np.nanmedian((bent - ideal) * focal[:, None], axis=0)
         middle = middle + shift
         if np.abs(shift).max() < 1e-6:
             break

@@ -15,25 +15,25 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
+from scipy.spatial.transform import Rotation
 
 from corridor.block import Block
 from corridor.camera import INTERIOR, Camera
 from corridor.errors import InputError
-from corridor.geometry import quaternion_from_rotation, rotation_from_vector
+from corridor.geometry import rotation_from_vector
 from corridor.gnss import Local
-from corridor.interchange.cameras import standing_for
+from corridor.interchange.cameras import NoModel, standing_for
 from corridor.interchange.columns import numbered, text_of, write_rows
+from corridor.interchange.ground import Ground, add_to
+from corridor.interchange.pieces import Pieces, Views
 from corridor.interchange.project import (
     Project,
     camera_from,
-    images_table,
     in_the_middle,
-    observations_table,
-    points_table,
-    same_point_once,
+    local_of,
 )
 from corridor.interchange.rows import camera_positions, rows_of
-from corridor.interchange.text import lines, missing, opening
+from corridor.textfile import Json, lines, opening
 
 NAME = "opensfm"
 TITLE = "OpenSfM, or OpenDroneMap's opensfm folder"
@@ -61,249 +61,183 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     folder = main.parent
     notes: list[str] = []
     warnings: list[str] = []
-    whole = _reconstruction(main, notes)
-    cameras = _cameras(whole, main, notes, warnings)
-    images, gnss = _shots(whole, cameras, main, notes)
-    used = set(images["camera"])
-    names = list(images["image"])
-    point_names, positions = _points(whole, main)
-    codes = _tracks(folder / "tracks.csv", names, point_names, notes)
-    tie = _pixels(*codes, point_names, images, cameras)
-    reference = _reference(whole, folder)
-    block = Block(
-        name=folder.resolve().name,
-        cameras={name: camera for name, camera in cameras.items() if name in used},
-        images=images,
-        tie_points=same_point_once(tie, "track lines", warnings),
-        points=points_table(point_names, positions),
-        gnss=gnss,
+    whole = _largest(Json.read(main), notes)
+    shots = whole.objects("shots", "shot")
+    used = [shot.text("camera") for shot in shots.values()]
+    rotation = rotation_from_vector(
+        np.array([shot.numbers("rotation", 3) for shot in shots.values()])
     )
-    if reference is not None:
-        block.extra["local_frame"] = {
-            "lat_deg": reference.lat_deg, "lon_deg": reference.lon_deg, "height": reference.height
-        }  # fmt: skip
-    else:
+    shift = np.array([shot.numbers("translation", 3) for shot in shots.values()])
+    names, places = _points(whole)
+    cameras = _cameras(whole, used, notes)
+    local = _reference(whole, folder)
+    if local is None:
         notes.append("no reference_lla: the frame and its scale have no place in the world")
-    _ground(folder, block, reference, notes)
-    return Project(NAME, main, block, notes=notes, warnings=warnings, placed=reference is not None)
+    project = Pieces(
+        name=folder.resolve().name,
+        cameras=cameras,
+        images=list(shots),
+        used=used,
+        centre=-np.einsum("nji,nj->ni", rotation, shift),
+        rotation=rotation,
+        columns=_times(shots, notes),
+        ties=_tracks(folder / "tracks.csv", list(shots), used, names, whole, notes),
+        points=(names, places),
+        gnss=_gnss(whole, shots, notes),
+        local=local,
+        notes=notes,
+        warnings=warnings,
+    ).project(NAME, main, placed=local is not None)
+    ground = folder / "ground_control_points.json"
+    return (
+        add_to(project, read_ground(ground, project.block, local)) if ground.is_file() else project
+    )
 
 
-def load_json(path: Path):
-    """What a JSON file holds. Raises InputError naming file and line."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise missing(path, error) from error
-    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-    try:
-        return json.loads(data.decode(encoding))
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(f"{path.name}, line {line}: not UTF-8; save the file as UTF-8") from None
-    except json.JSONDecodeError as error:
-        raise InputError(
-            f"{path.name}, line {error.lineno}: the JSON is broken or ends early ({error.msg}); "
-            "export the project again"
-        ) from None
-    except RecursionError:
-        raise InputError(f"{path.name} is nested without end; export the project again") from None
-
-
-def numbers_in(values, count: int, where: str) -> np.ndarray:
-    """`count` finite numbers of a JSON list. Raises InputError naming the place."""
-    good = isinstance(values, list) and len(values) == count
-    if good and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
-        try:
-            array = np.array(values, dtype=float)
-        except OverflowError:
-            array = np.array([np.nan])
-        if np.isfinite(array).all():
-            return array
-    raise InputError(f"{where} is not {count} finite numbers; export the project again")
-
-
-def number_in(table: dict, key: str, where: str, default: float | None = None) -> float:
-    """A finite number of a JSON object. Raises InputError naming the place."""
-    value = table.get(key, default)
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value):
-        return float(value)
-    raise InputError(f"{where} has no number {key} ({value!r}); export the project again")
-
-
-def _reconstruction(path, notes):
-    found = load_json(path)
-    if isinstance(found, dict):
-        found = [found]
-    parts = [part for part in found if isinstance(part, dict)] if isinstance(found, list) else []
+def _largest(found, notes):
+    parts = found.value if isinstance(found.value, list) else [found.value]
+    parts = [Json(part, found.where) for part in parts if isinstance(part, dict)]
     for part in parts:
         for key in ("cameras", "shots", "points"):
-            if not isinstance(part.get(key), dict):
-                raise InputError(
-                    f"{path.name}: a reconstruction has no {key}; export the project again"
-                )
-    parts.sort(key=lambda part: len(part["shots"]), reverse=True)
-    if not parts or not parts[0]["shots"]:
-        raise InputError(f"{path.name} holds no reconstruction with images; run the mapper again")
+            part.objects(key)
+    parts.sort(key=lambda part: len(part.value["shots"]), reverse=True)
+    if not parts or not parts[0].value["shots"]:
+        raise InputError(f"{found.where} holds no reconstruction with images; run the mapper again")
     if len(parts) > 1:
-        lost = sum(len(part["shots"]) for part in parts[1:])
+        lost = sum(len(part.value["shots"]) for part in parts[1:])
         notes.append(
-            f"{path.name} holds {len(parts)} separate reconstructions: the largest was taken, "
+            f"{found.where} holds {len(parts)} separate reconstructions: the largest was taken, "
             f"{lost} images of the others were left out"
         )
     return parts[0]
 
 
-class NoModel(InputError):
-    """A camera for which corridor has no model."""
-
-
-def camera_of(name: str, table: dict, where: str, notes: list[str]) -> Camera:
+def camera_of(name: str, table: Json, notes: list[str]) -> Camera:
     """Our camera of an entry of `cameras`. Raises NoModel, InputError."""
-    if not isinstance(table, dict):
-        raise InputError(f"{where} is no camera; export the project again")
     kind = table.get("projection_type")
-    width, height = (number_in(table, key, where) for key in ("width", "height"))
+    width, height = (table.number(key) for key in ("width", "height"))
     scale = max(width, height)
     if kind == "perspective":
-        fx = fy = number_in(table, "focal", where)
+        fx = fy = table.number("focal")
         keys = ("k1", "k2")
     elif kind in ("brown", "simple_radial", "radial"):
-        fx, fy = (number_in(table, key, where) for key in ("focal_x", "focal_y"))
+        fx, fy = (table.number(key) for key in ("focal_x", "focal_y"))
         keys = {"brown": ("k1", "k2", "k3", "p1", "p2"), "radial": ("k1", "k2")}.get(kind, ("k1",))
     else:
-        raise NoModel(f"{where} is {kind!r}, for which corridor has no model")
-    k = {key: number_in(table, key, where, 0.0) for key in keys}
-    k = {key: k.get(key, 0.0) for key in ("k1", "k2", "k3", "p1", "p2")}
-    middle = in_the_middle(width, height)
+        raise NoModel(f"{table.where} is {kind!r}, for which corridor has no model")
+    k1, k2, k3, p1, p2 = (
+        table.number(key, 0.0) if key in keys else 0.0 for key in ("k1", "k2", "k3", "p1", "p2")
+    )
     cx, cy = (
-        number_in(table, key, where, 0.0) * scale + half
-        for key, half in zip(("c_x", "c_y"), middle, strict=True)
+        table.number(key, 0.0) * scale + half
+        for key, half in zip(("c_x", "c_y"), in_the_middle(width, height), strict=True)
     )
     if fx <= 0 or fy <= 0:
-        raise InputError(f"{where}: the focal length is not positive; export the project again")
+        raise table.wrong("has a focal length that is not positive")
     camera = camera_from(
         name, width, height, fy * scale, cx, cy,
-        k1=k["k1"], k2=k["k2"], k3=k["k3"], p1=k["p2"], p2=k["p1"], b1=(fx - fy) / fy,
+        k1=k1, k2=k2, k3=k3, p1=p2, p2=p1, b1=(fx - fy) / fy,
     )  # fmt: skip
 
     def project(rays: np.ndarray) -> np.ndarray:
         u, v = rays.T
         r2 = u * u + v * v
-        radial = 1 + r2 * (k["k1"] + r2 * (k["k2"] + r2 * k["k3"]))
-        x = u * radial + 2 * k["p1"] * u * v + k["p2"] * (r2 + 2 * u * u)
-        y = v * radial + 2 * k["p2"] * u * v + k["p1"] * (r2 + 2 * v * v)
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)
+        y = v * radial + 2 * p2 * u * v + p1 * (r2 + 2 * v * v)
         return np.column_stack([cx + fx * scale * x, cy + fy * scale * y])
 
-    if fx == fy or not any(k.values()):
+    if fx == fy or not any((k1, k2, k3, p1, p2)):
         return camera
     return standing_for(camera, project, notes)
 
 
-def _cameras(whole, path, notes, warnings):
-    """Cameras of the shots; shots of cameras for which we have no model are taken out."""
-    shots = whole["shots"]
+def _cameras(whole, used, notes):
+    """Our cameras of the shots by name; NoModel where we have none."""
+    entries = whole.objects("cameras", "camera")
     cameras = {}
-    named = [shot.get("camera") if isinstance(shot, dict) else None for shot in shots.values()]
-    for name in dict.fromkeys(named):
-        where = f"{path.name}: camera {name!r}"
-        if name not in whole["cameras"]:
-            raise InputError(
-                f"{path.name}: a shot has {where[len(path.name) + 2 :]}, which `cameras` does not "
-                "have; export the project again"
-            )
+    for name in dict.fromkeys(used):
+        if name not in entries:
+            raise whole.wrong(f"has a shot of camera {name!r}, which `cameras` does not have")
         try:
-            cameras[name] = camera_of(name, whole["cameras"][name], where, notes)
+            cameras[name] = camera_of(name, entries[name], notes)
         except NoModel as error:
-            lost = named.count(name)
-            warnings.append(f"{error}: its {lost} images were left out")
-            whole["shots"] = {k: v for k, v in whole["shots"].items() if v.get("camera") != name}
-    if not cameras:
-        raise InputError(f"{warnings[-1]}; nothing is left to import")
+            cameras[name] = error
     return cameras
 
 
-def _shots(whole, cameras, path, notes):
-    shots = whole["shots"]
-    vectors, shifts, used, times, places = [], [], [], [], []
+def _times(shots, notes):
+    times = [shot.get("capture_time") for shot in shots.values()]
+    times = np.array([float(t) if isinstance(t, (int, float)) else 0.0 for t in times])
+    if not (np.isfinite(times).all() and (times > 0).all() and np.ptp(times) > 0):
+        return {}
+    notes.append("times: seconds of the day of capture_time, the camera's clock")
+    return {"time_s": times - 86400 * np.floor(times.min() / 86400)}
+
+
+def _gnss(whole, shots, notes):
+    rows = []
     for name, shot in shots.items():
-        where = f"{path.name}: shot {name!r}"
-        if not isinstance(shot, dict) or shot.get("camera") not in cameras:
-            raise InputError(f"{where} has no camera of `cameras`; export the project again")
-        used.append(shot["camera"])
-        vectors.append(numbers_in(shot.get("rotation"), 3, f"{where}: rotation"))
-        shifts.append(numbers_in(shot.get("translation"), 3, f"{where}: translation"))
-        time = shot.get("capture_time", 0.0)
-        times.append(float(time) if isinstance(time, (int, float)) else 0.0)
-        gps, dop = shot.get("gps_position"), shot.get("gps_dop", 0.0)
-        if gps is not None:
-            gps = numbers_in(gps, 3, f"{where}: gps_position")
-            dop = dop if isinstance(dop, (int, float)) and np.isfinite(dop) and dop > 0 else np.nan
-            places.append((name, *gps, dop))
-    rotation = rotation_from_vector(np.array(vectors))
-    centre = -np.einsum("nji,nj->ni", rotation, np.array(shifts))
-    images = images_table(list(shots), used, centre, quaternion_from_rotation(rotation))
-    times = np.array(times)
-    if np.isfinite(times).all() and (times > 0).all() and np.ptp(times) > 0:
-        midnight = 86400 * np.floor(times.min() / 86400)
-        images.insert(2, "time_s", times - midnight)
-        notes.append("times: seconds of the day of capture_time, the camera's clock")
-    gnss = pd.DataFrame(places, columns=["image", "x", "y", "z", "sx"]) if places else None
-    if gnss is not None:
-        gnss["sy"] = gnss["sz"] = gnss["sx"]
-        gnss = gnss if gnss["sx"].notna().any() else gnss[["image", "x", "y", "z"]]
-        biases = whole.get("biases")
-        shifted = [
-            name
-            for name, bias in (biases.items() if isinstance(biases, dict) else ())
-            if isinstance(bias, dict) and np.any(np.abs(bias.get("translation") or 0) > 1e-9)
-        ]
-        if shifted:
-            notes.append(
-                f"OpenSfM estimated a bias of the GPS of {', '.join(shifted)}: gnss.csv holds the "
-                "positions as they were measured"
-            )
-    return images, gnss
+        if shot.get("gps_position") is None:
+            continue
+        dop = shot.get("gps_dop")
+        dop = dop if isinstance(dop, (int, float)) and np.isfinite(dop) and dop > 0 else np.nan
+        rows.append((name, *shot.numbers("gps_position", 3), dop, dop, dop))
+    if not rows:
+        return None
+    biases = whole.get("biases")
+    shifted = [
+        name
+        for name, bias in (biases.items() if isinstance(biases, dict) else ())
+        if isinstance(bias, dict) and np.any(np.abs(bias.get("translation") or 0) > 1e-9)
+    ]
+    if shifted:
+        notes.append(
+            f"OpenSfM estimated a bias of the GPS of {', '.join(shifted)}: gnss.csv holds the "
+            "positions as they were measured"
+        )
+    return pd.DataFrame(rows, columns=["image", "x", "y", "z", "sx", "sy", "sz"]).dropna(
+        axis="columns", how="all"
+    )
 
 
-def _points(whole, path):
-    names = list(whole["points"])
+def _points(whole):
+    names = list(whole.value["points"])
     try:
         places = np.array(
-            [point["coordinates"] for point in whole["points"].values()], dtype=float
+            [point["coordinates"] for point in whole.value["points"].values()], dtype=float
         ).reshape(-1, 3)
-        good = np.isfinite(places).all(axis=1) if len(places) == len(names) else None
+        good = len(places) == len(names) and np.isfinite(places).all()
     except (TypeError, KeyError, ValueError, OverflowError):
-        good = None
-    if good is None or not good.all():
-        for name, point in whole["points"].items():
-            values = point.get("coordinates") if isinstance(point, dict) else None
-            numbers_in(values, 3, f"{path.name}: coordinates of point {name!r}")
+        good = False
+    if not good:
+        for point in whole.objects("points", "point").values():
+            point.numbers("coordinates", 3)
     return pd.Index(names, dtype="str"), places
 
 
 def _version(path):
-    for _, text in lines(path):
-        if text.startswith(_HEADER):
-            version = text[len(_HEADER) :].strip()
+    for line in lines(path):
+        if line.text.startswith(_HEADER):
+            version = line.text[len(_HEADER) :].strip()
             if version.isdecimal() and int(version) in _WIDTH:
                 return int(version), 1
-            raise InputError(
-                f"{path.name}, line 1: version {version[:20]!r} of the tracks is unknown; "
-                "corridor knows 0, 1 and 2"
+            raise line.wrong(
+                f"version {version[:20]!r} of the tracks is unknown; corridor knows 0, 1 and 2"
             )
-        width = len(text.split("\t"))
+        width = len(line.text.split("\t"))
         if width != _WIDTH[0]:
-            raise InputError(
-                f"{path.name}, line 1: there is no version line, and {width} columns where such a "
-                "file has 8 (image, track, feature, x, y, r, g, b); put its first line back, for "
-                f"example {_HEADER}2"
+            raise line.wrong(
+                f"there is no version line, and {width} columns where such a file has 8 (image, "
+                "track, feature, x, y, r, g, b); put its first line back, for example "
+                f"{_HEADER}2"
             )
         return 0, 0
     raise InputError(f"{path.name} is empty; export the tracks again")
 
 
-def _tracks(path, images, points, notes):
-    """Image codes, point codes, x, y (normalised) of the lines of reconstructed points."""
+def _tracks(path, images, used, points, whole, notes):
+    """The views of reconstructed points; pixels by the size that the camera of a shot states."""
     version, skip = _version(path)
     width = _WIDTH[version]
     names = ["image", "track", "feature", "x", "y", *map(str, range(width - 5))]
@@ -336,7 +270,12 @@ def _tracks(path, images, points, notes):
             f"{int((~kept).sum())} of {len(kept)} track lines belong to images or points that are "
             "not in the reconstruction and were left out"
         )
-    return image[kept], point[kept], x[kept], y[kept]
+    entries = whole.objects("cameras", "camera")
+    sizes = {name: [entries[name].number(key) for key in ("width", "height")] for name in {*used}}
+    size = np.array([sizes[name] for name in used])[image[kept]]
+    scale = size.max(axis=1)
+    pixels = np.column_stack([x[kept], y[kept]]) * scale[:, None] + (size - 1) / 2
+    return Views(point[kept], points, image[kept], pixels, "track lines")
 
 
 def _codes(column, known):
@@ -352,59 +291,63 @@ def _codes(column, known):
 
 def _bad_track(path, width, skip, error):
     """The line that is wrong: the fast reader does not say."""
-    for number, line in lines(path):
-        if number <= skip or not line:
+    for line in lines(path):
+        if line.at <= skip or not line.text:
             continue
-        words = line.split("\t")
+        words = line.text.split("\t")
         if len(words) != width:
-            return InputError(
-                f"{path.name}, line {number}: {len(words)} columns where the version has {width}; "
-                "the file is cut off or was changed"
+            return line.wrong(
+                f"{len(words)} columns where the version has {width}; the file is cut off or was "
+                "changed"
             )
-        for what, word in zip("xy", words[3:5], strict=True):
-            try:
-                good = np.isfinite(float(word)) and "_" not in word
-            except ValueError:
-                good = False
-            if not good:
-                hint = "has a decimal comma" if "," in word else "is not a finite number"
-                return InputError(
-                    f"{path.name}, line {number}: {what} = {word[:40]!r} {hint}; export it again"
-                )
+        try:
+            for what, word in zip("xy", words[3:5], strict=True):
+                line.number(word, what)
+        except InputError as wrong:
+            return wrong
     return InputError(f"{path.name} cannot be read ({str(error).splitlines()[0]}); export it again")
 
 
-def _pixels(image, point, x, y, point_names, images, cameras):
-    row = {name: k for k, name in enumerate(cameras)}
-    sizes = np.array([(c.width, c.height) for c in cameras.values()], dtype=float)
-    camera = np.array([row[name] for name in images["camera"]], dtype=np.int64)[image]
-    size = sizes[camera]
-    scale = size.max(axis=1) if len(size) else np.zeros(0)
-    pixels = np.column_stack([x, y]) * scale[:, None] + (size - 1) / 2
-    return observations_table(point, point_names, image, list(images["image"]), pixels)
-
-
 def _reference(whole, folder):
-    table = whole.get("reference_lla")
     path = folder / "reference_lla.json"
-    if not isinstance(table, dict) and path.is_file():
-        table = load_json(path)
-    if not isinstance(table, dict):
+    if isinstance(whole.get("reference_lla"), dict):
+        table = whole.at("reference_lla")
+    elif path.is_file():
+        table = Json.read(path)
+    else:
         return None
-    where = "reference_lla"
-    place = [number_in(table, key, where) for key in ("latitude", "longitude")]
-    if place == [0.0, 0.0]:
+    if not isinstance(table.value, dict):
         return None
-    return Local(*place, number_in(table, "altitude", where, 0.0))
+    place = [table.number(key) for key in ("latitude", "longitude")]
+    return None if place == [0.0, 0.0] else Local(*place, table.number("altitude", 0.0))
 
 
-def _ground(folder, block, reference, notes):
-    path = folder / "ground_control_points.json"
-    if not path.is_file():
-        return
-    from corridor.interchange.ground import add_to, read_opensfm
-
-    add_to(block, read_opensfm(path, block, reference), notes)
+def read_ground(path: Path, block: Block, local: Local | None) -> Ground:
+    """ground_control_points.json, in the frame about its reference; None: marks only."""
+    sizes = {
+        image: np.array([block.cameras[camera].width, block.cameras[camera].height], dtype=float)
+        for image, camera in block.images[["image", "camera"]].itertuples(index=False)
+    }
+    names, places, roles, marks = [], [], [], []
+    for point in Json.read(path).rows("points", "point"):
+        if not isinstance(point.get("id"), (str, int)):
+            raise point.wrong("has no id")
+        name = str(point.get("id"))
+        if isinstance(point.get("position"), dict) and local is not None:
+            position = point.at("position")
+            lon, lat = (position.number(key) for key in ("longitude", "latitude"))
+            names.append(name)
+            places.append([lon, lat, position.number("altitude", 0.0)])
+            check = point.get("role") in ("check", "metrics_only")
+            roles.append("check" if check else "control")
+        for entry in point.rows("observations", "observation") if point.get("observations") else ():
+            shot = entry.get("shot_id")
+            if shot in sizes:
+                xy = entry.numbers("projection", 2)
+                pixel = xy * sizes[shot].max() + (sizes[shot] - 1) / 2
+                marks.append((name, shot, *pixel))
+    places = local.from_geographic(np.array(places)) if names else np.zeros((0, 3))
+    return Ground(path, None, names, places, None, roles, marks)
 
 
 # --- out -------------------------------------------------------------------------------------
@@ -442,35 +385,40 @@ def losses(block: Block) -> list[str]:
 def write(block: Block, folder: Path, name: str) -> None:
     """Write reconstruction.json, tracks.csv, reference_lla.json, ground_control_points.json."""
     rows = rows_of(block)
-    cameras = {name: _table(camera) for name, camera in block.cameras.items()}
     shots = {}
     positions = camera_positions(block).set_index("image")
-    times = block.column("images", "time_s")
-    vector = _vectors(rows.quaternion)
+    times = np.nan_to_num(block.column("images", "time_s"), posinf=0.0, neginf=0.0)
+    vector = Rotation.from_matrix(rows.rotation).as_rotvec()
     for k, (image, camera) in enumerate(zip(rows.image_names, block.images["camera"], strict=True)):
         shots[image] = {
             "rotation": vector[k].tolist(),
             "translation": rows.translation[k].tolist(),
             "camera": camera,
             "orientation": 1,
-            "capture_time": float(times[k]) if np.isfinite(times[k]) else 0.0,
+            "capture_time": float(times[k]),
         }
         if image in positions.index:
             place = positions.loc[image]
             shots[image]["gps_position"] = [float(place[axis]) for axis in "xyz"]
             shots[image]["gps_dop"] = float(np.sqrt(place["sx"] * place["sy"]))
-    whole = {"cameras": cameras, "shots": shots, "points": {}}
-    local = block.extra.get("local_frame")
+    cameras = {name: _table(camera) for name, camera in block.cameras.items()}
+    whole = {"cameras": cameras, "shots": shots}
+    local = local_of(block)
     if local:
         whole["reference_lla"] = {
-            "latitude": local["lat_deg"], "longitude": local["lon_deg"],
-            "altitude": local["height"],
-        }  # fmt: skip
+            "latitude": local.lat_deg,
+            "longitude": local.lon_deg,
+            "altitude": local.height,
+        }
         _dump(whole["reference_lla"], folder / "reference_lla.json")
     _write_reconstruction(whole, rows, folder / _MAIN)
-    _write_tracks(block, rows, folder / "tracks.csv")
+    ties = len(block.tie_points)
+    size = 2 * rows.middle + 1
+    pixels = rows.pixels - rows.middle[rows.image]
+    xy = pixels / size.max(axis=1)[rows.image, None]
+    _write_tracks(rows, xy[:ties], folder / "tracks.csv")
     if len(block.marks):
-        _write_ground(block, folder / "ground_control_points.json", local)
+        _write_ground(block, rows, xy[ties:], folder / "ground_control_points.json", local)
 
 
 def _dump(what, path):
@@ -479,7 +427,7 @@ def _dump(what, path):
 
 def _write_reconstruction(whole, rows, path):
     """Points one a line: a million of them as one object would fill the memory."""
-    head = json.dumps({k: v for k, v in whole.items() if k != "points"}, ensure_ascii=False)
+    head = json.dumps(whole, ensure_ascii=False)
     names = rows.point_names[: rows.ties]
     quoted = json.JSONEncoder(ensure_ascii=False).encode
     step = 100_000
@@ -517,32 +465,14 @@ def _table(camera):
     }
 
 
-def _vectors(quaternion):
-    """Angle-axis (n, 3) of quaternions, radians."""
-    q = np.where(quaternion[:, :1] < 0, -quaternion, quaternion)
-    length = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
-    angle = 2 * np.arctan2(length, q[:, :1])
-    small = length < 1e-12
-    return q[:, 1:] * np.where(small, 2.0, angle / np.where(small, 1.0, length))
-
-
-def _normalised(block, rows, part):
-    size = np.array([(c.width, c.height) for c in block.cameras.values()], dtype=float)
-    at = {name: k for k, name in enumerate(block.cameras)}
-    camera = np.array([at[name] for name in block.images["camera"]])[rows.image[part]]
-    return (rows.pixels[part] - (size[camera] - 1) / 2) / size[camera].max(axis=1)[:, None]
-
-
-def _write_tracks(block, rows, path):
-    count = len(block.tie_points)
-    part = slice(0, count)
-    xy = _normalised(block, rows, part)
+def _write_tracks(rows, xy, path):
+    part = slice(0, len(xy))
     image = pa.DictionaryArray.from_arrays(rows.image[part].astype(np.int32), rows.image_names)
     point = pa.DictionaryArray.from_arrays(
         rows.point[part].astype(np.int32), pa.array(rows.point_names[: rows.ties], pa.string())
     )
     feature = numbered(rows.image[part], len(rows.image_names))
-    same = [pa.array(np.full(count, value)) for value in (0.001, 128, 128, 128, -1, -1)]
+    same = [pa.array(np.full(len(xy), value)) for value in (0.001, 128, 128, 128, -1, -1)]
     table = pa.table(
         [image.cast(pa.string()), point.cast(pa.string()), feature, xy[:, 0], xy[:, 1], *same],
         names=[str(k) for k in range(_WIDTH[2])],
@@ -555,20 +485,17 @@ def _write_tracks(block, rows, path):
         pa.csv.write_csv(table, file, options)
 
 
-def _write_ground(block, path, local):
-    rows = rows_of(block, complete=False)
-    part = slice(len(block.tie_points), None)
-    xy = _normalised(block, rows, part)
-    given = block.ground.set_index("point")[["x", "y", "z"]]
-    roles = block.ground.set_index("point")["role"]
-    place = Local(local["lat_deg"], local["lon_deg"], local["height"]) if local else None
+def _write_ground(block, rows, xy, path, local):
+    given = block.ground.set_index("point")
     points = {}
-    for name, image, pixel in zip(block.marks["point"], rows.image[part], xy.tolist(), strict=True):
-        entry = points.setdefault(name, {"id": name, "observations": []})
-        entry["observations"].append({"shot_id": rows.image_names[image], "projection": pixel})
-        if name in given.index and "position" not in entry and place is not None:
-            world = given.loc[name].to_numpy()[None]
-            lon, lat, height = place.to_geographic(world)[0].tolist()
-            entry["position"] = {"latitude": lat, "longitude": lon, "altitude": height}
-            entry["role"] = str(roles[name])
+    for name in dict.fromkeys(block.marks["point"]):
+        points[name] = {"id": name, "observations": []}
+        if name in given.index and local is not None:
+            world = given.loc[[name], ["x", "y", "z"]].to_numpy()
+            lon, lat, height = local.to_geographic(world)[0].tolist()
+            place = {"latitude": lat, "longitude": lon, "altitude": height}
+            points[name] |= {"position": place, "role": str(given.loc[name, "role"])}
+    image = rows.image[len(block.tie_points) :]
+    for name, k, pixel in zip(block.marks["point"], image, xy.tolist(), strict=True):
+        points[name]["observations"].append({"shot_id": rows.image_names[k], "projection": pixel})
     _dump({"points": list(points.values())}, path)

@@ -8,26 +8,17 @@ one. Distortion (K1..K3, P1, P2, in mm) takes the image to the ray.
 Source: DBAT (Börlin and Grussenmeyer), documentation of its loadpm; PhotoModeler's manual.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from corridor.block import Block
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_angles
-from corridor.interchange.cameras import from_image_formula
-from corridor.interchange.project import (
-    Project,
-    camera_from,
-    ground_table,
-    images_table,
-    observations_table,
-    points_table,
-    rotations_to_columns,
-    same_point_once,
-)
-from corridor.interchange.text import lines, numbers, opening, whole
+from corridor.interchange.cameras import from_image_formula, turned_note
+from corridor.interchange.pieces import Pieces, Views
+from corridor.interchange.project import Project, camera_from, ground_table
+from corridor.textfile import Line, lines, opening
 
 NAME = "photomodeler"
 TITLE = "PhotoModeler text export"
@@ -69,133 +60,110 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     head, *rest = groups
     if len(head) < 5:
         raise InputError(f"{file.name}: the head is too short; export the project again")
-    line, words = head[1]
-    if len(words) != 4:
-        raise InputError(f"{file.name}, line {line}: {len(words)} words where 4 belong")
-    width, height = (whole(word, file, line, "the picture size", 2) for word in words[2:])
-    notes: list[str] = []
-    warnings: list[str] = []
-    photos, rest = _photos(file, head[5:], rest)
-    line, words = head[3]
-    common = numbers(words, file, line, "the camera of the head")
-    for photo in photos:
-        # The head prints the same camera with more digits.
-        if len(common) == 10 and np.abs(photo["inner"] - common).max() <= 0.00051:
-            photo["inner"] = common
+    words = head[1].words(4, "the line of the picture size")
+    size = [head[1].whole(word, "the picture size", 2) for word in words[2:]]
+    common = head[3].numbers(head[3].text.split(), "the camera of the head")
+    photos, rest = _photos(head[4], head[5:], rest, common)
     control, points, marks = _tables(file, rest)
-    cameras, used = _cameras(photos, width, height, notes)
-    rotation = np.array(
-        [_FLIP @ rotation_from_angles(*photo["angles"][::-1]).T for photo in photos]
-    )
-    centre = np.array([photo["centre"] for photo in photos])
-    names = [photo["name"] for photo in photos]
-    codes = {photo["number"]: k for k, photo in enumerate(photos)}
-    unknown = [row for row in marks if row[0] not in codes]
+    notes: list[str] = []
+    cameras, used = _cameras(photos, size, notes)
+    turned = np.array([rotation_from_angles(*photo.angles[::-1]) for photo in photos])
+    row_of = {photo.number: k for k, photo in enumerate(photos)}
+    unknown = [photo for photo, *_ in marks if photo not in row_of]
     if unknown:
-        raise InputError(f"{file.name}: a mark names photo {unknown[0][0]}, which is not there")
-    everything = pd.Index(dict.fromkeys(str(row[1]) for row in marks), dtype="str")
-    table = observations_table(
-        everything.get_indexer([str(row[1]) for row in marks]),
-        everything,
-        np.array([codes[row[0]] for row in marks], dtype=np.int64),
-        names,
-        np.array([row[2:4] for row in marks]).reshape(-1, 2) - 0.5,
-    )
-    table = same_point_once(table, "marks", warnings)
-    given = {str(number): (place, sigma) for number, place, sigma in control}
-    known = {str(number): place for number, place, _ in [*control, *points]}
-    is_ground = table["point"].isin(given).to_numpy()
-    block = Block(
-        name=file.stem,
-        cameras=cameras,
-        images=images_table(names, used, centre, rotations_to_columns(rotation)),
-        tie_points=_only(table, ~is_ground),
-        marks=_only(table, is_ground),
-        points=points_table(list(known), np.array(list(known.values()))),
-        ground=ground_table(
-            list(given), np.array([p for p, _ in given.values()]).reshape(-1, 3),
-            np.array([np.where(s > 0, s, np.nan) for _, s in given.values()]).reshape(-1, 3),
-        ),
-    )  # fmt: skip
-    if given:
+        raise InputError(f"{file.name}: a mark names photo {unknown[0]}, which is not there")
+    given = {number for number, *_ in control}
+    seen = {True: [], False: []}
+    for photo, number, x, y in marks:
+        seen[number in given].append((str(number), row_of[photo], x - 0.5, y - 0.5))
+    known = {str(number): values for number, *values in [*control, *points]}
+    if control:
         notes.append(
             f"{len(given)} control points: the export writes the coordinates it adjusted; "
             "--ground FILE gives those that were surveyed"
         )
-    return Project(NAME, file, block, notes=notes, warnings=warnings)
+    sigma = np.array([values[3:] for _, *values in control]).reshape(-1, 3)
+    return Pieces(
+        name=file.stem,
+        cameras=cameras,
+        images=[photo.name for photo in photos],
+        used=used,
+        centre=np.array([photo.centre for photo in photos]),
+        rotation=_FLIP @ turned.transpose(0, 2, 1),
+        ties=Views.of(seen[False], "marks"),
+        marks=Views.of(seen[True], "marks"),
+        points=(list(known), np.array([values[:3] for values in known.values()])),
+        ground=ground_table(
+            [str(number) for number, *_ in control],
+            np.array([values[:3] for _, *values in control]).reshape(-1, 3),
+            np.where(sigma > 0, sigma, np.nan),
+        ),
+        notes=notes,
+    ).project(NAME, file)
 
 
-def _only(table, rows):
-    kept = table[rows].reset_index(drop=True)
-    kept["point"] = kept["point"].cat.remove_unused_categories()
-    return kept
+@dataclass
+class _Photo:
+    """One photograph: centre (3,); angles kappa, phi, omega; inner: its camera (10,)."""
+
+    number: int
+    name: str
+    centre: np.ndarray
+    angles: np.ndarray
+    inner: np.ndarray
 
 
-def _groups(file):
-    """Lines as words, in groups between blank lines; the first photo stands after the head."""
+def _groups(file) -> list[list[Line]]:
+    """Lines in groups between blank lines; the first photo stands after the head."""
     groups, group = [], []
-    for line, text in lines(file):
-        if text.strip():
-            group.append((line, text.split()))
+    for line in lines(file):
+        if line.text.strip():
+            group.append(line)
         elif group:
             groups.append(group)
             group = []
     return [*groups, group] if group else groups
 
 
-def _photos(file, first, rest):
+def _photos(head_line, first, rest, common):
     """Photos: three lines, a blank line, two lines of camera; the next one follows those."""
     photos, pending = [], first
-    while rest:
-        if len(pending) != 3:
-            break
-        (line, name), (pose_line, pose), _ = pending
-        if len(name) < 2 or len(pose) != 7:
-            raise InputError(f"{file.name}, line {line}: this is no photo; export it again")
-        number = whole(name[0], file, line, "a photo number")
-        values = numbers(pose[1:], file, pose_line, f"the pose of photo {number}")
-        camera, *after = rest
-        if len(camera) < 2 or len(camera[0][1]) != 11:
-            raise InputError(
-                f"{file.name}, line {camera[0][0]}: this is no camera of photo {number}; the file "
-                "is cut off or out of step"
+    while rest and len(pending) == 3:
+        head, pose, _ = pending
+        number, *name = head.text.split()
+        if not name:
+            raise head.wrong("this is no photo; export it again")
+        number = head.whole(number, "a photo number")
+        values = pose.values(7, f"the pose of photo {number}")[1:]
+        camera, *rest = rest
+        if len(camera) < 2:
+            raise camera[0].wrong(
+                f"this is no camera of photo {number}; the file is cut off or out of step"
             )
-        inner = numbers(camera[0][1][1:], file, camera[0][0], f"the camera of photo {number}")
-        photos.append(
-            {
-                "number": number,
-                "name": " ".join(name[1:]).replace("\\", "/").rpartition("/")[2],
-                "centre": values[:3],
-                "angles": values[3:],
-                "inner": inner,
-            }
-        )
-        pending, rest = camera[2:], after
+        inner = camera[0].values(11, f"the camera of photo {number}")[1:]
+        # The head prints the same camera with more digits.
+        if len(common) == 10 and np.abs(inner - common).max() <= 0.00051:
+            inner = common
+        name = " ".join(name).replace("\\", "/").rpartition("/")[2]
+        photos.append(_Photo(number, name, values[:3], values[3:], inner))
+        pending = camera[2:]
     if not photos:
-        raise InputError(f"{file.name} holds no photo; export the project again")
+        raise head_line.wrong("no photo follows the head; export the project again")
     return photos, rest
 
 
 def _tables(file, rest):
-    """Control points, points (number, place, sigma) and marks (photo, number, x, y)."""
+    """Control points and points (number, place, sigma), marks (photo, number, x, y)."""
     found = []
-    for wide, what in ((7, "control points"), (7, "points"), (6, "marks")):
-        rows = []
+    for wide, whole, what in ((7, 1, "control points"), (7, 1, "points"), (6, 2, "marks")):
         if not rest and what == "marks":
             raise InputError(f"{file.name} ends before its marks; it is cut off")
-        group = rest[0] if rest and len(rest[0][0][1]) == wide else []
-        for line, words in group:
-            if len(words) != wide:
-                raise InputError(
-                    f"{file.name}, line {line}: {len(words)} words where {what} have {wide}; the "
-                    "file is cut off or out of step"
-                )
-            values = numbers(words, file, line, f"a line of the {what}")
-            if wide == 7:
-                rows.append((whole(words[0], file, line, "a number"), values[1:4], values[4:]))
-            else:
-                photo, point = (whole(word, file, line, "a number") for word in words[:2])
-                rows.append((photo, point, *values[2:4]))
+        group = rest[0] if rest and len(rest[0][0].text.split()) == wide else []
+        rows = []
+        for line in group:
+            words = line.words(wide, f"a line of the {what}")
+            values = line.numbers(words, f"a line of the {what}")
+            rows.append((*(line.whole(w, "a number") for w in words[:whole]), *values[whole:]))
         rest = rest[1:] if group else rest
         found.append(rows)
     control, points, marks = found
@@ -203,16 +171,16 @@ def _tables(file, rest):
         control, points = [], control
     if not marks:
         raise InputError(f"{file.name} holds no marks; export the project again")
-    return control, points, marks
+    return control, points, [row[:4] for row in marks]
 
 
-def _cameras(photos, width, height, notes):
+def _cameras(photos, size, notes):
     cameras, used, known = {}, [], {}
     for photo in photos:
-        key = tuple(photo["inner"])
+        key = tuple(photo.inner)
         if key not in known:
             known[key] = name = "camera" if not known else f"camera_{len(known)}"
-            cameras[name] = _camera(name, photo["inner"], width, height, notes)
+            cameras[name] = _camera(name, photo.inner, *size, notes)
         used.append(known[key])
     return cameras, used
 
@@ -242,4 +210,6 @@ def _camera(name, inner, width, height, notes):
         )
         return np.column_stack([corrected[0] / f, -corrected[1] / f])
 
-    return from_image_formula(camera, ray, notes, f"camera {name}")
+    camera, away = from_image_formula(camera, ray)
+    notes.append(turned_note(camera, away))
+    return camera

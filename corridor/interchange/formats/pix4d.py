@@ -9,27 +9,17 @@ upwards, as measured (distortion not removed).
 Source: Pix4D support pages on the files of `params`; proved on a real project.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
 from corridor.errors import InputError
-from corridor.geometry import rotation_from_angles
-from corridor.interchange.project import (
-    Project,
-    camera_from,
-    ground_table,
-    images_table,
-    in_the_middle,
-    observations_table,
-    points_table,
-    rotations_to_columns,
-    same_point_once,
-)
-from corridor.interchange.rows import rows_of
-from corridor.interchange.text import lines, number, numbers, opening, whole
+from corridor.geometry import quaternion_from_rotation, rotation_from_angles
+from corridor.interchange.pieces import Pieces, Views
+from corridor.interchange.project import Project, camera_from, ground_table, in_the_middle
+from corridor.textfile import Line, filled, opening
 
 NAME = "pix4d"
 TITLE = "Pix4D calibrated parameters and BINGO tie points"
@@ -49,8 +39,8 @@ def recognise(path: Path) -> bool:
     return any(path.glob(f"*{_MAIN}")) or any((path / "params").glob(f"*{_MAIN}"))
 
 
-def _find(folder, ending):
-    found = [file for file in sorted(folder.glob(f"*{ending}"))]
+def _find(folder, *endings):
+    found = [file for ending in endings for file in sorted(folder.glob(f"*{ending}"))]
     return found[0] if found else None
 
 
@@ -73,111 +63,110 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     warnings: list[str] = []
     shots = _shots(main)
     offset = _offset(folder / f"{prefix}offset.xyz", notes)
+    names = [shot.name for shot in shots]
     cameras, used = _cameras(shots)
-    names = [shot["name"] for shot in shots]
-    block = Block(
-        name=folder.resolve().name if folder.name != "params" else folder.resolve().parent.name,
-        cameras=cameras,
-        images=images_table(
-            names, used, np.array([shot["centre"] for shot in shots]),
-            rotations_to_columns(np.array([shot["rotation"] for shot in shots])),
-        ),
-        offset=offset,
-    )  # fmt: skip
+    centre, rotation = (
+        np.array([getattr(shot, key) for shot in shots]) for key in ("centre", "rotation")
+    )
     external = folder / f"{prefix}{_EXTERNAL}"
     if external.is_file():
-        _compare(block, _external(external), warnings, external.name)
-    block.gnss = _gnss(folder / f"{prefix}{_EXTERNAL[:-4]}_error.txt", names, offset, notes)
-    block.ground = _ground(folder / f"{prefix}measured_estimated_gcps_position.txt", offset)
-    block.__post_init__()
-    bingo = next(
-        (file for ending in ("tp_bingo.txt", "bingo.txt") if (file := _find(folder, ending))), None
-    )
-    if bingo is not None:
-        _bingo(bingo, block, notes, warnings)
-    return Project(NAME, main, block, notes=notes, warnings=warnings)
+        _compare(names, centre + offset, rotation, external, warnings)
+    bingo = _find(folder, "tp_bingo.txt", "bingo.txt")
+    return Pieces(
+        name=folder.resolve().name if folder.name != "params" else folder.resolve().parent.name,
+        cameras=cameras,
+        images=names,
+        used=used,
+        centre=centre,
+        rotation=rotation,
+        ties=None if bingo is None else _bingo(bingo, names, used, cameras, notes),
+        ground=_ground(folder / f"{prefix}measured_estimated_gcps_position.txt", offset),
+        gnss=_gnss(folder / f"{prefix}{_EXTERNAL[:-4]}_error.txt", names, offset, notes),
+        offset=offset,
+        notes=notes,
+        warnings=warnings,
+    ).project(NAME, main)
+
+
+@dataclass
+class _Shot:
+    """One image of the calibrated camera parameters, as written."""
+
+    name: str
+    width: int
+    height: int
+    matrix: np.ndarray
+    radial: np.ndarray
+    tangential: np.ndarray
+    centre: np.ndarray
+    rotation: np.ndarray
 
 
 _PARTS = (
-    ("the camera matrix", 3), ("the camera matrix", 3), ("the camera matrix", 3),
-    ("the radial distortion", 3), ("the tangential distortion", 2), ("the position", 3),
-    ("the rotation", 3), ("the rotation", 3), ("the rotation", 3),
-)  # fmt: skip
+    *(("the camera matrix", 3),) * 3,
+    ("the radial distortion", 3),
+    ("the tangential distortion", 2),
+    ("the position", 3),
+    *(("the rotation", 3),) * 3,
+)
+_HEAD_LINES = 8
 
 
 def _shots(path):
-    found = ((line, text) for line, text in lines(path) if text.strip())
-    head = []
-    for line, text in found:
-        head.append((line, text.strip()))
-        if text.strip().startswith("camera model"):
+    found = filled(path)
+    for count, line in enumerate(found, start=1):
+        if line.text.strip().startswith("camera model"):
             break
-        if len(head) > 8:
-            raise InputError(
-                f"{path.name}, line {line}: its eight lines of header are missing or another "
-                "program's; export the calibrated camera parameters again"
+        if count > _HEAD_LINES:
+            raise line.wrong(
+                "its eight lines of header are missing or another program's; export the "
+                "calibrated camera parameters again"
             )
-    shots, known = [], set()
-    for line, text in found:
-        words = text.split()
+    shots: dict[str, _Shot] = {}
+    for line in found:
         # The name may hold blanks; width and height are the last two.
-        if len(words) < 3 or not (words[-1].isdecimal() and words[-2].isdecimal()):
-            raise InputError(
-                f"{path.name}, line {line}: {text.strip()[:40]!r} where an image name with width "
-                "and height belongs; a line is missing or too many before it"
+        name, *size = line.text.strip().rsplit(maxsplit=2)
+        if len(size) != 2 or not all(word.isdecimal() for word in size):
+            raise line.wrong(
+                f"{line.text.strip()[:40]!r} where an image name with width and height belongs; a "
+                "line is missing or too many before it"
             )
-        name = text.rsplit(maxsplit=2)[0].strip()
-        width, height = (whole(word, path, line, "the picture size", 2) for word in words[-2:])
-        if name in known:
-            raise InputError(f"{path.name}, line {line}: image {name!r} stands there twice")
-        known.add(name)
+        width, height = (line.whole(word, "the picture size", 2) for word in size)
+        if name in shots:
+            raise line.wrong(f"image {name!r} stands there twice")
         rows = []
         for what, count in _PARTS:
-            line, text = next(found, (line, None))
-            if text is None:
+            line = next(found, None)
+            if line is None:
                 raise InputError(f"{path.name} ends within image {name!r}; it is cut off")
-            words = text.split()
-            if len(words) != count:
-                raise InputError(
-                    f"{path.name}, line {line}: {len(words)} numbers where {what} of {name!r} has "
-                    f"{count}; a line is missing or cut off"
-                )
-            rows.append(numbers(words, path, line, what))
+            rows.append(line.values(count, what))
         matrix = np.array(rows[:3])
         if matrix[0, 1] or matrix[1, 0] or matrix[2].tolist() != [0, 0, 1]:
-            raise InputError(
-                f"{path.name}, line {line}: the camera matrix of {name!r} has skew or another last "
-                "row than 0 0 1; the lines are out of step"
+            raise line.wrong(
+                f"the camera matrix of {name!r} has skew or another last row than 0 0 1; the lines "
+                "are out of step"
             )
-        shots.append(
-            {
-                "name": name, "width": width, "height": height, "matrix": matrix,
-                "radial": rows[3], "tangential": rows[4], "centre": rows[5],
-                "rotation": np.array(rows[6:]),
-            }
-        )  # fmt: skip
+        shots[name] = _Shot(name, width, height, matrix, *rows[3:6], np.array(rows[6:]))
     if not shots:
         raise InputError(f"{path.name} holds no image; export the project again")
-    return shots
+    return list(shots.values())
 
 
 def _cameras(shots):
     cameras, used, known = {}, [], {}
     for shot in shots:
         inner = (
-            shot["width"], shot["height"], *shot["matrix"].ravel(), *shot["radial"],
-            *shot["tangential"],
+            shot.width, shot.height, *shot.matrix.ravel(), *shot.radial, *shot.tangential
         )  # fmt: skip
         if inner not in known:
             known[inner] = name = f"camera_{len(known)}"
-            fx, fy = shot["matrix"][0, 0], shot["matrix"][1, 1]
+            (fx, _, cx), (_, fy, cy) = shot.matrix[:2]
             if not (fx > 0 and fy > 0):
-                raise InputError(f"camera of {shot['name']!r}: its focal length is not positive")
-            k, (t1, t2) = shot["radial"], shot["tangential"]
+                raise InputError(f"camera of {shot.name!r}: its focal length is not positive")
+            (k1, k2, k3), (t1, t2) = shot.radial, shot.tangential
             cameras[name] = camera_from(
-                name, shot["width"], shot["height"], fy, shot["matrix"][0, 2] - 0.5,
-                shot["matrix"][1, 2] - 0.5, k1=k[0], k2=k[1], k3=k[2], p1=t2, p2=t1,
-                b1=(fx - fy) / fy,
+                name, shot.width, shot.height, fy, cx - 0.5, cy - 0.5,
+                k1=k1, k2=k2, k3=k3, p1=t2, p2=t1, b1=(fx - fy) / fy,
             )  # fmt: skip
         used.append(known[inner])
     return cameras, used
@@ -187,44 +176,40 @@ def _offset(path, notes):
     if not path.is_file():
         notes.append(f"{path.name} is missing: coordinates are those of the file")
         return np.zeros(3)
-    for line, text in lines(path):
-        if text.strip():
-            words = text.split()
-            if len(words) != 3:
-                raise InputError(f"{path.name}, line {line}: {len(words)} numbers where 3 belong")
-            return numbers(words, path, line, "the offset")
+    for line in filled(path):
+        return line.values(3, "the offset")
     raise InputError(f"{path.name} is empty; export the project again")
 
 
 def _external(path):
     """name -> centre (3,), omega, phi, kappa (degrees)."""
     found = {}
-    for line, text in lines(path):
-        if line == 1 or not text.strip():
-            continue
-        words = text.rsplit(maxsplit=6)
-        if len(words) != 7:
-            raise InputError(
-                f"{path.name}, line {line}: {len(words)} words where a name and 6 numbers belong"
-            )
-        found[words[0].strip()] = numbers(words[1:], path, line, "the pose")
+    for line in filled(path):
+        if line.at > 1:
+            name, *words = line.text.rsplit(maxsplit=6)
+            if len(words) != 6:
+                raise line.wrong(f"{len(words) + 1} words where a name and 6 numbers belong")
+            found[name.strip()] = line.numbers(words, "the pose")
     return found
 
 
-def _compare(block, external, warnings, file):
+def _compare(names, centre, rotation, path, warnings):
     """The two files of poses must agree: then sense and offset are proved."""
-    names = list(block.images["image"])
+    external = _external(path)
     rows = [k for k, name in enumerate(names) if name in external]
     if not rows:
         return
     pose = np.array([external[names[k]] for k in rows])
-    away = np.abs(block.images[["x", "y", "z"]].to_numpy()[rows] + block.offset - pose[:, :3]).max()
-    turned = np.array([_FLIP @ rotation_from_angles(*angles).T for angles in pose[:, 3:]])
-    quaternion = block.images[["qw", "qx", "qy", "qz"]].to_numpy()[rows]
-    near = np.abs((rotations_to_columns(turned) * quaternion).sum(axis=1)).min()
+    away = np.abs(centre[rows] - pose[:, :3]).max()
+    turned = np.array([rotation_from_angles(*angles) for angles in pose[:, 3:]])
+    quaternions = [
+        quaternion_from_rotation(matrix)
+        for matrix in (_FLIP @ turned.transpose(0, 2, 1), rotation[rows])
+    ]
+    near = np.abs(np.prod(quaternions, axis=0).sum(axis=1)).min()
     if away > 1e-3 or near < np.cos(1e-5):
         warnings.append(
-            f"{file} and {_MAIN} disagree by up to {away:.3g} m and "
+            f"{path.name} and {_MAIN} disagree by up to {away:.3g} m and "
             f"{np.degrees(2 * np.arccos(min(near, 1.0))):.2g} degrees; the latter was taken"
         )
 
@@ -232,24 +217,20 @@ def _compare(block, external, warnings, file):
 def _gnss(path, names, offset, notes):
     if not path.is_file():
         return None
-    rows, header = [], None
-    for line, text in lines(path):
-        words = [word.strip() for word in text.split(",")]
-        if header is None:
-            header = words
-            wanted = ["imageName", *(f"{axis}_{kind}" for kind in ("gps", "acc") for axis in "XYZ")]
-            if not set(wanted) <= set(header):
+    wanted = ["imageName", *(f"{axis}_{kind}" for kind in ("gps", "acc") for axis in "XYZ")]
+    rows, at = [], None
+    for line in filled(path):
+        words = [word.strip() for word in line.text.split(",")]
+        if at is None:
+            if not set(wanted) <= set(words):
                 return None
-            at = [header.index(name) for name in wanted]
-        elif text.strip():
-            if len(words) != len(header):
-                raise InputError(
-                    f"{path.name}, line {line}: {len(words)} cells where the header has "
-                    f"{len(header)}"
-                )
-            if words[at[0]] in names:
-                values = numbers([words[k] for k in at[1:]], path, line, "a position")
-                rows.append((words[at[0]], *(values[:3] - offset), *values[3:]))
+            at, width = [words.index(name) for name in wanted], len(words)
+            continue
+        if len(words) != width:
+            raise line.wrong(f"{len(words)} cells where the header has {width}")
+        if words[at[0]] in names:
+            values = line.numbers([words[k] for k in at[1:]], "a position")
+            rows.append((words[at[0]], *(values[:3] - offset), *values[3:]))
     if not rows:
         return None
     notes.append("measured camera positions (X_gps, X_acc) became gnss.csv")
@@ -263,83 +244,54 @@ def _ground(path, offset):
     if not path.is_file():
         return None
     labels, places = [], []
-    for line, text in lines(path):
-        words = [word.strip() for word in text.split(",")]
-        if line == 1 or not text.strip():
+    for line in filled(path):
+        words = [word.strip() for word in line.text.split(",")]
+        if line.at == 1:
             continue
         if len(words) < 4:
-            raise InputError(f"{path.name}, line {line}: {len(words)} cells where 4 are needed")
+            raise line.wrong(f"{len(words)} cells where 4 are needed")
         labels.append(words[0])
-        places.append(numbers(words[1:4], path, line, "a measured position") - offset)
+        places.append(line.numbers(words[1:4], "a measured position") - offset)
     return ground_table(labels, np.array(places)) if labels else None
 
 
-def _bingo(path, block, notes, warnings):
-    names = list(block.images["image"])
+def _bingo(path, names, used, cameras, notes):
+    """An image with its size in mm (name H_width_height), its tie points, -99."""
     stems: dict[str, int] = {}
     for k, name in enumerate(names):
         stems.setdefault(name, k)
         stems.setdefault(name.rpartition(".")[0] or name, k)
-    sizes = [
-        (block.cameras[camera].width, block.cameras[camera].height)
-        for camera in block.images["camera"]
-    ]
-    point, image, pixels = [], [], []
-    current, lost, scale, middle, unfinished = None, 0, 1.0, (0.0, 0.0), False
-    for line, text in lines(path):
-        words = text.split()
-        if not words:
-            continue
-        if words == ["-99"]:
-            current, unfinished = None, False
-            continue
-        if not unfinished:
-            # name H_width_height: the name may hold blanks
-            head = text.rsplit(maxsplit=1)
-            sides = head[-1].split("_") if len(head) == 2 else []
-            if len(sides) != 3:
-                raise InputError(
-                    f"{path.name}, line {line}: {text.strip()[:40]!r} where an image with its size "
-                    "in mm (H_width_height) belongs; a line -99 is missing or too many"
-                )
-            width = number(sides[1], path, line, "the width in mm")
-            current, unfinished = stems.get(head[0].strip(), -1), True
-            lost += current < 0
-            if width <= 0:
-                raise InputError(f"{path.name}, line {line}: the width {width:g} mm is none")
-            if current >= 0:
-                scale = sizes[current][0] / width
-                middle = in_the_middle(*sizes[current])
-            continue
-        if len(words) != 3:
-            raise InputError(
-                f"{path.name}, line {line}: {len(words)} words where a tie point has 3; the file "
-                "is cut off or out of step"
-            )
-        if current < 0:
-            continue
-        x, y = (number(word, path, line, "a tie point") for word in words[1:])
-        point.append(words[0])
-        image.append(current)
-        pixels.append((x * scale + middle[0], middle[1] - y * scale))
-    if unfinished:
+    rows, lost, width, image = [], 0, None, None
+    for line in filled(path):
+        if line.text.split() == ["-99"]:
+            width = None
+        elif width is None:
+            image, width = _bingo_head(line, stems)
+            lost += image is None
+        else:
+            name, *xy = line.words(3, "a tie point")
+            if image is not None:
+                camera = cameras[used[image]]
+                x, y = line.numbers(xy, "a tie point") * camera.width / width
+                cx, cy = in_the_middle(camera.width, camera.height)
+                rows.append((name, image, cx + x, cy - y))
+    if width is not None:
         raise InputError(f"{path.name} ends without -99 after the last image; it is cut off")
     if lost:
         notes.append(f"{path.name}: {lost} images are not among the calibrated ones: left out")
-    if not point:
-        return
-    codes, found = pd.factorize(np.array(point, dtype=object))
-    table = observations_table(
-        codes, pd.Index(found, dtype="str"), np.array(image), names, np.array(pixels)
-    )
-    taken = set(block.ground["point"])
-    if taken & set(found):
-        table["point"] = table["point"].cat.rename_categories(lambda name: f"t{name}")
-    block.tie_points = same_point_once(table, "tie points", warnings)
-    block.__post_init__()
-    rows = rows_of(block, complete=False)
-    good = np.isfinite(rows.positions).all(axis=1)
-    good[rows.ties :] = False
-    block.points = points_table(rows.point_names[good], rows.positions[good])
-    block.__post_init__()
-    notes.append("Pix4D exports no coordinates of tie points: they were intersected from the rays")
+    return Views.of(rows, "tie points")
+
+
+def _bingo_head(line: Line, stems: dict[str, int]) -> tuple[int | None, float]:
+    # The name may hold blanks.
+    name, *size = line.text.strip().rsplit(maxsplit=1)
+    sides = size[0].split("_") if size else []
+    if len(sides) != 3:
+        raise line.wrong(
+            f"{line.text.strip()[:40]!r} where an image with its size in mm (H_width_height) "
+            "belongs; a line -99 is missing or too many"
+        )
+    width = line.number(sides[1], "the width in mm")
+    if width <= 0:
+        raise line.wrong(f"the width {width:g} mm is none")
+    return stems.get(name.strip()), width

@@ -13,7 +13,7 @@ import numpy as np
 
 from corridor.camera import INTERIOR, Camera
 from corridor.errors import InputError
-from corridor.interchange.cameras import standing_for
+from corridor.interchange.cameras import NoModel, standing_for
 from corridor.interchange.project import camera_from
 
 HALF = 0.5
@@ -53,9 +53,9 @@ _PLACES = {
 def camera_of(
     name: str, model: str, width: int, height: int, params: Sequence[float], notes: list[str]
 ) -> Camera:
-    """Our camera of one of COLMAP's. Raises InputError where we have no such model."""
+    """Our camera of one of COLMAP's. Raises NoModel where we have no such one."""
     if model not in _PLACES:
-        raise InputError(f"camera {name} is a {model}, for which corridor has no model")
+        raise NoModel(f"camera {name} is a {model}, for which corridor has no model")
     full = np.zeros(12)
     full[: len(_PLACES[model])] = [params[at] for at in _PLACES[model]]
     fx, fy, cx, cy, k1, k2, p1, p2, k3, *divisor = full
