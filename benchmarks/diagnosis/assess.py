@@ -11,7 +11,7 @@ from benchmarks.diagnosis.signal import Signal, key_of, signals
 from benchmarks.diagnosis.truth import Hidden, Truth
 from corridor.block import Block
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
-from corridor.diagnosis.gap import closure
+from corridor.diagnosis.held_out import closure
 from corridor.diagnosis.rounds import members
 from corridor.errors import AdjustmentFailed, InputError
 

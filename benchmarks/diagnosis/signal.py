@@ -36,8 +36,8 @@ from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.gnss_noise import NoiseModel
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.rounds import FELT
-from corridor.diagnosis.verdict import MOST_MORE, refines
+from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.verdict import refines
 from corridor.errors import AdjustmentFailed, InputError
 
 # Sigmas by which the data prefer the truth to a rival: from APART on the two are separable; below
@@ -98,7 +98,7 @@ def signals(
     for key, n, theta in members:
         others = [k for other, k, _ in members if other != key]
         out[key] = _of_group(evidence, n, theta, others)
-        if noises is not None and noises.touches(n) > FELT:
+        if noises is not None and noises.touches(n) > SETTINGS.gnss_share:
             out[key].from_noise = math.sqrt(max(2.0 * noises.apart(n, theta), 0.0))
     missing = [one for one in (*truth.inside, *truth.outside) if key_of(one) not in out]
     if len(missing) == 1 and not members:
@@ -139,7 +139,7 @@ def _of_group(evidence: Evidence, n: int, theta: np.ndarray, others: list[int]) 
         if k == n or k in others or other.generic or refines(other, group):
             continue
         # Values for each image make up for nearly anything, and pay for it.
-        if len(other) > len(group) + MOST_MORE:
+        if len(other) > len(group) + SETTINGS.look_alike_more_parameters:
             continue
         apart = ratio([*others, k])
         if apart < best:

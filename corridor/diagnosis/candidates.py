@@ -14,15 +14,9 @@ import numpy as np
 
 from corridor.adjustment import Columns
 from corridor.block import Block
+from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import Effect, every_effect
 from corridor.errors import InputError
-
-# What a generic shape, and one of several control points, has to bring more than a named effect.
-GENERIC = -4.0
-PER_IMAGE = -1.0
-# Ground control defines the coordinates people want: where GNSS and control disagree and nothing
-# tells which is wrong, it is rather the GNSS.
-GROUND = -0.7
 
 
 @dataclass
@@ -162,7 +156,9 @@ def make_groups(
             labels = [(name, p.name, p.unit) for name in columns.images for p in parameters]
             scale = np.tile([p.scale for p in parameters], len(columns.images))
             own, at = owns.index(effect.slug), np.arange(len(labels))
-            out.append(Group(effect.slug, effect, own, at, scale, labels, PER_IMAGE))
+            out.append(
+                Group(effect.slug, effect, own, at, scale, labels, SETTINGS.log_prior_per_image)
+            )
             continue
         entries = [(n, u.group, u.at[1]) for n, u in enumerate(shared) if u.owner == effect.slug]
         names = dict.fromkeys(name for _, name, _ in entries)
@@ -175,7 +171,10 @@ def make_groups(
             at = np.array([column for column, *_ in mine])
             out.append(Group(key, effect, None, at, scale, labels, log_prior, part))
     for group in out:
-        group.log_prior += GENERIC * group.generic + GROUND * (group.effect.place == "ground")
+        group.log_prior += (
+            SETTINGS.log_prior_generic * group.generic
+            + SETTINGS.log_prior_ground * (group.effect.place == "ground")
+        )
         _with_prior(group, priors)
     return out
 

@@ -13,11 +13,7 @@ import pandas as pd
 
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
-
-# Prior standard deviations up to which an effect may go to imitate another.
-REACH = 10.0
-# Information below which the block says nothing of an effect.
-UNSEEN = 1e-3
+from corridor.diagnosis.settings import SETTINGS
 
 
 def confusability(evidence: Evidence, slugs: Iterable[str] | None = None) -> pd.DataFrame:
@@ -33,12 +29,14 @@ def confusability(evidence: Evidence, slugs: Iterable[str] | None = None) -> pd.
         for g in evidence.groups
         if not g.generic and g.own is None and (slugs is None or g.slug in slugs)
     ]
-    seen = [g for g in groups if np.trace(evidence.block(g)[0]) > UNSEEN * len(g)]
+    seen = [
+        g for g in groups if np.trace(evidence.block(g)[0]) > SETTINGS.unseen_information * len(g)
+    ]
     names = list(dict.fromkeys(g.slug for g in seen))
     table = pd.DataFrame(np.eye(len(names)), index=names, columns=names)
     for b in seen:
         own = evidence.block(b)[0]
-        factor = np.linalg.inv(own + np.eye(len(b)) / REACH**2)
+        factor = np.linalg.inv(own + np.eye(len(b)) / SETTINGS.imitation_size**2)
         for a in seen:
             if a.slug != b.slug:
                 share = _share(evidence, a, b, factor)

@@ -11,14 +11,15 @@ from threadpoolctl import threadpool_limits
 
 from corridor.adjustment import Adjustment, Model
 from corridor.block import Block
-from corridor.diagnosis import gap
+from corridor.diagnosis import held_out
 from corridor.diagnosis.beside import beside
-from corridor.diagnosis.breaks import broken_picture, shows_as
-from corridor.diagnosis.crowds import crowds
+from corridor.diagnosis.discontinuity import broken_picture, shows_as
 from corridor.diagnosis.location import locate
+from corridor.diagnosis.outlier_clusters import outlier_clusters
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.rounds import Course, Round, members, run
+from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.variance import variance_alarms
 from corridor.diagnosis.verdict import (
     Findings,
@@ -31,10 +32,6 @@ from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.preparation import derived, prepare
 from corridor.report import plain
-
-# Tie observations from which on some can be spared, and look-alikes that are tried in turn.
-FEWEST_TIES = 200
-MOST_RIVALS, MOST_SHAPES = 4, 3
 
 
 @dataclass(repr=False)
@@ -170,8 +167,8 @@ def diagnose(
             used = list(course.last.log["model"])
     gaps = {
         "tie_px": held.gap,
-        "check_m": gap.check_gap(before, after),
-        "gnss_m": gap.gnss_gap(before, after),
+        "check_m": held_out.check_gap(before, after),
+        "gnss_m": held_out.gnss_gap(before, after),
     }
     unknown = []
     for one in found.unknown:
@@ -196,7 +193,7 @@ def diagnose(
         block, believed, before, after, course, found, unknown, gaps,
         detection_limits(course.last),
         [{"slug": s, "missing": m} for s, m in sorted(course.candidates.untestable.items())],
-        [*variance_alarms(course.last.equations), *crowds(last)], [*course.notes, *notes],
+        [*variance_alarms(course.last.equations), *outlier_clusters(last)], [*course.notes, *notes],
         time.perf_counter() - began, used, held.rivals, level, seed,
     )  # fmt: skip
 
@@ -215,13 +212,13 @@ class _HeldOut:
         self.gap: dict = {"before": None, "after": None}
         self.rivals: dict[str, dict[str, float]] = {}
         self.second = None
-        if len(believed.block.tie_points) <= FEWEST_TIES:
+        if len(believed.block.tie_points) <= SETTINGS.fewest_ties:
             return
-        self.block, self.rows = gap.hold_out(believed.block, np.random.default_rng(seed))
+        self.block, self.rows = held_out.hold_out(believed.block, np.random.default_rng(seed))
         try:
             self.first = self._fit([])
             self.second = self._fit(keys) if keys else self.first
-            self.gap = gap.tie_gap(self.first, self.second, self.rows)
+            self.gap = held_out.tie_gap(self.first, self.second, self.rows)
         except (InputError, AdjustmentFailed) as failed:
             notes.append(f"Held-out observations could not be compared: {failed}")
 
@@ -241,7 +238,7 @@ class _HeldOut:
         except (InputError, AdjustmentFailed) as failed:
             self.notes.append(f"The fit without the unknown failed: {failed}")
             return {}
-        better = gap.improves(bare, self.second, self.rows)
+        better = held_out.improves(bare, self.second, self.rows)
         if not better:
             # A correction stays only if data that no fit has seen improve.
             self.notes.append(
@@ -249,7 +246,7 @@ class _HeldOut:
                 "are predicted no better with it."
             )
             self.keys, self.second = others, bare
-            self.gap = gap.tie_gap(self.first, bare, self.rows)
+            self.gap = held_out.tie_gap(self.first, bare, self.rows)
         return dict.fromkeys(generic, better)
 
     def preferred(self, effects: list) -> list[str]:
@@ -263,12 +260,12 @@ class _HeldOut:
             if one.kind != "ambiguous" or one.key not in keys or self.second is None:
                 continue
             rivals = {}
-            for rival in [key for key in one.rivals if key not in keys][:MOST_RIVALS]:
+            for rival in [key for key in one.rivals if key not in keys][: SETTINGS.most_rivals]:
                 try:
                     rivals[rival] = self._fit([rival if k == one.key else k for k in keys])
                 except (InputError, AdjustmentFailed) as failed:
                     self.notes.append(f"The fit with {rival} failed: {failed}")
-            best, share = gap.preferred(self.second, rivals, self.rows)
+            best, share = held_out.preferred(self.second, rivals, self.rows)
             self.rivals |= share
             if best is not None:
                 kind = "check points" if "check" in share[best] else "held-out image points"
@@ -278,7 +275,7 @@ class _HeldOut:
                 )
                 keys = [best if k == one.key else k for k in keys]
                 self.second = rivals[best]
-                self.gap = gap.tie_gap(self.first, self.second, self.rows)
+                self.gap = held_out.tie_gap(self.first, self.second, self.rows)
         return keys
 
     def shaped(self, found: Findings, one: Round, keys: list[str]) -> tuple[Findings, list[str]]:
@@ -287,7 +284,7 @@ class _HeldOut:
         A knock that moves the lens between strips flown to and fro is, to the fit, an error of the
         GNSS, and the named effect has fewer parameters.
         """
-        if self.second is None or len(self.second.check_points) < gap.ENOUGH_CHECKS:
+        if self.second is None or len(self.second.check_points) < SETTINGS.enough_checks:
             return found, keys
         known = one.evidence.groups
         alike = {e.key: e for e in found.effects if e.kind == "ambiguous"}
@@ -296,12 +293,12 @@ class _HeldOut:
             if mine is None:
                 continue
             fits = {}
-            for n in shapes(one, key)[:MOST_SHAPES]:
+            for n in shapes(one, key)[: SETTINGS.most_shapes]:
                 try:
                     fits[n] = self._fit([known[n].key if k == mine else k for k in keys])
                 except (InputError, AdjustmentFailed) as failed:
                     self.notes.append(f"The fit with {known[n].key} failed: {failed}")
-            best = gap.best_by_far(self.second, fits)
+            best = held_out.best_by_far(self.second, fits)
             if best is None:
                 continue
             self.notes.append(
@@ -312,7 +309,7 @@ class _HeldOut:
             keys = [known[best].key if k == mine else k for k in keys]
             found = in_place_of(found, one, key, best)
             self.second = fits[best]
-            self.gap = gap.tie_gap(self.first, self.second, self.rows)
+            self.gap = held_out.tie_gap(self.first, self.second, self.rows)
         return found, keys
 
 

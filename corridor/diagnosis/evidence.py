@@ -18,16 +18,12 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.reduced import Reduced
+from corridor.diagnosis.settings import SETTINGS
 
-# Sizes of an effect in prior standard deviations, and the logarithm of how likely each is. The
-# last ones are a tail: an effect a hundred times larger than expected is still an effect.
-KAPPA = np.array([0.1, 0.33, 1.0, 3.0, 10.0, 100.0, 1000.0])
-LOG_WEIGHT = np.log([0.25, 0.25, 0.25, 0.23, 0.018, 0.0018, 0.0002])
-# A group of more columns, values for each image, keeps the spectrum it has alone when others join
-# the model: what it would bring is then somewhat underrated, and much sooner known.
-LARGE = 130
-# Information below which a direction is one that nothing determines.
-BLIND = 1e-4
+
+def effect_sizes() -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of an effect in prior standard deviations, and the logarithm of how likely each is."""
+    return np.array(SETTINGS.effect_sizes), np.log(SETTINGS.effect_size_weights)
 
 
 @dataclass
@@ -45,7 +41,7 @@ class Spectrum:
 
     def log_bayes(self, h: np.ndarray) -> np.ndarray:
         """Log Bayes factors (kappas, ...) of h = V'g (p, ...)."""
-        k2 = (KAPPA**2)[:, None]
+        k2 = (effect_sizes()[0] ** 2)[:, None]
         grown = k2 * self.value
         gain = np.tensordot(0.5 * k2 / (1.0 + grown), h**2, axes=(1, 0))
         cost = 0.5 * np.log1p(grown).sum(axis=1)
@@ -54,7 +50,7 @@ class Spectrum:
 
 def averaged(log_bayes: np.ndarray) -> np.ndarray:
     """Average over kappa of Bayes factors (kappas, ...), as logarithm."""
-    weight = LOG_WEIGHT.reshape((-1,) + (1,) * (log_bayes.ndim - 1))
+    weight = effect_sizes()[1].reshape((-1,) + (1,) * (log_bayes.ndim - 1))
     return np.logaddexp.reduce(log_bayes + weight, axis=0)
 
 
@@ -123,10 +119,11 @@ class Evidence:
         step = cho_solve(factor, away, check_finite=False)
         logdet = 2.0 * np.log(np.diag(factor[0])).sum() + 2.0 * np.log(kappa).sum()
         total = mean @ g - 0.5 * mean @ M @ mean + 0.5 * away @ step - 0.5 * logdet
+        sizes, log_weight = effect_sizes()
         for n, k in chosen.items():
             total += self.groups[n].log_prior
             if not self.groups[n].known:
-                total += LOG_WEIGHT[np.argmin(np.abs(KAPPA - k))]
+                total += log_weight[np.argmin(np.abs(sizes - k))]
         return float(total), mean + step, factor
 
     def solution(self, chosen: dict[int, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +138,11 @@ class Evidence:
         kappa = np.concatenate([np.full(len(self.groups[n]), k) for n, k in chosen.items()])
         mean = np.concatenate([prior_mean(self.groups[n]) for n in chosen])
         value, vector = eigh(M + np.diag(kappa**-2.0), check_finite=False)
-        inverse = np.where(value > BLIND, 1.0 / np.maximum(value, BLIND), 0.0)
+        inverse = np.where(
+            value > SETTINGS.blind_information,
+            1.0 / np.maximum(value, SETTINGS.blind_information),
+            0.0,
+        )
         covariance = (vector * inverse) @ vector.T
         return mean + covariance @ (g - M @ mean), covariance
 
@@ -169,7 +170,7 @@ class Evidence:
                 own_g.append(r.own_g[k] - to_own.T @ theta)
                 own_matrix.append(
                     r.own_matrix[k] - to_own.T @ cho_solve(factor, to_own, check_finite=False)
-                    if len(r.own_g[k]) <= LARGE
+                    if len(r.own_g[k]) <= SETTINGS.large_group
                     else None
                 )
         out = []
@@ -198,10 +199,10 @@ def gain_of(group: Group, M, g, spectrum: Spectrum | None = None) -> Gain:
         return Gain(float(total + group.log_prior), 1.0, float(total))
     h = spectrum.vector.T @ g
     each = spectrum.log_bayes(h)
-    best = int(np.argmax(each + LOG_WEIGHT))
-    kappa = float(max(KAPPA[best], 3.0))
-    fit = 0.5 * np.sum(h**2 / (spectrum.value + kappa**-2.0))
-    return Gain(float(averaged(each) + group.log_prior), float(KAPPA[best]), float(fit))
+    sizes, log_weight = effect_sizes()
+    size = float(sizes[np.argmax(each + log_weight)])
+    fit = 0.5 * np.sum(h**2 / (spectrum.value + max(size, SETTINGS.least_fit_size) ** -2.0))
+    return Gain(float(averaged(each) + group.log_prior), size, float(fit))
 
 
 def prior_mean(group: Group) -> np.ndarray:

@@ -24,22 +24,8 @@ from scipy.optimize import minimize
 from scipy.sparse import csr_array
 
 from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.settings import SETTINGS
 from corridor.gnss import SlowNoise
-
-# Weak knowledge: mean of the logarithms of w and c over the stated sigma, of tau in seconds, and
-# their standard deviations: of what all flights and axes have in common (one receiver, stated too
-# good or too bad), and of each by itself. It keeps short flights sensible, and a bias of one axis
-# from passing for slow noise that the other axes do not show.
-PRIOR_WHITE = (np.log(0.7), 0.5, 0.35)
-PRIOR_COLOURED = (np.log(0.6), 0.35, 0.35)
-PRIOR_TAU = (np.log(60.0), 0.4, 0.4)
-TAU_LEAST, TAU_MOST = 4.0, 240.0
-# Noises that an effect's uncertainty is averaged over, and how much wider than the curvature says
-# they are drawn.
-DRAWS, FEW_DRAWS = 48, 16
-WIDENED = 1.2
-# Positions whose noise is estimated together; more are taken flight by flight, axis by axis.
-TOGETHER = 900
 
 
 @dataclass
@@ -110,7 +96,7 @@ def times_of(images, image: np.ndarray) -> np.ndarray:
     time = images.time[image]
     if np.isfinite(time).all():
         return time
-    return 2.0 * image.astype(float)
+    return SETTINGS.untimed_step * image.astype(float)
 
 
 def stated_noise(equations) -> GnssNoise:
@@ -119,7 +105,8 @@ def stated_noise(equations) -> GnssNoise:
     flights = len(images.flight_names)
     return GnssNoise(
         images.flight[equations.image], times_of(images, equations.image), equations.stated,
-        np.ones((flights, 3)), np.zeros((flights, 3)), np.full((flights, 3), np.exp(PRIOR_TAU[0])),
+        np.ones((flights, 3)), np.zeros((flights, 3)),
+        np.full((flights, 3), SETTINGS.time_constant_prior[0]),
     )  # fmt: skip
 
 
@@ -135,7 +122,7 @@ class NoiseModel:
         """elimination, evidence: with the stated noise."""
         self.stated = stated_noise(equations)
         self.evidence = evidence
-        self.few = len(equations.residual) < 12
+        self.few = len(equations.residual) < SETTINGS.few_antenna_coordinates
         self._found: dict[tuple, tuple[GnssNoise, float]] = {}
         self._start: GnssNoise | None = None
         if not self.few:
@@ -164,7 +151,7 @@ class NoiseModel:
         span = [
             np.ptp(noise.time[rows // 3]) / noise.tau[f, axis] for rows, f, axis in noise.blocks()
         ]
-        return float(np.sum(span)) + 0.5 / PRIOR_COLOURED[1] ** 2
+        return float(np.sum(span)) + 0.5 / SETTINGS.slow_prior[1] ** 2
 
     def given(self, chosen: dict[int, float]) -> tuple[GnssNoise, float]:
         """The noise of a model of groups n -> kappa, and the log probability of the data.
@@ -249,7 +236,7 @@ class NoiseModel:
         turned = A @ K
         P, rho = self.P - turned @ A.T, self.rho - A @ theta
         parts = _parts(self.stated, P, rho)
-        count = DRAWS if len(parts) == 1 else FEW_DRAWS
+        count = SETTINGS.noise_draws if len(parts) == 1 else SETTINGS.noise_draws_by_axis
         drawn, log_weight = [], np.zeros(count)
         for one in parts:
             x, length = one.likely(one.arguments(noise), count, rng)
@@ -288,7 +275,7 @@ def _parts(noise: GnssNoise, P, rho) -> list[Likelihood]:
     Axis by axis the others stay as stated: their part of D is zero in this axis's equations.
     """
     blocks = list(noise.blocks())
-    if len(rho) <= TOGETHER:
+    if len(rho) <= SETTINGS.most_together:
         return [Likelihood(noise, P, rho, blocks)]
     return [
         Likelihood(noise, P[np.ix_(block[0], block[0])], rho[block[0]], [block], own=True)
@@ -313,14 +300,16 @@ class Likelihood:
         self.lags = [np.abs(t[:, None] - t) for t in time]
         self.place = [np.arange(len(rows)) if own else rows for rows, *_ in blocks]
         many = [self.count, self.count, len(self.flights)]
-        prior = PRIOR_WHITE, PRIOR_COLOURED, PRIOR_TAU
-        self.centre = np.repeat([p[0] for p in prior], many)
+        prior = SETTINGS.white_prior, SETTINGS.slow_prior, SETTINGS.time_constant_prior
+        self.centre = np.repeat([np.log(p[0]) for p in prior], many)
         covariance = np.diag(np.repeat([p[2] ** 2 for p in prior], many))
         kind = np.repeat([0, 1, 2], many)
         covariance += (kind[:, None] == kind) * np.repeat([p[1] ** 2 for p in prior], many)
         self.precision = np.linalg.inv(covariance)
-        self.low = np.repeat([np.log(0.03), np.log(0.03), np.log(TAU_LEAST)], many)
-        self.high = np.repeat([np.log(30.0), np.log(30.0), np.log(TAU_MOST)], many)
+        factor, tau = SETTINGS.noise_factor_range, SETTINGS.time_constant_range
+        self.low, self.high = (
+            np.repeat(np.log([factor[k], factor[k], tau[k]]), many) for k in (0, 1)
+        )
 
     def minimum(self, start: GnssNoise | None = None):
         """Where -2 log L is least (x, fun), as of `scipy.optimize.minimize`."""
@@ -338,7 +327,9 @@ class Likelihood:
         x = np.empty_like(self.centre)
         for n, (_, f, axis) in enumerate(self.blocks):
             x[n] = np.log(noise.white[f, axis])
-            x[self.count + n] = np.log(max(noise.coloured[f, axis] / self.stated[n], 0.03))
+            x[self.count + n] = np.log(
+                max(noise.coloured[f, axis] / self.stated[n], SETTINGS.noise_factor_range[0])
+            )
             x[2 * self.count + self.flights.index(f)] = np.log(noise.tau[f, axis])
         return x
 
@@ -425,7 +416,9 @@ class Likelihood:
         least = np.linalg.eigvalsh(self.precision)[0]
         spread = 1.0 / np.sqrt(np.maximum(value, least))
         unit = rng.standard_normal((count, len(x)))
-        made = np.clip(x + WIDENED * (unit * spread) @ vector.T, self.low, self.high)
+        made = np.clip(
+            x + SETTINGS.noise_draws_widened * (unit * spread) @ vector.T, self.low, self.high
+        )
         return made, np.sum(unit**2, axis=1)
 
 

@@ -9,11 +9,8 @@ import numpy as np
 from scipy.ndimage import label
 
 from corridor.diagnosis.rounds import Round
+from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import Context, Stack
-
-CELLS = (16, 12)
-# Share of the largest deformation that still belongs to the place.
-HIGH = 0.6
 
 
 def locate(one: Round, number: int, theta: np.ndarray) -> tuple[str, dict]:
@@ -89,16 +86,18 @@ def _picture(e, stack, effect, table) -> tuple[str, dict]:
     design = np.column_stack([np.ones(len(place)), place])
     shift = shift - design @ np.linalg.lstsq(design, shift, rcond=None)[0]
     length = np.linalg.norm(shift, axis=1)
-    cell = np.clip(((place + 1) / 2 * CELLS).astype(int), 0, np.array(CELLS) - 1)
-    flat = cell[:, 0] * CELLS[1] + cell[:, 1]
-    count = np.bincount(flat, minlength=CELLS[0] * CELLS[1])
-    total = np.bincount(flat, length, minlength=CELLS[0] * CELLS[1])
-    mean = np.where(count > 3, total / np.maximum(count, 1), 0.0).reshape(CELLS)
-    pieces, _ = label(mean > HIGH * mean.max())
-    high = np.argwhere(pieces == pieces[np.unravel_index(np.argmax(mean), CELLS)])
+    cell = np.clip(
+        ((place + 1) / 2 * SETTINGS.place_cells).astype(int), 0, np.array(SETTINGS.place_cells) - 1
+    )
+    flat = cell[:, 0] * SETTINGS.place_cells[1] + cell[:, 1]
+    count = np.bincount(flat, minlength=SETTINGS.place_cells[0] * SETTINGS.place_cells[1])
+    total = np.bincount(flat, length, minlength=SETTINGS.place_cells[0] * SETTINGS.place_cells[1])
+    mean = np.where(count > 3, total / np.maximum(count, 1), 0.0).reshape(SETTINGS.place_cells)
+    pieces, _ = label(mean > SETTINGS.place_share * mean.max())
+    high = np.argwhere(pieces == pieces[np.unravel_index(np.argmax(mean), SETTINGS.place_cells)])
     low, upto = high.min(axis=0), high.max(axis=0) + 1
     width = p.images.size[0] - 1
-    box = np.concatenate([low / CELLS * width, upto / CELLS * width])
+    box = np.concatenate([low / SETTINGS.place_cells * width, upto / SETTINGS.place_cells * width])
     where: dict = {"image": [float(v) for v in box]}
     text = (
         f"largest between x = {box[0]:.0f} and {box[2]:.0f} px, y = {box[1]:.0f} and "

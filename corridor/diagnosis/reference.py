@@ -11,12 +11,8 @@ from corridor import adjustment
 from corridor.adjustment import REFERENCE_CAMERA, Adjustment, Model, camera_of
 from corridor.block import Block
 from corridor.diagnosis.robust import scale_of
+from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import Effect
-
-# Stated standard deviations are wrong by this much at most, or the loss would see nothing else.
-TRUSTED = 0.02, 20.0
-# Cauchy's weights of this width are Student's t with four degrees of freedom and scale one.
-WIDTH = 2.0
 
 
 @dataclass
@@ -75,7 +71,11 @@ class ReferenceModel:
             if not (effect.stands_in_for or effect.generic or effect.group in ("image", "point")):
                 continue
             for parameter in effect.parameters(self.block):
-                wide = 1.0 if effect.group == "image" else 10.0
+                wide = (
+                    SETTINGS.prior_of_adjusted_per_image
+                    if effect.group == "image"
+                    else SETTINGS.prior_of_adjusted
+                )
                 name = f"{effect.slug}.{parameter.name}"
                 priors.setdefault(name, (0.0, wide * parameter.scale))
         block = self.block if block is None else block
@@ -85,7 +85,7 @@ class ReferenceModel:
         model = replace(
             self.model.with_priors(priors),
             effects=[*self.effects, *more],
-            loss=f"cauchy:{WIDTH * self.scale!r}",
+            loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
         )
         result = adjustment.adjust(
             block, model=model, threads=self.threads, max_iterations=_enough(more)
@@ -102,9 +102,10 @@ def _scale(adjustment: Adjustment) -> float:
     residual, _ = adjustment.normal.look(adjustment.state, passes=5)
     square = (residual**2).sum(axis=1) * p.weight**2
     square = square[(p.row < p.tie_count) & np.isfinite(square)]
-    return float(np.clip(scale_of(square), *TRUSTED)) if len(square) else 1.0
+    return float(np.clip(scale_of(square), *SETTINGS.stated_sigma_range)) if len(square) else 1.0
 
 
 def _enough(effects: list[Effect]) -> int:
     """Iterations: shapes with a hundred parameters creep to their end, and need not reach it."""
-    return 6 if any(effect.generic for effect in effects) else 50
+    shapes = any(effect.generic for effect in effects)
+    return SETTINGS.iterations_of_shapes if shapes else SETTINGS.iterations

@@ -17,12 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from corridor.diagnosis.settings import SETTINGS
 from corridor.geometry import is_outlier
-
-NU = 4.0
-# Share of the stated standard deviation below which nothing is measured: without any noise at all
-# rounding errors would be evidence.
-LEAST = 0.02
 
 
 @dataclass
@@ -43,7 +39,7 @@ def scale_of(square: np.ndarray) -> float:
     """Scale of bivariate Student t residuals by maximum likelihood; square: (n,) their |r|^2."""
     variance = max(float(np.median(square)) / 1.5, 1e-24)
     for _ in range(200):
-        weight = (NU + 2.0) / (NU + square / variance)
+        weight = (SETTINGS.student_nu + 2.0) / (SETTINGS.student_nu + square / variance)
         after = max(float(np.mean(0.5 * weight * square)), 1e-24)
         if abs(after - variance) < 1e-10 * variance:
             break
@@ -75,9 +71,12 @@ def pseudo_residuals(problem, state, residual: np.ndarray) -> tuple[np.ndarray, 
         core = scale_of(square)
         s = square / core**2
         slope = _slope(s, share)
-        out[mine] = residual[mine] * ((NU + 2.0) / (NU + s) / slope)[:, None]
+        out[mine] = (
+            residual[mine]
+            * ((SETTINGS.student_nu + 2.0) / (SETTINGS.student_nu + s) / slope)[:, None]
+        )
         found = np.mean(((out[mine] / sigma[mine][:, None]) ** 2).sum(axis=1)) / 2.0 / share
-        factor = max(float(np.sqrt(found)), LEAST)
+        factor = max(float(np.sqrt(found)), SETTINGS.stated_sigma_range[0])
     marks = np.flatnonzero(~tie & known)
     of_marks = factor
     if len(marks):
@@ -91,8 +90,8 @@ def _slope(s: np.ndarray, share: float) -> float:
 
     psi' of a vector has two values: along it, and across.
     """
-    across = (NU + 2.0) / (NU + s)
-    along = across - 2.0 * across * s / (NU + s)
+    across = (SETTINGS.student_nu + 2.0) / (SETTINGS.student_nu + s)
+    along = across - 2.0 * across * s / (SETTINGS.student_nu + s)
     mean = 0.5 * float(np.mean(along) + np.mean(across))
     variance = 0.5 * float(np.mean((along - mean) ** 2) + np.mean((across - mean) ** 2))
     return mean / (1.0 + (1.0 - share) * variance / mean**2)
@@ -102,7 +101,7 @@ def _redundancy(p, count: int) -> float:
     """Share of the image observations that no point, pose or camera takes up."""
     camera = sum(1 for unknown in p.unknowns if unknown.kind == "camera")
     unknown = 3 * (len(p.ptr) - 1) + 6 * p.image_count + camera
-    return max(1.0 - unknown / max(2 * count, 1), 0.05)
+    return max(1.0 - unknown / max(2 * count, 1), SETTINGS.least_redundancy)
 
 
 def _marks(p, state, residual, sigma, marks) -> tuple[np.ndarray, float]:
@@ -137,13 +136,13 @@ def _marks(p, state, residual, sigma, marks) -> tuple[np.ndarray, float]:
             shift = np.linalg.solve(normal, np.einsum("nij,ni->j", heavy, r))
             left_over = r - A @ shift
             square = (left_over**2).sum(axis=1)
-            weight = 1.0 / (1.0 + square / 9.0)
+            weight = 1.0 / (1.0 + square / SETTINGS.mark_cauchy_width**2)
         common[rows] = (A @ shift) * sigma[marks[rows]][:, None]
         apart[rows] = np.sqrt(square)
         good = ~is_outlier(np.sqrt(square))
         left += square[good].sum()
         lost += max(2 * int(good.sum()) - 3, 0)
-    # What is stated weighs as much as fifty measurements: few marks do not tell their own size.
-    factor = float(np.sqrt((left + 50.0) / (lost + 50.0)))
+    stated = SETTINGS.stated_mark_weight
+    factor = float(np.sqrt((left + stated) / (lost + stated)))
     wrong = is_outlier(apart, max(factor, 1.0))
     return np.where(wrong[:, None], common, residual[marks]), factor

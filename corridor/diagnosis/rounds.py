@@ -13,32 +13,15 @@ import numpy as np
 from corridor.adjustment import Adjustment
 from corridor.diagnosis.candidates import Candidates, candidates, with_points
 from corridor.diagnosis.equations import Equations, equations
-from corridor.diagnosis.evidence import KAPPA, Evidence
+from corridor.diagnosis.evidence import Evidence, effect_sizes
 from corridor.diagnosis.gnss_noise import GnssNoise, NoiseModel
 from corridor.diagnosis.reduced import Elimination
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.search import Found, contributions, search, tuned
+from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.threshold import thresholds
 from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
-
-MOST_ROUNDS = 3
-# Effects this strong show through any noise; weaker ones are compared together with it.
-CLEAR = 40.0
-SHORTLIST = 6
-# Share of what a group explains from which on the antenna positions feel it.
-FELT = 0.01
-# Images from which on earlier rounds keep no matrices.
-LARGE = 400
-# Log evidence by which another model has to be better to take the place of one.
-HARDLY = 3.0
-# Parameters of a group that are few enough to be left free.
-FEW = 30
-# A group this weak beside a generic one of the same side is what a wrong model leaves.
-BESIDE = 0.5
-# So many prior standard deviations beside a generic one of the same side: two shapes that nearly
-# cancel, and no cause.
-ABSURD = 100.0
 
 
 @dataclass
@@ -61,7 +44,7 @@ class Round:
 
     def shed(self) -> None:
         """Let go of what weighs gigabytes in a block of a thousand images."""
-        if self.adjustment.problem.image_count > LARGE:
+        if self.adjustment.problem.image_count > SETTINGS.large_block:
             self.equations = self.evidence = self.noises = None
 
 
@@ -100,12 +83,12 @@ def run(
     course = Course(first, [], chosen)
     threshold = None
     model: list[str] = []
-    for number in range(1 + MOST_ROUNDS):
+    for number in range(1 + SETTINGS.most_refits):
         say({"message": f"searching, round {number + 1}"})
         one = _round(adjustment, believed, chosen.effects, model, threshold, level, seed)
         threshold = one.threshold
         course.rounds.append(one)
-        if set(one.keys) == set(model) or number == MOST_ROUNDS:
+        if set(one.keys) == set(model) or number == SETTINGS.most_refits:
             break
         model = one.keys
         say({"message": f"adjusting with {', '.join(model) or 'nothing more'}"})
@@ -178,7 +161,7 @@ def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
     mine = tuned(evidence, dict.fromkeys(numbers, 1.0))
     total = evidence.model(mine)[0]
     each = contributions(evidence, mine)
-    if found.total - total > HARDLY:
+    if found.total - total > SETTINGS.model_log_odds:
         return found
     order = sorted(mine, key=lambda n: -each[n])
     return Found({n: mine[n] for n in order}, {n: each[n] for n in order}, total)
@@ -193,7 +176,9 @@ def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
     groups, chosen = evidence.groups, dict(found.chosen)
     for n in sorted(chosen, key=lambda n: found.evidence[n]):
         others = {
-            k: kappa if groups[k].known or len(groups[k]) > FEW else ABSURD
+            k: kappa
+            if groups[k].known or len(groups[k]) > SETTINGS.most_free
+            else SETTINGS.implausible_size
             for k, kappa in chosen.items()
             if k != n
         }
@@ -222,8 +207,8 @@ def _without_parts(evidence: Evidence, found: Found, threshold: float) -> Found:
         if not any(
             _side(groups[n]) == _side(groups[k])
             and (
-                found.evidence[n] < BESIDE * found.evidence[k]
-                or (kappa >= ABSURD and not groups[n].generic)
+                found.evidence[n] < SETTINGS.share_beside_generic * found.evidence[k]
+                or (kappa >= SETTINGS.implausible_size and not groups[n].generic)
             )
             for k in generic
             if k != n
@@ -242,7 +227,7 @@ def _side(group) -> str:
 
 def _kappa(evidence: Evidence, key: str) -> float:
     """A wide prior for a group that is in the model already."""
-    return 1.0 if evidence.groups[evidence.number[key]].known else 10.0
+    return 1.0 if evidence.groups[evidence.number[key]].known else SETTINGS.prior_of_adjusted
 
 
 def _through_noise(noises, plain, evidence, found, threshold, model) -> dict[int, float] | None:
@@ -254,23 +239,27 @@ def _through_noise(noises, plain, evidence, found, threshold, model) -> dict[int
     """
     if noises.few:
         return None
-    strong = [evidence.groups[n].key for n, v in found.evidence.items() if v > CLEAR]
+    strong = [
+        evidence.groups[n].key for n, v in found.evidence.items() if v > SETTINGS.clear_evidence
+    ]
     if not set(strong) <= set(model):
         return None
     here = evidence.given(found.chosen)
-    if max((gain.evidence for gain in here), default=0.0) > CLEAR:
+    if max((gain.evidence for gain in here), default=0.0) > SETTINGS.clear_evidence:
         return None
-    if not found.chosen or min(found.evidence.values()) < CLEAR:
-        base = {n: k for n, k in found.chosen.items() if found.evidence[n] >= CLEAR}
+    if not found.chosen or min(found.evidence.values()) < SETTINGS.clear_evidence:
+        base = {
+            n: k for n, k in found.chosen.items() if found.evidence[n] >= SETTINGS.clear_evidence
+        }
     else:
         base = dict(found.chosen)
     base = {n: max(k, 1.0) for n, k in base.items()}
     at_stated = plain.given(base)
     order = sorted(range(len(at_stated)), key=lambda n: -at_stated[n].evidence)
-    short = [n for n in order if at_stated[n].evidence > threshold["named"]][:SHORTLIST]
+    short = [n for n in order if at_stated[n].evidence > threshold["named"]][: SETTINGS.shortlist]
     ranked = sorted(range(len(here)), key=lambda n: -here[n].evidence)
     short += [n for n in ranked[:2] if n not in short and here[n].evidence > 0.0]
-    short = [n for n in short if n not in base and noises.touches(n) > FELT]
+    short = [n for n in short if n not in base and noises.touches(n) > SETTINGS.gnss_share]
     if not short:
         return None
     _, total = noises.given(base)
@@ -292,7 +281,7 @@ def _beyond_noise(noises, found: Found, threshold: float) -> Found:
         return found
     each = dict(found.evidence)
     for n, gain in found.evidence.items():
-        if gain > CLEAR or noises.touches(n) <= FELT:
+        if gain > SETTINGS.clear_evidence or noises.touches(n) <= SETTINGS.gnss_share:
             continue
         rest = {
             k: kappa
@@ -315,13 +304,14 @@ def _beside_noise(noises, base, n: int, kappa: float) -> tuple[float, float]:
     if noises.evidence.groups[n].known:
         return total, kappa
     each: dict[int, float] = {}
-    begin = int(np.argmin(np.abs(np.log(KAPPA / kappa))))
-    for sizes in (range(begin, len(KAPPA)), range(begin - 1, -1, -1)):
-        for k in sizes:
-            each[k] = noises.at(base | {n: float(KAPPA[k])}, found)
-            if each[k] < max(each.values()) - HARDLY:
+    sizes, _ = effect_sizes()
+    begin = int(np.argmin(np.abs(np.log(sizes / kappa))))
+    for upwards in (range(begin, len(sizes)), range(begin - 1, -1, -1)):
+        for k in upwards:
+            each[k] = noises.at(base | {n: float(sizes[k])}, found)
+            if each[k] < max(each.values()) - SETTINGS.model_log_odds:
                 break
-    return float(np.logaddexp.reduce(list(each.values()))), float(KAPPA[max(each, key=each.get)])
+    return float(np.logaddexp.reduce(list(each.values()))), float(sizes[max(each, key=each.get)])
 
 
 def _check_priors(believed: ReferenceModel, names: dict[str, Effect]) -> None:

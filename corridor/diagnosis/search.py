@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from corridor.diagnosis.evidence import KAPPA, Evidence
-
-MOST = 6
-# An effect that brings less than this share of the largest one is what its linearisation left, as
-# long as that one has not been adjusted; then, what its physics are too simple for.
-LEFTOVER, LEFTOVER_ADJUSTED = 0.02, 0.002
+from corridor.diagnosis.evidence import Evidence, effect_sizes
+from corridor.diagnosis.settings import SETTINGS
 
 
 @dataclass
@@ -21,15 +17,15 @@ class Found:
     total: float
 
 
-def search(evidence: Evidence, threshold: float, adjusted=(), most: int = MOST) -> Found:
+def search(evidence: Evidence, threshold: float, adjusted=()) -> Found:
     """The model in which every group brings more than the threshold given all others.
 
     adjusted: keys of groups that the adjustment at hand has estimated.
     """
     chosen: dict[int, float] = {}
-    for _ in range(4 * most):
+    for _ in range(4 * SETTINGS.most_groups):
         before = dict(chosen)
-        if len(chosen) < most:
+        if len(chosen) < SETTINGS.most_groups:
             gains = evidence.given(chosen)
             best = max(range(len(gains)), key=lambda n: gains[n].evidence, default=None)
             if best is not None and gains[best].evidence > threshold:
@@ -99,9 +95,9 @@ def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
     """The best kappa of each group given the others."""
     for n in list(chosen):
         group = evidence.groups[n]
-        if group.known or len(group) > 400:
+        if group.known or len(group) > SETTINGS.most_tuned:
             continue
-        totals = {float(k): evidence.model(chosen | {n: float(k)})[0] for k in KAPPA}
+        totals = {float(k): evidence.model(chosen | {n: float(k)})[0] for k in effect_sizes()[0]}
         chosen = chosen | {n: max(totals, key=totals.get)}
     return chosen
 
@@ -113,7 +109,10 @@ def _without_leftovers(evidence, chosen, threshold, adjusted):
         for n, gain in each.items():
             # A generic shape stands in for physics, and leaves some of them however it is adjusted.
             known = evidence.groups[n].key in adjusted and not evidence.groups[n].generic
-            left = max(left, gain * (LEFTOVER_ADJUSTED if known else LEFTOVER))
+            left = max(
+                left,
+                gain * (SETTINGS.leftover_share_adjusted if known else SETTINGS.leftover_share),
+            )
         small = [n for n in each if each[n] < max(left, threshold)]
         if not small:
             return chosen, each

@@ -9,11 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from corridor.diagnosis.evidence import Evidence, Spectrum, averaged
-
-DRAWS = 1000
-# Noise is never quite what its model says; no block is accused below these. What is judged beside
-# noise of any size and slowness (`beside_noise`) has paid for some of that already.
-LEAST = {"named": 4.0, "beside_noise": 3.0, "suspected": 2.5}
+from corridor.diagnosis.settings import SETTINGS
 
 
 def thresholds(evidence: Evidence, level: float, rng: np.random.Generator) -> dict[str, float]:
@@ -22,15 +18,14 @@ def thresholds(evidence: Evidence, level: float, rng: np.random.Generator) -> di
     level: probability of a false name in a block without any; suspected: five times that, and
     5 % at most.
     """
-    largest = largest_of_null(evidence, DRAWS, rng)
+    largest = largest_of_null(evidence, SETTINGS.null_draws, rng)
     rare = float(np.quantile(largest, 1.0 - level))
+    at_suspicion = min(SETTINGS.suspected_level_factor * level, SETTINGS.suspected_level_most)
+    less_rare = float(np.quantile(largest, 1.0 - max(at_suspicion, level)))
     return {
-        "named": max(rare, LEAST["named"]),
-        "beside_noise": max(rare, LEAST["beside_noise"]),
-        "suspected": max(
-            float(np.quantile(largest, 1.0 - max(min(5.0 * level, 0.05), level))),
-            LEAST["suspected"],
-        ),
+        "named": max(rare, SETTINGS.named_least),
+        "beside_noise": max(rare, SETTINGS.beside_noise_least),
+        "suspected": max(less_rare, SETTINGS.suspected_least),
     }
 
 

@@ -15,18 +15,7 @@ import numpy as np
 from scipy.stats import norm
 
 from corridor.diagnosis.equations import Equations
-
-# Chance of an alarm in a block without any cause, over all quantities.
-LEVEL = 0.01
-# Standard deviations at both ends: what is smaller is no alarm, however certain. The noise that
-# points with few rays leave is known no better.
-LEAST_RATIO = 1.25
-FEWEST, FEWEST_IMAGES = 500, 8
-# The same of a vibration: a fiftieth of the noise's variance that rows read together share.
-LEAST_SHAKE = 1.01
-# Strips of rows of one image that are taken together, and observations that one of them needs.
-STRIPS, IN_STRIP = 16, 3
-MOST = 6.0
+from corridor.diagnosis.settings import SETTINGS
 
 
 def variance_alarms(equations: Equations) -> list[dict]:
@@ -42,9 +31,9 @@ def variance_alarms(equations: Equations) -> list[dict]:
     length = 0.5 * (r**2).sum(axis=1) / np.maximum(1.0 - 1.5 / rays, 0.2)
     good = (p.row < p.tie_count) & (length > 0)
     image, pixel = p.img[good], p.xy[good]
-    if good.sum() < FEWEST or len(np.unique(image)) < FEWEST_IMAGES:
+    if good.sum() < SETTINGS.variance_fewest or len(np.unique(image)) < SETTINGS.variance_images:
         return []
-    value = np.minimum(length[good], MOST)
+    value = np.minimum(length[good], SETTINGS.most_squared)
     half = (p.images.size[image] - 1) / 2
     place = (pixel - half) / half
     axis, sign = p.images.row_of[image, 0], np.sign(p.images.row_of[image, 1])
@@ -53,7 +42,7 @@ def variance_alarms(equations: Equations) -> list[dict]:
     time = p.images.time[image]
     if np.isfinite(time).all() and np.ptp(time) > 0:
         quantities["time"] = time
-    limit = float(norm.isf(0.5 * LEVEL / (len(quantities) + 1)))
+    limit = float(norm.isf(0.5 * SETTINGS.variance_level / (len(quantities) + 1)))
     out = []
     for name, x in quantities.items():
         slope, error = _slope(x, value, image, p.image_count)
@@ -61,7 +50,7 @@ def variance_alarms(equations: Equations) -> list[dict]:
         level = np.maximum(value.mean() + slope * (ends - x.mean()), 1e-2)
         ratio = float(np.sqrt(level.max() / level.min()))
         z = slope / max(error, 1e-12)
-        if abs(z) > limit and ratio > LEAST_RATIO:
+        if abs(z) > limit and ratio > SETTINGS.variance_ratio:
             out.append({"quantity": name, "ratio": ratio, "z": float(z)} | _place(name, z, ends, p))
     bounded = r[good] * np.sqrt(value / length[good])[:, None]
     shaking = _vibration(bounded, along, image, p, limit)
@@ -113,11 +102,11 @@ def _vibration(r, along, image, p, limit: float) -> dict | None:
     Under the null hypothesis the squared sum over a strip has the expectation of the sum of the
     squares; poses and points, which follow the noise, make it smaller.
     """
-    strip = np.clip(((along + 1.0) / 2.0 * STRIPS).astype(int), 0, STRIPS - 1)
-    code = image * STRIPS + strip
-    size = p.image_count * STRIPS
+    strip = np.clip(((along + 1.0) / 2.0 * SETTINGS.strips).astype(int), 0, SETTINGS.strips - 1)
+    code = image * SETTINGS.strips + strip
+    size = p.image_count * SETTINGS.strips
     count = np.bincount(code, minlength=size)
-    kept = count >= IN_STRIP
+    kept = count >= SETTINGS.in_strip
     excess, usual = np.zeros(size), np.zeros(size)
     for k in range(2):
         sums = np.bincount(code, r[:, k], size)
@@ -125,18 +114,18 @@ def _vibration(r, along, image, p, limit: float) -> dict | None:
         # Pairs of different observations alone: wrong matches do not pair.
         excess += sums**2 - squares
         usual += squares
-    of_image = np.arange(size) // STRIPS
+    of_image = np.arange(size) // SETTINGS.strips
     share = np.where(kept, excess, 0.0)
     total = np.bincount(of_image, share, p.image_count)
     each = np.bincount(of_image, np.where(kept, usual, 0.0), p.image_count)
     pairs = float(np.where(kept, usual * (count - 1), 0.0).sum())
-    if pairs <= 0 or (each > 0).sum() < FEWEST_IMAGES:
+    if pairs <= 0 or (each > 0).sum() < SETTINGS.variance_images:
         return None
     # Correlation within a strip, and what images say about how certain it is.
     correlation = total.sum() / pairs
     z = float(total.sum() / max(np.sqrt((total**2).sum()), 1e-12))
     ratio = float(np.sqrt(1.0 / max(1.0 - correlation, 0.01)))
-    if z < limit or ratio < LEAST_SHAKE:
+    if z < limit or ratio < SETTINGS.vibration_ratio:
         return None
     worst = int(np.argmax(total))
     name, flight = p.images.names[worst], str(p.images.flight_names[p.images.flight[worst]])

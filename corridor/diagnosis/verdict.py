@@ -13,21 +13,10 @@ import numpy as np
 
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
-from corridor.diagnosis.rounds import FELT, Course, Round
+from corridor.diagnosis.rounds import Course, Round
+from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import EffectValues
 
-# Log units within which two explanations are equally good: odds of a hundred, as of the level. By
-# chance alone the difference varies by as many units as the two are standard deviations apart.
-APART = 4.6
-# What one more parameter may cost in evidence while the fit is the same.
-PER_PARAMETER = 4.0
-MOST_MORE = 3
-# Standard deviations at which an effect is seen nearly always.
-LIMIT = 4.5
-# Share of what a group explains from which on it is a matter of the antenna.
-MAINLY = 0.3
-# Share of what a generic group explains from which on a named effect is a part of it.
-SHARE = 0.1
 ORDER = ("named", "ambiguous", "unknown", "suspected", "nothing")
 
 
@@ -129,11 +118,12 @@ def _parts(one: Round, n: int) -> list[str]:
         for k, group in enumerate(evidence.groups)
         if not group.generic
         and k not in chosen
-        and without[k].evidence > max(one.threshold["named"], SHARE * without[n].evidence)
-        and beside[k].fit < 0.5 * without[k].fit
+        and without[k].evidence
+        > max(one.threshold["named"], SETTINGS.overlap_share * without[n].evidence)
+        and beside[k].fit < SETTINGS.same_fit_share * without[k].fit
     ]
     out.sort(key=lambda k: -without[k].evidence)
-    return list(dict.fromkeys(evidence.groups[k].slug for k in out))[:3]
+    return list(dict.fromkeys(evidence.groups[k].slug for k in out))[: SETTINGS.most_parts]
 
 
 def _kind(one: Round, n: int) -> str:
@@ -144,7 +134,7 @@ def _kind(one: Round, n: int) -> str:
 def _like_noise(one: Round, n: int) -> bool:
     """Whether an effect can pass for slow noise of the GNSS, and was judged beside it."""
     place = one.evidence.groups[n].effect.place
-    return place in ("antenna", "ground") and one.noises.touches(n) > MAINLY
+    return place in ("antenna", "ground") and one.noises.touches(n) > SETTINGS.gnss_share_main
 
 
 def parameters(one: Round) -> tuple[dict, dict]:
@@ -154,10 +144,13 @@ def parameters(one: Round) -> tuple[dict, dict]:
     uncertain as that is. Small groups have no prior.
     """
     evidence, chosen = one.evidence, one.found.chosen
-    loose = {n: k if len(evidence.groups[n]) > 30 else 1e3 for n, k in chosen.items()}
+    loose = {
+        n: k if len(evidence.groups[n]) > SETTINGS.most_free else SETTINGS.free_size
+        for n, k in chosen.items()
+    }
     loose |= {n: 1.0 for n in chosen if evidence.groups[n].known}
     found = None
-    if any(one.noises.touches(n) > FELT for n in chosen):
+    if any(one.noises.touches(n) > SETTINGS.gnss_share for n in chosen):
         found = one.noises.parameters(loose, one.noise, np.random.default_rng(0))
     theta, covariance = found or evidence.solution(loose)
     out, spread, at = {}, {}, 0
@@ -239,18 +232,18 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
         other = evidence.groups[k]
         if k == n or k in chosen or other.generic or refines(other, group):
             continue
-        equal = mine.evidence - gain.evidence <= APART
+        equal = mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds
         # Sets of values, one a flight, are one more parameter each and no other shape.
         more = len(parameter_names(other)) - len(parameter_names(group))
-        paid = PER_PARAMETER * max(len(other) - len(group), 1)
+        paid = SETTINGS.evidence_per_parameter * max(len(other) - len(group), 1)
         contained = (
             other.own is None
-            and more <= MOST_MORE
-            and mine.fit - gain.fit <= APART
-            and mine.evidence - gain.evidence <= APART + paid
+            and more <= SETTINGS.look_alike_more_parameters
+            and mine.fit - gain.fit <= SETTINGS.look_alike_log_odds
+            and mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds + paid
         )
         # Where an effect is weak, what explains nothing is not far behind, and no explanation.
-        if (equal or contained) and gain.fit > 0.5 * mine.fit:
+        if (equal or contained) and gain.fit > SETTINGS.same_fit_share * mine.fit:
             out.append(k)
     return sorted(out, key=lambda k: -gains[k].evidence)
 
@@ -265,7 +258,7 @@ def shapes(one: Round, key: str) -> list[int]:
     gains = evidence.given({k: v for k, v in chosen.items() if k != n})
 
     def beyond(k):
-        grown = max(gains[k].kappa, 3.0) ** 2 * evidence.alone(k).value
+        grown = max(gains[k].kappa, SETTINGS.least_fit_size) ** 2 * evidence.alone(k).value
         return gains[k].fit - 0.5 * np.sum(grown / (1.0 + grown))
 
     out = {
@@ -274,7 +267,9 @@ def shapes(one: Round, key: str) -> list[int]:
         if group.generic and k not in chosen and np.isfinite(gains[k].evidence)
     }
     mine = beyond(n)
-    return sorted((k for k in out if mine - out[k] <= APART), key=lambda k: -out[k])
+    return sorted(
+        (k for k in out if mine - out[k] <= SETTINGS.look_alike_log_odds), key=lambda k: -out[k]
+    )
 
 
 def parameter_names(group: Group) -> set[str]:
@@ -300,12 +295,16 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
     """
     evidence = one.evidence
     nu = one.noises.freedom(one.noise) if not one.noises.few else np.inf
-    through_noise = float(np.sqrt(nu * np.expm1(LIMIT**2 / nu))) if np.isfinite(nu) else LIMIT
+    through_noise = (
+        float(np.sqrt(nu * np.expm1(SETTINGS.detection_sigma**2 / nu)))
+        if np.isfinite(nu)
+        else SETTINGS.detection_sigma
+    )
     out: dict[str, dict[str, float | None]] = {}
     for n, group in enumerate(evidence.groups):
         if group.generic:
             continue
-        times = through_noise if _like_noise(one, n) else LIMIT
+        times = through_noise if _like_noise(one, n) else SETTINGS.detection_sigma
         M, _ = evidence.block(group)
         mine = out.setdefault(group.slug, {})
         if group.own is not None:
@@ -315,11 +314,15 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
                 own = M[np.ix_(rows, rows)]
                 power = np.sqrt(0.5 * np.sum(own**2))
                 scale = group.scale[rows[0]]
-                mine[name] = float(np.sqrt(LIMIT / power) * scale) if power > 1e-6 else None
+                mine[name] = (
+                    float(np.sqrt(SETTINGS.detection_sigma / power) * scale)
+                    if power > 1e-6
+                    else None
+                )
             continue
         sigma = np.sqrt(np.diag(np.linalg.inv(M + np.eye(len(M)))))
         for k, (_, name, _) in enumerate(group.labels):
-            if sigma[k] > 0.99:
+            if sigma[k] > SETTINGS.unknown_sigma_share:
                 # The prior is all that is known.
                 limit = None
             else:

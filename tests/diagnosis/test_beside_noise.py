@@ -5,7 +5,7 @@ import pytest
 from benchmarks.diagnosis.generator import single
 from benchmarks.diagnosis.generator.generate import generate
 from corridor.diagnosis import diagnose
-from corridor.diagnosis.verdict import MAINLY
+from corridor.diagnosis.settings import SETTINGS
 
 SHORT = {"images": 40, "observations": 150, "geometry": "cross", "flights": 3}
 # Arms that differ by 15 mm: 7.5 sigmas with the noise known, 5.7 with noise of any size.
@@ -31,7 +31,7 @@ def test_the_evidence_stated_is_that_beside_noise(found):
     """Noise that was estimated with the effect leaves all of it to the effect."""
     last = found.course.last
     n = last.evidence.number["lever_arm_per_flight"]
-    assert last.noises.touches(n) > MAINLY
+    assert last.noises.touches(n) > SETTINGS.gnss_share_main
     alone = last.evidence.given({})[n].evidence
     assert found.effects[0]["log_evidence"] < 0.5 * alone
 

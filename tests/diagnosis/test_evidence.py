@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.evidence import KAPPA, LOG_WEIGHT, Evidence, Spectrum, averaged
+from corridor.diagnosis.evidence import Evidence, Spectrum, averaged, effect_sizes
 from corridor.diagnosis.gnss_noise import GnssNoise, NoiseModel, _estimate
 from corridor.diagnosis.reduced import Reduced
 from corridor.diagnosis.robust import pseudo_residuals, scale_of
@@ -32,7 +32,7 @@ def test_the_log_bayes_factor_is_the_integral_over_the_prior():
     """One parameter: log of the integral of N(theta; 0, kappa^2) exp(g theta - M theta^2 / 2)."""
     M, g = 7.0, 9.0
     found = Spectrum.of(np.array([[M]])).log_bayes(np.array([g]))
-    for kappa, value in zip(KAPPA[:5], found, strict=False):
+    for kappa, value in zip(effect_sizes()[0][:5], found, strict=False):
         integral, _ = quad(
             lambda x, k=kappa: np.exp(g * x - 0.5 * M * x * x - 0.5 * (x / k) ** 2)
             / (k * np.sqrt(2 * np.pi)),
@@ -42,8 +42,8 @@ def test_the_log_bayes_factor_is_the_integral_over_the_prior():
 
 
 def test_the_weights_of_the_prior_scales_add_up_to_one():
-    assert np.exp(LOG_WEIGHT).sum() == pytest.approx(1.0, abs=1e-3)
-    assert averaged(np.zeros(len(KAPPA))) == pytest.approx(0.0, abs=1e-3)
+    assert np.exp(effect_sizes()[1]).sum() == pytest.approx(1.0, abs=1e-3)
+    assert averaged(np.zeros(len(effect_sizes()[0]))) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_evidence_given_others_is_that_of_residuals_freed_of_them():

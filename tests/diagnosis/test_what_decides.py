@@ -9,7 +9,7 @@ from strips import corridor_block
 from test_evidence import biased
 
 import corridor
-from corridor.diagnosis import breaks, diagnose
+from corridor.diagnosis import diagnose, discontinuity
 from corridor.diagnosis.candidates import Group, with_points
 from corridor.diagnosis.location import _images
 from corridor.diagnosis.verdict import refines
@@ -44,8 +44,8 @@ def test_a_prior_of_a_lever_arm_counts_where_the_candidate_of_that_name_is_teste
 
 
 def test_a_catalogue_without_a_sudden_effect_breaks_no_picture(monkeypatch):
-    monkeypatch.setattr(sys.modules[breaks.__name__], "every_effect", lambda: [])
-    assert breaks.broken_picture(None) == []
+    monkeypatch.setattr(sys.modules[discontinuity.__name__], "every_effect", lambda: [])
+    assert discontinuity.broken_picture(None) == []
 
 
 class Narrow(find("focal_per_image").__class__):

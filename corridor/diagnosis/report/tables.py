@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from corridor import __version__
-from corridor.diagnosis import gap as gaps
 from corridor.diagnosis.comparison import Comparison
+from corridor.diagnosis.held_out import closure
 from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.wording import (
     effects_by_slug,
@@ -133,7 +133,7 @@ def gap(d: Diagnosed, before: Comparison | None, after: Comparison | None) -> pd
         digits = 3 if unit == "px" else 1
         closed = None
         if added and least is not None:
-            closed = gaps.closure(mine["before"], mine["after"], least)
+            closed = closure(mine["before"], mine["after"], least)
         rows.append(
             (
                 name, unit, _number(factor * mine["before"], digits),
@@ -276,7 +276,7 @@ def untestable(d: Diagnosed, before: Comparison | None) -> pd.DataFrame:
 
 
 def variance(d: Diagnosed) -> pd.DataFrame:
-    """Quantities with which the size of the image noise changes, and crowds of wrong matches."""
+    """Quantities with which the size of the image noise changes, and clusters of wrong matches."""
     rows = [
         (alarm["quantity"], f"{alarm['ratio']:.2f}", f"{alarm['z']:+.1f}", alarm["where"])
         for alarm in d.alarms

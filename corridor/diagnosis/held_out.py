@@ -10,16 +10,8 @@ import numpy as np
 
 from corridor.adjustment import Adjustment
 from corridor.block import Block
+from corridor.diagnosis.settings import SETTINGS
 from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
-
-HELD_OUT = 0.08
-NO_WEIGHT = 1e4
-# Look-alikes predict alike but for chance: one in two hundred is more than that.
-CLEARLY_LESS = 0.995
-# Check points are few, and each shift of the datum moves them all.
-CLEARLY_LESS_CHECK, ENOUGH_CHECKS = 0.8, 3
-# A shape has more parameters than an effect, and no cause that anyone knows.
-FAR_LESS_CHECK = 0.5
 
 
 def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:
@@ -30,13 +22,13 @@ def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]
     ties = block.tie_points
     codes = ties["point"].cat.codes.to_numpy()
     rays = np.bincount(codes, minlength=len(ties["point"].cat.categories))
-    order = rng.permutation(np.flatnonzero(rays[codes] >= 4))
+    order = rng.permutation(np.flatnonzero(rays[codes] >= SETTINGS.held_out_rays))
     _, first = np.unique(codes[order], return_index=True)
-    chosen = rng.permutation(order[first])[: max(int(HELD_OUT * len(ties)), 1)]
+    chosen = rng.permutation(order[first])[: max(int(SETTINGS.held_out_share * len(ties)), 1)]
     chosen = np.sort(chosen)
     out = block.copy()
     sigma = block.tie_sigma().copy()
-    sigma[chosen] *= NO_WEIGHT
+    sigma[chosen] *= SETTINGS.held_out_sigma
     out.tie_points = ties.assign(sigma=sigma)
     return out, chosen
 
@@ -50,7 +42,7 @@ def preferred(
     the error of each rival over that of `second`: `tie`, `check`.
     """
     share: dict[str, dict[str, float]] = {}
-    many = len(second.check_points) >= ENOUGH_CHECKS
+    many = len(second.check_points) >= SETTINGS.enough_checks
     for key, fit in rivals.items():
         share[key] = {}
         if many:
@@ -58,7 +50,9 @@ def preferred(
         found = tie_gap(second, fit, rows)
         if found["before"]:
             share[key]["tie"] = found["after"] / found["before"]
-    kind, limit = ("check", CLEARLY_LESS_CHECK) if many else ("tie", CLEARLY_LESS)
+    kind, limit = (
+        ("check", SETTINGS.clear_ratio_checks) if many else ("tie", SETTINGS.clear_ratio_ties)
+    )
     known = {key: one[kind] for key, one in share.items() if kind in one}
     best = min(known, key=known.get, default=None)
     return (best if best is not None and known[best] < limit else None), share
@@ -66,15 +60,15 @@ def preferred(
 
 def best_by_far(second: Adjustment, fits: dict[int, Adjustment]) -> int | None:
     """The fit with less than half the check-point error of `second`, None without one."""
-    limit = FAR_LESS_CHECK * second.check_rms.d3
+    limit = SETTINGS.clear_ratio_shape * second.check_rms.d3
     best = min(fits, key=lambda n: fits[n].check_rms.d3, default=None)
     return best if best is not None and fits[best].check_rms.d3 < limit else None
 
 
 def improves(without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> bool:
     """Whether held-out ties are predicted better, and check points, where many, no worse."""
-    if len(with_it.check_points) >= ENOUGH_CHECKS:
-        if CLEARLY_LESS_CHECK * with_it.check_rms.d3 > without.check_rms.d3:
+    if len(with_it.check_points) >= SETTINGS.enough_checks:
+        if SETTINGS.clear_ratio_checks * with_it.check_rms.d3 > without.check_rms.d3:
             return False
     found = tie_gap(without, with_it, rows)
     return bool(found["after"] < found["before"])

@@ -8,9 +8,9 @@ import pytest
 
 from benchmarks.diagnosis.generator import single
 from benchmarks.diagnosis.generator.generate import generate
-from corridor.diagnosis.breaks import broken_picture
-from corridor.diagnosis.crowds import crowds
 from corridor.diagnosis.diagnose import diagnose
+from corridor.diagnosis.discontinuity import broken_picture
+from corridor.diagnosis.outlier_clusters import outlier_clusters
 
 IMAGES, EACH, SIZE = 60, 120, np.array([5120, 3840])
 SIGMA = 0.3
@@ -97,7 +97,7 @@ class TestACrowd:
         def drop(x, y, image):
             return np.where((np.abs(x - 1500) < 350) & (np.abs(y - 2400) < 350), 0.3, 0.02)
 
-        (alarm,) = crowds(drawn(1, wrong=drop))
+        (alarm,) = outlier_clusters(drawn(1, wrong=drop))
         left, top, right, bottom = alarm["location"]["image"]
         assert left < 1500 < right and top < 2400 < bottom and right - left < 1300
         assert alarm["quantity"] == "wrong matches" and alarm["ratio"] > 3
@@ -107,18 +107,20 @@ class TestACrowd:
         def blurred(x, y, image):
             return np.where((image >= 30) & (image < 34), 0.3, 0.02)
 
-        (alarm,) = crowds(drawn(2, wrong=blurred))
+        (alarm,) = outlier_clusters(drawn(2, wrong=blurred))
         assert alarm["location"]["flight"] == "F1"
         assert alarm["location"]["time_s"] == pytest.approx(163, abs=4)
 
     def test_wrong_matches_all_over_the_block_are_none(self):
         """200 blocks, two kinds of places at the level 0.1 %: 3 and more once in a hundred."""
-        assert sum(bool(crowds(drawn(seed))) for seed in range(200)) <= 2
+        assert sum(bool(outlier_clusters(drawn(seed))) for seed in range(200)) <= 2
 
     def test_images_that_are_all_a_little_better_or_worse_are_none(self):
         """The share of wrong matches of an image varies by half of itself."""
         rate = np.random.default_rng(0).gamma(4.0, 0.05 / 4.0, (50, IMAGES))
-        found = [crowds(drawn(k, wrong=lambda x, y, i, k=k: rate[k][i])) for k in range(50)]
+        found = [
+            outlier_clusters(drawn(k, wrong=lambda x, y, i, k=k: rate[k][i])) for k in range(50)
+        ]
         assert sum(map(bool, found)) <= 1
 
 

@@ -14,17 +14,9 @@ import numpy as np
 from scipy.stats import binom
 
 from corridor.adjustment import Adjustment
-from corridor.diagnosis.mismatches import FAR, LEVEL, Ties, ties_by_camera
+from corridor.diagnosis.outliers import Ties, ties_by_camera
+from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import every_effect
-
-# Lines along the longer side, and how far apart the two of a pair may lie, of that side: farther
-# apart, a smooth deformation tells them apart as well.
-LINES, NEAR = 512, 1 / 16
-# Share of the pairs that a rim has to move; images in which, for several points on one car make
-# one wrong match.
-LEAST_SHARE, FEWEST_IMAGES = 0.5, 6
-# Pairs that what is usual elsewhere counts for, beside those that jump the other way here.
-PRIOR = 10.0
 
 
 @dataclass(frozen=True)
@@ -84,8 +76,10 @@ def _worst(ties: Ties) -> Line | None:
     for axis in (0, 1):
         order = np.lexsort((ties.place[:, axis], ties.point))
         place, point = ties.place[order, axis], ties.point[order]
-        near = np.flatnonzero((point[1:] == point[:-1]) & (place[1:] - place[:-1] < NEAR * longer))
-        count = int(round(LINES * ties.size[axis] / longer))
+        near = np.flatnonzero(
+            (point[1:] == point[:-1]) & (place[1:] - place[:-1] < SETTINGS.line_reach * longer)
+        )
+        count = int(round(SETTINGS.lines * ties.size[axis] / longer))
         lines = np.arange(1, count) / count * (ties.size[axis] - 1)
         below = np.searchsorted(lines, place[near])
         above = np.searchsorted(lines, place[near + 1])
@@ -98,21 +92,23 @@ def _worst(ties: Ties) -> Line | None:
 
         every = crossing(np.ones(len(near), dtype=bool))
         for along in (0, 1):
-            ways = [sign * jump[:, along] > FAR for sign in (1, -1)]
+            ways = [sign * jump[:, along] > SETTINGS.outlier_scales for sign in (1, -1)]
             counts = [crossing(way) for way in ways]
             usual = 0.5 * sum(k.sum() for k in counts) / max(every.sum(), 1)
             for way, mine, against in zip(ways, counts, counts[::-1], strict=True):
                 # Noise that is larger at this place jumps the other way as often.
-                chance = (against + PRIOR * usual) / (every + PRIOR)
+                chance = (against + SETTINGS.line_prior_pairs * usual) / (
+                    every + SETTINGS.line_prior_pairs
+                )
                 chance = np.maximum(usual, chance)
                 log_p = binom.logsf(mine - 1, every, np.minimum(chance, 1.0))
                 tested += len(lines)
-                log_p[mine < LEAST_SHARE * every] = 0.0
+                log_p[mine < SETTINGS.line_share * every] = 0.0
                 k = int(np.argmin(log_p))
                 if best is not None and log_p[k] >= best.log_p:
                     continue
                 over = (below <= k) & (k < above)
-                if len(np.unique(ties.image[other[over & way]])) < FEWEST_IMAGES:
+                if len(np.unique(ties.image[other[over & way]])) < SETTINGS.line_images:
                     continue
                 px = (jump * ties.scale_px[other][:, None])[over]
                 best = Line(
@@ -122,4 +118,4 @@ def _worst(ties: Ties) -> Line | None:
     if best is None:
         return None
     best = replace(best, log_p=best.log_p + float(np.log(tested)))
-    return best if best.log_p < np.log(LEVEL) else None
+    return best if best.log_p < np.log(SETTINGS.outlier_level) else None

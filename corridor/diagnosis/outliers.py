@@ -13,11 +13,7 @@ import numpy as np
 
 from corridor.adjustment import Adjustment
 from corridor.diagnosis.robust import scale_of
-
-# Scales of Student's t from which on an observation has next to no say in the fit.
-FAR = 4.0
-# Chance of a false alarm of one kind in a block without any cause, over all places.
-LEVEL = 0.001
+from corridor.diagnosis.settings import SETTINGS
 
 
 @dataclass(frozen=True)
@@ -38,7 +34,7 @@ class Ties:
     @property
     def far(self) -> np.ndarray:
         """Which of them the fit has set aside."""
-        return (self.residual**2).sum(axis=1) > FAR**2
+        return (self.residual**2).sum(axis=1) > SETTINGS.outlier_scales**2
 
 
 def ties_by_camera(adjustment: Adjustment) -> list[Ties]:

@@ -1,4 +1,4 @@
-"""Wrong matches that crowd in a part of the picture, or in a stretch of the flight.
+"""Wrong matches that cluster in a part of the picture, or in a stretch of the flight.
 
 Their number in every square of the picture, small and large, and in every run of images is held
 against their share in the whole block. Images have good and bad days, so that as many of them
@@ -12,16 +12,11 @@ import numpy as np
 from scipy.stats import binom, chi2, norm
 
 from corridor.adjustment import Adjustment
-from corridor.diagnosis.mismatches import LEVEL, Ties, ties_by_camera
-
-# Cells of the picture, squares of so many of them a side, and lengths of runs of images.
-CELLS, SQUARES, RUNS = (16, 12), (1, 2, 4), (1, 2, 4, 8)
-# Times the usual share below which a crowd is none (corners of real pictures have twice as much),
-# and wrong matches and images that make one.
-LEAST_RATIO, FEWEST, FEWEST_IMAGES = 3.0, 8, 4
+from corridor.diagnosis.outliers import Ties, ties_by_camera
+from corridor.diagnosis.settings import SETTINGS
 
 
-def crowds(adjustment: Adjustment) -> list[dict]:
+def outlier_clusters(adjustment: Adjustment) -> list[dict]:
     """Alarms as `variance_alarms` makes them: `quantity` is `wrong matches`.
 
     `ratio`: their share there over their share in the block.
@@ -34,14 +29,20 @@ def crowds(adjustment: Adjustment) -> list[dict]:
 
 def _in_the_picture(ties: Ties) -> dict | None:
     far, m = ties.far, int(ties.image.max()) + 1
-    cell = np.clip((ties.place / ties.size * CELLS).astype(int), 0, np.array(CELLS) - 1)
-    code = (cell[:, 0] * CELLS[1] + cell[:, 1]) * m + ties.image
+    cell = np.clip(
+        (ties.place / ties.size * SETTINGS.cluster_cells).astype(int),
+        0,
+        np.array(SETTINGS.cluster_cells) - 1,
+    )
+    code = (cell[:, 0] * SETTINGS.cluster_cells[1] + cell[:, 1]) * m + ties.image
     whole = [
-        np.bincount(code, weight, CELLS[0] * CELLS[1] * m).reshape(*CELLS, m)
+        np.bincount(
+            code, weight, SETTINGS.cluster_cells[0] * SETTINGS.cluster_cells[1] * m
+        ).reshape(*SETTINGS.cluster_cells, m)
         for weight in (None, far)
     ]
     best, tested = None, 0
-    for side in SQUARES:
+    for side in SETTINGS.cluster_squares:
         seen, wrong = (_squares(one, side) for one in whole)
         # From image to image within the square.
         n, k = seen.sum(axis=2), wrong.sum(axis=2)
@@ -49,16 +50,16 @@ def _in_the_picture(ties: Ties) -> dict | None:
         spread = ((wrong - share[..., None] * seen) ** 2).sum(axis=2)
         spread /= np.maximum(n * share * (1 - share), 1e-9)
         log_p = _by_chance(k, n, far.mean(), spread)
-        log_p[(wrong > 0).sum(axis=2) < FEWEST_IMAGES] = 0.0
+        log_p[(wrong > 0).sum(axis=2) < SETTINGS.cluster_images] = 0.0
         tested += log_p.size
         at = np.unravel_index(np.argmin(log_p), log_p.shape)
         if best is None or log_p[at] < best[0]:
             best = float(log_p[at]), np.array(at), side, int(k[at]), int(n[at])
     log_p, at, side, k, n = best
     log_p += np.log(tested)
-    if log_p > np.log(LEVEL):
+    if log_p > np.log(SETTINGS.outlier_level):
         return None
-    step = (ties.size - 1) / CELLS
+    step = (ties.size - 1) / SETTINGS.cluster_cells
     box = [*(at * step).tolist(), *((at + side) * step).tolist()]
     rest = (far.sum() - k) / max(len(far) - n, 1)
     return _alarm(
@@ -76,7 +77,7 @@ def _in_the_flight(every: list[Ties], images) -> dict | None:
     wrong = sum((np.bincount(t.image, t.far, m) for t in every), np.zeros(m))
     order = np.lexsort((np.arange(m), images.time))
     order = order[seen[order] > 0]
-    if len(order) < 2 * RUNS[-1] or not wrong.any():
+    if len(order) < 2 * SETTINGS.cluster_runs[-1] or not wrong.any():
         return None
     seen, wrong = seen[order], wrong[order]
     usual = wrong.sum() / seen.sum()
@@ -84,7 +85,7 @@ def _in_the_flight(every: list[Ties], images) -> dict | None:
     each = (wrong - usual * seen) ** 2 / (seen * usual * (1 - usual))
     spread = np.median(each) / chi2.median(1)
     best, tested = None, 0
-    for length in RUNS:
+    for length in SETTINGS.cluster_runs:
         n, k = (np.convolve(one, np.ones(length), "valid") for one in (seen, wrong))
         log_p = _by_chance(k, n, usual, np.full(len(n), spread))
         tested += len(log_p)
@@ -93,7 +94,7 @@ def _in_the_flight(every: list[Ties], images) -> dict | None:
             best = float(log_p[first]), first, length, int(k[first]), int(n[first])
     log_p, first, length, k, n = best
     log_p += np.log(tested)
-    if log_p > np.log(LEVEL):
+    if log_p > np.log(SETTINGS.outlier_level):
         return None
     run = order[first : first + length]
     names = [images.names[i] for i in run]
@@ -114,7 +115,9 @@ def _by_chance(k, n, usual: float, spread) -> np.ndarray:
     """Logarithm of how likely k and more of n are wrong; zero where that would be no crowd."""
     spread = np.maximum(spread, 1.0)
     log_p = binom.logsf(np.ceil(k / spread) - 1, np.maximum(np.ceil(n / spread), 1), usual)
-    return np.where((k >= FEWEST) & (k > LEAST_RATIO * usual * n), log_p, 0.0)
+    return np.where(
+        (k >= SETTINGS.cluster_fewest) & (k > SETTINGS.cluster_ratio * usual * n), log_p, 0.0
+    )
 
 
 def _squares(cells: np.ndarray, side: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from corridor.diagnosis import gap
+from corridor.diagnosis import held_out
 
 
 def fit(tie, check, points=8):
@@ -31,17 +31,17 @@ ROWS = np.arange(400)
 )  # fmt: skip
 def test_a_correction_stays_only_if_unseen_data_improve(tie, check, points, stays):
     without = fit(0.32, 0.010, points)
-    assert gap.improves(without, fit(tie, check, points), ROWS) == stays
+    assert held_out.improves(without, fit(tie, check, points), ROWS) == stays
 
 
 def test_check_points_decide_before_ties_do():
     """A rival that halves the check-point error is taken, though ties speak 1 % against it."""
     second, rivals = fit(0.300, 0.02), {"datum": fit(0.303, 0.01), "drift": fit(0.290, 0.03)}
-    best, share = gap.preferred(second, rivals, ROWS)
+    best, share = held_out.preferred(second, rivals, ROWS)
     assert best == "datum"
     assert share["datum"] == {"check": pytest.approx(0.5), "tie": pytest.approx(1.01)}
 
 
 def test_look_alikes_that_predict_alike_change_nothing():
     second = fit(0.3, 0.02, points=0)
-    assert gap.preferred(second, {"other": fit(0.2999, 0.02, points=0)}, ROWS)[0] is None
+    assert held_out.preferred(second, {"other": fit(0.2999, 0.02, points=0)}, ROWS)[0] is None

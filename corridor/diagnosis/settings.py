@@ -1,0 +1,210 @@
+"""Every number by which a diagnosis decides, with its unit and where it comes from.
+
+Where no source is named the number is a judgement. `SETTINGS` holds those in use; `changed` puts
+others in their place for a while, to see what a verdict owes to one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+
+@dataclass
+class Settings:
+    """Sizes of effects are in prior standard deviations, evidence in natural logarithms."""
+
+    # --- reference model and image noise
+    # Least and most by which a stated sigma may be wrong, as factors; the loss sees nothing else.
+    stated_sigma_range: tuple[float, float] = (0.02, 20.0)
+    # Degrees of freedom of Student's t, and the width of Cauchy's weights that have them.
+    student_nu: float = 4.0
+    cauchy_width: float = 2.0
+    # Prior sigma of an adjusted effect that could stand in for the camera; of values per image.
+    prior_of_adjusted: float = 10.0
+    prior_of_adjusted_per_image: float = 1.0
+    # Shapes with a hundred parameters creep to their end, and need not reach it.
+    iterations: int = 50
+    iterations_of_shapes: int = 6
+    # Least share of redundancy that few rays leave.
+    least_redundancy: float = 0.05
+    # Measurements that the stated sigma of marks is worth: few do not tell their own size.
+    stated_mark_weight: float = 50.0
+    # Cauchy's width at which marks are weighed.
+    mark_cauchy_width: float = 3.0
+
+    # --- evidence
+    # Sizes over which an effect is averaged, and how likely each is. The last ones are a tail: an
+    # effect a hundred times larger than expected is still one. Tuned on simulated blocks.
+    effect_sizes: tuple[float, ...] = (0.1, 0.33, 1.0, 3.0, 10.0, 100.0, 1000.0)
+    effect_size_weights: tuple[float, ...] = (0.25, 0.25, 0.25, 0.23, 0.018, 0.0018, 0.0002)
+    # Least size at which a fit is judged.
+    least_fit_size: float = 3.0
+    # A group of more columns, values for each image, keeps the spectrum it has alone when others
+    # join the model: what it would bring is then somewhat underrated, and much sooner known.
+    large_group: int = 130
+    # Information below which a direction is one that nothing determines.
+    blind_information: float = 1e-4
+    # Log prior of a generic shape, of values per image, and of errors of the ground, which defines
+    # the coordinates people want: where GNSS and control disagree it is rather the GNSS. Tuned.
+    log_prior_generic: float = -4.0
+    log_prior_per_image: float = -1.0
+    log_prior_ground: float = -0.7
+
+    # --- thresholds
+    null_draws: int = 1000
+    # Noise is never quite what its model says: no block is accused below these. What is judged
+    # beside noise of any size and slowness has paid for some of that already. Tuned.
+    named_least: float = 4.0
+    beside_noise_least: float = 3.0
+    suspected_least: float = 2.5
+    # Level of a suspicion in levels of a name, and at most.
+    suspected_level_factor: float = 5.0
+    suspected_level_most: float = 0.05
+
+    # --- search
+    most_refits: int = 3
+    most_groups: int = 6
+    # Share of the largest evidence below which a group is what its linearisation left, as long as
+    # that one has not been adjusted; then, what its physics are too simple for. Tuned.
+    leftover_share: float = 0.02
+    leftover_share_adjusted: float = 0.002
+    # Parameters of the largest group whose size is sought.
+    most_tuned: int = 400
+    # Evidence from which on an effect shows through any noise of the GNSS.
+    clear_evidence: float = 40.0
+    shortlist: int = 6
+    # Log odds by which another model has to be better to take the place of one.
+    model_log_odds: float = 3.0
+    # Parameters of a group that are few enough to be left free, and the size they are given.
+    most_free: int = 30
+    free_size: float = 1e3
+    # A named effect with less than this share of a generic one's evidence, in the same kind of
+    # measurements, is what a wrong model leaves; one of this size beside it is two shapes that
+    # nearly cancel, and no cause. Tuned.
+    share_beside_generic: float = 0.5
+    implausible_size: float = 100.0
+    # Images from which on earlier rounds keep no matrices.
+    large_block: int = 400
+
+    # --- GNSS noise: white, and exponentially correlated (Gauss-Markov)
+    # Log-normal priors: median of the factor on the stated sigma (time constant: s), log sigma of
+    # what all flights and axes share (one receiver), and of each by itself. They keep short
+    # flights sensible, and a bias of one axis from passing for noise that others do not show.
+    white_prior: tuple[float, float, float] = (0.7, 0.5, 0.35)
+    slow_prior: tuple[float, float, float] = (0.6, 0.35, 0.35)
+    time_constant_prior: tuple[float, float, float] = (60.0, 0.4, 0.4)
+    noise_factor_range: tuple[float, float] = (0.03, 30.0)
+    time_constant_range: tuple[float, float] = (4.0, 240.0)
+    # Coordinates below which nothing is estimated; positions estimated together, else by axis.
+    few_antenna_coordinates: int = 12
+    most_together: int = 900
+    # Noises that an effect's uncertainty is averaged over (more flights: fewer), and how much wider
+    # than the curvature says they are drawn.
+    noise_draws: int = 48
+    noise_draws_by_axis: int = 16
+    noise_draws_widened: float = 1.2
+    # Seconds between images where no times are known.
+    untimed_step: float = 2.0
+    # Share of what a group explains that the antenna positions see, from which on its evidence is
+    # held against noise of the GNSS; from which on it is a matter of the GNSS.
+    gnss_share: float = 0.01
+    gnss_share_main: float = 0.3
+
+    # --- verdict
+    # Log odds within which two explanations are equally good: a hundred, as of the level.
+    look_alike_log_odds: float = 4.6
+    # What one more parameter may cost in evidence while the fit is the same, and how many more.
+    evidence_per_parameter: float = 4.0
+    look_alike_more_parameters: int = 3
+    # Share of a fit below which something else is no explanation of the same.
+    same_fit_share: float = 0.5
+    # Share of a generic group's evidence from which on a named effect is a part of it.
+    overlap_share: float = 0.1
+    most_parts: int = 3
+    # Standard deviations at which an effect is seen nearly always; share of the prior's sigma at
+    # which the prior is all that is known.
+    detection_sigma: float = 4.5
+    unknown_sigma_share: float = 0.99
+
+    # --- held-out data
+    held_out_share: float = 0.08
+    # Rays that a point has at least of which one is held out.
+    held_out_rays: int = 4
+    # Factor on the sigma of a held-out observation: it has no say.
+    held_out_sigma: float = 1e4
+    # Fewest tie observations of which some can be spared.
+    fewest_ties: int = 200
+    # Check points from which on they decide. Ratios of errors that are more than chance: one in two
+    # hundred of ties; of check points, which are few and each shift of the datum moves, more; a
+    # shape has more parameters than an effect, and no cause that anyone knows.
+    enough_checks: int = 3
+    clear_ratio_ties: float = 0.995
+    clear_ratio_checks: float = 0.8
+    clear_ratio_shape: float = 0.5
+    most_rivals: int = 4
+    most_shapes: int = 3
+
+    # --- wrong matches
+    # Scales of Student's t from which on an observation has next to no say in the fit.
+    outlier_scales: float = 4.0
+    # Chance of a false alarm of one kind in a block without any cause, over all places.
+    outlier_level: float = 0.001
+    # A line of the picture: how many are tried along its longer side; how far apart, of that side,
+    # two observations of one point may lie: farther, a smooth deformation tells them apart too.
+    lines: int = 512
+    line_reach: float = 1 / 16
+    # Share of the pairs that a rim moves, and images: several points on one car are one match.
+    line_share: float = 0.5
+    line_images: int = 6
+    # Pairs that what is usual elsewhere counts for, beside those that jump the other way here.
+    line_prior_pairs: float = 10.0
+    # A cluster: cells of the picture, squares of so many of them a side, lengths of runs of images.
+    cluster_cells: tuple[int, int] = (16, 12)
+    cluster_squares: tuple[int, ...] = (1, 2, 4)
+    cluster_runs: tuple[int, ...] = (1, 2, 4, 8)
+    # Times the usual share (corners of real pictures have twice as much), wrong matches, images.
+    cluster_ratio: float = 3.0
+    cluster_fewest: int = 8
+    cluster_images: int = 4
+
+    # --- changes of the image noise
+    # Chance of an alarm in a block without any cause, over all quantities.
+    variance_level: float = 0.01
+    # Ratio of the standard deviations at both ends: the noise that points with few rays leave is
+    # known no better. Of a vibration: a fiftieth of the variance that rows read together share.
+    variance_ratio: float = 1.25
+    vibration_ratio: float = 1.01
+    variance_fewest: int = 500
+    variance_images: int = 8
+    # Strips of rows of one image that are taken together, and observations that one needs.
+    strips: int = 16
+    in_strip: int = 3
+    # Bound of a squared length, in its usual size.
+    most_squared: float = 6.0
+
+    # --- where an unknown lies
+    place_cells: tuple[int, int] = (16, 12)
+    # Share of the largest deformation that still belongs to the place.
+    place_share: float = 0.6
+    # Size up to which an effect may go to imitate another, and information below which the block
+    # says nothing of an effect.
+    imitation_size: float = 10.0
+    unseen_information: float = 1e-3
+
+
+SETTINGS = Settings()
+
+
+@contextmanager
+def changed(**values) -> Iterator[Settings]:
+    """Other settings until the `with` ends. Raises AttributeError for one that is not there."""
+    before = {name: getattr(SETTINGS, name) for name in values}
+    try:
+        for name, value in values.items():
+            setattr(SETTINGS, name, value)
+        yield SETTINGS
+    finally:
+        for name, value in before.items():
+            setattr(SETTINGS, name, value)
