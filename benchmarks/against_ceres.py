@@ -50,7 +50,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from strips import corridor_block  # noqa: E402
 
-from corridor.adjustment import Covariance, Loss, Normal, make_problem, solve
+from corridor.adjustment import Covariance, LinearSystem, Loss, Normal, make_problem, solve
 from corridor.adjustment.normal import LOSSES
 from corridor.block import Block
 from corridor.geometry import quaternion_from_rotation
@@ -298,7 +298,7 @@ def covariance(problem, iteration_s: float) -> dict:
 
     seconds = []
     for _ in range(3):
-        known = Covariance(normal, state)
+        known = Covariance(LinearSystem(problem, state))
         seconds.append(timed(lambda k=known: wanted(k))[1])
     return {
         "covariance_s": statistics.median(seconds),

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from corridor.adjustment.covariance import Covariance
-from corridor.adjustment.datum import explain, laid_on, settle
+from corridor.adjustment.datum import explain, free_network, laid_on
+from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.model import Loss, Model
 from corridor.adjustment.normal import Normal
-from corridor.adjustment.problem import Problem, make_problem
+from corridor.adjustment.problem import Problem, State, make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
 from corridor.block import Block
@@ -121,28 +122,36 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
         say = run.progress
         block = complete(block, say and (lambda line: say({"message": line})))
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
-    normal = Normal(problem, loss, threads=run.threads)
-    residual, behind = normal.look(problem.start)
+    residual, behind = Normal(problem, loss).look(problem.start)
     if behind:
         block, more = _ahead(block, problem, residual)
         notes += more
         problem = make_problem(block, model)
-        normal = Normal(problem, loss, threads=run.threads)
     del residual  # as large as the observations
+
+    def at(state: State) -> LinearSystem:
+        return LinearSystem(problem, state, loss, threads=run.threads)
+
     try:
-        opened = settle(normal, problem.start)
+        datum = free_network(at(problem.start))
+        normal = Normal(problem, loss, threads=run.threads)
+        if datum is not None:
+            normal.pins = datum.held
         solution = solve(normal, run.max_iterations, progress=run.progress)
-        state = solution.state
-        if opened is not None and opened.shape[1] == 7:
-            state = laid_on(problem, state, problem.start)
-        if opened is not None:
-            opened = settle(normal, state)
-        covariance = Covariance(normal, state, opened)
+        del normal  # as large as the equations
+        system = at(solution.state)
+        if datum is not None:
+            if datum.null_space.shape[1] == 7:
+                system = at(laid_on(problem, solution.state, problem.start))
+            datum = free_network(system)
+        if datum is not None:
+            system = replace(system, held=datum.held)
+        covariance = Covariance(system, None if datum is None else datum.null_space)
     except Singular as singular:
-        raise explain(normal, problem.start, singular) from None
-    solution.state = state
+        raise explain(at(problem.start), singular) from None
+    solution.state = system.state
     return Adjustment(
-        start, normal, solution, covariance, time.perf_counter() - began, [*problem.notes, *notes]
+        start, solution, covariance, time.perf_counter() - began, [*problem.notes, *notes]
     )
 
 

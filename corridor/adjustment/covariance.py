@@ -15,10 +15,9 @@ from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from corridor.adjustment.datum import centred
+from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Band
-from corridor.adjustment.normal import Normal
 from corridor.adjustment.point_covariance import make_point_covariance
-from corridor.adjustment.problem import State
 
 point_covariance_for = lru_cache(make_point_covariance)
 
@@ -26,37 +25,21 @@ point_covariance_for = lru_cache(make_point_covariance)
 class Covariance:
     """Covariances at a state for unit weight; multiply by sigma naught squared.
 
-    open_motions: (n + q, k) of a free network (see `corridor.adjustment.datum`), else None.
-    information: (q, q) that other measurements give on the unknowns that images share, on top of
-        what the problem has: the inverse of their covariance.
+    null_space: (n + q, k) of a free network (see `corridor.adjustment.datum`), else None.
     Raises Singular where nothing determines an unknown.
     """
 
-    def __init__(
-        self,
-        normal: Normal,
-        state: State,
-        open_motions: np.ndarray | None = None,
-        information: np.ndarray | None = None,
-    ):
-        self.normal, self.state = normal, state
-        with threadpool_limits(1):
-            normal.assemble(state, 0.0)
-            if information is not None:
-                normal.corner += np.tril(information)
-                normal.shared_reference += np.diag(information)
-            self._system = normal.factor()
-        self._open = open_motions
-        if open_motions is not None:
-            n = normal.problem.image_count * normal.problem.d
-            self._poses, self._shared = open_motions[:n], open_motions[n:]
-            self._weights = centred(normal.problem, state, self._poses)
-            right = self._weights.T.copy()
-            part = self._system.solve(
-                right, np.zeros((normal.problem.shared_count, right.shape[1]))
-            )
-            self._part = np.concatenate(part)
-            self._inner = self._weights @ part[0]
+    def __init__(self, system: LinearSystem, null_space: np.ndarray | None = None):
+        self.system, self.state = system, system.state
+        self.normal, self._system = system.factorised
+        self._open = null_space
+        if null_space is not None:
+            n = len(null_space) - self._system.q
+            self._poses, self._shared = null_space[:n], null_space[n:]
+            self._weights = centred(system, self._poses)
+            nothing = np.zeros((self._system.q, null_space.shape[1]))
+            self._part = system.solve(np.concatenate([self._weights.T, nothing]))
+            self._inner = self._weights @ self._part[:n]
 
     def _datum(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """What the S-transformation adds to the entries (rows, columns)."""
@@ -89,29 +72,25 @@ class Covariance:
         cross = -self._across @ self._system.shared_inverse()
         return cross + self._datum(np.arange(n), n + np.arange(q))
 
-    def solve(self, poses: np.ndarray, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Covariances of poses (n, k) and shared unknowns (q, k) with any k sums of them.
+    def solve(self, sums: np.ndarray) -> np.ndarray:
+        """Covariances of poses and shared unknowns (n + q, k) with any k sums of them.
 
-        poses (n, k), shared (q, k): the factors of each sum. Source: x = N^-1 t, the normal
-        equations solved for the sums in place of the gradient; N^-1 is the covariance.
+        sums (n + q, k): the factors of each. Source: x = N^-1 t, the normal equations solved for
+        the sums in place of the gradient; N^-1 is the covariance.
         """
-        with threadpool_limits(1):
-            x, y = self._system.solve(poses, shared)
+        x = self.system.solve(sums)
         if self._open is None:
-            return x, y
-        n = len(x)
-        g, a, t = self._open, self._part, np.concatenate([poses, shared])
-        more = g @ (self._inner @ (g.T @ t)) - g @ (a.T @ t) - a @ (g.T @ t)
-        return x + more[:n], y + more[n:]
+            return x
+        g, a = self._open, self._part
+        return x + g @ (self._inner @ (g.T @ sums)) - g @ (a.T @ sums) - a @ (g.T @ sums)
 
     def poses(self, images: np.ndarray) -> np.ndarray:
         """Of some images together (k * d, k * d), k positions in the problem's order."""
         p = self.normal.problem
         rows = (np.asarray(images)[:, None] * p.d + np.arange(p.d)).ravel()
-        right = np.zeros((p.image_count * p.d, len(rows)))
+        right = np.zeros((p.image_count * p.d + p.shared_count, len(rows)))
         right[rows, np.arange(len(rows))] = 1.0
-        with threadpool_limits(1):
-            columns, _ = self._system.solve(right, np.zeros((p.shared_count, len(rows))))
+        columns = self.system.solve(right)
         return columns[rows] + self._datum(rows, rows)
 
     @cached_property

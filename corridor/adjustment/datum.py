@@ -11,11 +11,13 @@ Baarda 1973 (S-transformation).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.linalg import eigh, qr
 
+from corridor.adjustment.linear_system import LinearSystem, motions
 from corridor.adjustment.matrix import Singular
-from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import Problem, State
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
@@ -33,58 +35,48 @@ QUANTITIES = (
 OPEN = 1e-12
 
 
-def motions(state: State, d: int) -> np.ndarray:
-    """Change (images * d, 7) of the poses when the block as a whole moves, turns, grows."""
-    m = len(state.centre)
-    away = state.centre - state.centre.mean(axis=0)
-    out = np.zeros((m, d, 7))
-    for k in range(3):
-        axis = np.eye(3)[k]
-        out[:, k, k] = 1.0
-        out[:, :3, 3 + k] = np.cross(axis, away)
-        out[:, 3:6, 3 + k] = -state.rotation @ axis
-    out[:, :3, 6] = away
-    return out.reshape(m * d, 7)
+@dataclass(frozen=True)
+class Datum:
+    """Where a free network lies.
+
+    null_space (n + q, k): the motions that no measurement determines. held (k, 2): image and
+    unknown of it that are held while the network is solved.
+    """
+
+    null_space: np.ndarray
+    held: np.ndarray
 
 
-def open_motions(normal: Normal, state: State) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """What nothing determines at a state: by poses (n, k), by the border (q, k), and in words."""
-    p = normal.problem
-    pins, normal.pins = normal.pins, np.zeros((0, 2), np.int64)
-    normal.assemble(state, 0.0)
-    normal.pins = pins
-    m, q = p.image_count, p.shared_count
-    whole = motions(state, p.d)
-    image = normal.blocks.multiply(whole)
-    border = normal.border[:m].reshape(-1, p.wide)[:, :q]
-    across = border.T @ whole
-    corner = normal.corner + np.tril(normal.corner, -1).T
-    scale = np.sqrt(np.maximum(normal.shared_reference, np.finfo(float).tiny))
-    shared = -np.linalg.lstsq(corner / scale[:, None] / scale, across / scale[:, None], 1e-13)[0]
+def null_space(system: LinearSystem) -> tuple[np.ndarray, list[str]]:
+    """What nothing determines at a state: changes (n + q, k) of the unknowns, and in words."""
+    whole, reference, q = system.motions, system.reference, len(system.columns.shared)
+    n = len(whole) - q
+    moved = system.multiply(whole)
+    scale = np.sqrt(np.maximum(reference[n:], np.finfo(float).tiny))
+    corner = system.shared_matrix / scale[:, None] / scale
+    shared = -np.linalg.lstsq(corner, moved[n:] / scale[:, None], 1e-13)[0]
     shared /= scale[:, None]
-    information = whole.T @ image + across.T @ shared
-    reference = normal.reference[:m].ravel()
+    information = whole[:n].T @ moved[:n] + moved[n:].T @ shared
     total = whole.T @ (reference[:, None] * whole)
     norm = np.sqrt(np.diag(total))
     value, vector = eigh(information / norm[:, None] / norm, total / norm[:, None] / norm)
     loose = vector[:, value < OPEN] / norm[:, None]
     part = (vector[:, value < OPEN] ** 2).sum(axis=1)
     words = [QUANTITIES[k] for k in np.flatnonzero(part > 0.3 * part.max(initial=1.0))]
-    return whole @ loose, shared @ loose, words
+    return np.concatenate([whole[:n] @ loose, shared @ loose]), words
 
 
-def settle(normal: Normal, state: State) -> np.ndarray | None:
-    """Hold what a free network leaves open; None where control or GNSS determine everything.
+def free_network(system: LinearSystem) -> Datum | None:
+    """The datum of a free network; None where control or GNSS determine everything.
 
-    Returns the open motions of the poses and the border (n + q, k). Raises InputError where there
-    is control or GNSS, but not enough.
+    Raises InputError where there is control or GNSS, but not enough.
     """
-    p = normal.problem
+    p, state = system.problem, system.state
     few_controls = _on_a_line(p.control_given) or bool(p.stack.at("ground"))
     few_antennas = _on_a_line(p.gnss_given) or p.arms_free or bool(p.stack.at("antenna"))
     if not (few_controls and few_antennas):
         return None
-    poses, shared, words = open_motions(normal, state)
+    loose, words = null_space(system)
     if not words:
         return None
     if len(p.control_rows) or len(p.gnss_image):
@@ -92,12 +84,12 @@ def settle(normal: Normal, state: State) -> np.ndarray | None:
     # Hold unknowns of two images far apart: the best determined choice by pivoting.
     first = p.image_count // 2
     away = np.linalg.norm(state.centre - state.centre[first], axis=1)
-    rows = np.concatenate([first * p.d + np.arange(6), np.argmax(away) * p.d + np.arange(3)])
-    weight = np.sqrt(normal.reference.ravel()[rows])
-    _, _, pivot = qr((poses[rows] * weight[:, None]).T, pivoting=True, mode="economic")
-    held = rows[pivot[: poses.shape[1]]]
-    normal.pins = np.stack(np.divmod(held, p.d), axis=1)
-    return np.concatenate([poses, shared])
+    pose = system.columns.pose
+    rows = np.concatenate([pose[first], pose[np.argmax(away), :3]])
+    weight = np.sqrt(system.reference[rows])
+    _, _, pivot = qr((loose[rows] * weight[:, None]).T, pivoting=True, mode="economic")
+    held = rows[pivot[: loose.shape[1]]]
+    return Datum(loose, np.stack(np.divmod(held, p.d), axis=1))
 
 
 def _on_a_line(xyz: np.ndarray) -> bool:
@@ -130,17 +122,17 @@ def undetermined(p: Problem, words: list[str]) -> str:
     )
 
 
-def explain(normal: Normal, state: State, singular: Singular) -> InputError:
+def explain(system: LinearSystem, singular: Singular) -> InputError:
     """What a singular matrix means for the person who made the block."""
-    p = normal.problem
+    p = system.problem
     if singular.shared is not None:
-        label = p.unknowns[singular.shared].label
         return InputError(
-            f"{label} cannot be determined from these measurements together with the other "
-            "unknowns: hold it, give it a prior, or leave the effect out"
+            f"{system.columns.shared[singular.shared].label} cannot be determined from these "
+            "measurements together with the other unknowns: hold it, give it a prior, or leave the "
+            "effect out"
         )
     try:
-        words = open_motions(normal, state)[2]
+        _, words = null_space(system)
     except np.linalg.LinAlgError:
         words = []
     if words and (len(p.control_rows) or len(p.gnss_image)):
@@ -159,13 +151,15 @@ def explain(normal: Normal, state: State, singular: Singular) -> InputError:
     )
 
 
-def centred(p: Problem, state: State, poses: np.ndarray) -> np.ndarray:
-    """Weights M (k, n) with M G = I: the datum that is laid on the start poses as a whole."""
-    weight = np.zeros((p.image_count, p.d))
-    depth = typical_depth(state)
-    weight[:, :3], weight[:, 3:6] = 1.0, depth**2
-    heavy = weight.reshape(-1, 1) * poses
-    return np.linalg.solve(poses.T @ heavy, heavy.T)
+def centred(system: LinearSystem, loose: np.ndarray) -> np.ndarray:
+    """Weights M (k, n) of the poses with M G = I: the datum that is laid on the start poses.
+
+    loose: G (n, k), the null space by the poses.
+    """
+    weight, pose = np.zeros(len(loose)), system.columns.pose
+    weight[pose[:, :3]], weight[pose[:, 3:]] = 1.0, typical_depth(system.state) ** 2
+    heavy = weight[:, None] * loose
+    return np.linalg.solve(loose.T @ heavy, heavy.T)
 
 
 def typical_depth(state: State) -> float:

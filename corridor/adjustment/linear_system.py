@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +25,6 @@ from threadpoolctl import threadpool_limits
 
 from corridor.adjustment.matrix import Bordered
 from corridor.adjustment.normal import Loss, Normal, moved_state
-from corridor.adjustment.point_covariance import make_point_covariance
 from corridor.adjustment.problem import Problem, State, Unknown, with_effects
 from corridor.block import Block
 from corridor.effects import Context, Effect, Images, Parameter, Stack
@@ -33,7 +32,6 @@ from corridor.effects import Context, Effect, Images, Parameter, Stack
 if TYPE_CHECKING:
     from corridor.adjustment.result import Adjustment
 
-point_covariance_for = lru_cache(make_point_covariance)
 # Rows are at rest where a pass moves no image point by more, px; each pass leaves a thousandth.
 AT_REST_PX = 1e-11
 MOST_PASSES = 12
@@ -141,7 +139,8 @@ class LinearSystem:
     gnss: whether the antenna positions count in matrix, right side and solutions with their stated
         weights. Their rows are there either way: their noise may be coloured.
     tested: effects that act on the antenna and have columns without being estimated.
-    information: (q, q) of other measurements on what images share, on top of the problem's.
+    information: (q, q) of other measurements on what images share, on top of the problem's: the
+        inverse of their covariance.
     held (k, 2): image and unknown of it that are held, where nothing else holds the whole block.
     """
 
@@ -369,8 +368,7 @@ class LinearSystem:
     def matrix(self) -> csc_array:
         """N (n, n), symmetric."""
         normal = self._normal
-        border, corner = csc_array(self._border), normal.corner
-        corner = csc_array(corner + np.tril(corner, -1).T)
+        border, corner = csc_array(self._border), csc_array(self.shared_matrix)
         beside = len(self.columns) - self._of_problem
         blocks = [
             [normal.blocks.symmetric(), border, None],
@@ -390,6 +388,21 @@ class LinearSystem:
         normal, m = self._normal, self.problem.image_count
         return np.concatenate([normal.reference[:m].ravel(), normal.shared_reference])
 
+    @property
+    def shared_matrix(self) -> np.ndarray:
+        """N (q, q) of what images share."""
+        corner = self._normal.corner
+        return corner + np.tril(corner, -1).T
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        """N x for x (n, k), without N as a whole."""
+        n = self._of_problem - self.problem.shared_count
+        image, shared, border = x[:n], x[n : self._of_problem], self._border
+        out = np.zeros_like(x)
+        out[:n] = self._normal.blocks.multiply(image) + border @ shared
+        out[n : self._of_problem] = border.T @ image + self.shared_matrix @ shared
+        return out
+
     @cached_property
     def motions(self) -> np.ndarray:
         """Change (n, 7) of the columns when the whole block moves, turns and grows."""
@@ -401,23 +414,21 @@ class LinearSystem:
     # --- solutions ---------------------------------------------------------------------------
 
     @cached_property
-    def _solved(self) -> tuple[Normal, Bordered]:
+    def factorised(self) -> tuple[Normal, Bordered]:
+        """The kernels with their storage, and N factorised in it. Raises Singular."""
         # The factor lies where the matrix was: who asks for that later has it assembled anew.
         normal = self._normal
         self.right, self.reference  # noqa: B018, small, and gone with the matrix
         del self.__dict__["_normal"]
-        return normal, normal.factor()
-
-    @property
-    def factor(self) -> Bordered:
-        """N factorised. Raises Singular."""
-        return self._solved[1]
+        with threadpool_limits(1):
+            return normal, normal.factor()
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """N^-1 right for right (n, k). Raises Singular."""
         n = self.problem.image_count * self.problem.d
+        _, factor = self.factorised
         with threadpool_limits(1):
-            return np.concatenate(self.factor.solve(right[:n], right[n:]))
+            return np.concatenate(factor.solve(right[:n], right[n:]))
 
     def step(self) -> State:
         """The state one step of Gauss and Newton away.
@@ -428,28 +439,8 @@ class LinearSystem:
         change = self.solve(self.right[:, None])[:, 0]
         poses, shared = np.split(change, [p.image_count * p.d])
         poses = poses.reshape(-1, p.d)
-        points, *_ = self._solved[0].substitute(self.state, 0.0, poses, shared)
+        points, *_ = self.factorised[0].substitute(self.state, 0.0, poses, shared)
         return moved_state(p, self.state, poses, shared, points)
-
-    def point_covariances(
-        self, near: np.ndarray, poses_shared: np.ndarray, shared: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Of every point (n, 6), lower half, and with what images share (n, 3, q), m^2.
-
-        near: covariances of images that share a point, stored as the equations; poses_shared
-        (images d, q), shared (q, q): the others.
-        """
-        p, (normal, factor) = self.problem, self._solved
-        view, blocks, count = normal.view(self.state), factor.blocks, len(p.ptr) - 1
-        out, cross = np.empty((count, 6)), np.empty((count, 3, p.shared_count))
-        kernel = point_covariance_for(p.d)
-        for first, last in normal.chunks(0, count):
-            kernel(
-                *normal.arguments(view, first, last), near, blocks.stride,
-                blocks.neighbour_start, blocks.neighbour, poses_shared, shared,
-                normal.longest, out, cross,
-            )  # fmt: skip
-        return out, cross
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import pandas as pd
 from corridor import report
 from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.covariance import Covariance
-from corridor.adjustment.normal import Normal
 from corridor.adjustment.parameters import Parameters, parameters_of
 from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
@@ -37,13 +36,13 @@ class Adjustment(Checked):
     def __init__(
         self,
         start: Block,
-        normal: Normal,
         solution: Solution,
         covariance: Covariance,
         seconds: float,
         notes: list[str],
     ):
-        self.start, self.problem, self.normal = start, normal.problem, normal
+        self.start, self.system = start, covariance.system
+        self.problem, self.normal = self.system.problem, covariance.normal
         self.state = solution.state
         self.converged, self.iterations = solution.converged, solution.iterations
         self.cost, self.history, self.seconds = solution.cost, solution.history, seconds
@@ -52,7 +51,7 @@ class Adjustment(Checked):
             self.problem.observation_count
             - self.problem.unknown_count
             + len(self.problem.idle)
-            + len(normal.pins)
+            + len(self.normal.pins)
         )
         # Without redundancy there is nothing to estimate sigma naught from.
         self.sigma0 = float(np.sqrt(2 * self.cost / self.redundancy)) if self.redundancy else 1.0

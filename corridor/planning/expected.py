@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -13,11 +12,8 @@ import pandas as pd
 from corridor.errors import InputError
 from corridor.planning.conditioning import Moments, condition
 from corridor.planning.datum import open_motions, sentence
-from corridor.planning.network import Carried, Quantities
+from corridor.planning.network import Carried, Network, Quantities
 from corridor.planning.noise import GnssNoise
-
-if TYPE_CHECKING:
-    from corridor.planning.planner import Planner
 
 
 @dataclass(frozen=True)
@@ -66,19 +62,17 @@ class Expected:
     adjustment believes. open: a sentence where the datum has a hole (the numbers are NaN then).
     """
 
-    def __init__(
-        self, planner: Planner, known: Known, control: tuple[str, ...], points: np.ndarray
-    ):
-        self.planner, self.control, self._known = planner, control, known
-        net, before = planner.network, known.moments
+    def __init__(self, net: Network, known: Known, control: tuple[str, ...], points: np.ndarray):
+        self.network, self.control, self._known = net, control, known
+        before = known.moments
         survey = net.block.sigma["control_m"] ** 2
-        check = np.flatnonzero(planner.surveyed.check)
+        check = np.flatnonzero(net.surveyed.check)
         self._check = check[~np.isin(check, points)]
         if not len(self._check):
             raise InputError("every check point is control: leave some to check with")
         # Shared unknowns, check points and control are all that is asked for: of a hundred
         # candidates the rest would be carried along.
-        q, axes = net.problem.shared_count, np.arange(3)
+        q, axes = len(net.labels), np.arange(3)
         self._rows = (known.first[points][:, None] + axes).ravel()
         checked = (known.first[self._check][:, None] + axes).ravel()
         self._moments = before.of(np.concatenate([np.arange(q), checked, self._rows]))
@@ -94,8 +88,8 @@ class Expected:
         stated = self._moments.stated[np.ix_(self._at, self._at)]
         self.loose = float(np.sqrt(np.trace(stated) / len(self._check)))
         words = open_motions(stated, known.xyz[self._check])
-        p = net.problem
-        self.open = sentence(words, len(points), len(p.gnss_image), p.arms_free) if words else ""
+        positions = len(net.gnss.names)
+        self.open = sentence(words, len(points), positions, net.arms_free) if words else ""
         moved = self._moments.transfer[self._at]
         error = np.diag(self._moments.error)[self._at] + np.sum(moved @ known.bias * moved, axis=1)
         self._error = np.full(len(self._at), np.nan) if words else error + self._survey
@@ -130,16 +124,16 @@ class Expected:
     @property
     def parameters(self) -> pd.DataFrame:
         """What images share: label, unit, stated sigma (0 where held), expected RMS error."""
-        unknowns = self.planner.network.problem.unknowns
+        unknowns = self.network.unknowns
         q = len(unknowns)
-        held = np.isin(np.arange(q), self.planner.network.held)
+        held = np.isin(np.arange(q), self.network.held)
         error = np.diag(self._moments.rms(self._known.bias)[:q, :q]).copy()
-        for n in self.planner.network.biases:
+        for n in self.network.biases:
             # Its error is that of the adjustment: the bias is what it finds.
             error[n] = self._moments.stated[n, n]
         frame = pd.DataFrame(
             {
-                "parameter": self.planner.network.labels,
+                "parameter": self.network.labels,
                 "unit": [unknown.unit for unknown in unknowns],
                 "sigma": np.where(held, 0.0, np.sqrt(np.diag(self._moments.stated)[:q])),
                 "rms": np.sqrt(np.maximum(error, 0.0)),
@@ -158,10 +152,10 @@ class Expected:
         coefficient alone hides how large either error is. NaN where one is held.
         Source: Zhou 2019, table 5.3 (of what the adjustment states).
         """
-        net, p = self.planner.network, self.planner.network.problem
-        stated, q = self._moments.stated, p.shared_count
+        net, images = self.network, self.network.images
+        stated, q = self._moments.stated, len(net.labels)
         across = net.heights_with(self._known.parts[0])
-        variance = self.planner._heights
+        variance = net.heights
         if self._gain is not None:
             # Every control point belongs to a part of the quantities that was solved for.
             to_points = np.concatenate(
@@ -175,12 +169,12 @@ class Expected:
         sigma = np.sqrt(np.diag(stated)[:q])
         labels = {label: n for n, label in enumerate(net.labels) if n not in net.held}
         rows = []
-        for g, flight in enumerate(p.images.flight_names):
-            mine = np.flatnonzero(net.flight == g)
-            camera = p.images.camera_names[p.images.camera[mine[0]]]
+        for g, flight in enumerate(images.flight_names):
+            mine = np.flatnonzero(images.flight == g)
+            camera = images.camera_names[images.camera[mine[0]]]
             arm = labels.get(f"lever_arm.{flight}.z")
             focal = labels.get(f"camera.{camera}.f")
-            row = {"flight": flight, "view": self.planner.views[flight], "arm_f": np.nan}
+            row = {"flight": flight, "view": self.network.views[flight], "arm_f": np.nan}
             if arm is not None and focal is not None:
                 row["arm_f"] = abs(stated[arm, focal]) / sigma[arm] / sigma[focal]
             for name, n in (("arm", arm), ("f", focal)):
@@ -208,7 +202,7 @@ class Expected:
         """
         if self.open:
             raise InputError(f"nothing to carry over: {self.open}")
-        labels = self.planner.network.labels
+        labels = self.network.labels
         take = {label: label for label in labels if label.startswith("camera.")}
         for there, here in (arms or {}).items():
             for axis in "xyz":
@@ -216,7 +210,7 @@ class Expected:
                 if label not in labels:
                     raise InputError(
                         f"flight {here} has no lever arm to carry over: flights are "
-                        f"{', '.join(self.planner.network.problem.images.flight_names)}"
+                        f"{', '.join(self.network.images.flight_names)}"
                     )
                 take[f"lever_arm.{there}.{axis}"] = label
         if not take:
@@ -235,9 +229,9 @@ class Expected:
     def __repr__(self) -> str:
         what = ", ".join(self.control) or "no control"
         if self.open:
-            return f"Expected of {self.planner.plan.name} with {what}: {self.open}"
+            return f"Expected of {self.network.plan.name} with {what}: {self.open}"
         return (
-            f"Expected of {self.planner.plan.name} with {what}: xy {100 * self.xy:.2f} cm, "
+            f"Expected of {self.network.plan.name} with {what}: xy {100 * self.xy:.2f} cm, "
             f"z {100 * self.z:.2f} cm"
         )
 
@@ -250,12 +244,12 @@ class Expected:
         table = self.correlations
         if (table["view"] == "nadir").any():
             table = table[table["view"] == "nadir"]
-        views = list(self.planner.views.values())
+        views = list(self.network.views.values())
         return {
-            "flights": self.planner.plan.name,
+            "flights": self.network.plan.name,
             "nadir": views.count("nadir"),
             "oblique": views.count("oblique"),
-            "images": len(self.planner.block.images),
+            "images": len(self.network.block.images),
             "control": len(self.control),
             "points": " ".join(self.control),
             "xy": self.xy,

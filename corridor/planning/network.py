@@ -14,12 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from scipy.sparse import csr_array, hstack
+from scipy.linalg import block_diag
+from scipy.sparse import csr_array, vstack
 
-from corridor.adjustment import Covariance, Loss, Normal, Singular, make_problem
+from corridor.adjustment import Covariance, LinearSystem, Singular, make_problem
 from corridor.block import Block
 from corridor.camera import interior_derivatives, project_rays
 from corridor.effects import Effect, Images, find
@@ -31,6 +33,8 @@ from corridor.simulation import Plan, perfect_block
 # lets a network without a datum be factorised, to be laid on its control later: looser, and the
 # difference drowns in rounding; tighter, and half a metre would no longer be told from nothing.
 LOOSE_M = 10.0
+# A camera that looks further than this from straight down makes a flight oblique.
+OBLIQUE_DEG = 5.0
 # A value that is held, against its own standard deviation.
 _HELD = 1e-4
 
@@ -110,7 +114,7 @@ class Network:
                     "the antenna; adjust simulated blocks for the others"
                 )
         self.block, self.surveyed, self.unseen = _block_of(plan, surveyed, seed)
-        self.problem = make_problem(
+        problem = make_problem(
             _loosely_known(self.block),
             camera=camera,
             effects=chosen,
@@ -118,31 +122,29 @@ class Network:
             priors={name: (0.0, sigma) for name, sigma in (priors or {}).items()},
             lever_arm=lever_arm if plan.gnss else None,
         )
-        self.state = self.problem.start
-        p = self.problem
-        self.labels = [unknown.label for unknown in p.unknowns]
+        system = LinearSystem(problem, problem.start)
+        self.columns, self.images, self.gnss = system.columns, system.images, system.gnss
+        self.unknowns = self.columns.shared
+        self.labels = [unknown.label for unknown in self.unknowns]
         self.carried, self.carried_columns = carried, self._columns_of(carried)
         information = None
         if carried is not None:
             self.assumed = carried.assumed
             if carried.held:
                 self.assumed = np.diag(_HELD**2 * np.diag(carried.assumed))
-            information = np.zeros((p.shared_count, p.shared_count))
+            information = np.zeros((len(self.labels),) * 2)
             at = np.ix_(self.carried_columns, self.carried_columns)
             self.weight = information[at] = np.linalg.inv(self.assumed)
-        self.normal = Normal(p, Loss())
         try:
-            self.covariance = Covariance(self.normal, self.state, information=information)
+            self.covariance = Covariance(replace(system, information=information))
         except Singular as singular:
             raise self._explain(singular) from None
-        self._gnss, self.biases = self._gnss_rows()
 
     @property
     def shared(self) -> Quantities:
         """The unknowns that images share, in the order of `labels`."""
-        p = self.problem
-        n, q = p.image_count * p.d, p.shared_count
-        rows = csr_array((np.ones(q), (np.arange(q), n + np.arange(q))), shape=(q, n + q))
+        at, q = self.columns.shared_at, len(self.labels)
+        rows = csr_array((np.ones(q), (np.arange(q), at)), shape=(q, len(self.columns)))
         return self._solved(rows, np.zeros((q, q)))
 
     def points(self, names: Sequence[str], xyz: np.ndarray) -> Quantities:
@@ -152,32 +154,19 @@ class Network:
         the poses no further: with hundreds of tie points an image nobody can tell.
         Raises InputError for a point that fewer than two images show.
         """
-        p = self.problem
-        count, n = len(xyz), p.image_count * p.d
-        seen = seen_by(p.images, xyz, self.plan.tie_points.border_px)
+        seen = seen_by(self.images, xyz, self.plan.tie_points.border_px)
         weight = self.block.sigma["mark_px"] ** -2.0
-        entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        own = np.zeros((3 * count, 3 * count))
-        for k, (point, rows) in enumerate(zip(xyz, seen, strict=True)):
-            if len(rows) < 2:
+        rows, own = [], []
+        for name, point, images in zip(names, xyz, seen, strict=True):
+            if len(images) < 2:
                 raise InputError(
-                    f"point {names[k]} is seen in {len(rows)} image{'s' * (len(rows) != 1)}, "
+                    f"point {name} is seen in {len(images)} image{'s' * (len(images) != 1)}, "
                     "2 are needed: place it where the flights look"
                 )
-            by_point, by_pose, by_shared = self._mark_rows(point, rows)
-            inverse = np.linalg.inv(weight * np.einsum("mki,mkj->ij", by_point, by_point))
-            own[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = inverse
-            gain = -weight * np.einsum("ij,mkj->imk", inverse, by_point)
-            pose = np.einsum("imk,mkc->imc", gain, by_pose).reshape(3, -1)
-            shared = np.einsum("imk,mks->is", gain, by_shared)
-            column = np.concatenate(
-                [(rows[:, None] * p.d + np.arange(6)).ravel(), n + np.arange(p.shared_count)]
-            )
-            value = np.concatenate([pose, shared], axis=1)
-            row = np.repeat(np.arange(3 * k, 3 * k + 3), len(column))
-            entries.append((value.ravel(), row, np.tile(column, 3)))
-        value, row, column = (np.concatenate(part) for part in zip(*entries, strict=True))
-        return self._solved(csr_array((value, (row, column)), (3 * count, n + p.shared_count)), own)
+            by_point, by_columns = self._mark_rows(point, images)
+            own.append(np.linalg.inv(weight * by_point.T @ by_point))
+            rows.append(csr_array(-weight * own[-1] @ by_point.T) @ by_columns)
+        return self._solved(csr_array(vstack(rows)), block_diag(*own))
 
     def place(self, station, across) -> np.ndarray:
         """Positions (n, 3), m, on the plan's ground."""
@@ -185,20 +174,23 @@ class Network:
 
     def gnss_response(self, z: Quantities) -> np.ndarray:
         """B (r, k, 3): what an error of each GNSS coordinate does to the quantities."""
-        k = len(self.problem.gnss_image)
-        return (self._gnss @ z.solved).T.reshape(z.solved.shape[1], k, 3)
+        moved = self.gnss.jacobian @ z.solved / self.gnss.sigma.reshape(-1, 1) ** 2
+        return moved.T.reshape(z.solved.shape[1], len(self.gnss.names), 3)
 
     def carried_response(self, z: Quantities) -> np.ndarray:
         """A (r, k): what an error of each carried-over value does to the quantities."""
         if self.carried is None:
             return np.zeros((z.solved.shape[1], 0))
-        n = self.problem.image_count * self.problem.d
-        return z.solved[n + self.carried_columns].T @ self.weight
+        return z.solved[self.columns.shared_at[self.carried_columns]].T @ self.weight
 
     def heights_with(self, z: Quantities) -> np.ndarray:
         """Covariances (m, r) of the camera heights with the quantities, m times their unit."""
-        n, d = self.problem.image_count * self.problem.d, self.problem.d
-        return z.solved[2:n:d]
+        return z.solved[self.columns.pose[:, 2]]
+
+    @cached_property
+    def heights(self) -> np.ndarray:
+        """Variance (m,) of the camera heights without control, m^2."""
+        return self.covariance.each_pose[:, 2, 2]
 
     @property
     def held(self) -> np.ndarray:
@@ -207,30 +199,61 @@ class Network:
         return self.carried_columns if held else self.carried_columns[:0]
 
     @property
-    def flight(self) -> np.ndarray:
-        """Flight (m,) of each image, in the order of the problem."""
-        return self.problem.images.flight
+    def arms_free(self) -> bool:
+        """Whether lever arms are estimated."""
+        return any(unknown.kind == "lever_arm" for unknown in self.unknowns)
+
+    @property
+    def gnss_flight(self) -> np.ndarray:
+        """Flight (k,) of each antenna position."""
+        return self.images.flight[self.gnss.image]
+
+    @property
+    def prior_weight(self) -> np.ndarray:
+        """Weight (q,) of the priors on what images share; 0 without."""
+        return self.columns.prior_weight[self.columns.shared_at]
+
+    @property
+    def views(self) -> dict[str, str]:
+        """`nadir` or `oblique` for each flight."""
+        return {
+            f.name: "oblique" if f.tilt_deg > OBLIQUE_DEG else "nadir" for f in self.plan.flights
+        }
+
+    @cached_property
+    def biases(self) -> dict[int, tuple[int, np.ndarray]]:
+        """The shared unknowns that move whole flights alike: column -> axis, flights.
+
+        Those are biases of the GNSS, whatever they are called.
+        """
+        moved_by = self.gnss.jacobian[:, self.columns.shared_at].toarray()
+        found = {}
+        for column, unknown in enumerate(self.unknowns):
+            step = moved_by[:, column].reshape(-1, 3)
+            moved = step.any(axis=1)
+            axis = int(np.argmax(np.abs(step[moved][0]))) if moved.any() else 0
+            alike = np.array_equal(step, moved[:, None] * np.eye(3)[axis])
+            if unknown.kind == "effect" and len(step) and alike:
+                found[column] = axis, np.unique(self.gnss_flight[moved])
+        return found
 
     # ------------------------------------------------------------------------------------------
 
     def _solved(self, rows: csr_array, own: np.ndarray) -> Quantities:
-        n = self.problem.image_count * self.problem.d
-        right = rows.toarray().T
-        poses, shared = self.covariance.solve(right[:n], right[n:])
-        return Quantities(rows, own, np.concatenate([poses, shared]))
+        return Quantities(rows, own, self.covariance.solve(rows.toarray().T))
 
-    def _mark_rows(self, point: np.ndarray, rows: np.ndarray):
-        """Derivatives of a point's marks (m, 2, ...): by the point, the pose, what is shared."""
-        p = self.problem
-        rotation = self.state.rotation[rows]
-        seen = np.einsum("nij,nj->ni", rotation, point - self.state.centre[rows])
+    def _mark_rows(self, point: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, csr_array]:
+        """Derivatives of a point's marks in some images: by the point (2m, 3), and (2m, n)."""
+        images = self.images
+        rotation, interior = images.rotation[rows], images.interior[rows]
+        seen = np.einsum("nij,nj->ni", rotation, point - images.centre[rows])
         ray = seen[:, :2] / seen[:, 2:]
-        interior = self.state.interior[p.images.camera]
         by_ray = np.empty((len(rows), 2, 2))
         h = 1e-5  # of a ray: truncation and rounding stay below 1e-9
         for k in range(2):
             step = h * np.eye(2)[k]
-            ahead, behind = (project_rays(ray + s * step, interior, rows) for s in (1, -1))
+            each = np.arange(len(rows))
+            ahead, behind = (project_rays(ray + s * step, interior, each) for s in (1, -1))
             by_ray[:, :, k] = (ahead - behind) / (2 * h)
         by_seen = np.zeros((len(rows), 2, 3))
         by_seen[:, 0, 0] = by_seen[:, 1, 1] = 1.0
@@ -241,39 +264,19 @@ class Network:
         x, y, z = seen.T
         turn[:, 0, 1], turn[:, 0, 2], turn[:, 1, 2] = z, -y, x
         turn -= turn.transpose(0, 2, 1)
-        by_pose = np.concatenate([-by_point, by_seen @ turn], axis=2)
-        by_shared = np.zeros((len(rows), 2, p.shared_count))
-        for camera in np.unique(p.images.camera[rows]):
-            mine = np.flatnonzero(p.images.camera[rows] == camera)
-            column = p.camera_column[rows[mine[0]]]
-            free = np.flatnonzero(column >= 0)
-            change = interior_derivatives(ray[mine], self.state.interior[camera])
-            by_shared[np.ix_(mine, [0, 1], column[free])] = change[:, :, free]
-        return by_point, by_pose, by_shared
-
-    def _gnss_rows(self) -> tuple[csr_array, dict[int, tuple[int, np.ndarray]]]:
-        """W J (3 k, n + q); and the shared unknowns that move whole flights alike.
-
-        Those are biases of the GNSS, whatever they are called: column -> axis, flights.
-        """
-        p = self.problem
-        n, k = p.image_count * p.d, len(p.gnss_image)
-        if not k:
-            return csr_array((0, n + p.shared_count)), {}
-        view = self.normal.view(self.state)
-        _, own, shared = self.normal.antenna_rows(self.state, view.images)
-        biases = {}
-        for column, unknown in enumerate(p.unknowns):
-            step = shared[:, :, column]
-            moved = step.any(axis=1)
-            axis = int(np.argmax(np.abs(step[moved][0]))) if moved.any() else 0
-            if unknown.kind == "effect" and np.array_equal(step, moved[:, None] * np.eye(3)[axis]):
-                biases[column] = axis, np.unique(p.images.flight[p.gnss_image[moved]])
-        own, shared = own * p.gnss_weight[:, :, None], shared * p.gnss_weight[:, :, None]
-        column = np.broadcast_to((p.gnss_image[:, None] * p.d + np.arange(p.d))[:, None], own.shape)
-        row = np.broadcast_to(np.arange(3 * k).reshape(k, 3, 1), own.shape)
-        poses = csr_array((own.ravel(), (row.ravel(), column.ravel())), shape=(3 * k, n))
-        return csr_array(hstack([poses, csr_array(shared.reshape(3 * k, -1))])), biases
+        pose = np.concatenate([-by_point, by_seen @ turn], axis=2).reshape(-1, 6)
+        by_columns = np.zeros((2 * len(rows), len(self.columns)))
+        at = np.repeat(self.columns.pose[rows], 2, axis=0)
+        by_columns[np.arange(len(at))[:, None], at] = pose
+        camera = np.repeat(images.camera[rows], 2)
+        change = np.concatenate(
+            [interior_derivatives(r, own)[0] for r, own in zip(ray[:, None], interior, strict=True)]
+        )
+        for number, unknown in zip(self.columns.shared_at, self.unknowns, strict=True):
+            if unknown.kind == "camera":
+                mine = camera == unknown.at[0]
+                by_columns[mine, number] = change[mine, unknown.at[1]]
+        return by_point.reshape(-1, 3), csr_array(by_columns)
 
     def _columns_of(self, carried: Carried | None) -> np.ndarray:
         if carried is None:
@@ -292,7 +295,7 @@ class Network:
                 f"{self.labels[singular.shared]} cannot be determined by flight set "
                 f"{self.plan.name}: hold it, give it a prior, or fly otherwise"
             )
-        image = self.problem.images.names[singular.image]
+        image = self.images.names[singular.image]
         return InputError(
             f"the pose of image {image} of flight set {self.plan.name} cannot be determined: "
             "more tie points or more overlap are needed"

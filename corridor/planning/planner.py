@@ -20,9 +20,6 @@ from corridor.planning.noise import GnssNoise, unit_bias
 from corridor.planning.surveyed import Surveyed
 from corridor.simulation import Plan, read_plan
 
-# A camera that looks further than this from straight down makes a flight oblique.
-OBLIQUE_DEG = 5.0
-
 Control = int | Sequence[str | tuple[float, float]]
 
 
@@ -103,7 +100,7 @@ class Planner:
         return Known(names, where, xyz, first, parts, moments, bias, self._noise)
 
     def _moments_of(self, parts: list[Quantities]) -> Moments:
-        net, p = self.network, self.network.problem
+        net = self.network
         rows = [part.rows for part in parts]
         stated = np.block([[row @ part.solved for part in parts] for row in rows])
         at = 0
@@ -114,15 +111,13 @@ class Planner:
         stated = 0.5 * (stated + stated.T)
         response = np.concatenate([net.gnss_response(part) for part in parts])
         carried = np.concatenate([net.carried_response(part) for part in parts])
-        flight = p.images.flight[p.gnss_image]
+        flight, error = net.gnss_flight, stated.copy()
         if len(flight):
-            sigma = p.gnss_weight**-0.5
-            error = stated + self.noise.excess(response, sigma, p.images.time[p.gnss_image], flight)
-        else:
-            error = stated.copy()
+            time = net.images.time[net.gnss.image]
+            error += self.noise.excess(response, net.gnss.sigma, time, flight)
         # The prior of a bias stands for a bias; it is counted once, as what the GNSS does.
         for column in self._bias_priors:
-            error -= p.prior_weight[column] * np.outer(stated[:, column], stated[column])
+            error -= net.prior_weight[column] * np.outer(stated[:, column], stated[column])
         transfer = unit_bias(response, flight)
         if net.carried is not None:
             error += carried @ (net.carried.error - net.assumed) @ carried.T
@@ -133,7 +128,7 @@ class Planner:
     def _bias_priors(self) -> list[int]:
         """Columns of the biases of the GNSS that are estimated with a prior."""
         net = self.network
-        return [column for column in net.biases if net.problem.prior_weight[column] > 0]
+        return [column for column in net.biases if net.prior_weight[column] > 0]
 
     def _bias_of(self, moments: Moments) -> np.ndarray:
         net, one = self.network, self.noise.bias_moment
@@ -142,14 +137,14 @@ class Planner:
             alike = np.ones((groups, groups)) if self.noise.bias_per == "block" else np.eye(groups)
             return np.kron(alike, one)
         out = np.zeros((3 * groups, 3 * groups))
-        with_gnss = np.unique(net.flight[net.problem.gnss_image])
+        with_gnss = np.unique(net.gnss_flight)
         for column in self._bias_priors:
             axis, flights = net.biases[column]
             moved = np.zeros((groups, 3))
             moved[: len(with_gnss), axis] = np.isin(with_gnss, flights)
             # What is carried over comes from the same base station, where all flights share one.
             moved[len(with_gnss) :, axis] = len(flights) == len(with_gnss)
-            out += np.outer(moved, moved) / net.problem.prior_weight[column]
+            out += np.outer(moved, moved) / net.prior_weight[column]
         return out
 
     # --- control ------------------------------------------------------------------------------
@@ -237,21 +232,7 @@ class Planner:
             )
         names = list(dict.fromkeys(names))
         points = np.array([known.names.index(name) for name in names], dtype=np.int64)
-        return Expected(self, known, tuple(names), points)
-
-    # --- what expectations share --------------------------------------------------------------
-
-    @cached_property
-    def _heights(self) -> np.ndarray:
-        """Variance (m,) of the camera heights without control, m^2."""
-        return self.network.covariance.each_pose[:, 2, 2]
-
-    @property
-    def views(self) -> dict[str, str]:
-        """`nadir` or `oblique` for each flight."""
-        return {
-            f.name: "oblique" if f.tilt_deg > OBLIQUE_DEG else "nadir" for f in self.plan.flights
-        }
+        return Expected(self.network, known, tuple(names), points)
 
 
 def _position(given) -> tuple[float, float]:

@@ -1,13 +1,15 @@
 """Covariances against a dense inverse, and against the spread of many noisy draws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dense_jacobian import jacobian
 from strips import corridor_block
 
 import corridor
-from corridor.adjustment import Covariance, Loss, Normal, make_problem
-from corridor.adjustment.datum import settle
+from corridor.adjustment import Covariance, LinearSystem, make_problem
+from corridor.adjustment.datum import free_network
 from corridor.adjustment.normal import shared_values
 from corridor.simulation import add_noise
 
@@ -83,9 +85,11 @@ def case(request):
 @pytest.fixture(scope="module", params=["band", pytest.param("sparse", marks=pytest.mark.slow)])
 def covariance(request, case):
     problem, state, _, free = case
-    normal = Normal(problem, Loss(), storage=request.param)
-    normal.look(state)
-    return Covariance(normal, state, settle(normal, state) if free else None)
+    system = LinearSystem(problem, state, storage=request.param)
+    if not free:
+        return Covariance(system)
+    datum = free_network(system)
+    return Covariance(replace(system, held=datum.held), datum.null_space)
 
 
 def agree(case, ours, theirs, sigma_rows, sigma_columns=None):
@@ -154,7 +158,7 @@ class TestAgainstADenseInverse:
         sigma = sigma[: n + q]
         # Each sum takes every unknown in units of its own standard deviation.
         factors = np.random.default_rng(5).standard_normal((n + q, 3)) / sigma[:, None]
-        ours = np.concatenate(covariance.solve(factors[:n], factors[n:]))
+        ours = covariance.solve(factors)
         theirs = full[: n + q, : n + q] @ factors
         # A sum of n + q terms that agree to 1e-8 each.
         assert np.abs(ours - theirs).max(axis=1) / sigma == pytest.approx(
@@ -167,14 +171,14 @@ def test_information_from_elsewhere_counts_like_a_prior():
     priors = {"camera.camlight.f": (0.0, 0.7), "lever_arm.F1.z": (0.0, 0.02)}
     block = small_block()
     asked = make_problem(block, priors=priors)
-    with_prior = Covariance(Normal(asked, Loss()), asked.start)
+    with_prior = Covariance(LinearSystem(asked, asked.start))
     plain = make_problem(block)
     information = np.zeros((plain.shared_count, plain.shared_count))
     for n, unknown in enumerate(plain.unknowns):
         if unknown.label in priors:
             information[n, n] = priors[unknown.label][1] ** -2
     assert np.count_nonzero(information) == 2
-    given = Covariance(Normal(plain, Loss()), plain.start, information=information)
+    given = Covariance(LinearSystem(plain, plain.start, information=information))
     assert given.shared == pytest.approx(with_prior.shared, rel=1e-9)
     assert given.each_pose == pytest.approx(with_prior.each_pose, rel=1e-6, abs=1e-12)
 
@@ -182,12 +186,13 @@ def test_information_from_elsewhere_counts_like_a_prior():
 def test_the_datum_of_a_free_network_does_not_matter_to_what_has_none():
     """Camera parameters are the same whichever seven unknowns are held (Baarda 1973)."""
     problem = make_problem(small_block(gnss=False, control=0, check=0))
-    normal = Normal(problem, Loss())
-    motions = settle(normal, problem.start)
-    laid = Covariance(normal, problem.start, motions)
+    system = LinearSystem(problem, problem.start)
+    datum = free_network(system)
+    system = replace(system, held=datum.held)
+    laid = Covariance(system, datum.null_space)
     shared = laid.shared
     held = np.sqrt(np.einsum("nii->ni", laid.each_pose))
-    plain = Covariance(normal, problem.start)  # the datum of the held unknowns
+    plain = Covariance(system)  # the datum of the held unknowns
     assert plain.shared == pytest.approx(shared, rel=1e-6)
     assert not np.allclose(np.sqrt(np.abs(np.einsum("nii->ni", plain.each_pose))), held, rtol=0.1)
 

@@ -8,7 +8,7 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.adjustment import Loss, Normal, make_problem, similarity, solve
+from corridor.adjustment import LinearSystem, Loss, Normal, make_problem, similarity, solve
 from corridor.camera import FRASER10, INTERIOR
 from corridor.effects.forward import predict
 from corridor.geometry import rotation_from_quaternion
@@ -434,11 +434,12 @@ class TestTwoWaysToTheSameNumbers:
     def test_steps_of_the_free_network_are_the_same_in_both_storages(self):
         _, start = perfect(gnss=False, control=0, check=0)
         problem = make_problem(start)
-        from corridor.adjustment.datum import settle
+        from corridor.adjustment.datum import free_network
 
         costs = []
         for storage in ("band", "sparse"):
             normal = Normal(problem, Loss(), storage=storage)
-            settle(normal, problem.start)
+            system = LinearSystem(problem, problem.start, storage=storage)
+            normal.pins = free_network(system).held
             costs.append(solve(normal).cost)
         assert max(costs) < 1e-9

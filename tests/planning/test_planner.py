@@ -24,7 +24,7 @@ def direct(planner, expected, **options):
 
 def believed(expected):
     """Stated sigmas (n, 3) of the check points, of the adjustment alone."""
-    survey = expected.planner.block.sigma["control_m"] ** 2
+    survey = expected.network.block.sigma["control_m"] ** 2
     return np.sqrt(expected._stated.reshape(-1, 3) - survey)
 
 
