@@ -26,6 +26,7 @@ from threadpoolctl import threadpool_limits
 from corridor.adjustment.matrix import Bordered
 from corridor.adjustment.normal import Loss, Normal, moved_state
 from corridor.adjustment.problem import Problem, State, Unknown, with_effects
+from corridor.adjustment.solve import solve
 from corridor.block import Block
 from corridor.effects import Context, Effect, Images, Parameter, Stack
 
@@ -66,6 +67,11 @@ class Columns:
         """Numbers of an effect's unknowns that images share (k,)."""
         mine = [(u.kind, u.owner) == ("effect", slug) for u in self.shared]
         return self.shared_at[np.array(mine, dtype=bool)]
+
+    @property
+    def shared_value(self) -> np.ndarray:
+        """Values (q,) of what images share."""
+        return self.value[self.shared_at]
 
     @cached_property
     def labels(self) -> list[str]:
@@ -176,13 +182,28 @@ class LinearSystem:
         state = replace(self.state, effects=zero | known)
         return replace(self, problem=problem, state=state, tested=away, gnss_counts=False)
 
-    def with_pixels(self, residual: np.ndarray, sigma: np.ndarray) -> LinearSystem:
-        """The system with other residuals (n, 2), px, of the image points and their sigmas (n,).
+    def measuring(
+        self,
+        xy: np.ndarray | None = None,
+        sigma: np.ndarray | None = None,
+        gnss: np.ndarray | None = None,
+        control: np.ndarray | None = None,
+        prior: np.ndarray | None = None,
+    ) -> LinearSystem:
+        """The system of other measurements of the same things; None leaves them.
 
-        Where a residual is NaN, the measured point stays.
+        xy (n, 2), px, and sigma (n,), infinite where a row shall not count, as in `image_rows`;
+        gnss (k, 3), control (c, 3), m; prior (q,): expected values of what images share.
         """
-        xy = self.problem.xy + np.nan_to_num(residual - self.residuals().pixels)
-        return replace(self, problem=replace(self.problem, xy=xy, weight=1.0 / sigma))
+        given = {
+            "xy": xy,
+            "weight": None if sigma is None else 1.0 / sigma,
+            "gnss_given": gnss,
+            "control_given": control,
+            "prior_value": prior,
+        }
+        given = {name: value for name, value in given.items() if value is not None}
+        return replace(self, problem=replace(self.problem, **given))
 
     def at(self, state: State) -> LinearSystem:
         """The same measurements at another state."""
@@ -256,7 +277,7 @@ class LinearSystem:
 
     def residuals(self) -> Residuals:
         """Measured minus modelled, effects that are only tested among the modelled."""
-        normal = Normal(self.problem, self.loss)
+        normal = Normal(self.problem, self.loss, storage="band")
         pixels, behind = _at_rest(normal, self.state)
         gnss = np.zeros((0, 3))
         if len(self.problem.gnss_image):
@@ -308,9 +329,11 @@ class LinearSystem:
         for stack in (Stack(self.block, [effect]) for effect in self.tested):
             (member,) = stack.members.values()
             effect, (groups, count) = member.effect, member.shape
-            _, derivative = stack.evaluate("antenna", context, stack.start())
+            _, derivative = stack.evaluate(
+                "antenna", context, {effect.slug: np.zeros(member.shape)}
+            )
+            moved, _ = stack.evaluate("antenna", context, self.state.effects)
             group = context.group(effect.group)
-            moved = np.einsum("nij,nj->ni", derivative, self.state.effects[effect.slug][group])
             row = np.broadcast_to(np.arange(rows).reshape(-1, 3, 1), derivative.shape)
             column = np.broadcast_to(group[:, None, None] * count + np.arange(count), row.shape)
             at = (row.ravel(), column.ravel())
@@ -429,6 +452,13 @@ class LinearSystem:
         _, factor = self.factorised
         with threadpool_limits(1):
             return np.concatenate(factor.solve(right[:n], right[n:]))
+
+    def minimised(self, max_iterations: int, tolerance: float, near: bool) -> LinearSystem:
+        """The system at the state of least cost; arguments as of `solve`."""
+        normal = Normal(replace(self.problem, start=self.state), self.loss, self.threads)
+        if self.held is not None:
+            normal.pins = self.held
+        return self.at(solve(normal, max_iterations, tolerance, near=near).state)
 
     def step(self) -> State:
         """The state one step of Gauss and Newton away.

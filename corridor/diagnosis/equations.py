@@ -95,8 +95,11 @@ def equations(adjustment: Adjustment, effects: list[Effect], priors: Mapping) ->
     `slug.parameter`.
     """
     system = LinearSystem.of(adjustment).testing(effects)
-    found, scales = pseudo_residuals(system.problem, system.state, system.residuals().pixels)
-    system = system.with_pixels(found, scales.of_observation)
+    residual, rows = system.residuals().pixels, system.image_rows
+    found, scales = pseudo_residuals(system.problem, system.state, residual)
+    # Behind a camera there is no residual to change.
+    xy = rows.xy + np.nan_to_num(found - residual)
+    system = system.measuring(xy=xy, sigma=scales.of_observation)
     groups = make_groups(system.columns, len(system.control_names), effects, priors)
     out = _take_apart(system, groups, scales)
     out.pixels = found

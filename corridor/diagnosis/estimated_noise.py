@@ -7,13 +7,12 @@ the residuals it leaves behind are those that were found.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
-from corridor.adjustment import Normal
+from corridor.adjustment import LinearSystem
 from corridor.effects import Context, Images, every_effect
 from corridor.geometry import CLIPPED, robust_scale, robust_scale_of_lengths
 from corridor.gnss import SlowNoise
@@ -124,56 +123,33 @@ def mended(noise: EstimatedNoise, found: np.ndarray, left: np.ndarray) -> Estima
     return noise.changed(tie=np.maximum.accumulate(noise.tie * ratio))
 
 
-def gnss_noise(normal: Normal, state, residual: np.ndarray, tie_sigma: float) -> dict:
+def gnss_noise(system: LinearSystem, residual: np.ndarray, tie_sigma: float) -> dict:
     """White and slow noise of the antenna by flight and axis, by restricted maximum likelihood.
 
-    normal: equations at `state`; residual: (k, 3) m. tie_sigma: of a tie coordinate in stated
+    system: where the residual (k, 3), m, was found. tie_sigma: of a tie coordinate in stated
     ones. With G the covariance that the adjustment gives the predicted antenna and W the weights,
     the residual is (1 - G W) noise + what the others' noise does, of covariance G - G W G.
     What any antenna effect of the catalogue could do is projected out, for noise is what is left
     when each of them had its way: a drift must not count as slow noise.
     Source: Patterson and Thompson 1971 (restricted likelihood).
     """
-    p = normal.problem
     found = {}
-    signals = _signals(p, state)
-    for one in series_of(p):
-        for axis, predicted in _predicted(normal, state, one):
-            sigma = p.gnss_weight[one.rows, axis] ** -0.5
+    signals = _signals(system.problem, system.state)
+    sigmas = system.gnss.sigma
+    for one in series_of(system.problem):
+        for axis in range(3):
+            sigma = sigmas[one.rows, axis]
             # In stated standard deviations, so that good and bad epochs weigh as they should.
             v = residual[one.rows, axis] / sigma
             usual = robust_scale(v, centred=True, least=1e-9)
             v = np.clip(v, -CLIPPED * usual, CLIPPED * usual)
-            g = predicted / sigma[:, None] / sigma
+            # Covariance of the predicted antenna, unit weight.
+            rows = system.gnss.jacobian[3 * one.rows + axis].toarray()
+            g = rows @ system.solve(rows.T) / sigma[:, None] / sigma
             found[one.flight, axis] = _fit(
                 v, g, signals[one.rows, axis] / sigma[:, None], one.time, tie_sigma
             )
     return found
-
-
-def _predicted(normal: Normal, state, one: Series) -> Iterator[tuple[int, np.ndarray]]:
-    """Covariance (k, k) of the predicted antenna of one flight, each axis, unit weight, m^2."""
-    p = normal.problem
-    images = p.images.with_poses(state.centre, state.rotation)
-    _, d_pose, d_antenna, to_world = normal.antenna(state, images)
-    normal.assemble(state, 0.0)
-    system = normal.factor()
-    k, q = len(one.rows), p.shared_count
-    image = p.gnss_image[one.rows]
-    for axis in range(3):
-        own = np.zeros((p.image_count, p.d, k))
-        shared = np.zeros((q, k))
-        column = np.arange(k)
-        own[image, :6, column] = d_pose[one.rows, axis]
-        for source, columns in ((d_antenna, p.antenna_column), (to_world, p.arm_column)):
-            for n in range(columns.shape[1]):
-                at = columns[image, n]
-                inside, mine = at >= 0, at <= -2
-                shared[at[inside], column[inside]] += source[one.rows[inside], axis, n]
-                own[image[mine], 4 - at[mine], column[mine]] += source[one.rows[mine], axis, n]
-        right = own.reshape(-1, k)
-        x, y = system.solve(right, shared)
-        yield axis, right.T @ x + shared.T @ y
 
 
 def _signals(problem, state) -> np.ndarray:

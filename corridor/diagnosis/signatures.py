@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from corridor.adjustment import Loss, Normal
 from corridor.effects import Stack, every_effect
 
 # Share of an effect that has to be left after absorption: below, rounding would speak.
@@ -157,9 +156,8 @@ def _missing_effects(believed):
     Yields the effect, a function from its values to residuals (pixels, gnss, control), its
     parameters and how many groups it has.
     """
-    p, state = believed.problem, believed.fit.state
+    p = believed.problem
     controls = list(p.block.ground["point"].to_numpy(dtype=object)[p.control_rows])
-    members = [member.effect for member in p.stack.members.values()]
     for effect in every_effect():
         if effect.generic or effect.slug in p.stack.members or effect.missing(p.block):
             continue
@@ -167,19 +165,15 @@ def _missing_effects(believed):
             continue
         if effect.place == "ground" and not controls:
             continue
-        stack = Stack(p.block, [*members, effect], controls)
-        normal = Normal(replace(p, stack=stack), Loss())
+        tested = believed.system.testing([effect])
 
-        def seen(values, normal=normal, effect=effect):
-            there = replace(state, effects={**state.effects, effect.slug: values})
-            pixels, _ = normal.look(there, passes=3)
-            gnss = np.zeros((0, 3))
-            if len(p.gnss_image):
-                images = p.images.with_poses(there.centre, there.rotation)
-                gnss = -normal.antenna(there, images)[0]
-            return pixels, gnss, normal.view(there).control_residual
+        def seen(values, tested=tested, effect=effect):
+            effects = {**tested.state.effects, effect.slug: values}
+            left = tested.at(replace(tested.state, effects=effects)).residuals()
+            # Residuals are measured minus modelled; what was measured stays.
+            return left.pixels, left.gnss, left.control
 
-        member = stack.members[effect.slug]
+        member = Stack(p.block, [effect], controls).members[effect.slug]
         yield effect, seen, member.parameters, len(member.groups)
 
 

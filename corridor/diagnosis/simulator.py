@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from corridor import adjustment as least_squares
-from corridor.adjustment import LOSSES, Loss, Normal, one_step
+from corridor.adjustment import LOSSES, LinearSystem, Loss
 from corridor.diagnosis.estimated_noise import (
     GRID,
     TRUST,
@@ -65,15 +64,11 @@ class Simulator:
     """
 
     def __init__(self, adjustment: Adjustment):
-        p = adjustment.problem
-        self.loss = _loss(adjustment)
-        self.pins = adjustment.normal.pins
+        p, system = adjustment.problem, adjustment.system
+        rows = system.image_rows
         self.held_out = _held_out(p)
-        weight = np.broadcast_to(p.weight, len(p.img)).copy()
-        self.sigma = 1.0 / weight
-        weight[self.held_out] = 0.0
-        self.is_tie = p.row < p.tie_count
-        self.check_rows, self.check_points = _check_points(p, free=len(self.pins) > 0)
+        self.sigma, self.is_tie = rows.sigma, rows.tie
+        self.check_rows, self.check_points = _check_points(p, free=system.held is not None)
         ground = p.block.ground
         given = ground[["x", "y", "z"]].to_numpy(float)
         self.measured = Measured(
@@ -81,63 +76,49 @@ class Simulator:
         )
         self.check_sigma = p.block.ground_sigma()[self.check_rows]
         self.series: list[Series] = series_of(p)
-        self.problem = replace(p, weight=weight, start=adjustment.state)
-        self.fit, normal = self._adjust(self.measured, near=False)
-        self.problem = replace(self.problem, start=self.fit.state)
-        self.noise = self._estimate(normal)
+        system = system.measuring(sigma=np.where(self.held_out, np.inf, self.sigma))
+        self.system = replace(system, loss=_loss(adjustment))
+        self.system = self._with(self.measured).minimised(20, TOLERANCE, near=False)
+        self.fit = self._fit(self.system, self.measured)
+        self.noise = self._estimate()
+
+    @property
+    def problem(self):
+        """What was measured; what no fit uses has no weight."""
+        return self.system.problem
 
     # --- adjusting ---------------------------------------------------------------------------
 
     def adjust(self, measured: Measured) -> Fit:
         """The believed model fitted to other measurements of the same things."""
-        return self._adjust(measured)[0]
+        return self._fit(self._with(measured).minimised(20, TOLERANCE, near=True), measured)
 
     def absorb(self, pixels: np.ndarray, gnss: np.ndarray, control: np.ndarray) -> Fit:
         """What is left of shifts (n, 2) px, (k, 3) m, (c, 3) m of what the model says."""
-        p, fit, given = self.problem, self.fit, self.measured
+        fit, given = self.fit, self.measured
         shifted = Measured(
             xy=given.xy - fit.pixels + pixels,
             gnss=given.gnss - fit.gnss + gnss,
             control=given.control - fit.control + control,
-            prior=_shared(p, fit.state),
+            prior=self.system.columns.shared_value,
             check=given.check,
         )
-        normal = self._normal(shifted, Loss())
-        if normal.looks:
-            normal.look(fit.state)
-        return self._fit(normal, one_step(normal), shifted)
+        system = replace(self._with(shifted), loss=Loss())
+        return self._fit(system.at(system.step()), shifted)
 
-    def _normal(self, measured: Measured, loss: Loss) -> Normal:
-        p = replace(
-            self.problem,
-            xy=measured.xy,
-            gnss_given=measured.gnss,
-            control_given=measured.control,
-            prior_value=measured.prior,
+    def _with(self, measured: Measured) -> LinearSystem:
+        return self.system.measuring(
+            measured.xy, gnss=measured.gnss, control=measured.control, prior=measured.prior
         )
-        normal = Normal(p, loss)
-        normal.pins = self.pins
-        return normal
 
-    def _adjust(self, measured: Measured, near: bool = True) -> tuple[Fit, Normal]:
-        normal = self._normal(measured, self.loss)
-        state = least_squares.solve(normal, 20, TOLERANCE, near=near).state
-        return self._fit(normal, state, measured), normal
-
-    def _fit(self, normal: Normal, state, measured: Measured) -> Fit:
-        p = normal.problem
-        pixels, _ = normal.look(state, passes=5)
-        gnss = np.zeros((0, 3))
-        if len(p.gnss_image):
-            images = p.images.with_poses(state.centre, state.rotation)
-            gnss = p.gnss_given - normal.antenna(state, images)[0]
-        control = normal.view(state).control_residual
+    def _fit(self, system: LinearSystem, measured: Measured) -> Fit:
+        left, state = system.residuals(), system.state
         check = state.points[self.check_points] - measured.check
-        return Fit(state, pixels, gnss, control, check)
+        return Fit(state, left.pixels, left.gnss, left.control, check)
 
     # --- noise -------------------------------------------------------------------------------
 
-    def _estimate(self, normal: Normal) -> EstimatedNoise:
+    def _estimate(self) -> EstimatedNoise:
         ties = self.is_tie & ~self.held_out
         marks = ~self.is_tie
         scaled = self.fit.pixels / self.sigma[:, None]
@@ -147,7 +128,7 @@ class Simulator:
             noise = noise.changed(tie=1.2 * found)
         if len(self.fit.gnss):
             usual = noise.tie_sigma if ties.any() else 1.0
-            noise = noise.changed(gnss=gnss_noise(normal, self.fit.state, self.fit.gnss, usual))
+            noise = noise.changed(gnss=gnss_noise(self.system, self.fit.gnss, usual))
         control_sigma = self.problem.control_weight**-0.5
         pulls = [
             _sum_of_squares(scaled[marks]),
@@ -206,7 +187,9 @@ class Simulator:
         value = given.prior.copy()
         if known.any():
             sigma = p.prior_weight[known] ** -0.5
-            value[known] = _shared(p, fit.state)[known] + sigma * prior.standard_normal(len(sigma))
+            value[known] = self.system.columns.shared_value[known] + sigma * prior.standard_normal(
+                len(sigma)
+            )
         return Measured(
             xy=given.xy - fit.pixels + error * self.sigma[:, None],
             gnss=given.gnss - fit.gnss + antenna,
@@ -224,10 +207,10 @@ def _loss(adjustment: Adjustment) -> Loss:
 
     Least squares spread a gross error over its surroundings, where no noise can imitate it.
     """
-    loss, p = adjustment.normal.loss, adjustment.problem
+    loss, p = adjustment.system.loss, adjustment.problem
     if loss.kind != LOSSES["squares"] or not p.tie_count:
         return loss
-    pixels, _ = adjustment.normal.look(adjustment.state, passes=5)
+    pixels = adjustment.system.residuals().pixels
     length = (np.hypot(*pixels.T) * p.weight)[p.row < p.tie_count]
     usual = robust_scale_of_lengths(length, least=1e-9)
     if np.mean(is_outlier(length, usual, UNUSABLE)) < WRONG:
@@ -261,10 +244,3 @@ def _check_points(p, free: bool) -> tuple[np.ndarray, np.ndarray]:
 def _sum_of_squares(pulls: np.ndarray) -> float:
     """Of residuals in standard deviations, none counting more than PULL of them."""
     return float(np.sum(np.clip(pulls, -PULL, PULL) ** 2))
-
-
-def _shared(p, state) -> np.ndarray:
-    tables = {"camera": state.interior, "lever_arm": state.arms}
-    return np.array(
-        [tables.get(u.kind, state.effects.get(u.owner))[u.at] for u in p.unknowns], float
-    )
