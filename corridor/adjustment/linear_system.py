@@ -24,6 +24,7 @@ from scipy.sparse import block_array, csc_array, csr_array
 from threadpoolctl import threadpool_limits
 
 from corridor.adjustment.matrix import Bordered
+from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM
 from corridor.adjustment.normal import Loss, Normal, moved_state
 from corridor.adjustment.problem import Problem, State, Unknown, with_effects
 from corridor.adjustment.solve import solve
@@ -44,7 +45,8 @@ class Columns:
     """The unknowns of a linear system: for each its number, name, value and prior.
 
     images (m,): names. pose (m, 6), of_image: slug -> (m, parameters): numbers of the unknowns
-    that each image has for itself. parameters: slug -> parameters of one group, of every effect.
+    that each image has for itself. parameters: slug -> parameters of one group, of every effect;
+    of those in of_image without what is held.
     shared (q,): what images share, with its numbers shared_at (q,).
     scale (n,): prior standard deviation of an effect's parameter, NaN for all else. value (n,):
     of what is not a pose. prior_weight (n,): of the priors that count in the equations.
@@ -65,7 +67,7 @@ class Columns:
 
     def of(self, slug: str) -> np.ndarray:
         """Numbers of an effect's unknowns that images share (k,)."""
-        mine = [(u.kind, u.owner) == ("effect", slug) for u in self.shared]
+        mine = [(u.kind, u.owner) == (EFFECT, slug) for u in self.shared]
         return self.shared_at[np.array(mine, dtype=bool)]
 
     @property
@@ -218,9 +220,14 @@ class LinearSystem:
         m, d, q = p.image_count, p.d, p.shared_count
         shared, of_image = list(p.unknowns), {}
         parameters = {slug: member.parameters for slug, member in p.stack.members.items()}
-        for number, (slug, _) in enumerate(p.own_unknowns):
-            of_image.setdefault(slug, []).append(np.arange(m) * d + 6 + number)
-        of_image = {slug: np.stack(at, axis=1) for slug, at in of_image.items()}
+        varied: dict[str, list[int]] = {}
+        for slug, number in p.own_unknowns:
+            varied.setdefault(slug, []).append(number)
+        first = 6
+        for slug, numbers in varied.items():
+            parameters[slug] = [parameters[slug][number] for number in numbers]
+            of_image[slug] = np.arange(m)[:, None] * d + first + np.arange(len(numbers))
+            first += len(numbers)
         at, shared_at = m * d + q, [m * d + np.arange(q)]
         for beside in self._beside:
             slug = beside.effect.slug
@@ -234,15 +241,15 @@ class LinearSystem:
                 shared_at.append(numbers)
         shared_at = np.concatenate(shared_at)
         scale, value, weight = np.full(at, np.nan), np.zeros(at), np.zeros(at)
-        tables = {"camera": state.interior, "lever_arm": state.arms}
+        tables = {CAMERA: state.interior, LEVER_ARM: state.arms}
         for number, unknown in zip(shared_at.tolist(), shared, strict=True):
-            if unknown.kind == "effect":
+            if unknown.kind == EFFECT:
                 scale[number] = parameters[unknown.owner][unknown.at[1]].scale
             value[number] = tables.get(unknown.kind, state.effects.get(unknown.owner))[unknown.at]
         weight[shared_at[:q]] = p.prior_weight
         for slug, numbers in of_image.items():
             scale[numbers] = [parameter.scale for parameter in parameters[slug]]
-            value[numbers] = state.effects[slug]
+            value[numbers] = state.effects[slug][:, varied.get(slug, slice(None))]
         for number, held in enumerate(p.own_prior[1]):
             weight[6 + number : m * d : d] = held
         pose = np.arange(m)[:, None] * d + np.arange(6)

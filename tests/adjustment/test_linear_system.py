@@ -211,7 +211,7 @@ class TestPurity:
         problem, state = moving
         before = {k: v.copy() for k, v in vars(problem).items() if isinstance(v, np.ndarray)}
         system = LinearSystem(problem, state).testing([find("focal"), find("gnss_drift")])
-        system.with_pixels(system.residuals().pixels + 1.0, np.full(len(problem.img), 0.7)).matrix  # noqa: B018
+        system.measuring(xy=problem.xy + 1.0, sigma=np.full(len(problem.img), 0.7)).matrix  # noqa: B018
         for name, value in before.items():
             assert np.array_equal(getattr(problem, name), value), name
 
