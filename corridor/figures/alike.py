@@ -30,19 +30,12 @@ def alike(table: pd.DataFrame, name: str = "", least: float = 0.0) -> Figure:
     if len(names) < len(table):
         note += f" \u00b7 {len(table) - len(names)} effects below {least:g} left out"
     cell = float(np.clip(6.2 / len(names), 0.28, 0.45))
-    side, margin = cell * len(names), 0.35 + 0.052 * max(map(len, names))
-    figure = style.sheet(0.95 + side + margin, title, note, width=max(margin + side + 0.4, 6.4))
-    axes = style.panel(figure, margin, 0.9, side, side)
+    figure, axes = style.matrix(title, note, names, names, cell)
     axes.imshow(values, cmap=style.COUNTS, vmin=0, vmax=1, aspect="auto")
-    axes.set_xticks(range(len(names)), names, rotation=90, size=style.SMALL)
-    axes.set_yticks(range(len(names)), names, size=style.SMALL)
-    axes.tick_params(length=0)
     for row, column in np.argwhere(values >= WORTH):
         share = values[row, column]
-        axes.text(
-            column, row, f"{share:.2f}".lstrip("0"), size=style.SMALL - 0.5, ha="center",
-            va="center", color="white" if share > DARK_CELL else style.INK,
-        )  # fmt: skip
+        look = {"color": "white" if share > DARK_CELL else style.INK, "size": style.SMALL - 0.5}
+        axes.text(column, row, f"{share:.2f}".lstrip("0"), ha="center", va="center", **look)
     for k in range(len(names)):
         axes.text(k, k, "\u00b7", ha="center", va="center", color=style.QUIET)
     return figure

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from corridor.camera import undistort
@@ -34,8 +33,7 @@ def camera_views(block: Block) -> Figure:
     if not known.any():
         return style.sentence("No pose is known yet: the adjustment finds start values.", title)
     frame = maps.frame_of(block)
-    parts = [(name, rows[known[rows]], colour, marker) for name, rows, colour, marker in
-             maps.group_styles(block)]  # fmt: skip
+    parts = [(name, rows[known[rows]], *look) for name, rows, *look in maps.group_styles(block)]
     step = -(-int(known.sum()) // MOST_IMAGES)
     note = f"one image in {step} is drawn" if step > 1 else ""
     rotation = np.full((len(pose), 3, 3), np.nan)
@@ -57,7 +55,7 @@ def camera_views(block: Block) -> Figure:
         outline = np.concatenate([flat[rows], flat[rows][:, :1]], axis=1)
         axes.add_collection(LineCollection(outline, colors=colour, linewidths=0.5, alpha=0.55))
         axes.plot(*frame.place(pose[rows, :2]).T, ls="", marker=marker, ms=3, color=colour)
-        keys.append(Line2D([], [], ls="-", lw=0.8, marker=marker, ms=5, color=colour, label=name))
+        keys.append(style.key(name, ls="-", lw=0.8, marker=marker, ms=5, color=colour))
     maps.draw_ground(axes, frame, block, names=False)
     style.legend(figure, 0.87, keys)
     _space(figure, 1.15 + height + 0.5, 3.9, block, frame, parts, pose, away, level, step)
@@ -75,18 +73,8 @@ def _space(figure, top, height, block, frame, parts, pose, away, level, step):
     span = np.array([np.nanmin(along, axis=0) - 25, np.nanmax(along, axis=0) + 25])
     inside &= ((ground > span[0]) & (ground < span[1])).all(axis=1)
     few = np.flatnonzero(inside)[:: -(-int(inside.sum()) // 2500) or 1]
-    axes.plot(
-        *ground[few].T,
-        heights[few],
-        ls="",
-        marker="o",
-        ms=0.9,
-        color="#9a9a9a",
-        mec="none",
-        zorder=1,
-    )
-    for name, rows, colour, _ in parts:
-        del name
+    axes.plot(*ground[few].T, heights[few], zorder=1, **style.dot("o", "#9a9a9a", 0.9, "none"))
+    for _, rows, colour, _ in parts:
         rows = rows[::step]
         centre = np.column_stack([along[rows], pose[rows, 2]])
         rays = away[rows]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from corridor.figures import maps, style
 from corridor.figures.residual_vectors import arrows, stated_arrow
@@ -13,6 +12,8 @@ from corridor.report import Adjusted, counted, readable, short
 
 NONE = "No check points: nothing independent of the adjustment tests it."
 MOST_NAMES = 40
+_CONTROL = style.dot("^", style.INK, 6.5)
+_CHECK = style.dot("o", "white", 4.5, style.INK)
 
 
 def check_points(adjustment: Adjusted) -> Figure:
@@ -89,16 +90,9 @@ def _table(result: Adjusted, frame: maps.MapFrame) -> pd.DataFrame:
     names = result.check_points["point"].astype(str).to_numpy() if len(result.check_points) else []
     place = frame.place(ground.reindex(names).to_numpy())
     moved = frame.turn(maps.columns(result.check_points, ("dx", "dy")))
-    return pd.DataFrame(
-        {
-            "point": names,
-            "x": place[:, 0],
-            "y": place[:, 1],
-            "px": moved[:, 0],
-            "py": moved[:, 1],
-            "dz": maps.columns(result.check_points, ("dz",))[:, 0],
-        }
-    )
+    table = pd.DataFrame({"point": names})
+    table[["x", "y"]], table[["px", "py"]] = place, moved
+    return table.assign(dz=maps.columns(result.check_points, ("dz",))[:, 0])
 
 
 def _draw(axes, frame, result, table, exaggeration, keys) -> list:
@@ -107,49 +101,34 @@ def _draw(axes, frame, result, table, exaggeration, keys) -> list:
     ground = result.block.ground
     control = ground["role"].astype(str).to_numpy() == "control"
     places = frame.place(maps.columns(ground))[control]
-    axes.plot(*places.T, ls="", marker="^", ms=6.5, mfc=style.INK, mec=style.INK, zorder=5)
+    axes.plot(*places.T, zorder=5, **_CONTROL)
     if not len(table):
-        axes.text(
-            0.5,
-            0.5,
-            "no check points",
-            transform=axes.transAxes,
-            ha="center",
-            color=style.QUIET,
-            size=style.TEXT,
-        )
+        style.quiet(axes, "no check points")
         return keys
     x, y = table["x"].to_numpy(), table["y"].to_numpy()
     rise = exaggeration * table["dz"].to_numpy()
     axes.vlines(x, y, y + rise, color=style.LIGHT, lw=4.0, zorder=4)
-    axes.plot(x, y, ls="", marker="o", ms=4.5, mfc="white", mec=style.INK, mew=0.9, zorder=5)
+    axes.plot(x, y, zorder=5, **_CHECK)
     arrows(axes, x, y, table["px"], table["py"], exaggeration, style.DARK, 6)
     if len(table) + control.sum() <= MOST_NAMES:
-        steps = np.linspace(0.0, 1.0, 12)[:, None]
-        clear = np.vstack(
-            [
-                np.column_stack(
-                    [(x + exaggeration * s * table["px"]), (y + exaggeration * s * table["py"])]
-                )
-                for s in steps
-            ]
-            + [np.column_stack([x, y + s * rise]) for s in steps]
-        )
+        here = np.column_stack([x, y])
+        along = exaggeration * table[["px", "py"]].to_numpy()
+        upright = np.column_stack([0 * x, rise])
+        clear = [here + s * way for s in np.linspace(0.0, 1.0, 12) for way in (along, upright)]
         names = [*table["point"], *ground["point"].astype(str).to_numpy()[control]]
-        style.name_points(axes, np.vstack([np.column_stack([x, y]), places]), names, clear)
+        style.name_points(axes, np.vstack([here, places]), names, np.vstack(clear))
     return keys
 
 
 def _keys(result: Adjusted) -> list:
     keys = [
-        Line2D([], [], color=style.DARK, marker=">", ms=5, lw=1.2, label="in plan"),
-        Line2D([], [], color=style.LIGHT, lw=4, label="in height (up: too high)"),
-        Line2D([], [], ls="", marker="o", mfc="white", mec=style.INK, ms=5, label="check point"),
+        style.key("in plan", color=style.DARK, marker=">", ms=5, lw=1.2),
+        style.key("in height (up: too high)", color=style.LIGHT, lw=4),
+        style.key("check point", **_CHECK),
     ]
     if (result.block.ground["role"].astype(str) == "control").any():
-        keys.append(Line2D([], [], ls="", marker="^", color=style.INK, ms=6, label="control point"))
-    keys.append(Line2D([], [], ls="", marker=".", color=style.FAINT, ms=5, label="image"))
-    return keys
+        keys.append(style.key("control point", **_CONTROL))
+    return [*keys, style.key("image", **style.dot(".", style.FAINT))]
 
 
 def _numbers(result: Adjusted, brief: bool) -> str:

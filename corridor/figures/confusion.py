@@ -29,32 +29,16 @@ def confusion_matrix(
     note = f"{blocks}; shade: share of the row; framed: the right name"
     names = [str(name).replace("_", " ") for name in hidden]
     said = [str(name).replace("_", " ") for name in answers]
-    cell = 0.27
-    left = 0.4 + 0.06 * max(map(len, names))
-    top = 1.0 + 0.058 * max(map(len, said))
-    wide, high = cell * len(said), cell * len(names)
-    figure = style.sheet(top + high + 0.35, title, note, width=max(left + wide + 0.4, 6.0))
-    axes = style.panel(figure, left, top, wide, high)
+    figure, axes = style.matrix(title, note, names, said, 0.27, above=True)
     total = np.maximum(table.sum(axis=1, keepdims=True), 1)
     axes.imshow(table / total, cmap=style.COUNTS, vmin=0, vmax=1, aspect="auto")
-    axes.xaxis.tick_top()
-    axes.set_xticks(range(len(said)), said, rotation=90, size=style.SMALL)
-    axes.set_yticks(range(len(names)), names, size=style.SMALL)
-    axes.tick_params(length=0)
-    for edge in np.arange(0.5, len(names) - 1):
-        axes.axhline(edge, color="#ebebeb", lw=0.5)
-    for edge in np.arange(0.5, len(said) - 1):
-        axes.axvline(edge, color="#ebebeb", lw=0.5)
     for i, j in np.argwhere(table > 0):
-        axes.text(
-            j, i, str(table[i, j]), ha="center", va="center", size=style.SMALL,
-            color="white" if table[i, j] > 0.55 * total[i, 0] else style.INK,
-        )  # fmt: skip
+        colour = "white" if table[i, j] > 0.55 * total[i, 0] else style.INK
+        look = {"color": colour, "size": style.SMALL, "ha": "center", "va": "center"}
+        axes.text(j, i, str(table[i, j]), **look)
     for i, name in enumerate(hidden):
         for j, answer in enumerate(answers):
             if name == answer:
-                box = Rectangle(
-                    (j - 0.5, i - 0.5), 1, 1, fill=False, ec=style.INK, lw=1.2, zorder=5
-                )
-                axes.add_patch(box)
+                look = {"fill": False, "ec": style.INK, "lw": 1.2, "zorder": 5}
+                axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, **look))
     return figure

@@ -12,6 +12,11 @@ from corridor.report import Adjusted, short
 
 MOST = 40
 STRONG = 0.95
+# A positive coefficient is dark, a negative one pale with an edge.
+_SIGNS = (
+    {"facecolor": style.DARK, "lw": 0.0},
+    {"facecolor": "#f3d9a0", "edgecolor": style.INK, "lw": 0.6},
+)
 
 
 def correlation_matrix(adjustment: Adjusted) -> Figure:
@@ -44,21 +49,12 @@ def correlation_matrix(adjustment: Adjusted) -> Figure:
     names = shorter(names, list(adjustment.block.cameras))
     number = len(names)
     cell = float(np.clip(5.6 / number, 0.22, 0.5))
-    side = cell * number
-    margin = 0.3 + 0.06 * max(len(name) for name in names)
-    width = max(margin + side + 0.4, 6.2)
-    figure = style.sheet(1.25 + side + margin, title, note, width=width)
-    axes = style.panel(figure, margin, 1.2, side, side)
-    axes.set(xlim=(-0.5, number - 0.5), ylim=(number - 0.5, -0.5))
-    axes.set_xticks(range(number), names, rotation=90, size=style.SMALL)
-    axes.set_yticks(range(number), names, size=style.SMALL)
-    for text in (*axes.get_xticklabels(), *axes.get_yticklabels()):
-        text.set_parse_math(False)
-    axes.tick_params(length=0)
-    for edge in np.arange(0.5, number - 1):
-        axes.axhline(edge, color="#ebebeb", lw=0.5, zorder=0)
-        axes.axvline(edge, color="#ebebeb", lw=0.5, zorder=0)
-    boxes: dict[bool, list[Rectangle]] = {True: [], False: []}
+    keys = [
+        Patch(**look, label=sign)
+        for sign, look in zip(("positive", "negative"), _SIGNS, strict=True)
+    ]
+    figure, axes = style.matrix(title, note, names, names, cell, keys)
+    boxes: tuple[list, list] = ([], [])
     digits = 3 if cell >= 0.36 else 2
     for i in range(number):
         for j in range(i):
@@ -66,30 +62,14 @@ def correlation_matrix(adjustment: Adjusted) -> Figure:
             if not np.isfinite(value):
                 continue
             half = 0.46 * min(abs(value), 1.0)
-            boxes[bool(value >= 0)].append(Rectangle((j - half, i - half), 2 * half, 2 * half))
+            boxes[int(value < 0)].append(Rectangle((j - half, i - half), 2 * half, 2 * half))
             if abs(value) > STRONG:
-                axes.text(
-                    i,
-                    j,
-                    _coefficient(value, digits),
-                    ha="center",
-                    va="center",
-                    color=style.INK,
-                    size=style.SMALL if digits == 3 else 5.5,
-                )
-    axes.add_collection(PatchCollection(boxes[True], facecolor=style.DARK, lw=0, zorder=2))
-    axes.add_collection(
-        PatchCollection(boxes[False], facecolor="#f3d9a0", edgecolor=style.INK, lw=0.6, zorder=2)
-    )
+                look = {"color": style.INK, "size": style.SMALL if digits == 3 else 5.5}
+                text = _coefficient(value, digits)
+                axes.text(i, j, text, ha="center", va="center", **look)
+    for drawn, look in zip(boxes, _SIGNS, strict=True):
+        axes.add_collection(PatchCollection(drawn, zorder=2, **look))
     axes.plot([-0.5, number - 0.5], [-0.5, number - 0.5], color=style.FAINT, lw=0.8, zorder=1)
-    style.legend(
-        figure,
-        0.87,
-        [
-            Patch(color=style.DARK, lw=0, label="positive"),
-            Patch(facecolor="#f3d9a0", edgecolor=style.INK, lw=0.6, label="negative"),
-        ],
-    )
     return figure
 
 

@@ -13,9 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
 from corridor.figures import style
 from corridor.report import short
@@ -37,6 +35,17 @@ CHANCE = 0.05
 # Columns of a map beyond which there is no room for numbers in its cells.
 CROWDED = 10
 SIGNATURES = "signatures of the physical effects"
+# What tells most of a block in which nothing leaves its band.
+USUAL = (
+    SIGNATURES,
+    "check-point error, RMS",
+    "tie size by row",
+    "tie outward by time",
+    "GNSS z by time",
+    "control z by point",
+    "tie outward by place along the corridor",
+    "held-out tie size",
+)
 # Inches.
 HEIGHT, BETWEEN, LEFT, PER_ROW = 1.1, 0.24, 0.65, 4
 
@@ -83,11 +92,7 @@ def counterpart(
                 axes.set_xlabel(statistic.axis, size=style.SMALL, color=style.INK, labelpad=2)
             axes.set_ylabel(unit, size=style.SMALL, color=style.INK, labelpad=2)
             if len(cases) > 1:
-                axes.text(
-                    0.995, 1.0, word if one is not None else f"{word}: cannot be formed",
-                    transform=axes.transAxes, ha="right", va="bottom", size=style.SMALL,
-                    color=style.QUIET,
-                )  # fmt: skip
+                _word(axes, word if one is not None else f"{word}: cannot be formed")
     style.legend(figure, 0.86, _keys())
     return figure
 
@@ -163,15 +168,8 @@ def counterpart_maps(before: Comparison, after: Comparison | None = None) -> Fig
             text = "y (px)" if pixels else "across (m)"
             axes.set_ylabel(text, size=style.SMALL, color=style.INK, labelpad=1)
             if len(cases) > 1:
-                axes.text(
-                    0.995, 1.01, word, transform=axes.transAxes, ha="right", va="bottom",
-                    size=style.SMALL, color=style.QUIET,
-                )  # fmt: skip
-    axes = style.panel(figure, style.WIDTH - 0.72, 1.5, 0.12, height)
-    figure.colorbar(image, cax=axes)
-    axes.yaxis.set_major_locator(MaxNLocator(5))
-    axes.tick_params(labelsize=style.SMALL, colors=style.INK, length=2, width=0.6)
-    axes.set_ylabel("deviations", size=style.SMALL, color=style.INK, labelpad=2)
+                _word(axes, word)
+    style.shade_bar(figure, image, style.WIDTH - 0.72, 1.5, height, "deviations")
     keys = [
         Patch(fc="white", ec=style.INK, lw=1.2, label="outside the 95 % band (deviations)"),
         Patch(fc=style.LIGHT, lw=0, label="measured below simulated"),
@@ -193,12 +191,7 @@ def _chosen(before: Comparison, names: Sequence[str] | None) -> list[str]:
     out = [SIGNATURES] if _find(before, SIGNATURES) is not None else []
     out += [one.statistic.name for one in leaving if one.statistic.name != SIGNATURES]
     out = out[:MOST]
-    usual = (
-        SIGNATURES, "check-point error, RMS", "tie size by row",
-        "tie outward by time", "GNSS z by time", "control z by point",
-        "tie outward by place along the corridor", "held-out tie size",
-    )  # fmt: skip
-    for name in [*usual, *(one.statistic.name for one in curves)]:
+    for name in [*USUAL, *(one.statistic.name for one in curves)]:
         if len(out) >= min(MOST, len(curves)):
             break
         if name not in out and _find(before, name) is not None:
@@ -243,10 +236,10 @@ def _number(value: float) -> str:
 def _keys() -> list:
     return [
         Patch(color=BAND, lw=0, label="band of 95 % of the simulated counterparts"),
-        Line2D([], [], color=style.QUIET, lw=0.8, ls="--", label="their mean"),
-        Line2D([], [], color=style.QUIET, marker="o", ms=2.5, lw=1.0, label="measured, inside"),
-        Line2D([], [], color=style.INK, marker="o", ms=2.5, lw=1.8, label="measured, leaves it"),
-        Line2D([], [], color=style.INK, marker="D", ms=5, lw=0, label="value outside"),
+        style.key("their mean", color=style.QUIET, lw=0.8, ls="--"),
+        style.key("measured, inside", color=style.QUIET, marker="o", ms=2.5, lw=1.0),
+        style.key("measured, leaves it", color=style.INK, marker="o", ms=2.5, lw=1.8),
+        style.key("value outside", **style.dot("D", style.INK)),
     ]
 
 
@@ -260,6 +253,12 @@ def _title(figure: Figure, left: float, top: float, name: str) -> None:
         style.write(
             figure, left - 0.4, top - 0.17 - 0.14 * n, line, weight="bold", size=style.SMALL + 0.5
         )
+
+
+def _word(axes: Axes, word: str) -> None:
+    """Which of the two cases a panel shows, above its right corner."""
+    look = {"ha": "right", "va": "bottom", "size": style.SMALL, "color": style.QUIET}
+    axes.text(0.995, 1.0, word, transform=axes.transAxes, **look)
 
 
 def _crowded(names: Sequence[str]) -> bool:
@@ -348,17 +347,13 @@ def _map(axes: Axes, one: Compared | None):
     for cell, out in zip(statistic.cells, one.outside, strict=True):
         if out:
             i, j = cell % columns, cell // columns
-            axes.plot(
-                [x[i], x[i + 1], x[i + 1], x[i], x[i]], [y[j], y[j], y[j + 1], y[j + 1], y[j]],
-                color=style.INK, lw=1.3, zorder=5,
-            )  # fmt: skip
+            around = x[i + np.array([0, 1, 1, 0, 0])], y[j + np.array([0, 0, 1, 1, 0])]
+            axes.plot(*around, color=style.INK, lw=1.3, zorder=5)
             if columns > CROWDED:
                 continue
-            z = grid[cell]
-            axes.text(
-                (x[i] + x[i + 1]) / 2, (y[j] + y[j + 1]) / 2, f"{z:+.0f}", ha="center",
-                va="center", size=style.SMALL - 1.5, color="white" if z > 5 else style.INK,
-            )  # fmt: skip
+            z, middle = grid[cell], (x[i : i + 2].mean(), y[j : j + 2].mean())
+            look = {"size": style.SMALL - 1.5, "color": "white" if z > 5 else style.INK}
+            axes.text(*middle, f"{z:+.0f}", ha="center", va="center", **look)
     if "image" in statistic.axis:
         # Pixels count downwards.
         axes.invert_yaxis()

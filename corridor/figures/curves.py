@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from corridor.figures import style
 
@@ -34,33 +33,25 @@ class Panel:
 
 def curves(panels: Sequence[Panel], title: str, note: str = "") -> Figure:
     """Panels side by side, the same name with the same line in each, one legend."""
-    gap, height = 0.85, 2.6
-    width = (style.WIDTH - 0.35 - gap * len(panels)) / len(panels)
-    figure = style.sheet(1.25 + height + 0.65, title, note)
-    names = list(dict.fromkeys(name for panel in panels for name in panel.series))
+    names = dict.fromkeys(name for panel in panels for name in panel.series)
     looks = {
-        name: {
-            "color": style.SERIES[k % 4][0],
-            "marker": style.SERIES[k % 4][1],
-            "ls": DASHES[k % 4],
-        }
+        name: {"color": colour, "marker": marker, "ls": DASHES[k % 4], "lw": 1.4}
         for k, name in enumerate(names)
+        for colour, marker in [style.SERIES[k % 4]]
     }
-    for k, panel in enumerate(panels):
-        axes = style.panel(figure, gap + k * (width + gap), 1.35, width, height)
-        style.open_frame(axes)
+    keys = [style.key(name, ms=4, **look) for name, look in looks.items()]
+    figure, (row,) = style.charts(title, note, [3.35], len(panels), keys)
+    for axes, panel in zip(row, panels, strict=True):
         style.caption(axes, panel.title)
         style.label(axes, panel.x_label, panel.y_label)
         for name, values in panel.series.items():
             values = np.asarray(values, dtype=float)
             values = values[:, None] if values.ndim == 1 else values
-            middle = np.median(values, axis=1)
-            axes.plot(panel.x, middle, lw=1.4, ms=3.5, zorder=4, **looks[name])
+            axes.plot(panel.x, np.median(values, axis=1), ms=3.5, zorder=4, **looks[name])
             if values.shape[1] > 1:
-                axes.fill_between(
-                    panel.x, values.min(axis=1), values.max(axis=1),
-                    color=looks[name]["color"], alpha=0.18, linewidth=0, zorder=2,
-                )  # fmt: skip
+                ends = values.min(axis=1), values.max(axis=1)
+                look = {"color": looks[name]["color"], "alpha": 0.18, "linewidth": 0}
+                axes.fill_between(panel.x, *ends, zorder=2, **look)
         if panel.known is not None:
             left, right = axes.get_xlim()
             for a, b in ((left, panel.known[0]), (panel.known[1], right)):
@@ -70,8 +61,6 @@ def curves(panels: Sequence[Panel], title: str, note: str = "") -> Figure:
             axes.set_ylim(bottom=0)
         else:
             axes.axhline(0, color=style.FAINT, lw=0.8, zorder=1)
-    keys = [Line2D([], [], lw=1.4, ms=4, label=name, **look) for name, look in looks.items()]
-    style.legend(figure, 0.87, keys)
     return figure
 
 
@@ -82,15 +71,11 @@ def histograms(
 
     draws: "name (unit)" -> (draws,); truth: the same names.
     """
-    gap, height, count = 0.75, 2.0, len(draws)
-    width = (style.WIDTH - 0.35 - gap * count) / count
-    figure = style.sheet(1.0 + height + 0.65, title, note)
-    for k, (name, values) in enumerate(draws.items()):
-        axes = style.panel(figure, gap + k * (width + gap), 1.0, width, height)
-        style.open_frame(axes)
+    figure, (row,) = style.charts(title, note, [2.85], len(draws))
+    for axes, (name, values) in zip(row, draws.items(), strict=True):
         axes.hist(values, bins=max(6, len(values) // 4), color=style.DARK, rwidth=0.92)
         axes.axvline(truth[name], color=style.MIDDLE, lw=1.6, ls="--")
         axes.ticklabel_format(useOffset=False)
         style.caption(axes, f"{np.mean(values):.1f} \u00b1 {np.std(values, ddof=1):.1f}")
-        style.label(axes, name, "draws" if k == 0 else None)
+        style.label(axes, name, "draws" if axes is row[0] else None)
     return figure

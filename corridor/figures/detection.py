@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from corridor.figures import style
 from corridor.report import counted
@@ -25,39 +24,26 @@ def naming_rates(
     known = [one for one in bins if one["detected"]["count"]]
     if not known:
         return style.sentence("No block with one separable effect.", title)
-    total = sum(one["detected"]["count"] for one in known)
-    figure = style.sheet(
-        4.3, title,
-        f"{counted(total, 'block')} with one effect that no other comes near; bars: 95 %",
-        width=7.0,
-    )  # fmt: skip
-    axes = style.panel(figure, 0.8, 1.1, 5.9, 2.5)
-    style.open_frame(axes)
-    style.label(axes, "signal-to-noise ratio (number of blocks)", "share of blocks, %")
+    total = counted(sum(one["detected"]["count"] for one in known), "block")
+    note = f"{total} with one effect that no other comes near; bars: 95 %"
     at = np.arange(len(known))
-    keys = []
-    for k, (key, word) in enumerate(_SHOWN):
-        colour, marker = style.SERIES[k]
+    looks = [
+        {"color": colour, "marker": marker, "ms": 5.5, "lw": 1.1, "ls": "none"}
+        for colour, marker in style.SERIES
+    ]
+    keys = [style.key(word, **look) for (_, word), look in zip(_SHOWN, looks, strict=False)]
+    figure, ((axes,),) = style.charts(title, note, [3.15], keys=keys, width=7.0)
+    style.label(axes, "signal-to-noise ratio (number of blocks)", "share of blocks, %")
+    for k, (key, _) in enumerate(_SHOWN):
         share, low, high = (
             100 * np.array([one[key][name] for one in known]) for name in ("share", "low", "high")
         )
-        look = {"color": colour, "marker": marker, "ms": 5.5, "lw": 1.1}
-        axes.errorbar(
-            at + 0.12 * (k - 1), share, [share - low, high - share], capsize=2.5, elinewidth=0.9,
-            ls="none", **look,
-        )  # fmt: skip
-        keys.append(Line2D([], [], label=word, ls="none", **look))
-    names = [
-        f"{one['from']:g} to {one['to']:g}"
-        if one["to"] is not None
-        else f"{one['from']:g} and more"
-        for one in known
-    ]
-    names = [
-        f"{name}\n({one['detected']['count']})" for name, one in zip(names, known, strict=True)
-    ]
+        bars = [share - low, high - share]
+        axes.errorbar(at + 0.12 * (k - 1), share, bars, capsize=2.5, elinewidth=0.9, **looks[k])
+    names = []
+    for one in known:
+        end = "and more" if one["to"] is None else f"to {one['to']:g}"
+        names.append(f"{one['from']:g} {end}\n({one['detected']['count']})")
     axes.set_xticks(at, names, size=style.SMALL)
-    axes.set_xlim(-0.5, len(known) - 0.5)
-    axes.set_ylim(0, 103)
-    style.legend(figure, 0.87, keys)
+    axes.set(xlim=(-0.5, len(known) - 0.5), ylim=(0, 103))
     return figure

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
@@ -17,6 +16,10 @@ from corridor.report import counted, short
 # Inches: a row, the names, the numbers, and above and below the rows.
 ROW, NAMES, NUMBERS, TOP, BOTTOM = 0.235, 4.15, 0.65, 1.35, 0.65
 LEAST = 1.0
+PHYSICAL = {"facecolor": style.DARK, "edgecolor": style.DARK}
+GENERIC = {"facecolor": "white", "edgecolor": style.QUIET, "hatch": "/////"}
+FOUND = style.dot("D", style.LIGHT, 4.8, style.INK)
+BESIDE = style.dot("o", "white", 4.8, style.INK)
 LIMITS = {
     "named": ("-", "named"),
     "beside_noise": (":", "named (GNSS)"),
@@ -51,52 +54,29 @@ def evidence_bars(
     for limit, (dashes, _) in LIMITS.items():
         axes.axvline(max(threshold[limit], LEAST), color=style.INK, lw=1.0, ls=dashes, zorder=1)
     for k, row in enumerate(evidence.itertuples(index=False)):
+        look = GENERIC if row.generic else PHYSICAL
         if row.alone > LEAST:
-            axes.barh(
-                k, row.alone - LEAST, 0.62, LEAST, zorder=2, linewidth=0.7,
-                **(
-                    {"facecolor": "white", "edgecolor": style.QUIET, "hatch": "/////"}
-                    if row.generic
-                    else {"facecolor": style.DARK, "edgecolor": style.DARK}
-                ),
-            )  # fmt: skip
-        axes.plot(
-            max(row.beside, LEAST), k, ls="", marker="D" if row.found else "o", ms=4.8,
-            mfc=style.LIGHT if row.found else "white", mec=style.INK, mew=0.9, zorder=4,
-            clip_on=False,
-        )  # fmt: skip
-        top = TOP + ROW * (k + 0.5) + 0.045
-        style.write(
-            figure, 0.25, top, short(row.name, 68), size=style.SMALL,
-            weight="bold" if row.found else "normal",
-        )  # fmt: skip
-        style.write(
-            figure, style.WIDTH - 0.25, top, _number(row.alone), size=style.SMALL, align="right"
-        )
-    style.write(
-        figure, style.WIDTH - 0.25, TOP - 0.1, "alone", size=style.SMALL, colour=style.QUIET,
-        align="right",
-    )  # fmt: skip
+            axes.barh(k, row.alone - LEAST, 0.62, LEAST, zorder=2, linewidth=0.7, **look)
+        look = FOUND if row.found else BESIDE
+        axes.plot(max(row.beside, LEAST), k, zorder=4, clip_on=False, **look)
+        top, weight = TOP + ROW * (k + 0.5) + 0.045, "bold" if row.found else "normal"
+        style.write(figure, 0.25, top, short(row.name, 68), size=style.SMALL, weight=weight)
+        number = _number(row.alone)
+        style.write(figure, style.WIDTH - 0.25, top, number, size=style.SMALL, align="right")
+    look = {"size": style.SMALL, "colour": style.QUIET, "align": "right"}
+    style.write(figure, style.WIDTH - 0.25, TOP - 0.1, "alone", **look)
     style.label(axes, "log evidence (natural logarithm of the Bayes factor)", "")
-    style.legend(
-        figure,
-        0.86,
-        [
-            Patch(fc=style.DARK, label="physical effect, alone"),
-            Patch(fc="white", ec=style.QUIET, hatch="/////", label="generic shape, alone"),
-            _marker("D", style.LIGHT, "found"),
-            _marker("o", "white", "beside what was found"),
-            *(
-                Line2D([], [], color=style.INK, lw=1.0, ls=dashes, label=words)
-                for dashes, words in LIMITS.values()
-            ),
-        ],
-    )
+    keys = [
+        Patch(**PHYSICAL, label="physical effect, alone"),
+        Patch(**GENERIC, label="generic shape, alone"),
+        style.key("found", **FOUND),
+        style.key("beside what was found", **BESIDE),
+    ]
+    keys += [
+        style.key(words, color=style.INK, lw=1.0, ls=dashes) for dashes, words in LIMITS.values()
+    ]
+    style.legend(figure, 0.86, keys)
     return figure
-
-
-def _marker(shape: str, fill: str, text: str) -> Line2D:
-    return Line2D([], [], ls="", marker=shape, ms=4.8, mfc=fill, mec=style.INK, mew=0.9, label=text)
 
 
 def _number(value: float) -> str:

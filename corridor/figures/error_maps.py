@@ -25,7 +25,7 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
     even choice is drawn; RMS are of all.
     """
     every = np.vstack([maps.columns(table) for table in cases.values()])
-    frame = _frame(every)
+    frame = maps.frame_through(every, "y")
     # Room for the longest arrow of a point on the border.
     limits = maps.extent(frame.place(every), margin=0.15)
     width = 4.25
@@ -73,22 +73,6 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
             _length(length, exact=True),
         )  # fmt: skip
     return figure
-
-
-def _frame(places: np.ndarray) -> maps.MapFrame:
-    """Turned where the points lie along a corridor, read eastwards or northwards."""
-    middle = places.mean(axis=0)
-    _, _, axes = np.linalg.svd(places - middle, full_matrices=False)
-    spread = np.ptp((places - middle) @ axes.T, axis=0)
-    if spread[0] < maps.LONG * spread[1]:
-        return maps.MapFrame(0.0, np.zeros(2), False, "y")
-    direction = axes[0]
-    if direction[0] < -0.02 or (abs(direction[0]) <= 0.02 and direction[1] < 0):
-        direction = -direction
-    first = ((places - middle) @ direction).min()
-    return maps.MapFrame(
-        float(np.arctan2(direction[1], direction[0])), middle + first * direction, True, "y"
-    )
 
 
 def _even(places: np.ndarray) -> np.ndarray:

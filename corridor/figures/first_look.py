@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from corridor.figures import maps, style
@@ -80,25 +79,12 @@ def _plan(axes: Axes, frame: maps.MapFrame, block: Block, points: np.ndarray) ->
     known = points[np.isfinite(points).all(axis=1)]
     if len(known):
         step = -(-len(known) // MOST_POINTS)
-        axes.plot(
-            *known[::step].T, ls="", marker="o", ms=1.7, color="#b0b0b0", mec="none", zorder=1
-        )
+        axes.plot(*known[::step].T, zorder=1, **style.dot("o", "#b0b0b0", 1.7, "none"))
         text = "tie points" + (f" (one in {step:,})" if step > 1 else "")
-        keys.append(
-            Line2D([], [], ls="", marker="o", ms=2.5, color="#b0b0b0", mec="none", label=text)
-        )
+        keys.append(style.key(text, **style.dot("o", "#b0b0b0", 2.5, "none")))
     keys += maps.draw_ground(axes, frame, block)
     if not np.isfinite(maps.centres(block)).any() and not len(known):
-        axes.text(
-            0.5,
-            0.5,
-            "no position is known yet: the adjustment finds start values",
-            transform=axes.transAxes,
-            ha="center",
-            va="center",
-            size=style.TEXT,
-            color=style.QUIET,
-        )
+        style.quiet(axes, "no position is known yet: the adjustment finds start values")
     return keys
 
 
@@ -117,20 +103,15 @@ def _rays(axes: Axes, block: Block) -> None:
     most = int(min(rays.max(), MOST_RAYS))
     count = np.bincount(np.minimum(rays, MOST_RAYS), minlength=most + 1)
     number = np.arange(len(count))
-    axes.bar(
-        number[1:],
-        count[1:],
-        width=0.8,
-        color=np.where(number[1:] == 1, style.LIGHT, style.DARK),
-        linewidth=0,
-    )
+    colours = np.where(number[1:] == 1, style.LIGHT, style.DARK)
+    axes.bar(number[1:], count[1:], width=0.8, color=colours, linewidth=0)
     axes.set_xlim(0.4 if count[1] else 1.4, max(len(count) - 0.4, 4.6))
     axes.set_ylim(0, 1.08 * count.max())
     axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, steps=[1, 2, 5, 10]))
     if rays.max() > MOST_RAYS:
         axes.xaxis.set_major_formatter(
             FuncFormatter(
-                lambda value, _: f"\u2265{MOST_RAYS}" if value == MOST_RAYS else f"{value:.0f}"
+                lambda value, _: ("\u2265" if value == MOST_RAYS else "") + f"{value:.0f}"
             )
         )
 
@@ -145,18 +126,9 @@ def _coverage(
     height: float,
 ) -> None:
     """Counts of observations over the image; the panel is at most width by height inches."""
-    tables = [t[["image", "x", "y"]] for t in (block.tie_points, block.marks) if len(t)]
-    of_image = pd.Series(
-        block.images["camera"].astype(str).to_numpy(), index=block.images["image"].astype(str)
-    )
-    x, y, name = [], [], []
-    for table in tables:
-        category = table["image"].astype("category")
-        names = of_image.reindex(category.cat.categories.astype(str)).to_numpy(dtype=object)
-        name.append(names[category.cat.codes.to_numpy()])
-        x.append(table["x"].to_numpy(dtype=float))
-        y.append(table["y"].to_numpy(dtype=float))
-    name, x, y = np.concatenate(name), np.concatenate(x), np.concatenate(y)
+    tables = [table for table in (block.tie_points, block.marks) if len(table)]
+    name = np.concatenate([camera_of(block, table) for table in tables])
+    x, y = np.concatenate([maps.columns(table) for table in tables]).T
     if camera is None:
         camera = max(block.cameras, key=lambda key: np.count_nonzero(name == key))
     chosen = name == camera
@@ -178,7 +150,17 @@ def _coverage(
         text += f", camera {short(camera, 14)}"
     style.caption(axes, text)
     style.label(axes, "x (px)", "y (px)")
-    style.count_bar(figure, image, left + wide + 0.12, top, 0.1, high, "observations a cell")
+    style.shade_bar(figure, image, left + wide + 0.12, top, high, "observations a cell", True)
+
+
+def camera_of(block: Block, table: pd.DataFrame) -> np.ndarray:
+    """(n,) the camera of each row of a table of observations or residuals."""
+    of_image = pd.Series(
+        block.images["camera"].astype(str).to_numpy(), index=block.images["image"].astype(str)
+    )
+    image = table["image"].astype("category")
+    names = of_image.reindex(image.cat.categories.astype(str)).to_numpy(dtype=object)
+    return names[image.cat.codes.to_numpy()]
 
 
 def cells(

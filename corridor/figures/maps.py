@@ -160,21 +160,10 @@ def _north_arrow(figure: Figure, frame: MapFrame, left: float, top: float) -> No
     axes.set_axis_off()
     axes.set(xlim=(-1, 1), ylim=(-1, 1))
     direction = frame.turn(np.array([[0.0, 1.0]]))[0]
-    axes.annotate(
-        "",
-        0.5 * direction,
-        -0.75 * direction,
-        arrowprops={"arrowstyle": "-|>", "color": style.INK, "lw": 1.0, "shrinkA": 0, "shrinkB": 0},
-    )
-    axes.text(
-        *(0.78 * direction),
-        frame.north,
-        size=style.SMALL,
-        weight="bold",
-        color=style.INK,
-        ha="center",
-        va="center",
-    )
+    arrow = {"arrowstyle": "-|>", "color": style.INK, "lw": 1.0, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", 0.5 * direction, -0.75 * direction, arrowprops=arrow)
+    look = {"size": style.SMALL, "weight": "bold", "color": style.INK}
+    axes.text(*(0.78 * direction), frame.north, ha="center", va="center", **look)
 
 
 def groups(block: Block) -> list[tuple[str, np.ndarray]]:
@@ -231,26 +220,15 @@ def draw_cameras(axes: Axes, frame: MapFrame, block: Block, faint: bool = False)
     places = frame.place(centres(block))
     size = float(np.clip(60 / np.sqrt(max(len(places), 1)), 1.8, 5.0))
     if faint:
-        made = axes.plot(
-            *places.T, ls="", marker=".", ms=0.7 * size, color=style.FAINT, zorder=2, label="images"
-        )
-        return made
+        look = style.dot(".", style.FAINT, 0.7 * size)
+        return axes.plot(*places.T, zorder=2, label="images", **look)
     for rows in lines(block):
         axes.plot(*places[rows].T, color=style.QUIET, lw=0.5, zorder=3)
     keys = []
     for name, rows, colour, marker in group_styles(block):
         text = f"{len(rows):,} {name}" if name.startswith("images") else name
-        axes.plot(
-            *places[rows].T,
-            ls="",
-            marker=marker,
-            ms=size,
-            color=colour,
-            mec=style.INK,
-            mew=0.3,
-            zorder=4,
-        )
-        keys.append(Line2D([], [], ls="", marker=marker, ms=5, color=colour, label=text))
+        axes.plot(*places[rows].T, zorder=4, **style.dot(marker, colour, size, style.INK, 0.3))
+        keys.append(style.key(text, **style.dot(marker, colour)))
     return keys
 
 
@@ -267,16 +245,13 @@ def draw_ground(axes: Axes, frame: MapFrame, block: Block, names: bool = True) -
     for name, marker, fill in GROUND:
         rows = np.flatnonzero(role == name)
         if len(rows):
-            look = {"ls": "", "marker": marker, "mfc": fill, "mec": style.INK, "mew": 0.9}
-            text = f"{len(rows):,} {name}"
+            look, order = style.dot(marker, fill, 6.5, style.INK), 6.0
             if len(rows) > MANY:
                 # Thousands of check points would hide the flight: small and below it.
-                look |= {"mew": 0.0, "mfc": style.INK}
-                axes.plot(*places[rows].T, ms=1.6, zorder=1.5, **look)
-                keys.append(Line2D([], [], ms=3, label=text, **look))
-                continue
-            axes.plot(*places[rows].T, ms=6.5, zorder=6, **look)
-            keys.append(Line2D([], [], ms=6, label=text, **look))
+                look, order = style.dot(marker, style.INK, 1.6, line=0.0), 1.5
+            axes.plot(*places[rows].T, zorder=order, **look)
+            text = f"{len(rows):,} {name}"
+            keys.append(style.key(text, **look | {"ms": max(look["ms"], 3.0)}))
     if names and len(places) <= 40:
         known = np.isfinite(places).all(axis=1)
         named = block.ground["point"].astype(str).to_numpy()[known]

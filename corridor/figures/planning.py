@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from corridor.figures import style
 from corridor.report import readable, short
@@ -33,37 +32,33 @@ def accuracy_by_control(
     values = 100 * np.concatenate([np.zeros(0), *known])
     if not len(values):
         return style.sentence("None of these flight sets can be adjusted.", title)
-    rows = -(-len(names) // _ROW)
-    top, height = 1.1 + 0.22 * rows, 2.9
-    figure = style.sheet(top + height + 0.6, title, note)
     looks = {name: _look(k, len(names)) for k, name in enumerate(names)}
-    gap = 0.85
-    width = (style.WIDTH - 0.35 - 2 * gap) / 2
+    rows = -(-len(names) // _ROW)
+    # Room for the rows of keys stands above the panels.
+    figure, (panels,) = style.charts(title, note, [3.4], 2, head=0.95 + 0.22 * rows)
+    for k, name in enumerate(names):
+        row, column = divmod(k, _ROW)
+        keys = [style.key(short(name, 40), **looks[name])]
+        style.legend(figure, 0.83 + 0.22 * row, keys, left=0.25 + 3.15 * column)
     counts = np.unique(np.concatenate([np.asarray(count) for count, *_ in series.values()]))
     low, high = values.min() / 1.25, values.max() * 1.25
-    for k, caption in enumerate(("in plan (x and y together)", "in height")):
-        axes = style.panel(figure, gap + k * (width + gap), top, width, height)
-        style.open_frame(axes)
+    ticks = _STEPS[(low <= _STEPS) & (high >= _STEPS)]
+    span = max(float(np.ptp(counts)), 1.0)
+    for k, (axes, caption) in enumerate(
+        zip(panels, ("in plan (x and y together)", "in height"), strict=True)
+    ):
         style.caption(axes, caption)
         style.label(axes, "control points", "cm" if k == 0 else None)
-        axes.set_yscale("log")
-        axes.set_ylim(low, high)
-        ticks = _STEPS[(low <= _STEPS) & (high >= _STEPS)]
+        axes.set(yscale="log", ylim=(low, high))
         axes.yaxis.set_major_locator(FixedLocator(ticks))
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: readable(value)))
-        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.yaxis.set_minor_locator(FixedLocator([]))
         for tick in ticks:
             axes.axhline(tick, color=style.FAINT, lw=0.5, zorder=1)
         axes.xaxis.set_major_locator(FixedLocator(counts))
-        span = max(float(np.ptp(counts)), 1.0)
         axes.set_xlim(counts.min() - 0.06 * span, counts.max() + 0.06 * span)
         for name, (count, *both) in series.items():
             axes.plot(count, 100 * np.asarray(both[k]), zorder=4, **looks[name])
-    keys = [Line2D([], [], label=short(name, 40), **look) for name, look in looks.items()]
-    for k, key in enumerate(keys):
-        row, column = divmod(k, _ROW)
-        style.legend(figure, 0.83 + 0.22 * row, [key], left=0.25 + 3.15 * column)
     return figure
 
 

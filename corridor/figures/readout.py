@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from corridor.figures import style
 from corridor.report import short
@@ -44,8 +43,8 @@ def _turning(readout):
     figure = style.sheet(lower + 3.0, _title(readout), _note(readout))
     measured = {"color": style.MIDDLE, "linestyle": "", "marker": "."}
     keys = [
-        Line2D([], [], **measured, markersize=5, label="measured"),
-        Line2D([], [], color=style.DARK, linewidth=1.2, label="fitted"),
+        style.key("measured", **measured, markersize=5),
+        style.key("fitted", color=style.DARK, linewidth=1.2),
     ]
     style.legend(figure, 0.86, keys)
     smeared = readout.extra.get("exposure_ms") is not None
@@ -95,8 +94,8 @@ def _led(readout):
     top = 1.3
     figure = style.sheet(top + tall + 0.65, _title(readout), _note(readout))
     keys = [
-        Line2D([], [], color=style.LIGHT, linewidth=2.4, label="measured"),
-        Line2D([], [], color=style.DARK, linewidth=0.8, label="fitted"),
+        style.key("measured", color=style.LIGHT, linewidth=2.4),
+        style.key("fitted", color=style.DARK, linewidth=0.8),
     ]
     style.legend(figure, 0.86, keys)
     axes = style.panel(figure, _MARGIN, top, wide, tall)

@@ -9,11 +9,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from corridor.figures import style
-from corridor.figures.first_look import cells
+from corridor.figures.first_look import camera_of, cells
 from corridor.report import Adjusted, readable, short
 
 MOST_CAMERAS = 4
 ROOM = 1.08  # the panel over the image, for arrows that leave it
+_ARROW = {
+    "units": "inches", "width": 0.016, "headwidth": 4.5, "headlength": 5,
+    "headaxislength": 4.5, "minlength": 0.5,
+}  # fmt: skip
 LEAST = 3  # residuals a cell needs before it gets an arrow
 
 
@@ -29,13 +33,7 @@ def residual_vectors(adjustment: Adjusted, camera: str | None = None) -> Figure:
     table = used(adjustment)
     if table is None:
         return style.sentence("No image residuals to show.", title)
-    of_image = pd.Series(
-        block.images["camera"].astype(str).to_numpy(), index=block.images["image"].astype(str)
-    )
-    category = table["image"].astype("category")
-    owner = of_image.reindex(category.cat.categories.astype(str)).to_numpy(dtype=object)[
-        category.cat.codes.to_numpy()
-    ]
+    owner = camera_of(block, table)
     names = [camera] if camera is not None else list(block.cameras)
     number = {name: int(np.count_nonzero(owner == name)) for name in names}
     shown = sorted((n for n in names if number[n]), key=lambda n: -number[n])[:MOST_CAMERAS]
@@ -67,7 +65,7 @@ def residual_vectors(adjustment: Adjusted, camera: str | None = None) -> Figure:
             style.caption(axes, f"camera {short(name, 24)}")
         if index == 0:
             _key(figure, left, inch_per_px / ROOM, exaggeration)
-    style.count_bar(figure, shades, bar_left, head, 0.1, sizes[0][1], "residuals a cell")
+    style.shade_bar(figure, shades, bar_left, head, sizes[0][1], "residuals a cell", True)
     return figure
 
 
@@ -143,23 +141,8 @@ class _Field:
 def arrows(axes: Axes, x, y, dx, dy, exaggeration: float, colour: str, order: int = 4) -> None:
     """Arrows from (x, y) by (dx, dy) times `exaggeration`, all in the units of the axes."""
     if np.size(x):
-        axes.quiver(
-            x,
-            y,
-            dx,
-            dy,
-            angles="xy",
-            scale_units="xy",
-            scale=1 / exaggeration,
-            color=colour,
-            units="inches",
-            width=0.016,
-            headwidth=4.5,
-            headlength=5,
-            headaxislength=4.5,
-            minlength=0.5,
-            zorder=order,
-        )
+        scale = {"angles": "xy", "scale_units": "xy", "scale": 1 / exaggeration}
+        axes.quiver(x, y, dx, dy, color=colour, zorder=order, **scale, **_ARROW)
 
 
 def _longest(fields: list[_Field]) -> float:

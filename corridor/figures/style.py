@@ -1,8 +1,8 @@
 """One look for every picture of the package.
 
-Pictures are laid out in inches from the top left corner and drawn without pyplot, so that they
-are the same in a notebook, in a thread and on a machine without a display, whatever style the
-reader has set.
+Charts stand in a grid that matplotlib lays out; maps, whose scale is stated, in inches from the
+top left corner. All are drawn without pyplot, so that they are the same in a notebook, in a thread
+and on a machine without a display, whatever style the reader has set.
 
 Colours: P. Tol's "high-contrast" scheme, told apart by readers with any colour vision and,
 because its lightness is graded, in grey print. A marker or a line style always says the same.
@@ -19,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from corridor.report import short
@@ -73,31 +74,85 @@ def write(
 ) -> None:
     """Text on the sheet with its baseline at (left, top) inches from the top left corner."""
     width, height = figure.get_size_inches()
-    figure.text(
-        left / width,
-        1 - top / height,
-        text,
-        size=size,
-        color=colour,
-        weight=weight,
-        ha=align,
-        va="baseline",
-        parse_math=False,
+    look = {"size": size, "color": colour, "weight": weight, "ha": align, "va": "baseline"}
+    figure.text(left / width, 1 - top / height, text, **look, parse_math=False)
+
+
+def charts(
+    title: str,
+    note: str,
+    heights: Sequence[float],
+    columns: int = 1,
+    keys: Sequence = (),
+    width: float = WIDTH,
+    head: float | None = None,
+    **options,
+) -> tuple[Picture, np.ndarray]:
+    """A sheet with a grid of open frames (rows, columns) below its title and keys.
+
+    heights: of the rows, inches, with their numbers and names. head: room above them, by default
+    what title and keys need. options: of `Figure.subplots`.
+    """
+    head = head or (1.15 if keys else 0.8)
+    total = head + sum(heights)
+    figure = sheet(total, title, note, width)
+    legend(figure, 0.87, keys)
+    figure.set_layout_engine(
+        "constrained", rect=(0.01, 0, 0.98, 1 - head / total), h_pad=0.08, w_pad=0.1
     )
+    panels = figure.subplots(
+        len(heights), columns, squeeze=False, height_ratios=list(heights), **options
+    )
+    for (row, _), axes in np.ndenumerate(panels):
+        _dress(axes, 0.75 * width / columns, 0.75 * heights[row])
+        open_frame(axes)
+    return figure, panels
+
+
+def matrix(
+    title: str,
+    note: str,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    cell: float,
+    keys: Sequence = (),
+    above: bool = False,
+) -> tuple[Picture, Axes]:
+    """A sheet with square cells of `cell` inches, the names of rows and columns beside them.
+
+    above: the names of the columns stand above the cells, else below.
+    """
+    left, names = (0.35 + 0.06 * max(map(len, words)) for words in (rows, columns))
+    top = (1.2 if keys else 0.9) + (names - 0.2 if above else 0.0)
+    wide, high = cell * len(columns), cell * len(rows)
+    total = top + high + (0.35 if above else names)
+    figure = sheet(total, title, note, width=max(left + wide + 0.4, 6.2))
+    legend(figure, 0.87, keys)
+    axes = panel(figure, left, top, wide, high)
+    if above:
+        axes.xaxis.tick_top()
+    axes.set_xticks(range(len(columns)), columns, rotation=90, size=SMALL, parse_math=False)
+    axes.set_yticks(range(len(rows)), rows, size=SMALL, parse_math=False)
+    axes.tick_params(length=0)
+    axes.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
+    for draw, count in ((axes.axvline, len(columns)), (axes.axhline, len(rows))):
+        for edge in np.arange(0.5, count - 1):
+            draw(edge, color="#ebebeb", lw=0.5, zorder=0.5)
+    return figure, axes
 
 
 def panel(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
     """Axes with their upper left corner at (left, top) inches from the top left corner."""
-    total_width, total_height = figure.get_size_inches()
-    axes = figure.add_axes(
-        (
-            left / total_width,
-            1 - (top + height) / total_height,
-            width / total_width,
-            height / total_height,
-        ),
-        facecolor="white",
-    )
+    across, high = figure.get_size_inches()
+    box = left / across, 1 - (top + height) / high, width / across, height / high
+    axes = figure.add_axes(box)
+    _dress(axes, width, height)
+    return axes
+
+
+def _dress(axes: Axes, width: float, height: float) -> None:
+    """Spines, ticks and numbers of a panel of so many inches."""
+    axes.set_facecolor("white")
     axes.grid(False)
     for spine in axes.spines.values():
         spine.set(color=QUIET, linewidth=0.6)
@@ -106,7 +161,24 @@ def panel(figure: Figure, left: float, top: float, width: float, height: float) 
     )
     axes.xaxis.set_major_locator(MaxNLocator(max(2, int(width / 0.75)), steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(max(2, int(height / 0.4)), steps=[1, 2, 5, 10]))
-    return axes
+
+
+def dot(shape: str, fill: str, size: float = 5.0, edge: str | None = None, line: float = 0.9):
+    """Look of a marker without a line, for `plot` and for `key`."""
+    edge = fill if edge is None else edge
+    return {"ls": "", "marker": shape, "ms": size, "mfc": fill, "mec": edge, "mew": line}
+
+
+def key(text: str, **look) -> Line2D:
+    """What a look means, for a legend."""
+    return Line2D([], [], label=text, **look)
+
+
+def quiet(axes: Axes, text: str) -> None:
+    """A sentence in the middle of a panel that has nothing to show."""
+    axes.text(
+        0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", size=TEXT, color=QUIET
+    )
 
 
 def caption(axes: Axes, text: str) -> None:
@@ -150,13 +222,30 @@ def legend(figure: Figure, top: float, handles: Sequence, left: float = 0.25) ->
         text.set_parse_math(False)
 
 
-def count_bar(
-    figure: Figure, image, left: float, top: float, width: float, height: float, text: str
+def own_legend(axes: Axes, handles: Sequence) -> None:
+    """Keys of one panel, in one row above its right corner."""
+    made = axes.legend(
+        handles=list(handles),
+        loc="lower right",
+        bbox_to_anchor=(1, 1),
+        ncols=len(handles),
+        frameon=False,
+        fontsize=TEXT,
+        labelcolor=INK,
+        borderaxespad=0.2,
+        handletextpad=0.3,
+    )
+    for text in made.get_texts():
+        text.set_parse_math(False)
+
+
+def shade_bar(
+    figure: Figure, image, left: float, top: float, height: float, text: str, whole: bool = False
 ) -> None:
-    """Slim upright key of a shaded panel, with whole numbers."""
-    axes = panel(figure, left, top, width, height)
+    """Slim upright key of a shaded panel; whole: with whole numbers."""
+    axes = panel(figure, left, top, 0.1, height)
     figure.colorbar(image, cax=axes)
-    axes.yaxis.set_major_locator(MaxNLocator(max(2, int(height / 0.5)), integer=True))
+    axes.yaxis.set_major_locator(MaxNLocator(max(2, int(height / 0.5)), integer=whole))
     axes.tick_params(labelsize=SMALL, colors=INK, color=QUIET, length=2, width=0.6)
     for spine in axes.spines.values():
         spine.set(color=QUIET, linewidth=0.6)
@@ -183,26 +272,16 @@ def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=Non
 
     keep_clear: (m, 2) data coordinates of further places no name may cover.
     """
-    figure = axes.figure
-    renderer = figure.canvas.get_renderer()
+    renderer = axes.figure.canvas.get_renderer()
     inside = axes.get_window_extent(renderer)
     taken: list = []
-    marks = axes.transData.transform(np.asarray(xy, dtype=float).reshape(-1, 2))
-    closed = marks
+    xy = np.asarray(xy, dtype=float).reshape(-1, 2)
+    closed = marks = axes.transData.transform(xy)
     if keep_clear is not None and len(keep_clear):
         closed = np.vstack([marks, axes.transData.transform(np.asarray(keep_clear, dtype=float))])
-    places = [
-        (6, 0, "left", "center"),
-        (-6, 0, "right", "center"),
-        (0, 6, "center", "bottom"),
-        (0, -6, "center", "top"),
-        (5, 5, "left", "bottom"),
-        (5, -5, "left", "top"),
-        (-5, 5, "right", "bottom"),
-        (-5, -5, "right", "top"),
-    ]
-    for point, name in zip(np.asarray(xy, dtype=float), names, strict=True):
-        for dx, dy, across, upright in places:
+    for point, mark, name in zip(xy, marks, names, strict=True):
+        others = closed[np.hypot(*(closed - mark).T) > 1e-6]
+        for dx, dy in _PLACES:
             text = axes.annotate(
                 short(name, 18),
                 point,
@@ -210,13 +289,12 @@ def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=Non
                 textcoords="offset points",
                 size=SMALL,
                 color=INK,
-                ha=across,
-                va=upright,
+                ha=("center", "left", "right")[int(np.sign(dx))],
+                va=("center", "bottom", "top")[int(np.sign(dy))],
                 parse_math=False,
                 zorder=9,
             )
             box = text.get_window_extent(renderer).padded(1.5)
-            others = closed[np.hypot(*(closed - axes.transData.transform(point)).T) > 1e-6]
             wide = box.padded(4.0)
             free = (
                 inside.x0 <= box.x0
@@ -224,14 +302,13 @@ def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=Non
                 and inside.y0 <= box.y0
                 and box.y1 <= inside.y1
                 and not any(box.overlaps(other) for other in taken)
-                and not np.any(
-                    (others[:, 0] > wide.x0)
-                    & (others[:, 0] < wide.x1)
-                    & (others[:, 1] > wide.y0)
-                    & (others[:, 1] < wide.y1)
-                )
+                and not ((others > wide.p0) & (others < wide.p1)).all(axis=1).any()
             )
             if free:
                 taken.append(box)
                 break
             text.remove()
+
+
+# Where a name may stand beside its point, points of print.
+_PLACES = ((6, 0), (-6, 0), (0, 6), (0, -6), (5, 5), (5, -5), (-5, 5), (-5, -5))

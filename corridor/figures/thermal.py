@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from corridor.figures import style
@@ -55,7 +54,7 @@ def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = 
         image = _field(axes, maps, values, norm, name, k == 0)
     axes = style.panel(figure, _LEFT + 2 * (wide + _GAP), top, wide, tall)
     _vectors(figure, axes, maps, picture, _LEFT + 2 * (wide + _GAP), top, wide)
-    _bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "dx, dy (px)")
+    style.shade_bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "dx, dy (px)")
     top += row
     norm = Normalize(*_ends(calm))
     name = short(maps.picture[null], 18)
@@ -64,7 +63,7 @@ def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = 
     ):
         axes = style.panel(figure, _LEFT + k * (wide + _GAP), top, wide, tall)
         image = _field(axes, maps, values, norm, what, k == 0)
-    _bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "px")
+    style.shade_bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "px")
     return figure
 
 
@@ -81,54 +80,43 @@ def thermal_parameters(fit: Fit) -> Figure:
     )
     if model.lag_s is not None:
         note += f" \u00b7 the optics lag {model.lag_s:.0f} s"
-    gap, wide, tall, top = 0.85, 2.3, 2.0, 1.35
-    figure = style.sheet(top + 2 * (tall + 0.9) - 0.15, "Heat and the picture", note)
-    phases = [
-        ("warming", ~table["cooling"], *style.SERIES[0]),
-        ("cooling", table["cooling"], *style.SERIES[1]),
-    ]
-    low, high = model.range_c
-    line = np.linspace(low, high, 101)
-    curve = model.parameters(line)
-    panels = (
-        ("shift_x", "shift in x (px)"), ("shift_y", "shift in y (px)"), ("scale", "scale (ppm)"),
-        ("rotation", "rotation (\u00b5rad)"),
-    )  # fmt: skip
-    places = ((0, 0), (1, 0), (0, 1), (1, 1))
-    for (key, name), (column, row) in zip(panels, places, strict=True):
-        axes = style.panel(
-            figure, gap + column * (wide + gap), top + row * (tall + 0.9), wide, tall
+    parts = [
+        (name, of, style.dot(marker, colour, 3.5, style.INK, 0.2))
+        for name, of, (colour, marker) in zip(
+            ("warming", "cooling"),
+            (~table["cooling"], table["cooling"]),
+            style.SERIES,
+            strict=False,
         )
-        style.open_frame(axes)
-        for _, of, colour, marker in phases:
-            axes.plot(table["optics_c"][of], table[key][of], ls="", marker=marker, ms=3.5,
-                      color=colour, mec=style.INK, mew=0.2, zorder=3)  # fmt: skip
-        axes.plot(line, curve[key], color=style.INK, lw=1.0, zorder=2)
-        style.label(axes, "temperature of the optics (\u00b0C)", name)
-    for row in range(2):
-        axes = style.panel(figure, gap + 2 * (wide + gap), top + row * (tall + 0.9), wide, tall)
-        style.open_frame(axes)
-        time = table["time_s"] / 60
-        if row == 0:
-            for _, of, colour, marker in phases:
-                axes.plot(time[of], table["residual_px"][of], ls="", marker=marker, ms=3.5,
-                          color=colour, mec=style.INK, mew=0.2)  # fmt: skip
-            axes.set_ylim(bottom=0)
-            style.label(axes, "time (min)", "left of the picture (px)")
-        else:
-            order = np.argsort(time.to_numpy(), kind="stable")
-            axes.plot(time.iloc[order], table["thermometer_c"].iloc[order], color=style.MIDDLE,
-                      lw=1.0, ls="--")  # fmt: skip
-            axes.plot(time.iloc[order], table["optics_c"].iloc[order], color=style.INK, lw=1.2)
-            style.label(axes, "time (min)", "temperature (\u00b0C)")
-    keys = [
-        Line2D([], [], ls="", marker=marker, ms=5, color=colour, mec=style.INK, mew=0.2, label=name)
-        for name, of, colour, marker in phases
-        if of.any()
     ]
-    keys.append(Line2D([], [], color=style.INK, lw=1.2, label="model, optics"))
-    keys.append(Line2D([], [], color=style.MIDDLE, lw=1.0, ls="--", label="thermometer"))
-    style.legend(figure, 0.9, keys)
+    optics = {"color": style.INK, "lw": 1.2}
+    thermometer = {"color": style.MIDDLE, "lw": 1.0, "ls": "--"}
+    keys = [style.key(name, **look) for name, of, look in parts if of.any()]
+    keys += [style.key("model, optics", **optics), style.key("thermometer", **thermometer)]
+    figure, panels = style.charts("Heat and the picture", note, [2.75, 2.75], 3, keys)
+    line = np.linspace(*model.range_c, 101)
+    curve = model.parameters(line)
+    named = {
+        "shift_x": "shift in x (px)",
+        "shift_y": "shift in y (px)",
+        "scale": "scale (ppm)",
+        "rotation": "rotation (\u00b5rad)",
+    }
+    for axes, (key, name) in zip(panels[:, :2].flat, named.items(), strict=True):
+        for _, of, look in parts:
+            axes.plot(table["optics_c"][of], table[key][of], zorder=3, **look)
+        axes.plot(line, curve[key], zorder=2, **optics)
+        style.label(axes, "temperature of the optics (\u00b0C)", name)
+    left, temperatures = panels[:, 2]
+    time = table["time_s"] / 60
+    for _, of, look in parts:
+        left.plot(time[of], table["residual_px"][of], **look)
+    left.set_ylim(bottom=0)
+    style.label(left, "time (min)", "left of the picture (px)")
+    order = np.argsort(time.to_numpy(), kind="stable")
+    temperatures.plot(time.iloc[order], table["thermometer_c"].iloc[order], **thermometer)
+    temperatures.plot(time.iloc[order], table["optics_c"].iloc[order], **optics)
+    style.label(temperatures, "time (min)", "temperature (\u00b0C)")
     return figure
 
 
@@ -144,19 +132,24 @@ def camera_difference(difference: CameraDifference, title: str = "Two cameras") 
     x, y = np.unique(difference.x), np.unique(difference.y)
     shape = len(y), len(x)
     image = axes.pcolormesh(
-        x, y, difference.length.reshape(shape), cmap=style.COUNTS, vmin=0,
-        vmax=max(difference.largest, 1e-12), shading="nearest",
-    )  # fmt: skip
+        x,
+        y,
+        difference.length.reshape(shape),
+        cmap=style.COUNTS,
+        vmin=0,
+        vmax=max(difference.largest, 1e-12),
+        shading="nearest",
+    )
     step = max(1, len(x) // 14)
     pick = np.zeros(shape, bool)
     pick[step // 2 :: step, step // 2 :: step] = True
     pick = pick.ravel()
     space = step * (x[1] - x[0])
     exaggeration = style.nice(space / max(difference.largest, 1e-12))
-    arrows(axes, difference.x[pick], difference.y[pick], difference.dx[pick], difference.dy[pick],
-           exaggeration, style.MIDDLE)  # fmt: skip
+    shown = (getattr(difference, name)[pick] for name in ("x", "y", "dx", "dy"))
+    arrows(axes, *shown, exaggeration, style.MIDDLE)
     _frame(axes, difference, True)
-    _bar(figure, image, _LEFT + wide + 0.2, 1.2, tall, "distance (px)")
+    style.shade_bar(figure, image, _LEFT + wide + 0.2, 1.2, tall, "distance (px)")
     size = style.nice(0.8 / (wide / difference.width * exaggeration))
     inches = size * exaggeration * wide / difference.width
     stated_arrow(figure, _LEFT, 0.93, inches, f"{readable(size)} px")
@@ -223,10 +216,3 @@ def _frame(axes, picture, first):
         Rectangle((-0.5, -0.5), picture.width, picture.height, fill=False, ec=style.QUIET, lw=0.6)
     )
     style.label(axes, "x (px)", "y (px)" if first else None)
-
-
-def _bar(figure, image, left, top, tall, text):
-    axes = style.panel(figure, left, top, 0.12, tall)
-    figure.colorbar(image, cax=axes)
-    axes.tick_params(labelsize=style.SMALL, colors=style.INK, color=style.QUIET, length=2)
-    style.label(axes, y=text)

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from corridor.figures import maps, style
 from corridor.report import counted, readable, short
 
-_REFUSED = {"marker": "X", "mfc": "white", "mec": style.MIDDLE, "mew": 1.0}
+_REFUSED = style.dot("X", "white", 4.5, style.MIDDLE, 1.0)
 _AXES = (("x", style.DARK, "-"), ("y", style.LIGHT, "--"), ("z", style.INK, ":"))
 
 
@@ -60,23 +60,14 @@ def track(
         along = style.panel(figure, 6.0, 1.15, 3.7, 3.85)
     _draw_path(plan, shown, path)
     size = float(np.clip(60 / np.sqrt(max(len(places), 1)), 1.8, 5.0))
-    plan.plot(
-        *places[good].T,
-        ls="",
-        marker="o",
-        ms=size,
-        color=style.DARK,
-        mec="white",
-        mew=0.3,
-        zorder=4,
-    )
-    plan.plot(*places[~good].T, ls="", ms=max(size, 4.5), zorder=5, **_REFUSED)
+    plan.plot(*places[good].T, zorder=4, **style.dot("o", style.DARK, size, "white", 0.3))
+    plan.plot(*places[~good].T, zorder=5, **_REFUSED)
     keys = [
-        Line2D([], [], color=style.QUIET, lw=0.9, label="track"),
-        Line2D([], [], ls="", marker="o", ms=4.5, color=style.DARK, label=_count(good, "good")),
+        style.key("track", color=style.QUIET, lw=0.9),
+        style.key(_count(good, "good"), **style.dot("o", style.DARK, 4.5)),
     ]
     if (~good).any():
-        keys.append(Line2D([], [], ls="", ms=5.5, label=_count(~good, "refused"), **_REFUSED))
+        keys.append(style.key(_count(~good, "refused"), **_REFUSED))
     style.legend(figure, 0.87, keys)
     keys = _sigmas(along, exposures, good, curve, max_sigma, (low, high), size)
     style.legend(figure, below, keys, left=0.85)
@@ -137,8 +128,7 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
     axes.set_xlim(0, (span[1] - span[0]) / scale)
     if not len(values):
         axes.set_yticks([])
-        axes.text(0.5, 0.5, "the track states no sigmas", transform=axes.transAxes, ha="center",
-                  size=style.TEXT, color=style.QUIET)  # fmt: skip
+        style.quiet(axes, "the track states no sigmas")
         return []
     keys = []
     for k, (name, colour, dash) in enumerate(_AXES):
@@ -146,19 +136,18 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
             rows = inside & (curve["segment"] == number).to_numpy()
             at = (curve["time_s"].to_numpy(dtype=float)[rows] - span[0]) / scale
             axes.plot(at, every[rows, k], color=colour, ls=dash, lw=0.8, zorder=2)
-        keys.append(Line2D([], [], color=colour, ls=dash, lw=1.2, label=f"sigma {name}"))
+        keys.append(style.key(f"sigma {name}", color=colour, ls=dash, lw=1.2))
     keys[-1].set_label("sigma z (lines: halfway between epochs)")
     largest = np.nanmax(np.where(np.isfinite(sigma), sigma, 0.0), axis=1, initial=0.0)
     known = largest > 0
-    look = {"ls": "", "zorder": 4, "clip_on": False}
     top = max(values.max(), 1000 * max_sigma if max_sigma and (~good).any() else 0.0)
     rows = good & known
-    dot = {"marker": "o", "ms": 0.8 * size, "color": style.DARK, "mew": 0}
-    axes.plot((time[rows] - span[0]) / scale, largest[rows], **look, **dot)
-    dot["ms"] = 4.5
-    keys.append(Line2D([], [], ls="", label="exposure, largest of the three", **dot))
+    dot = style.dot("o", style.DARK, 0.8 * size, line=0.0)
+    at = (time - span[0]) / scale
+    axes.plot(at[rows], largest[rows], zorder=4, clip_on=False, **dot)
+    keys.append(style.key("exposure, largest of the three", **dot | {"ms": 4.5}))
     rows = ~good & known & (time >= span[0]) & (time <= span[1])
-    axes.plot((time[rows] - span[0]) / scale, largest[rows], ms=4.5, **look, **_REFUSED)
+    axes.plot(at[rows], largest[rows], zorder=4, clip_on=False, **_REFUSED)
     axes.set_yscale("log")
     axes.set_ylim(0.8 * np.percentile(values, 0.5), 1.25 * top)
     low, high = axes.get_ylim()
@@ -169,7 +158,7 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
     if max_sigma and low < 1000 * max_sigma < high:
         look = {"color": style.MIDDLE, "lw": 0.9, "ls": "-."}
         axes.axhline(1000 * max_sigma, **look)
-        keys.append(Line2D([], [], label=f"refused above {readable(1000 * max_sigma)} mm", **look))
+        keys.append(style.key(f"refused above {readable(1000 * max_sigma)} mm", **look))
     return keys
 
 
