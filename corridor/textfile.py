@@ -31,16 +31,16 @@ def number(text: str, path: Path, line: int, what: str, count: str = "line") -> 
     count: what lines are called: `row` in tables.
     """
     try:
-        value = float(text)
+        value, kind = float(text), "finite number"
     except (ValueError, OverflowError):
-        value = math.nan
+        value, kind = math.nan, "number"
     if math.isfinite(value) and "_" not in text:
         return value
     place = f"{path.name}, {count} {line}: {what} = {text[:40]!r}"
     if _DECIMAL_COMMA.fullmatch(text):
         raise InputError(f"{place} has a decimal comma; write numbers with a decimal point")
     raise InputError(
-        f"{place} is not a finite number; correct the {count}, or export the file again"
+        f"{place} is not a {kind}; correct or delete the {count}, or export the file again"
     )
 
 

@@ -12,8 +12,8 @@ from corridor.errors import InputError
 from corridor.gnss import formats as folder
 from corridor.gnss.exposures import Exposures
 from corridor.gnss.formats import block_table, exif
-from corridor.gnss.text import read_lines
 from corridor.gnss.track import Track
+from corridor.textfile import read_lines
 
 _HEAD_LINES = 80
 

@@ -5,7 +5,8 @@ another formula says something else, the parameters are fitted over the picture 
 difference is told, never passed over.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +22,100 @@ class NoModel(InputError):
     """A camera for which corridor has no model."""
 
 
+@dataclass(frozen=True)
+class Held:
+    """Interior parameters that a format holds.
+
+    names: always. pinhole: those that it multiplies with the distorted ray and we with the
+    undistorted one, exact where nothing bends the ray. centred: its principal point lies in the
+    middle of the picture.
+    """
+
+    names: tuple[str, ...]
+    pinhole: tuple[str, ...] = ()
+    centred: bool = False
+
+    def unheld(self, camera: Camera) -> dict[str, float]:
+        """Parameters that the format cannot hold, and what they are to it."""
+        bent = any(camera[name] for name in INTERIOR[3:] if name not in self.pinhole)
+        held = self.names if bent else self.names + self.pinhole
+        values = dict.fromkeys(INTERIOR, 0.0)
+        if self.centred:
+            values["cx"], values["cy"] = in_the_middle(camera.width, camera.height)
+        return {
+            name: value
+            for name, value in values.items()
+            if name not in held and camera[name] != value
+        }
+
+    def nearest(self, camera: Camera) -> Camera:
+        """The nearest camera that the format holds."""
+        return camera.with_values(**self.unheld(camera))
+
+    def __str__(self) -> str:
+        more = [f"{', '.join(self.pinhole)} without distortion"] if self.pinhole else []
+        more += ["the principal point in the middle of the picture"] if self.centred else []
+        return ", ".join(self.names) + (f" ({'; '.join(more)})" if more else "")
+
+
 ALL = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "k5", "p1", "p2", "b1", "b2")
+
+
+def in_the_middle(width: int, height: int) -> tuple[float, float]:
+    """Image centre in our pixels: ((w - 1) / 2, (h - 1) / 2)."""
+    return (width - 1) / 2, (height - 1) / 2
+
+
+def camera_from(
+    name: str, width: float, height: float, f: float, cx: float, cy: float, **more: float
+) -> Camera:
+    """A camera, checked. Raises InputError naming it where it cannot be one."""
+    for side in (width, height):
+        if not np.isfinite(side) or side != int(side) or not 2 <= side < 1_000_000:
+            raise InputError(
+                f"camera {name}: {side!r} is no picture size in pixels; export the project again"
+            )
+    table = {"width": width, "height": height, "f": f, "cx": cx, "cy": cy, **more}
+    return Camera.from_table(name, {key: float(value) for key, value in table.items()})
+
+
+def opencv_camera(
+    name: str,
+    size: Sequence[float],
+    focal: Sequence[float],
+    middle: Sequence[float],
+    radial: Sequence[float],
+    p1: float,
+    p2: float,
+    notes: list[str],
+) -> Camera:
+    """Our camera of OpenCV's formula: fx, fy of `focal` multiply the distorted ray.
+
+    middle: cx, cy in our pixels. radial: k1, k2, k3 and perhaps k4, k5, k6 of the divisor. p1, p2:
+    OpenCV's, our p2, p1. Raises InputError where a focal length is not positive.
+    """
+    fx, fy = focal
+    if not (fx > 0 and fy > 0):
+        raise InputError(
+            f"camera {name}: the focal length {min(focal):g} is not positive; export the project "
+            "again"
+        )
+    k1, k2, k3, k4, k5, k6 = (*radial, 0.0, 0.0, 0.0)[:6]
+    camera = camera_from(
+        name, *size, fy, *middle, k1=k1, k2=k2, k3=k3, p1=p2, p2=p1, b1=(fx - fy) / fy
+    )
+
+    def project(rays: np.ndarray) -> np.ndarray:
+        u, v = rays.T
+        r2 = u * u + v * v
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)
+        y = v * radial + 2 * p2 * u * v + p1 * (r2 + 2 * v * v)
+        return middle + np.column_stack([fx * x, fy * y])
+
+    if any((k4, k5, k6)) or (fx != fy and any((k1, k2, k3, p1, p2))):
+        return standing_for(camera, project, notes)
+    return camera
 
 
 def grid(camera: Camera, nodes: int = _PICTURE) -> np.ndarray:

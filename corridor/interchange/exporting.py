@@ -78,7 +78,7 @@ def export_project(
         raise InputError("--corrected and --lossy contradict each other: give one of them")
     target = writers()[form]
     effects = Values.of(block, effects or {})
-    unheld = {name: target.unheld(camera) for name, camera in block.cameras.items()}
+    unheld = {name: list(target.HOLDS.unheld(camera)) for name, camera in block.cameras.items()}
     unheld = {name: names for name, names in unheld.items() if names}
     stated = _stated_effect(block, effects)
     if (unheld or effects or stated) and not (corrected or lossy):
@@ -147,7 +147,7 @@ def _refusal(form, target, unheld, effects, stated):
 
 
 def _to_held_cameras(block, target, unheld, corrected, sentences):
-    cameras = {name: target.nearest(camera) for name, camera in block.cameras.items()}
+    cameras = {name: target.HOLDS.nearest(camera) for name, camera in block.cameras.items()}
     for name, names in unheld.items():
         what = "measurements moved to a camera without" if corrected else "lost:"
         sentences.append(f"camera {name}: {what} {', '.join(names)}")

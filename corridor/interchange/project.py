@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import Camera
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
 from corridor.gnss import Local
@@ -216,29 +215,3 @@ def near_origin(block: Block) -> Block:
             frame[list(columns)] = frame[list(columns)].to_numpy(float) - shift
     block.offset = block.offset + shift
     return block
-
-
-def in_the_middle(width: int, height: int) -> tuple[float, float]:
-    """Image centre in design's pixels: ((w - 1) / 2, (h - 1) / 2)."""
-    return (width - 1) / 2, (height - 1) / 2
-
-
-def camera_from(
-    name: str, width: float, height: float, f: float, cx: float, cy: float, **more: float
-) -> Camera:
-    """A camera, checked. Raises InputError naming it where it cannot be one."""
-    pixel_um = more.pop("pixel_um", None)
-    table = {"width": width, "height": height, "f": f, "cx": cx, "cy": cy, **more}
-    table = {key: float(value) for key, value in table.items()}
-    table["width"], table["height"] = _size(name, width), _size(name, height)
-    if pixel_um is not None:
-        table["pixel_um"] = float(pixel_um)
-    return Camera.from_table(name, table)
-
-
-def _size(name, value):
-    if not np.isfinite(value) or value != int(value) or not 2 <= value < 1_000_000:
-        raise InputError(
-            f"camera {name}: {value!r} is no picture size in pixels; export the project again"
-        )
-    return int(value)

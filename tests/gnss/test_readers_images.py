@@ -9,7 +9,7 @@ from PIL import Image
 from corridor.errors import InputError
 from corridor.gnss import read_exposures, read_track
 from corridor.gnss.reading import _formats as formats
-from corridor.gnss.text import read_lines
+from corridor.textfile import read_lines
 
 DATA = Path(__file__).parent / "data"
 

@@ -190,3 +190,32 @@ def test_an_effect_that_nobody_may_lose_is_refused_by_name(fraser8, tmp_path):
     assert prove(read_project(tmp_path / "out")).main.rms < 1e-3
     export_project(bent, "opensfm", tmp_path / "lossy", effects=effects, lossy=True)
     assert prove(read_project(tmp_path / "lossy")).main.rms > 1.0
+
+
+def test_a_camera_without_a_model_is_told_by_its_kind_not_by_the_wording(
+    fraser8, tmp_path, monkeypatch
+):
+    """The sentence of the error may say what it likes."""
+    from corridor.interchange.cameras import NoModel
+    from corridor.interchange.formats import colmap
+
+    export_project(fraser8, "colmap-text", tmp_path / "out")
+    home = tmp_path / "out"
+    row = (home / "cameras.txt").read_text().splitlines()[-1]
+    (home / "cameras.txt").write_text(f"{row}\n2 FOV 4000 3000 3600 3600 2000 1500 0.9\n")
+    text = (home / "images.txt").read_text().replace(" 1 IMG_0000.JPG", " 2 IMG_0000.JPG")
+    (home / "images.txt").write_text(text)
+    for name in ("rigs.txt", "frames.txt"):
+        (home / name).unlink()
+    read = colmap.camera_of
+
+    def worded_anew(*camera):
+        try:
+            return read(*camera)
+        except NoModel:
+            raise NoModel("another sentence") from None
+
+    monkeypatch.setattr(colmap, "camera_of", worded_anew)
+    project = read_project(home)
+    assert len(project.block.images) == 11
+    assert "another sentence: its 1 images were left out (IMG_0000.JPG)" in project.warnings

@@ -16,8 +16,9 @@ import pyarrow as pa
 from corridor.errors import InputError
 from corridor.gnss.epochs import in_order
 from corridor.gnss.exposures import Exposures
-from corridor.gnss.text import number, read_lines
+from corridor.gnss.text import number
 from corridor.gnss.track import Track
+from corridor.textfile import read_lines
 
 TITLE = "track.csv or images.csv of a block"
 

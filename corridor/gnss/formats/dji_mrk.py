@@ -15,9 +15,9 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.gnss.exposures import Exposures
-from corridor.gnss.text import read_lines
 from corridor.gnss.time import gps_day, on_one_day
 from corridor.gnss.track import GEOGRAPHIC
+from corridor.textfile import read_lines
 
 TITLE = "DJI .MRK"
 

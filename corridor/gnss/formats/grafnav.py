@@ -15,9 +15,10 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.gnss.epochs import check_geographic, in_order
-from corridor.gnss.text import degrees, number, read_lines, sigma
+from corridor.gnss.text import degrees, number, sigma
 from corridor.gnss.time import DAY_S, day_after, day_of, gps_day, leap_seconds, on_one_day
 from corridor.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track
+from corridor.textfile import read_lines
 
 TITLE = "GrafNav text"
 

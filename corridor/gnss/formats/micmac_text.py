@@ -15,8 +15,9 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.gnss.exposures import Exposures
-from corridor.gnss.text import number, read_lines
+from corridor.gnss.text import number
 from corridor.gnss.time import gps_day, on_one_day
+from corridor.textfile import read_lines
 
 TITLE = "MicMac text (#F=N_X_Y_Z)"
 

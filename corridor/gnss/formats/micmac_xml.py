@@ -17,9 +17,10 @@ from corridor.errors import InputError
 from corridor.gnss.epochs import in_order, without_placeholders
 from corridor.gnss.exposures import Exposures
 from corridor.gnss.formats.modified_julian_day import coarse, is_day, stamp
-from corridor.gnss.text import number, read_lines, sigma
+from corridor.gnss.text import number, sigma
 from corridor.gnss.time import on_one_day
 from corridor.gnss.track import GEOCENTRIC, Track
+from corridor.textfile import read_lines
 
 TITLE = "MicMac XML"
 

@@ -15,9 +15,10 @@ import pandas as pd
 from corridor.errors import InputError
 from corridor.gnss.epochs import in_order, without_placeholders
 from corridor.gnss.exposures import Exposures
-from corridor.gnss.text import number, read_lines
+from corridor.gnss.text import number
 from corridor.gnss.time import DAY_S, mjd_day, on_one_day
 from corridor.gnss.track import GEOCENTRIC, Track
+from corridor.textfile import read_lines
 
 TITLE = "Modified Julian Days"
 

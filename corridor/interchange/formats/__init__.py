@@ -1,7 +1,7 @@
 """Formats of other programs, one module or folder each, found by looking in this folder.
 
 A format has NAME, TITLE, `recognise(path)`, `read(path, size)`; one that writes has WRITES (the
-names it is exported by), `unheld(camera)`, `nearest(camera)`, `losses(block)` and
+names it is exported by), HOLDS (the camera it holds), `losses(block)` and
 `write(block, folder, name)`.
 """
 

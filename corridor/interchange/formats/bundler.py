@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import Camera
 from corridor.errors import InputError
+from corridor.interchange.cameras import Held, camera_from, in_the_middle
 from corridor.interchange.columns import (
     grouped,
     in_groups,
@@ -30,16 +30,15 @@ from corridor.interchange.columns import (
 )
 from corridor.interchange.pieces import Pieces, Views
 from corridor.interchange.point_views import PointViews
-from corridor.interchange.project import Project, camera_from, in_the_middle
+from corridor.interchange.project import Project
 from corridor.interchange.rows import rows_of
 from corridor.textfile import beginning, filled
 
 NAME = "bundler"
 TITLE = "Bundler .out"
 WRITES = ("bundler",)
-HOLDS = "f, k1, k2, the principal point in the middle of the picture"
+HOLDS = Held(("f", "k1", "k2"), centred=True)
 
-_HELD = ("f", "k1", "k2")
 HEADER = "# Bundle file v0.3"
 _FILE = ("*.out", "# Bundle file")
 _FOCAL = re.compile(r"\s+0\s+[0-9.eE+-]+\s*$")
@@ -181,21 +180,6 @@ def _cameras(interior, width, height):
 # --- out -------------------------------------------------------------------------------------
 
 
-def unheld(camera: Camera) -> list[str]:
-    """Interior parameters that Bundler cannot hold."""
-    middle = dict(zip(("cx", "cy"), in_the_middle(camera.width, camera.height), strict=True))
-    zero = [f"k{n}" for n in range(3, 9)] + ["p1", "p2", "b1", "b2"]
-    return [name for name, value in middle.items() if camera[name] != value] + [
-        name for name in zero if camera[name] != 0.0
-    ]
-
-
-def nearest(camera: Camera) -> Camera:
-    """The same focal length, k1, k2, and the principal point in the middle."""
-    middle = dict(zip(("cx", "cy"), in_the_middle(camera.width, camera.height), strict=True))
-    return camera.with_values(**{name: middle.get(name, 0.0) for name in unheld(camera)})
-
-
 def losses(block: Block) -> list[str]:
     """What else Bundler cannot hold."""
     lost = []
@@ -211,7 +195,9 @@ def write(block: Block, folder: Path, name: str) -> None:
     """Write bundle.out and list.txt."""
     rows = rows_of(block)
     feature = numbered(rows.image, len(rows.image_names))
-    interior = np.array([[block.cameras[c][k] for k in _HELD] for c in block.images["camera"]])
+    interior = np.array(
+        [[block.cameras[c][k] for k in HOLDS.names] for c in block.images["camera"]]
+    )
     turned = np.concatenate([FLIP @ rows.rotation, (rows.translation @ FLIP)[:, None]], axis=1)
     cameras = np.concatenate([interior[:, None], turned], axis=1).reshape(-1, 3)
     with (folder / "bundle.out").open("wb") as file:

@@ -23,18 +23,15 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from corridor.block import Block
-from corridor.camera import INTERIOR, Camera
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion
 from corridor.gnss import Local, convert
-from corridor.interchange.cameras import NoModel, standing_for
+from corridor.interchange.cameras import Held, NoModel, camera_from, in_the_middle, standing_for
 from corridor.interchange.pieces import Pieces, Views
 from corridor.interchange.project import (
     POSE,
     Project,
-    camera_from,
     ground_table,
-    in_the_middle,
     local_of,
     points_table,
     rotations_to_columns,
@@ -45,7 +42,7 @@ from corridor.textfile import Xml, add_xml, missing, opening, write_xml
 NAME = "metashape"
 TITLE = "Metashape camera and marker XML, PhotoScan project (.psz)"
 WRITES = ("metashape",)
-HOLDS = "f, cx, cy, k1..k4, p1, p2 (b1, b2 without distortion)"
+HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2"), pinhole=("b1", "b2"))
 
 _FLIP = np.diag([1.0, -1.0, -1.0])
 _UNSCALED = "chunk units: no scale, no place in the world (not metres)"
@@ -606,20 +603,6 @@ def _ties(places, found, labels, world, transform):
 
 
 # --- out -------------------------------------------------------------------------------------
-
-
-def unheld(camera: Camera) -> list[str]:
-    """Interior parameters, not zero, that Metashape cannot hold exactly."""
-    held = {"f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2"}
-    bent = any(camera[name] for name in INTERIOR if name not in ("f", "cx", "cy", "b1", "b2"))
-    if not bent:
-        held |= {"b1", "b2"}
-    return [name for name in INTERIOR if name not in held and camera[name] != 0.0]
-
-
-def nearest(camera: Camera) -> Camera:
-    """The nearest camera that Metashape holds."""
-    return camera.with_values(**{name: 0.0 for name in unheld(camera)})
 
 
 def losses(block: Block) -> list[str]:

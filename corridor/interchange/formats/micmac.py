@@ -21,24 +21,26 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import Camera
+from corridor.camera import INTERIOR, Camera
 from corridor.errors import InputError
-from corridor.interchange.cameras import NoModel, from_image_formula, standing_for, turned_note
+from corridor.interchange.cameras import (
+    Held,
+    NoModel,
+    camera_from,
+    from_image_formula,
+    standing_for,
+    turned_note,
+)
 from corridor.interchange.columns import grouped, in_rows, plain_numbers, text_of_rows
 from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import (
-    Project,
-    camera_from,
-    ground_table,
-    rotations_to_columns,
-)
+from corridor.interchange.project import Project, ground_table, rotations_to_columns
 from corridor.interchange.rows import camera_positions, rows_of
 from corridor.textfile import Xml, add_xml, filled, missing, opening, write_xml
 
 NAME = "micmac"
 TITLE = "MicMac or MMVII orientations, calibrations, ground points, tie points"
 WRITES = ("micmac",)
-HOLDS = "f, cx, cy, k1..k8, p1, p2, b1, b2"
+HOLDS = Held(INTERIOR)
 
 _M2C, _C2M = "eConvApero_DistM2C", "eConvApero_DistC2M"
 _RADIAL = 8
@@ -526,16 +528,6 @@ def _joined(image, left, right):
 
 
 # --- out -------------------------------------------------------------------------------------
-
-
-def unheld(camera: Camera) -> list[str]:
-    """MicMac's Fraser calibration holds every interior parameter."""
-    return []
-
-
-def nearest(camera: Camera) -> Camera:
-    """The camera itself."""
-    return camera
 
 
 def losses(block: Block) -> list[str]:

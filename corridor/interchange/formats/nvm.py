@@ -16,10 +16,10 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion
-from corridor.interchange.cameras import from_image_formula
+from corridor.interchange.cameras import camera_from, from_image_formula, in_the_middle
 from corridor.interchange.pieces import Pieces, Views
 from corridor.interchange.point_views import PointViews
-from corridor.interchange.project import Project, camera_from, in_the_middle
+from corridor.interchange.project import Project
 from corridor.textfile import beginning
 
 NAME = "nvm"

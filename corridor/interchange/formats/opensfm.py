@@ -18,27 +18,22 @@ import pyarrow.csv
 from scipy.spatial.transform import Rotation
 
 from corridor.block import Block
-from corridor.camera import INTERIOR, Camera
+from corridor.camera import Camera
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.gnss import Local
-from corridor.interchange.cameras import NoModel, standing_for
+from corridor.interchange.cameras import Held, NoModel, in_the_middle, opencv_camera
 from corridor.interchange.columns import numbered, text_of, write_rows
 from corridor.interchange.ground import Ground, add_to
 from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import (
-    Project,
-    camera_from,
-    in_the_middle,
-    local_of,
-)
+from corridor.interchange.project import Project, local_of
 from corridor.interchange.rows import camera_positions, rows_of
 from corridor.textfile import Json, lines, opening
 
 NAME = "opensfm"
 TITLE = "OpenSfM, or OpenDroneMap's opensfm folder"
 WRITES = ("opensfm",)
-HOLDS = "f, cx, cy, k1, k2, k3, p1, p2 (b1 without distortion)"
+HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"), pinhole=("b1",))
 
 _MAIN = "reconstruction.json"
 _HEADER = "OPENSFM_TRACKS_VERSION_v"
@@ -132,24 +127,11 @@ def camera_of(name: str, table: Json, notes: list[str]) -> Camera:
         table.number(key, 0.0) * scale + half
         for key, half in zip(("c_x", "c_y"), in_the_middle(width, height), strict=True)
     )
-    if fx <= 0 or fy <= 0:
+    if min(fx, fy) <= 0:
         raise table.wrong("has a focal length that is not positive")
-    camera = camera_from(
-        name, width, height, fy * scale, cx, cy,
-        k1=k1, k2=k2, k3=k3, p1=p2, p2=p1, b1=(fx - fy) / fy,
-    )  # fmt: skip
-
-    def project(rays: np.ndarray) -> np.ndarray:
-        u, v = rays.T
-        r2 = u * u + v * v
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)
-        y = v * radial + 2 * p2 * u * v + p1 * (r2 + 2 * v * v)
-        return np.column_stack([cx + fx * scale * x, cy + fy * scale * y])
-
-    if fx == fy or not any((k1, k2, k3, p1, p2)):
-        return camera
-    return standing_for(camera, project, notes)
+    return opencv_camera(
+        name, (width, height), (fx * scale, fy * scale), (cx, cy), (k1, k2, k3), p1, p2, notes
+    )
 
 
 def _cameras(whole, used, notes):
@@ -351,20 +333,6 @@ def read_ground(path: Path, block: Block, local: Local | None) -> Ground:
 
 
 # --- out -------------------------------------------------------------------------------------
-
-
-def unheld(camera: Camera) -> list[str]:
-    """Interior parameters, not zero, that a brown camera cannot hold."""
-    held = {"f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"}
-    bent = any(camera[name] for name in INTERIOR if name not in ("f", "cx", "cy", "b1"))
-    if not bent:
-        held.add("b1")
-    return [name for name in INTERIOR if name not in held and camera[name] != 0.0]
-
-
-def nearest(camera: Camera) -> Camera:
-    """The nearest brown camera."""
-    return camera.with_values(**{name: 0.0 for name in unheld(camera)})
 
 
 def losses(block: Block) -> list[str]:

@@ -15,29 +15,28 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import Camera
 from corridor.errors import InputError
+from corridor.interchange.cameras import NoModel
 from corridor.interchange.columns import grouped, numbered
 from corridor.interchange.formats.colmap import records
 from corridor.interchange.formats.colmap.cameras import (
     BY_NUMBER,
     HALF,
+    HOLDS,
     MODELS,
     camera_of,
-    holdable,
-    not_held,
     params_of,
 )
 from corridor.interchange.formats.colmap.ground import read_ground, write_ground
-from corridor.interchange.pieces import NoModel, Pieces, Views
+from corridor.interchange.pieces import Pieces, Views
 from corridor.interchange.project import Project, ground_table, matrices_of
 from corridor.interchange.rows import Rows, camera_positions, rows_of
 
 NAME = "colmap"
 TITLE = "COLMAP sparse model, text or binary"
 WRITES = ("colmap", "colmap-text")
-HOLDS = "f, cx, cy, k1, k2, k3, p1, p2 (b1 without distortion)"
 
+__all__ = ["HOLDS", "NAME", "TITLE", "WRITES", "losses", "read", "recognise", "write"]
 _FILES = ("cameras", "images", "points3D")
 
 
@@ -321,16 +320,6 @@ def _with_length(pose, record):
 
 
 # --- out -------------------------------------------------------------------------------------
-
-
-def unheld(camera: Camera) -> list[str]:
-    """Interior parameters, not zero, that the format cannot hold."""
-    return not_held(camera)
-
-
-def nearest(camera: Camera) -> Camera:
-    """The nearest camera that the format holds."""
-    return holdable(camera)
 
 
 def losses(block: Block) -> list[str]:

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from corridor.camera import INTERIOR, Camera
-from corridor.errors import InputError
-from corridor.interchange.cameras import NoModel, standing_for
-from corridor.interchange.project import camera_from
+from corridor.camera import Camera
+from corridor.interchange.cameras import Held, NoModel, opencv_camera
 
+HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"), pinhole=("b1",))
 HALF = 0.5
 # Number in the binary files, parameters.
 MODELS = {
@@ -58,46 +57,9 @@ def camera_of(
         raise NoModel(f"camera {name} is a {model}, for which corridor has no model")
     full = np.zeros(12)
     full[: len(_PLACES[model])] = [params[at] for at in _PLACES[model]]
-    fx, fy, cx, cy, k1, k2, p1, p2, k3, *divisor = full
-    camera = camera_from(
-        name, width, height, fy, cx - HALF, cy - HALF,
-        k1=k1, k2=k2, k3=k3, p1=p2, p2=p1, b1=(fx - fy) / fy if fy else 0.0,
-    )  # fmt: skip
-    if fx <= 0:
-        raise InputError(f"camera {name}: fx = {fx:g} is not positive; export the project again")
-
-    def project(rays: np.ndarray) -> np.ndarray:
-        u, v = rays.T
-        r2 = u * u + v * v
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (
-            1 + r2 * (divisor[0] + r2 * (divisor[1] + r2 * divisor[2]))
-        )
-        return np.column_stack(
-            [
-                cx - HALF + fx * (u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)),
-                cy - HALF + fy * (v * radial + 2 * p2 * u * v + p1 * (r2 + 2 * v * v)),
-            ]
-        )
-
-    if (fx == fy or not full[4:].any()) and not any(divisor):
-        return camera
-    return standing_for(camera, project, notes)
-
-
-# What a FULL_OPENCV camera holds of ours; b1 only where nothing else bends the ray.
-_HELD = ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
-
-
-def not_held(camera: Camera) -> list[str]:
-    """Interior parameters, not zero, that no model of COLMAP holds."""
-    bent = any(camera[name] for name in INTERIOR if name not in ("f", "cx", "cy", "b1"))
-    held = (*_HELD, "b1") if not bent else _HELD
-    return [name for name in INTERIOR if name not in held and camera[name] != 0.0]
-
-
-def holdable(camera: Camera) -> Camera:
-    """The nearest camera that COLMAP holds: what it cannot hold set to zero."""
-    return camera.with_values(**{name: 0.0 for name in not_held(camera)})
+    k1, k2, p1, p2, k3, k4, k5, k6 = full[4:]
+    radial = (k1, k2, k3, k4, k5, k6)
+    return opencv_camera(name, (width, height), full[:2], full[2:4] - HALF, radial, p1, p2, notes)
 
 
 def params_of(camera: Camera) -> tuple[str, list[float]]:
