@@ -6,7 +6,6 @@ examples:
 """
 
 import argparse
-import inspect
 import textwrap
 
 
@@ -43,7 +42,6 @@ def _short(effect):
 
 
 def _full(effect):
-    told = [inspect.getmodule(type(effect)).__doc__, type(effect).shift.__doc__]
     scales = ", ".join(f"{p.scale:.3g} {p.unit} ({name})" for name, p in _runs(effect))
     facts = (
         _line("shown by", effect.revealed_by),
@@ -51,7 +49,7 @@ def _full(effect):
         _line("usual size", scales),
     )
     short = "\n".join([_short(effect), *facts])
-    return "\n\n".join([short, *(inspect.cleandoc(text) for text in told if text)])
+    return "\n\n".join([short, *effect.described()])
 
 
 def _line(title, text):

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from corridor.block import Block
 from corridor.diagnosis.simulator import Simulator
-from corridor.effects import Values, add
+from corridor.effects import Values, add, effect_of
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
 from corridor.simulation import Simulated
@@ -63,7 +63,8 @@ def counterpart(
 def _with_effects(block: Block, believed: Simulator, effects: Mapping[str, Mapping]) -> Block:
     """The block as measured with effects on top, which act where the adjusted model has it."""
     p, state = believed.problem, believed.fit.state
-    doubled = [slug for slug in effects if slug.partition("@")[0] in p.stack.members]
+    slugs = [effect_of(name).slug for name in effects]
+    doubled = [slug for slug in slugs if slug in p.stack.members]
     if doubled:
         raise InputError(f"effect {doubled[0]} is estimated already: it cannot come on top as well")
     there, order = block.copy(), np.argsort(p.order)

@@ -1,20 +1,13 @@
-"""Physical effects: one file each, found by looking in this folder.
+"""Physical effects: one file each in the folder `catalogue`.
 
 `every_effect()` lists them, `find(slug)` makes one; `add` simulates effects in a block, `take_out`
 undoes that, `correct` with all that a person may have forgotten; `predict` is the whole forward
-model. A new effect is a new file with one class (`corridor.effects.contract.Effect`).
+model. `Values` are what was given or found. A new effect is a new file with one class (`Effect`,
+`LinearEffect`), here or in another package that names it in the entry points `corridor.effects`.
 """
 
-from corridor.effects.contract import (
-    Context,
-    Effect,
-    Images,
-    Parameter,
-    every_effect,
-    find,
-    group_names,
-    group_of_image,
-)
+from corridor.effects.context import Context, Images, group_names, group_of_image
+from corridor.effects.contract import Effect, LinearEffect, Parameter, Variant, edge_of
 from corridor.effects.correction import correct
 from corridor.effects.forward import (
     Prediction,
@@ -24,8 +17,9 @@ from corridor.effects.forward import (
     stated_lever_arms,
     take_out,
 )
+from corridor.effects.registry import every_effect, find, forget, register
 from corridor.effects.stack import ROW_REACH, Arrays, Stack, check_needs
-from corridor.effects.values import EffectValues, Values, parse_word
+from corridor.effects.values import EffectValues, Values, effect_of, parse_word
 
 __all__ = [
     "ROW_REACH",
@@ -34,20 +28,26 @@ __all__ = [
     "Effect",
     "EffectValues",
     "Images",
+    "LinearEffect",
     "Parameter",
     "Prediction",
     "Stack",
     "Values",
+    "Variant",
     "add",
     "every_effect",
     "check_needs",
     "correct",
+    "edge_of",
+    "effect_of",
     "find",
+    "forget",
     "group_names",
     "group_of_image",
     "parse_word",
     "point_positions",
     "predict",
+    "register",
     "stated_lever_arms",
     "take_out",
 ]

@@ -13,7 +13,7 @@ import numpy as np
 
 from corridor.block import Block
 from corridor.camera import project_rays
-from corridor.effects.contract import Context, Images
+from corridor.effects.context import Context, Images
 from corridor.effects.stack import Arrays, Stack
 from corridor.effects.values import Values
 from corridor.geometry import rotation_from_vector

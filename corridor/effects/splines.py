@@ -15,7 +15,8 @@ from scipy.interpolate import BSpline
 from scipy.linalg import helmert, null_space
 
 from corridor.camera import INTERIOR
-from corridor.effects.contract import Effect, Images, Parameter, linear
+from corridor.effects.context import Images
+from corridor.effects.contract import LinearEffect, Parameter
 
 _DEGREE = 3
 
@@ -93,7 +94,7 @@ def _splines(at: np.ndarray, inner: np.ndarray, count: int) -> np.ndarray:
     return BSpline.design_matrix(inside, _clamped(inner, degree), degree).toarray()
 
 
-class CameraCurve(Effect):
+class CameraCurve(LinearEffect):
     """Focal length and principal point as smooth curves of a quantity that each image has.
 
     most: coefficients of one curve, its constant among them.
@@ -116,7 +117,7 @@ class CameraCurve(Effect):
             for k in range(1, count)
         ]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """f, cx, cy move by sum_k value_k curve_k(quantity)."""
         of_images = self.quantity(context.images)
         count = coefficients(of_images, self.most)
@@ -125,4 +126,4 @@ class CameraCurve(Effect):
         for n, name in enumerate(self.moved):
             columns = slice(n * (count - 1), (n + 1) * (count - 1))
             derivative[:, INTERIOR.index(name), columns] = curves
-        return linear(derivative, values), derivative
+        return derivative

@@ -7,14 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from corridor.block import Block
-from corridor.effects.contract import (
-    PLACES,
-    Context,
-    Effect,
-    Images,
-    Parameter,
-    group_names,
-)
+from corridor.effects.context import Context, Images, group_names
+from corridor.effects.contract import PLACES, Effect, Parameter
 from corridor.errors import InputError
 
 # Slug -> (groups, parameters), as the equations have the values of effects.

@@ -17,7 +17,9 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.effects.contract import GROUPS, Effect, Images, Parameter, find, group_names
+from corridor.effects.context import GROUPS, Images, group_names
+from corridor.effects.contract import Effect, Parameter
+from corridor.effects.registry import find
 from corridor.errors import InputError
 
 # Groups from which on a JSON file holds a summary, and a table beside it the values.

@@ -242,7 +242,7 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
         return
     tried = {}
     for slug, values in effects.items():
-        effect = catalogue.find(slug)
+        effect = catalogue.effect_of(slug)
         tried[slug] = values
         if isinstance(values, np.ndarray):
             # One row for each group, which are not known yet.

@@ -6,10 +6,10 @@ Source: Fraser 1997, "Digital camera self-calibration" (in-plane distortion), in
 import numpy as np
 
 from corridor.camera import INTERIOR
-from corridor.effects.contract import Effect, Parameter, edge_of, linear
+from corridor.effects.contract import LinearEffect, Parameter, edge_of
 
 
-class AffineDistortion(Effect):
+class AffineDistortion(LinearEffect):
     slug = "affine_distortion"
     title = "Affine distortion that differs from the stated one (true minus stated)"
     called = "a correction of the stated affine distortion"
@@ -27,9 +27,9 @@ class AffineDistortion(Effect):
         f, edge = edge_of(block)
         return [Parameter(name, "1", scale=2.0 / (f * edge)) for name in ("b1", "b2")]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """b1, b2 move by the values themselves."""
         derivative = np.zeros((len(context), len(INTERIOR), 2))
         derivative[:, INTERIOR.index("b1"), 0] = 1.0
         derivative[:, INTERIOR.index("b2"), 1] = 1.0
-        return linear(derivative, values), derivative
+        return derivative

@@ -6,13 +6,14 @@ Source: this project (a shape for what no named effect explains).
 import numpy as np
 
 from corridor.camera import INTERIOR
-from corridor.effects.contract import Effect, Images, Parameter, linear
+from corridor.effects.context import Images
+from corridor.effects.contract import LinearEffect, Parameter
 
 _MOVED = ("f", "cx", "cy")
 _STEPS = 7
 
 
-class CameraStep(Effect):
+class CameraStep(LinearEffect):
     """at: times of the changes, s; by default `_STEPS` of them, as many images between any two."""
 
     slug = "camera_step"
@@ -45,7 +46,7 @@ class CameraStep(Effect):
             Parameter(f"{name}_{k + 1}", "px", scale=2.0) for name in _MOVED for k in range(count)
         ]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """f, cx, cy move by the sum of all steps before the image was taken."""
         moments = self.moments(context.images)
         time = context.images.time[context.image][:, None]
@@ -54,4 +55,4 @@ class CameraStep(Effect):
         for n, name in enumerate(_MOVED):
             columns = slice(n * len(moments), (n + 1) * len(moments))
             derivative[:, INTERIOR.index(name), columns] = after
-        return linear(derivative, values), derivative
+        return derivative

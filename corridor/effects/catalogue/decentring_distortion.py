@@ -6,10 +6,10 @@ Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
 import numpy as np
 
 from corridor.camera import INTERIOR
-from corridor.effects.contract import Effect, Parameter, edge_of, linear
+from corridor.effects.contract import LinearEffect, Parameter, edge_of
 
 
-class DecentringDistortion(Effect):
+class DecentringDistortion(LinearEffect):
     slug = "decentring_distortion"
     title = "Decentring distortion that differs from the stated one (true minus stated)"
     called = "a correction of the stated decentring distortion"
@@ -24,9 +24,9 @@ class DecentringDistortion(Effect):
         f, edge = edge_of(block)
         return [Parameter(name, "1", scale=1.0 / (3.0 * f * edge**2)) for name in ("p1", "p2")]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """p1, p2 move by the values themselves."""
         derivative = np.zeros((len(context), len(INTERIOR), 2))
         derivative[:, INTERIOR.index("p1"), 0] = 1.0
         derivative[:, INTERIOR.index("p2"), 1] = 1.0
-        return linear(derivative, values), derivative
+        return derivative

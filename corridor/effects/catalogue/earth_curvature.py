@@ -7,12 +7,12 @@ Source: Kraus 2007, "Photogrammetry", earth curvature; R is the mean radius of t
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 RADIUS = 6.371e6  # m
 
 
-class EarthCurvature(Effect):
+class EarthCurvature(LinearEffect):
     slug = "earth_curvature"
     title = "Curvature of the earth in the heights of the ground control"
     called = "the curvature of the earth"
@@ -28,9 +28,9 @@ class EarthCurvature(Effect):
         # 1 where nobody has allowed for it, 0 where all of it is in the coordinates.
         return [Parameter("fraction", "1", scale=1.0)]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """Given heights rise by fraction d^2 / 2R, d the distance in plan from the middle."""
         away = (context.position - context.images.middle)[:, :2]
         derivative = np.zeros((len(context), 3, 1))
         derivative[:, 2, 0] = (away**2).sum(axis=1) / (2.0 * RADIUS)
-        return linear(derivative, values), derivative
+        return derivative

@@ -8,10 +8,10 @@ Source: Zhou 2019, section 4.3 (a drift of 0.0275 px an image).
 import numpy as np
 
 from corridor.camera import INTERIOR
-from corridor.effects.contract import Effect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class FocalDrift(Effect):
+class FocalDrift(LinearEffect):
     slug = "focal_drift"
     title = "Focal length that drifts with time, linear and quadratic"
     called = "a drift of the focal length with time"
@@ -27,9 +27,9 @@ class FocalDrift(Effect):
             Parameter("bend", "px/s^2", scale=2.0 / 600.0**2),
         ]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """f moves by rate t + bend t^2, t in seconds from the middle of the block."""
         t = context.time
         derivative = np.zeros((len(context), len(INTERIOR), 2))
         derivative[:, INTERIOR.index("f")] = np.stack([t, t * t], axis=-1)
-        return np.einsum("nij,nj->ni", derivative, np.broadcast_to(values, (len(t), 2))), derivative
+        return derivative

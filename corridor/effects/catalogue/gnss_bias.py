@@ -7,10 +7,10 @@ Source: Zhou 2019, section 5.6 (height bias of GNSS-assisted blocks).
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class GnssBias(Effect):
+class GnssBias(LinearEffect):
     slug = "gnss_bias"
     title = "Constant error of the GNSS positions"
     called = "a constant error of the GNSS positions"
@@ -25,7 +25,6 @@ class GnssBias(Effect):
     def parameters(self, block):
         return [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """The predicted antenna moves by the bias itself."""
-        shift = np.zeros((len(context), 3)) + values
-        return shift, np.broadcast_to(np.eye(3), (len(context), 3, 3))
+        return np.broadcast_to(np.eye(3), (len(context), 3, 3))

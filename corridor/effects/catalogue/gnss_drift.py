@@ -6,10 +6,10 @@ solutions converge and wander for minutes).
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class GnssDrift(Effect):
+class GnssDrift(LinearEffect):
     slug = "gnss_drift"
     title = "GNSS positions that drift with time"
     called = "a drift of the GNSS positions with time"
@@ -25,7 +25,6 @@ class GnssDrift(Effect):
         # 0.1 m in 10 minutes.
         return [Parameter(axis, "m/s", scale=0.1 / 600.0) for axis in ("x", "y", "z")]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """The measured antenna moves by rate t, t in seconds from the middle of the block."""
-        derivative = context.time[:, None, None] * np.eye(3)
-        return linear(derivative, values), derivative
+        return context.time[:, None, None] * np.eye(3)

@@ -5,10 +5,10 @@ In a UTM zone's middle the map is 400 ppm too small, and 16 ppm more for 100 m o
 Source: Snyder 1987, "Map projections - a working manual", chapter 8 (scale of the projection).
 """
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class GnssScale(Effect):
+class GnssScale(LinearEffect):
     slug = "gnss_scale"
     title = "Scale of the GNSS positions (measured over true, minus 1)"
     called = "an error in the scale of the GNSS positions"
@@ -20,7 +20,6 @@ class GnssScale(Effect):
     def parameters(self, block):
         return [Parameter("scale", "1", scale=300e-6)]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """The measured antenna moves by scale (C - M), M the middle of the stated centres."""
-        derivative = (context.centre - context.images.middle)[:, :, None]
-        return linear(derivative, values), derivative
+        return (context.centre - context.images.middle)[:, :, None]

@@ -5,13 +5,14 @@ Source: this project (a shape for what no named effect explains).
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Images, Parameter, linear
+from corridor.effects.context import Images
+from corridor.effects.contract import LinearEffect, Parameter
 from corridor.effects.splines import coefficients, curve
 
 _MOST = 6
 
 
-class GnssSpline(Effect):
+class GnssSpline(LinearEffect):
     slug = "gnss_spline"
     title = "GNSS positions that wander with time, smoothly, in each flight"
     called = "a slow wandering of the GNSS positions"
@@ -26,7 +27,7 @@ class GnssSpline(Effect):
         count = self._count(Images.of(block))
         return [Parameter(f"{a}_{k}", "m", scale=0.05) for a in "xyz" for k in range(1, count)]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """Each axis moves by sum_k value_k curve_k(time), over the times of the image's flight."""
         images = context.images
         count = self._count(images)
@@ -38,7 +39,7 @@ class GnssSpline(Effect):
         for axis in range(3):
             columns = slice(axis * (count - 1), (axis + 1) * (count - 1))
             derivative[:, axis, columns] = curves[context.image]
-        return linear(derivative, values), derivative
+        return derivative
 
     @staticmethod
     def _count(images):

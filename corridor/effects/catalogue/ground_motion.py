@@ -5,7 +5,8 @@ Source: this project (a shape for what no named effect explains).
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Images, Parameter, linear
+from corridor.effects.context import Images
+from corridor.effects.contract import Effect, Parameter, linear
 from corridor.effects.splines import coefficients, curve
 
 _MOST = 6
@@ -28,6 +29,7 @@ class GroundMotion(Effect):
     def shift(self, context, values):
         """Each axis moves by sum_k value_k curve_k(station), station along the images' axis."""
         stations, axis = _along(context.images)
+        # The control of the block, which this may be some of, says how many there are.
         count = values.shape[-1] // 3 + 1
         at = (context.position - context.images.middle) @ axis
         curves = curve(at, stations, count)

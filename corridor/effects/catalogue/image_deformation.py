@@ -5,13 +5,13 @@ Source: this project (a shape for what no named effect explains).
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 from corridor.effects.splines import surface
 
 COLUMNS, ROWS = 9, 7
 
 
-class ImageDeformation(Effect):
+class ImageDeformation(LinearEffect):
     slug = "image_deformation"
     title = "Any smooth deformation of the picture, B-splines on a grid of 9 x 7"
     called = "a deformation of the picture, the same in all images"
@@ -29,10 +29,10 @@ class ImageDeformation(Effect):
             for k in range(1, COLUMNS * ROWS - 2)
         ]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """dx = sum x_k surface_k(x, y), dy alike; x, y from -1 to 1 over the picture."""
         surfaces = surface(2.0 * context.pixel / (context.size - 1) - 1.0, COLUMNS, ROWS)
         count = surfaces.shape[1]
         derivative = np.zeros((len(context), 2, 2 * count))
         derivative[:, 0, :count] = derivative[:, 1, count:] = surfaces
-        return linear(derivative, values), derivative
+        return derivative

@@ -5,13 +5,13 @@ Source: this project (a shape for what no named effect explains).
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 from corridor.effects.splines import surface
 
 COLUMNS, ROWS = 5, 4
 
 
-class ImageDeformationOverTime(Effect):
+class ImageDeformationOverTime(LinearEffect):
     slug = "image_deformation_over_time"
     title = "Coarse deformation of the picture that grows with time, B-splines on a grid of 5 x 4"
     called = "a deformation of the picture that grows with time"
@@ -29,10 +29,10 @@ class ImageDeformationOverTime(Effect):
             for k in range(1, COLUMNS * ROWS - 2)
         ]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """dx = t sum x_k surface_k(x, y), dy alike; t in seconds from the middle of the block."""
         surfaces = surface(2.0 * context.pixel / (context.size - 1) - 1.0, COLUMNS, ROWS)
         count = surfaces.shape[1]
         derivative = np.zeros((len(context), 2, 2 * count))
         derivative[:, 0, :count] = derivative[:, 1, count:] = surfaces * context.time[:, None]
-        return linear(derivative, values), derivative
+        return derivative

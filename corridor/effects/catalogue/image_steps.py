@@ -5,7 +5,7 @@ Source: this project (a shape for what no named effect explains).
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 # Lines that a step may follow, upright and level, evenly spaced over the picture, and the share of
 # their distance over which it rises: an adjustment needs a slope to go by.
@@ -13,7 +13,7 @@ UPRIGHT, LEVEL = 15, 11
 RISE = 1.0
 
 
-class ImageSteps(Effect):
+class ImageSteps(LinearEffect):
     slug = "image_steps"
     title = "Sudden shifts of the picture across upright and level lines"
     called = "a sudden shift within the picture, the same in all images"
@@ -28,14 +28,14 @@ class ImageSteps(Effect):
         lines = range(1, UPRIGHT + LEVEL + 1)
         return [Parameter(f"{axis}_{line}", "px", scale=0.5) for axis in "xy" for line in lines]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """dx = sum of x_line times the side (-1/2 to 1/2), upright lines first, dy alike."""
         share = context.pixel / (context.size - 1)
         sides = np.hstack([_side(share[:, 0], UPRIGHT), _side(share[:, 1], LEVEL)])
         count = sides.shape[1]
         derivative = np.zeros((len(context), 2, 2 * count))
         derivative[:, 0, :count] = derivative[:, 1, count:] = sides
-        return linear(derivative, values), derivative
+        return derivative
 
 
 def _side(share: np.ndarray, lines: int) -> np.ndarray:

@@ -3,12 +3,26 @@
 Source: Zhou 2019, eq. 5.2 (its theta is our -a).
 """
 
-import numpy as np
+from corridor.effects.contract import LinearEffect, Parameter, Variant
 
-from corridor.effects.contract import Effect, Parameter
+_PER_FLIGHT = Variant(
+    slug="lever_arm_per_flight",
+    group="flight",
+    title="Lever arm of the GNSS antenna in each flight, to be added to the stated one",
+    called="a correction of the GNSS antenna's lever arm, another in each flight",
+    revealed_by="images of several headings and tilts in each flight, with control",
+    unobservable_when=(
+        "a flight keeps one heading: its arm is a bias of its GNSS; nadir images leave z to the "
+        "focal length"
+    ),
+    about="""The GNSS antenna sits elsewhere in each flight: the camera was remounted between them.
+
+    Source: Zhou 2019, eq. 5.2 (its theta is our -a).
+    """,
+)
 
 
-class LeverArm(Effect):
+class LeverArm(LinearEffect):
     slug = "lever_arm"
     title = "Lever arm of the GNSS antenna, to be added to the stated one"
     called = "a correction of the stated lever arm of the GNSS antenna"
@@ -19,12 +33,11 @@ class LeverArm(Effect):
         "the camera keeps one heading: the arm is a bias of the GNSS; or it turns with the strip "
         "at one speed: the arm is a clock offset; nadir images leave z to the focal length"
     )
+    variants = (_PER_FLIGHT,)
 
     def parameters(self, block):
         return [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """The antenna moves by R' a; its derivative is R'."""
-        to_world = context.rotation.transpose(0, 2, 1)
-        values = np.broadcast_to(values, (len(context), 3))
-        return np.einsum("nij,nj->ni", to_world, values), to_world
+        return context.rotation.transpose(0, 2, 1)

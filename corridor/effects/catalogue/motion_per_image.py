@@ -8,10 +8,10 @@ Source: Vautherin et al. 2016, [dRx, dRy, dRz, dTx, dTy, dTz]; Zhou 2019, sectio
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class MotionPerImage(Effect):
+class MotionPerImage(LinearEffect):
     slug = "motion_per_image"
     title = "Motion of each image during its readout: translation and rotation, 6 an image"
     called = "a motion and turn of the camera while the rows are read, another in each image"
@@ -32,9 +32,9 @@ class MotionPerImage(Effect):
         centre = [Parameter(axis, "m", scale=0.15) for axis in ("x", "y", "z")]
         return centre + [Parameter(f"turn_{axis}", "rad", scale=turn) for axis in "xyz"]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """Centre (world) and rotation (camera frame) by values s; the row s from -1/2 to 1/2."""
         derivative = np.zeros((len(context), 6, 6))
         for axis in range(6):
             derivative[:, axis, axis] = context.row
-        return linear(derivative, values), derivative
+        return derivative

@@ -8,10 +8,10 @@ Source: Daakir et al. 2019, section 3 (displacement of the principal point with 
 import numpy as np
 
 from corridor.camera import INTERIOR
-from corridor.effects.contract import Effect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class PrincipalPointDrift(Effect):
+class PrincipalPointDrift(LinearEffect):
     slug = "principal_point_drift"
     title = "Principal point that drifts with time"
     called = "a drift of the principal point with time"
@@ -23,10 +23,9 @@ class PrincipalPointDrift(Effect):
     def parameters(self, block):
         return [Parameter(name, "px/s", scale=2.0 / 600.0) for name in ("x_rate", "y_rate")]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """cx, cy move by rate t, t in seconds from the middle of the block."""
         derivative = np.zeros((len(context), len(INTERIOR), 2))
         derivative[:, INTERIOR.index("cx"), 0] = context.time
         derivative[:, INTERIOR.index("cy"), 1] = context.time
-        values = np.broadcast_to(values, (len(context), 2))
-        return np.einsum("nij,nj->ni", derivative, values), derivative
+        return derivative

@@ -7,10 +7,10 @@ photogrammetry" (block-variant and photo-variant parameters).
 import numpy as np
 
 from corridor.camera import INTERIOR
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class PrincipalPointPerFlight(Effect):
+class PrincipalPointPerFlight(LinearEffect):
     slug = "principal_point_per_flight"
     title = "Principal point of each flight (true minus stated)"
     called = "a principal point of its own in each flight"
@@ -25,9 +25,9 @@ class PrincipalPointPerFlight(Effect):
     def parameters(self, block):
         return [Parameter(name, "px", scale=5.0) for name in ("cx", "cy")]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """cx, cy move by the values themselves."""
         derivative = np.zeros((len(context), len(INTERIOR), 2))
         derivative[:, INTERIOR.index("cx"), 0] = 1.0
         derivative[:, INTERIOR.index("cy"), 1] = 1.0
-        return linear(derivative, values), derivative
+        return derivative

@@ -6,12 +6,12 @@ Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
 import numpy as np
 
 from corridor.camera import INTERIOR
-from corridor.effects.contract import Effect, Parameter, edge_of, linear
+from corridor.effects.contract import LinearEffect, Parameter, edge_of
 
 _NAMES = ("k1", "k2", "k3")
 
 
-class RadialDistortion(Effect):
+class RadialDistortion(LinearEffect):
     slug = "radial_distortion"
     title = "Radial distortion that differs from the stated one (true minus stated)"
     called = "a correction of the stated radial distortion"
@@ -31,9 +31,9 @@ class RadialDistortion(Effect):
             for n, name in enumerate(_NAMES)
         ]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """k1, k2, k3 move by the values themselves."""
         derivative = np.zeros((len(context), len(INTERIOR), 3))
         for n, name in enumerate(_NAMES):
             derivative[:, INTERIOR.index(name), n] = 1.0
-        return linear(derivative, values), derivative
+        return derivative

@@ -10,13 +10,13 @@ Source: Wolf and Dewitt 2000, "Elements of Photogrammetry", chapter 4.
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 # Beyond 80 degrees from the nadir the formula grows without bound, and is wrong.
 _FLATTEST = np.cos(np.radians(80.0))
 
 
-class Refraction(Effect):
+class Refraction(LinearEffect):
     slug = "refraction"
     title = "Refraction of the atmosphere"
     called = "the refraction of the atmosphere"
@@ -30,7 +30,7 @@ class Refraction(Effect):
         # 1 where nobody has allowed for it.
         return [Parameter("fraction", "1", scale=1.0)]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """f times the change of the ray that leans away from the nadir by fraction delta.
 
         With the ray's part in plan s and its part downwards n, delta adds K s in plan and
@@ -49,5 +49,4 @@ class Refraction(Effect):
         bent *= np.radians(constant)[:, None]
         x, y, z = np.einsum("nij,nj->ni", to_camera, bent).T
         focal = images.interior[image, 0]
-        derivative = (focal[:, None] * np.stack([x - u * z, y - v * z], axis=1))[:, :, None]
-        return linear(derivative, values), derivative
+        return (focal[:, None] * np.stack([x - u * z, y - v * z], axis=1))[:, :, None]

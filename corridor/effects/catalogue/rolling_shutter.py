@@ -8,11 +8,11 @@ Source: Zhou 2019, chapter 7; Zhou et al. 2020, two-step correction.
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter
 from corridor.errors import InputError
 
 
-class RollingShutter(Effect):
+class RollingShutter(LinearEffect):
     slug = "rolling_shutter"
     title = "Rolling shutter: rows read one after the other while the camera moves"
     called = "the camera's rolling shutter"
@@ -42,7 +42,7 @@ class RollingShutter(Effect):
             )
         return {"readout": next(iter(given.values()))}
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """Centre v t and rotation w t, with t = readout (row - middle row) / (rows - 1)."""
         derivative = np.zeros((len(context), 6, 1))
         row = context.row[:, None]
@@ -50,4 +50,4 @@ class RollingShutter(Effect):
         if context.images.turns:
             # An unknown rate leaves the translation, which matters more.
             np.multiply(np.nan_to_num(context.angular_rate), row, out=derivative[:, 3:, 0])
-        return derivative[:, :, 0] * values, derivative
+        return derivative

@@ -33,7 +33,7 @@ class RollingShutterRotation(Effect):
         if self.measured or not len(block.rates):
             return self
         # Asked for as `slug@flight`, the curve has one readout and delay a flight.
-        curve = type(self)("block" if self.group == "image" else self.group)
+        curve = self.per("block" if self.group == "image" else self.group)
         curve.measured, curve.row_degree = True, _CURVE_DEGREE
         curve.needs = ("images.time_s", "rates.wx", "rates.wy", "rates.wz")
         curve.takes = ("images.vx", "images.vy", "images.vz")

@@ -5,10 +5,10 @@ Source: this project (a shape for what no named effect explains).
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class RowPolynomial(Effect):
+class RowPolynomial(LinearEffect):
     slug = "row_polynomial"
     title = "Shift of the rows of each image, linear and quadratic in the row"
     called = "a shift of the rows that differs from image to image"
@@ -23,10 +23,10 @@ class RowPolynomial(Effect):
         names = ("x_linear", "y_linear", "x_quadratic", "y_quadratic")
         return [Parameter(name, "px", scale=0.5) for name in names]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """dx = x_linear s + x_quadratic s^2, dy alike; s from -1 (read first) to 1 (read last)."""
         row = 2.0 * context.row
         derivative = np.zeros((len(context), 2, 4))
         derivative[:, 0, 0] = derivative[:, 1, 1] = row
         derivative[:, 0, 2] = derivative[:, 1, 3] = row * row
-        return linear(derivative, values), derivative
+        return derivative

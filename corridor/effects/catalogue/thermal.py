@@ -9,10 +9,10 @@ thermal effect on camera calibration".
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class Thermal(Effect):
+class Thermal(LinearEffect):
     slug = "thermal"
     title = "Thermal expansion of the image plane: scale, cubic and shift per degree"
     called = "the thermal expansion of the image plane"
@@ -28,7 +28,7 @@ class Thermal(Effect):
         names = ("scale", "cubic", "x", "y")
         return [Parameter(name, "px/C", scale=0.1) for name in names]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """dT (scale p + cubic r^2 p + (x, y)), p from the picture's middle, 1 at its edge.
 
         scale, cubic: px per degree, outwards at the end of the long side; x, y: of the whole
@@ -41,4 +41,4 @@ class Thermal(Effect):
         derivative[:, :, 1] = place * (place**2).sum(axis=1, keepdims=True)
         derivative[:, 0, 2] = derivative[:, 1, 3] = 1.0
         derivative *= warmer[:, None, None]
-        return linear(derivative, values), derivative
+        return derivative

@@ -9,10 +9,10 @@ Source: Vautherin et al. 2016 (Pix4D's linear motion, translation only).
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import LinearEffect, Parameter
 
 
-class TranslationPerImage(Effect):
+class TranslationPerImage(LinearEffect):
     slug = "translation_per_image"
     title = "Motion of each image during its readout: translation, 3 parameters an image"
     called = "a motion of the camera while the rows are read, another in each image"
@@ -31,9 +31,9 @@ class TranslationPerImage(Effect):
         # 5 m/s for 30 ms.
         return [Parameter(axis, "m", scale=0.15) for axis in ("x", "y", "z")]
 
-    def shift(self, context, values):
+    def derivative(self, context):
         """Centre by values s, world axes, with the row s from -1/2 to 1/2."""
         derivative = np.zeros((len(context), 6, 3))
         for axis in range(3):
             derivative[:, axis, axis] = context.row
-        return linear(derivative, values), derivative
+        return derivative
