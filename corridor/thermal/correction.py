@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from corridor.block import Block, forget_correction, record_correction
+from corridor.effects import Context, Images, find
 from corridor.errors import InputError
 from corridor.thermal.model import ThermalModel
 from corridor.thermal.temperature import optics
@@ -70,26 +71,37 @@ def laboratory_prior(model: ThermalModel, block: Block) -> dict[str, tuple[float
     x, y = np.meshgrid(
         np.linspace(0, model.width - 1, _GRID), np.linspace(0, model.height - 1, _GRID)
     )
-    half = np.array([(model.width - 1) / 2, (model.height - 1) / 2])
-    place = (np.stack([x.ravel(), y.ravel()], axis=1) - half) / half.max()
-    shapes = np.zeros((len(place), 2, 4))
-    shapes[:, :, 0] = place
-    shapes[:, :, 1] = place * (place**2).sum(axis=1, keepdims=True)
-    shapes[:, 0, 2] = shapes[:, 1, 3] = 1.0
+    names, shapes = _shapes(block, np.stack([x.ravel(), y.ravel()], axis=1))
     ends = [np.stack([d.ravel() for d in model.displacement(x, y, t)], axis=1) for t in (low, high)]
     slope = (ends[1] - ends[0]) / span
-    design = shapes.reshape(-1, 4)
+    design = shapes.reshape(-1, len(names))
     value, *_ = np.linalg.lstsq(design, slope.ravel(), rcond=None)
     lacks = float(np.sqrt(np.mean((slope.ravel() - design @ value) ** 2)))
     known = float(np.sqrt(sum(np.mean(model.sigma(x, y, t) ** 2) for t in (low, high))))
     # An error that is the same over the picture shows in each shape as its reach is to one.
     reach = np.sqrt(np.mean(shapes**2, axis=(0, 1)) * 2)
     sigma = np.hypot(lacks, known / span) / reach
-    names = ("scale", "cubic", "x", "y")
     return {
-        f"thermal.{name}": (float(v), float(s))
+        f"{_SLUG}.{name}": (float(v), float(s))
         for name, v, s in zip(names, value, sigma, strict=True)
     }
+
+
+def _shapes(block: Block, pixel: np.ndarray) -> tuple[list[str], np.ndarray]:
+    """Parameters of the effect, and what each moves pixels (n, 2) by a degree, (n, 2, parameters).
+
+    The effect is straight in temperature: its derivative in the warmest image of the block less
+    that in the coldest, over the difference of their temperatures.
+    """
+    effect, images = find(_SLUG), Images.of(block)
+    names = [parameter.name for parameter in effect.parameters(block)]
+    none = np.zeros((len(pixel), len(names)))
+    warm = images.temperature
+    ends = [
+        effect.shift(Context(images, np.full(len(pixel), image), pixel=pixel), none)[1]
+        for image in (np.nanargmax(warm), np.nanargmin(warm))
+    ]
+    return names, (ends[0] - ends[1]) / (np.nanmax(warm) - np.nanmin(warm))
 
 
 def _check(block: Block, model: ThermalModel) -> None:

@@ -7,6 +7,7 @@ from walls import camlight
 
 import corridor
 from corridor.cli import main
+from corridor.effects import Parameter, find
 from corridor.errors import InputError
 from corridor.thermal import correct, laboratory_prior, uncorrect
 
@@ -102,6 +103,17 @@ class TestLaboratoryPrior:
         assert prior["thermal.scale"][0] == pytest.approx(2559.5 * 13.7e-6, rel=0.02)
         assert prior["thermal.x"][0] == pytest.approx(0.02, abs=0.001)
         assert all(sigma > 0 for _, sigma in prior.values())
+
+    def test_it_is_one_of_the_effect_whatever_that_estimates(self, flown, monkeypatch):
+        """Shapes and names were typed a second time: a change of the effect was not seen."""
+        thermal = type(find("thermal"))
+        growth = [Parameter("growth", "px/C", scale=0.1)]
+        whole = thermal.derivative
+        monkeypatch.setattr(thermal, "parameters", lambda self, block: growth)
+        monkeypatch.setattr(thermal, "derivative", lambda *given: 2.0 * whole(*given)[:, :, :1])
+        (name, (value, _)) = laboratory_prior(camlight(radial=0.0), flown).popitem()
+        assert name == "thermal.growth"
+        assert value == pytest.approx(2559.5 * 13.7e-6 / 2.0, rel=0.02)
 
     def test_an_adjustment_takes_it(self, flown, model):
         prior = laboratory_prior(model, flown)
