@@ -61,7 +61,7 @@ def _without_shapes(diagnosis) -> Adjustment:
     """
     after = diagnosis.after
     inside = after.problem.stack.members
-    shapes = [one["group"] for one in diagnosis.unknown if one["group"] in inside]
+    shapes = [one.group for one in diagnosis.findings.unknown if one.group in inside]
     if not shapes:
         return after
     believed = {effect.slug for effect in diagnosis.believed.effects}

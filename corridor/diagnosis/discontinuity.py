@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import binom
 
 from corridor.adjustment import Adjustment
+from corridor.diagnosis.findings import Unknown
 from corridor.diagnosis.outliers import Ties, ties_by_camera
 from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import every_effect
@@ -36,16 +37,16 @@ def shows_as() -> list[str]:
     return [effect.slug for effect in every_effect() if effect.sudden]
 
 
-def broken_picture(adjustment: Adjustment) -> list[dict]:
-    """Entries of `unknown` of diagnosis.json: the line at which the picture is broken, or none.
+def broken_picture(adjustment: Adjustment) -> Unknown | None:
+    """The line at which the picture is broken, or none.
 
     It is told as the first sudden effect of the catalogue; without one nothing is.
     """
     if not shows_as():
-        return []
+        return None
     found = [(line, ties) for ties in ties_by_camera(adjustment) if (line := _worst(ties))]
     if not found:
-        return []
+        return None
     line, ties = min(found, key=lambda one: one[0].log_p)
     first = ties.place[:, line.axis] < line.at
     # A pane covers the side on which less is seen.
@@ -54,19 +55,12 @@ def broken_picture(adjustment: Adjustment) -> list[dict]:
     # No minus before a zero.
     dx, dy = np.round(line.shift, 1) + 0.0
     name, way = ("x", "upright") if line.axis == 0 else ("y", "level")
-    one = {
-        "group": shows_as()[0],
-        "log_evidence": -line.log_p,
-        "where": f"across the {way} line {name} = {line.at:.0f} px, where {line.jumped} of "
-        f"{line.of} points that are seen on both sides of it jump by x = {dx:.1f}, "
-        f"y = {dy:.1f} px",
-        "location": {"image": [*low.tolist(), *high.tolist()]},
-        "class": "unknown",
-        "parts": [],
-        "cannot_be_told_apart_from": [],
-        "kept": None,
-    }
-    return [one]
+    where = (
+        f"across the {way} line {name} = {line.at:.0f} px, where {line.jumped} of {line.of} points "
+        f"that are seen on both sides of it jump by x = {dx:.1f}, y = {dy:.1f} px"
+    )
+    location = {"image": [*low.tolist(), *high.tolist()]}
+    return Unknown(shows_as()[0], "unknown", -line.log_p, where, location, "none")
 
 
 def _worst(ties: Ties) -> Line | None:

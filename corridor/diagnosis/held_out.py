@@ -1,17 +1,142 @@
-"""Does the added effect help where the fit has not looked?
+"""Does what was found help where the fit has not looked?
 
-Some tie observations are given no weight, one of a point of four rays or more, in both fits; the
-check points never have any. GNSS residuals are those of the fits.
+Some tie observations are given no weight, one of a point of four rays or more, in all fits; the
+check points never have any. Of what the fit cannot tell apart these data choose, and a shape
+stays only if they are predicted better with it. GNSS residuals are those of the fits.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from corridor.adjustment import Adjustment
 from corridor.block import Block
+from corridor.diagnosis.findings import Estimate, Findings
+from corridor.diagnosis.reference import ReferenceModel
+from corridor.diagnosis.rounds import Course, members
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.verdict import in_place_of, shapes
+from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
+
+
+class Verification:
+    """Fits with and without what was found, of which tie observations were held out.
+
+    findings, used: what is left of what was found, and the keys of the model to go on with. gap:
+    RMS of held-out ties before and after, px, None where nothing could be held out. rivals: error
+    with effects that cannot be told apart from those found, over the error with those found, of
+    `check` points and `tie` points. notes: a sentence on each choice.
+    """
+
+    def __init__(self, believed: ReferenceModel, course: Course, found: Findings, seed: int):
+        self.findings, self.used = found, list(course.last.keys)
+        self.gap: dict[str, float | None] = {"before": None, "after": None}
+        self.rivals: dict[str, dict[str, float]] = {}
+        self.notes: list[str] = []
+        self._believed, self._last = believed, course.last
+        self._effects = {effect.slug: effect for effect in course.candidates.effects}
+        if len(believed.block.tie_points) <= SETTINGS.fewest_ties:
+            return
+        self._block, self._rows = hold_out(believed.block, np.random.default_rng(seed))
+        said = "Held-out observations could not be compared"
+        self._first = self._fit([], said)
+        self._now = self._fit(self.used, said) if self.used and self._first else self._first
+        if self._now is None:
+            return
+        self._go_on(self.used, self._now)
+        self._keep_shapes()
+        self._choose_effects()
+        self._choose_shapes()
+
+    def _fit(self, keys: list[str], said: str) -> Adjustment | None:
+        try:
+            return self._believed.adjust(members(self._effects, keys), block=self._block)
+        except (InputError, AdjustmentFailed) as failed:
+            self.notes.append(f"{said}: {failed}")
+            return None
+
+    def _fits(self, others: Iterable[str], instead: Callable[[str], list[str]]) -> dict:
+        tried = {key: self._fit(instead(key), f"The fit with {key} failed") for key in others}
+        return {key: fit for key, fit in tried.items() if fit is not None}
+
+    def _go_on(self, keys: list[str], fit: Adjustment) -> None:
+        self.used, self._now = keys, fit
+        self.gap = tie_gap(self._first, fit, self._rows)
+
+    def _keep_shapes(self) -> None:
+        """Drop the generic groups with which held-out data are predicted no better."""
+        generic = [one.group for one in self.findings.unknown]
+        if not generic:
+            return
+        others = [key for key in self.used if key not in generic]
+        said = "The fit without the unknown failed"
+        bare = self._fit(others, said) if others else self._first
+        if bare is None or improves(bare, self._now, self._rows):
+            return
+        self.notes.append(
+            f"The correction by {', '.join(generic)} is not kept: data that no fit has used "
+            "are predicted no better with it."
+        )
+        for one in self.findings.unknown:
+            one.correction = "useless"
+        self._go_on(others, bare)
+
+    def _choose_effects(self) -> None:
+        """Of effects that cannot be told apart, the one that predicts clearly better."""
+        for one in self.findings.effects:
+            if one.kind != "ambiguous" or one.key not in self.used:
+                continue
+            before = list(self.used)
+
+            def instead(rival: str, one: Estimate = one, before: list[str] = before) -> list[str]:
+                return [rival if key == one.key else key for key in before]
+
+            rivals = [key for key in one.rivals if key not in before][: SETTINGS.most_rivals]
+            fits = self._fits(rivals, instead)
+            best, share = preferred(self._now, fits, self._rows)
+            self.rivals |= share
+            if best is None:
+                continue
+            kind = "check points" if "check" in share[best] else "held-out image points"
+            self.notes.append(
+                f"The fit cannot tell {one.key} and {best} apart; {kind} are predicted better "
+                f"with {best}, so their error afterwards is no longer independent."
+            )
+            self._go_on(instead(best), fits[best])
+
+    def _choose_shapes(self) -> None:
+        """A shape of no catalogue in the place of look-alikes, where check points speak for it.
+
+        A knock that moves the lens between strips flown to and fro is, to the fit, an error of the
+        GNSS, and the named effect has fewer parameters.
+        """
+        if len(self._now.check_points) < SETTINGS.enough_checks:
+            return
+        groups = self._last.evidence.groups
+        alike = {e.key: e for e in self.findings.effects if e.kind == "ambiguous"}
+        for key, effect in alike.items():
+            mine = next((k for k in [key, *effect.rivals] if k in self.used), None)
+            if mine is None:
+                continue
+            before = list(self.used)
+
+            def instead(shape: str, mine: str = mine, before: list[str] = before) -> list[str]:
+                return [shape if k == mine else k for k in before]
+
+            numbers = {groups[n].key: n for n in shapes(self._last, key)[: SETTINGS.most_shapes]}
+            fits = self._fits(numbers, instead)
+            best = best_by_far(self._now, fits)
+            if best is None:
+                continue
+            self.notes.append(
+                f"The fit cannot tell {mine} and {best} apart; check points are predicted better "
+                f"by far with {best}, so their error afterwards is no longer independent."
+            )
+            self.findings = in_place_of(self.findings, self._last, key, numbers[best])
+            self._go_on(instead(best), fits[best])
 
 
 def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:
@@ -58,10 +183,10 @@ def preferred(
     return (best if best is not None and known[best] < limit else None), share
 
 
-def best_by_far(second: Adjustment, fits: dict[int, Adjustment]) -> int | None:
+def best_by_far(second: Adjustment, fits: dict[str, Adjustment]) -> str | None:
     """The fit with less than half the check-point error of `second`, None without one."""
     limit = SETTINGS.clear_ratio_shape * second.check_rms.d3
-    best = min(fits, key=lambda n: fits[n].check_rms.d3, default=None)
+    best = min(fits, key=lambda key: fits[key].check_rms.d3, default=None)
     return best if best is not None and fits[best].check_rms.d3 < limit else None
 
 

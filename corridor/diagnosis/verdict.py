@@ -7,64 +7,17 @@ and cannot be told apart from it all the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import replace
 
 import numpy as np
 
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.findings import Estimate, Findings, Unknown
+from corridor.diagnosis.location import locate
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import EffectValues
-
-ORDER = ("named", "ambiguous", "unknown", "suspected", "nothing")
-
-
-@dataclass
-class Estimate:
-    """One effect that was found (for a flight or a camera of its own, one each).
-
-    parameters: name, value, sigma, unit; of an effect with values for each image, their root mean
-    square, and values has those of the images. alternatives: slugs that cannot be told apart from
-    it. separate: what would. key,
-    rivals: of its group, and of theirs (see `Group`).
-    """
-
-    slug: str
-    kind: str
-    log_evidence: float
-    parameters: list[dict]
-    alternatives: list[str] = field(default_factory=list)
-    separate: str = ""
-    where: dict = field(default_factory=dict)
-    key: str = ""
-    rivals: list[str] = field(default_factory=list)
-    values: EffectValues | None = None
-
-
-@dataclass
-class Unknown:
-    """A generic group that was found. parts: named effects that it overlaps.
-
-    alike: named effects that fit as well, where check points have decided.
-    """
-
-    group: str
-    log_evidence: float
-    kind: str
-    number: int
-    theta: np.ndarray
-    parts: list[str] = field(default_factory=list)
-    alike: list[str] = field(default_factory=list)
-
-
-@dataclass
-class Findings:
-    """verdict: first of `ORDER` that is present; effects and unknown as found."""
-
-    verdict: str
-    effects: list[Estimate]
-    unknown: list[Unknown]
 
 
 def findings(course: Course) -> Findings:
@@ -77,20 +30,18 @@ def findings(course: Course) -> Findings:
     for n in numbers:
         if not evidence.groups[n].generic:
             effects += _estimates(one, n, thetas[n], spreads[n])
-    unknown = [
-        Unknown(
-            evidence.groups[n].slug, found.evidence[n], _kind(one, n), n, thetas[n],
-            _parts(one, n),
-        )
-        for n in numbers if evidence.groups[n].generic
-    ]  # fmt: skip
-    return Findings(_first(effects, unknown), effects, unknown)
+    unknown = []
+    for n in numbers:
+        if evidence.groups[n].generic:
+            kind = "unknown" if _kind(one, n) == "named" else "suspected"
+            new = Unknown(evidence.groups[n].slug, kind, found.evidence[n], parts=_parts(one, n))
+            unknown.append(_at(one, new, n, thetas[n]))
+    return Findings(effects, unknown)
 
 
-def _first(effects: list[Estimate], unknown: list[Unknown]) -> str:
-    present = {e.kind for e in effects}
-    present |= {"unknown" if u.kind == "named" else "suspected" for u in unknown}
-    return next((kind for kind in ORDER if kind in present), "nothing")
+def _at(one: Round, unknown: Unknown, n: int, theta: np.ndarray) -> Unknown:
+    where, location = locate(one, n, theta)
+    return replace(unknown, where=where, location=location, number=n, theta=theta)
 
 
 def in_place_of(found: Findings, one: Round, key: str, shape: int) -> Findings:
@@ -101,11 +52,10 @@ def in_place_of(found: Findings, one: Round, key: str, shape: int) -> Findings:
     rest = {k: v for k, v in one.found.chosen.items() if k != n}
     gain = evidence.given(rest)[shape]
     theta, _ = evidence.solution(rest | {shape: gain.kappa})
-    new = Unknown(group.slug, gain.evidence, "named", shape, theta[-len(group) :])
-    new.alike = list(dict.fromkeys([gone[0].slug, *gone[0].alternatives]))
-    unknown = [*found.unknown, new]
-    effects = [e for e in found.effects if e.key != key]
-    return Findings(_first(effects, unknown), effects, unknown)
+    alike = list(dict.fromkeys([gone[0].slug, *gone[0].alternatives]))
+    new = Unknown(group.slug, "unknown", gain.evidence, alike=alike)
+    unknown = [*found.unknown, _at(one, new, shape, theta[-len(group) :])]
+    return Findings([e for e in found.effects if e.key != key], unknown)
 
 
 def _parts(one: Round, n: int) -> list[str]:

@@ -66,8 +66,8 @@ class TestABrokenPicture:
     @pytest.mark.parametrize("rim", [1800.0, 3300.0])
     def test_is_told_with_its_line_and_its_shift(self, rim):
         """4 sigma: within the reach of what counts as a match that is wrong."""
-        (one,) = broken_picture(drawn(1, pane=(rim, 1.5)))
-        low, _, high, _ = one["location"]["image"]
+        one = broken_picture(drawn(1, pane=(rim, 1.5)))
+        low, _, high, _ = one.location["image"]
         # The smaller side is the one that is covered, to the density of points across the rim.
         assert (low, high) == (
             (0.0, pytest.approx(rim, abs=15))
@@ -75,9 +75,9 @@ class TestABrokenPicture:
             else (pytest.approx(rim, abs=15), 5119.0)
         )
         # Some 15 differences, each of 0.4 px.
-        shift = float(re.search(r"jump by x = (\S+),", one["where"])[1])
+        shift = float(re.search(r"jump by x = (\S+),", one.where)[1])
         assert shift == pytest.approx(1.5, abs=0.4)
-        assert one["class"] == "unknown"
+        assert one.kind == "unknown"
 
     def test_wrong_matches_all_over_the_picture_break_nothing(self):
         """200 blocks with 5 % wrong matches at the level 0.1 %: 2 and more once in fifty times."""
@@ -85,11 +85,11 @@ class TestABrokenPicture:
 
     def test_noise_that_is_larger_on_one_side_breaks_nothing(self):
         for seed in range(20):
-            assert broken_picture(drawn(seed, larger=lambda x: 1 + 2 * (x > 4000))) == []
+            assert broken_picture(drawn(seed, larger=lambda x: 1 + 2 * (x > 4000))) is None
 
     def test_a_car_is_no_pane(self):
         """Forty points jump alike across one line, all in the same images."""
-        assert broken_picture(drawn(3, wrong=0.01, car=40)) == []
+        assert broken_picture(drawn(3, wrong=0.01, car=40)) is None
 
 
 class TestACrowd:

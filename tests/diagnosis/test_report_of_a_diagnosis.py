@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,10 +13,10 @@ from believing import flown
 
 import corridor
 from corridor.diagnosis import corrected, diagnose
+from corridor.diagnosis.findings import Estimate, Unknown
 from corridor.diagnosis.report import folder as writing
 from corridor.diagnosis.report.sentence import sentence
 from corridor.diagnosis.report.wording import placed, scaled, to_add, two_digits, value_and_sigma
-from corridor.diagnosis.verdict import Estimate
 from corridor.effects import Values, correct, find
 from corridor.errors import AdjustmentFailed, InputError
 
@@ -209,7 +210,6 @@ class TestWriting:
 
     def test_what_is_only_suspected_changes_no_block(self, diagnosis, tmp_path, quick, monkeypatch):
         monkeypatch.setattr(diagnosis.findings.effects[0], "kind", "suspected")
-        monkeypatch.setattr(diagnosis.findings, "verdict", "suspected")
         diagnosis.save(tmp_path / "out")
         corrected = corridor.read(tmp_path / "out" / "corrected")
         given = diagnosis.block.tie_points[["x", "y"]].to_numpy()
@@ -222,8 +222,9 @@ def told(verdict, effects=(), unknown=(), check=(0.0195, 0.0041), tie=(0.279, 0.
     """The sentence of a diagnosis that was never made."""
     return sentence(
         SimpleNamespace(
-            verdict=verdict, block=None, level=0.01, alarms=[], unknown=list(unknown),
-            findings=SimpleNamespace(effects=list(effects)), detection_limits=limits or {},
+            verdict=verdict, block=None, level=0.01, alarms=[],
+            findings=SimpleNamespace(effects=list(effects), unknown=list(unknown)),
+            detection_limits=limits or {},
             gap={
                 "check_m": check and dict(zip(("before", "after"), check, strict=True)),
                 "tie_px": dict(zip(("before", "after"), tie, strict=True)),
@@ -290,16 +291,14 @@ class TestSentence:
         assert f"Beside it, either {either}." in told("named", [shutter(), *flights])
 
     def test_the_unknown_is_described_by_its_place(self):
-        where = {
-            "group": "image_deformation", "where": "largest at x = 3000 px", "class": "unknown",
-            "parts": [], "kept": True, "log_evidence": 55.0, "cannot_be_told_apart_from": [],
-        }  # fmt: skip
-        text = told("unknown", unknown=[where])
+        one = Unknown("image_deformation", "unknown", 55.0, "largest at x = 3000 px")
+        text = told("unknown", unknown=[one])
         assert text.startswith("Something outside the catalogue is missing from the model: ")
         assert "largest at x = 3000 px" in text and "lowers the check-point error" in text
-        assert "does not help" in told("unknown", unknown=[where | {"kept": False}])
-        assert "nothing was added" in told("unknown", unknown=[where | {"kept": None}])
-        alike = where | {"cannot_be_told_apart_from": ["gnss_bias"]}
+        useless, impossible = replace(one, correction="useless"), replace(one, correction="none")
+        assert "does not help" in told("unknown", unknown=[useless])
+        assert "nothing was added" in told("unknown", unknown=[impossible])
+        alike = replace(one, alike=["gnss_bias"])
         assert "check points tell them apart" in told("unknown", unknown=[alike])
 
     def test_a_suspicion_is_not_a_finding(self):

@@ -45,7 +45,7 @@ def test_a_prior_of_a_lever_arm_counts_where_the_candidate_of_that_name_is_teste
 
 def test_a_catalogue_without_a_sudden_effect_breaks_no_picture(monkeypatch):
     monkeypatch.setattr(sys.modules[discontinuity.__name__], "every_effect", lambda: [])
-    assert discontinuity.broken_picture(None) == []
+    assert discontinuity.broken_picture(None) is None
 
 
 class Narrow(find("focal_per_image").__class__):

@@ -6,9 +6,9 @@ from typing import Any, Protocol
 
 from corridor.adjustment import Adjustment
 from corridor.block import Block
+from corridor.diagnosis.findings import Findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Course
-from corridor.diagnosis.verdict import Findings
 
 
 class Diagnosed(Protocol):
@@ -20,7 +20,6 @@ class Diagnosed(Protocol):
     after: Adjustment
     course: Course
     findings: Findings
-    unknown: list[dict]
     gap: dict[str, Any]
     detection_limits: dict[str, dict[str, float | None]]
     untestable: list[dict]

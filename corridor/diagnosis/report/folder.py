@@ -79,7 +79,11 @@ def _believable(diagnosis: Diagnosed, say: Callable) -> tuple[list[str], Adjustm
         # Of look-alikes the one that data which no fit has used prefer.
         for key in [next((k for k in [one.key, *one.rivals] if k in diagnosis.used), one.slug)]
     ]
-    firm += [one["group"] for one in diagnosis.unknown if one["class"] == "unknown" and one["kept"]]
+    firm += [
+        one.group
+        for one in diagnosis.findings.unknown
+        if one.kind == "unknown" and one.correction == "helps"
+    ]
     slugs = list(dict.fromkeys(firm))
     if not slugs:
         return [], diagnosis.before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from corridor.diagnosis.findings import Estimate
 from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.wording import (
     amount,
@@ -12,7 +13,6 @@ from corridor.diagnosis.report.wording import (
     upper,
     value_and_sigma,
 )
-from corridor.diagnosis.verdict import Estimate
 
 # Parameters told in the sentence; the table has them all.
 MOST = 4
@@ -47,7 +47,7 @@ def _named(d: Diagnosed) -> str:
         text = f"{upper(listed(parts))} are missing from the model."
     either = [_either(alike) for alike in _ambiguities(d)]
     beside = [f"Beside {'it' if len(told) == 1 else 'them'}, either {both}." for both in either]
-    if any(one["class"] == "unknown" for one in d.unknown):
+    if any(one.kind == "unknown" for one in d.findings.unknown):
         beside.append(f"Something outside the catalogue is there too: {_places(d)}.")
     return " ".join([text, *beside, _effect_of_adding(d, len(told) + len(beside))])
 
@@ -59,7 +59,7 @@ def _ambiguous(d: Diagnosed) -> str:
     more = [alike for alike in others if alike[0].slug not in first[0].alternatives]
     if more:
         text += f" Also missing: {listed(_either(alike) for alike in more)}."
-    if any(one["class"] == "unknown" for one in d.unknown):
+    if any(one.kind == "unknown" for one in d.findings.unknown):
         text += f" Something outside the catalogue is there too: {_places(d)}."
     return f"{text} {_effect_of_adding(d, 1 + len(more), 'one of them')}"
 
@@ -69,16 +69,16 @@ def _unknown(d: Diagnosed) -> str:
     known = effects_by_slug()
 
     def called(key):
-        slugs = dict.fromkeys(slug for one in d.unknown for slug in one[key])
+        slugs = dict.fromkeys(slug for one in d.findings.unknown for slug in getattr(one, key))
         return listed((known[slug].called for slug in slugs), "or")
 
-    if names := called("cannot_be_told_apart_from"):
+    if names := called("alike"):
         text += f" The fit alone takes {names} as well; check points tell them apart."
     if names := called("parts"):
         text += f" It overlaps with {names}, which would explain a part of it only."
-    if all(one["kept"] is None for one in d.unknown):
+    if all(one.correction == "none" for one in d.findings.unknown):
         return f"{text} The fit takes them for wrong matches, so nothing was added."
-    if not all(one["kept"] for one in d.unknown):
+    if not all(one.correction == "helps" for one in d.findings.unknown):
         return f"{text} A smooth shape of it does not help data that the fit has not used."
     return f"{text} {_effect_of_adding(d, 1, 'a smooth shape of it')}"
 
@@ -86,7 +86,7 @@ def _unknown(d: Diagnosed) -> str:
 def _suspected(d: Diagnosed) -> str:
     told = _told([one for one in d.findings.effects if one.kind == "suspected"])
     parts = [f"{name} ({values})" if values else name for name, values in told]
-    if d.unknown:
+    if d.findings.unknown:
         parts.append(f"something outside the catalogue ({_places(d)})")
     return (
         f"Nothing is missing for certain; suspected is {listed(parts)}. "
@@ -180,7 +180,7 @@ def _either(estimates: list[Estimate]) -> str:
 
 def _places(d: Diagnosed) -> str:
     known = effects_by_slug()
-    return "; ".join(f"{known[one['group']].called}, {one['where']}" for one in d.unknown)
+    return "; ".join(f"{known[one.group].called}, {one.where}" for one in d.findings.unknown)
 
 
 def _effect_of_adding(d: Diagnosed, number: int, what: str = "") -> str:

@@ -10,6 +10,7 @@ import pandas as pd
 
 from corridor import __version__
 from corridor.diagnosis.comparison import Comparison
+from corridor.diagnosis.findings import Estimate
 from corridor.diagnosis.held_out import closure
 from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.wording import (
@@ -22,7 +23,6 @@ from corridor.diagnosis.report.wording import (
     upper,
     value_and_sigma,
 )
-from corridor.diagnosis.verdict import Estimate
 from corridor.report import DASH
 
 # Parameters of one effect in the table; all of them are in diagnosis.json.
@@ -100,14 +100,14 @@ def unknown(d: Diagnosed) -> pd.DataFrame:
     known = effects_by_slug()
     rows = [
         (
-            upper(known[one["group"]].called), CLASSES.get(one["class"], one["class"]),
-            one["where"], f"{one['log_evidence']:,.1f}",
+            upper(known[one.group].called), CLASSES[one.kind],
+            one.where, f"{one.log_evidence:,.1f}",
             listed(
-                known[s].called for s in (*one["cannot_be_told_apart_from"], *one["parts"])
+                known[s].called for s in (*one.alike, *one.parts)
             ) or DASH,
-            "yes" if one["kept"] else "no, not applied",
+            "yes" if one.correction == "helps" else "no, not applied",
         )
-        for one in d.unknown
+        for one in d.findings.unknown
     ]  # fmt: skip
     columns = [
         "it shows as", "class", "where", "log evidence", "overlaps with",
@@ -118,7 +118,7 @@ def unknown(d: Diagnosed) -> pd.DataFrame:
 
 def gap(d: Diagnosed, before: Comparison | None, after: Comparison | None) -> pd.DataFrame:
     """What data that the fit has not used say before and after, and the floor of noise."""
-    added = bool(d.findings.effects or any(one["kept"] is not None for one in d.unknown))
+    added = bool(d.findings.effects or any(one.correction != "none" for one in d.findings.unknown))
     floor = _floor(after if added else before)
     rows = []
     for key, name, factor, unit in (
