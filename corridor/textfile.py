@@ -6,12 +6,16 @@ it stands, so that whoever reads it says only what should stand there.
 
 from __future__ import annotations
 
+import bz2
 import gzip
+import io
 import json
 import math
 import re
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
+from typing import BinaryIO
 from xml.etree import ElementTree
 
 import numpy as np
@@ -106,8 +110,13 @@ class Line:
         return value
 
 
+def unpacked(path: Path) -> BinaryIO:
+    """The bytes of a file, also of one packed by bzip2 or gzip (.bz2, .gz)."""
+    return {".bz2": bz2.open, ".gz": gzip.open}.get(path.suffix, open)(path, "rb")
+
+
 def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
-    """Every line; CR LF, CR and LF may be mixed.
+    """Every line, also of a packed file; CR LF, CR and LF may be mixed.
 
     UTF-8 with or without byte order mark, or UTF-16 with one. size, passed: the bytes and lines at
     its beginning that are left out.
@@ -115,11 +124,10 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
     """
     at = passed
     try:
-        with path.open("rb") as file:
-            encoding = "utf-16" if file.read(2) in _UTF16 else "utf-8-sig"
-        with path.open(encoding=encoding) as file:
-            file.seek(size)
-            for at, text in enumerate(file, start=passed + 1):
+        with unpacked(path) as data:
+            encoding = "utf-16" if data.read(2) in _UTF16 else "utf-8-sig"
+            data.seek(size)
+            for at, text in enumerate(io.TextIOWrapper(data, encoding), start=passed + 1):
                 line = Line(path, at, text.rstrip("\n"))
                 if "\0" in text:
                     raise line.wrong("this is no text; name a text")
@@ -128,23 +136,23 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
         raise Line(path, at + 1, "").wrong(
             "the text is not UTF-8; save the file as UTF-8"
         ) from None
-    except OSError as error:
+    except (OSError, EOFError) as error:
         raise missing(path, error) from error
 
 
 def filled(path: Path, comment: str = "") -> Iterator[Line]:
     """The lines that are not blank, nor begin with `comment`."""
-    for line in lines(path):
-        text = line.text.lstrip()
-        if text and not (comment and text.startswith(comment)):
-            yield line
+    return Following(path, comment).rest()
 
 
 class Following:
-    """Lines with something on them, one after the other; the end is told with the place."""
+    """Lines with something on them, one after the other; the end is told with the place.
 
-    def __init__(self, path: Path):
-        self.path, self.last, self._lines = path, 0, lines(path)
+    last: number of the line that was read last. comment: what begins a line that says nothing.
+    """
+
+    def __init__(self, path: Path, comment: str = ""):
+        self.path, self.last, self._comment, self._lines = path, 0, comment, lines(path)
 
     def next(self, what: str) -> Line:
         """The next line. Raises InputError where the file ends before."""
@@ -163,11 +171,21 @@ class Following:
         self.last += count
         self._lines = lines(self.path, size, self.last)
 
+    def comments(self) -> Iterator[Line]:
+        """The comments that come next."""
+        for line in self._lines:
+            if not line.text.startswith(self._comment):
+                self._lines = chain([line], self._lines)
+                return
+            self.last = line.at
+            yield line
+
     def rest(self) -> Iterator[Line]:
         """The lines that are left."""
         for line in self._lines:
             self.last = line.at
-            if line.text.strip():
+            text = line.text.lstrip()
+            if text and not (self._comment and text.startswith(self._comment)):
                 yield line
 
 
@@ -197,11 +215,12 @@ def read_lines(path: Path) -> list[str]:
     return re.split(r"\r\n|\n|\r", text.rstrip("\r\n"))
 
 
-def missing(path: Path, error: OSError) -> InputError:
+def missing(path: Path, error: Exception) -> InputError:
     """The sentence for a file that is not there or cannot be read."""
     if isinstance(error, FileNotFoundError):
         return InputError(f"{path} is missing; put it there or name the whole project")
-    return InputError(f"{path} cannot be read ({error.strerror or error}); correct the path")
+    reason = getattr(error, "strerror", None) or error
+    return InputError(f"{path} cannot be read ({reason}); correct the path, or fetch it again")
 
 
 def opening(path: Path, size: int = 4096) -> str:

@@ -1,17 +1,21 @@
 """Whole columns of numbers out of text files and into them, where a line at a time takes minutes.
 
-Only what is plainly right is read here. Anything else is left to whoever reads line by line, and
-can say which line is wrong, and why.
+What is plainly numbers is read at once; anything else line by line, which accepts more (byte order
+marks, lone CR), and can say which line is wrong.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
+
+from corridor.errors import InputError
+from corridor.textfile import Following, Line, filled, missing, unpacked
 
 _CHUNK = 1 << 22  # bytes: little enough to stay in the processor's cache
 _PLAIN = b"0123456789+-.eE \t\r\n"
@@ -30,13 +34,79 @@ class Plain:
     values: np.ndarray
     whole: np.ndarray
     counts: np.ndarray
-    size: int
-    lines: int
+    size: int = 0
+    lines: int = 0
 
     @property
     def starts(self) -> np.ndarray:
         """(m,): index of the first number of each line."""
         return np.cumsum(self.counts) - self.counts
+
+
+class NumberLines(Plain):
+    """The numbers of the next lines of a file, and where they stand."""
+
+    def __init__(
+        self, source: Following, most: int | None = None, names: Sequence[str] = ("a number",)
+    ):
+        """Read at most so many lines. names: of the words of a line, the last for all further ones.
+
+        Raises InputError naming file and line of what is no number.
+        """
+        self._path, self._before, self._at = source.path, source.last, None
+        plain = _at_once(source, most)
+        if plain is not None:
+            source.pass_by(plain.size, plain.lines)
+        else:
+            found = list(islice(source.rest(), most))
+            self._at = [line.at for line in found]
+            plain = _by_line(found, names)
+        super().__init__(plain.values, plain.whole, plain.counts)
+
+    def wrong(self, row: int, sentence: str) -> InputError:
+        """The error that names file and line of a row."""
+        if self._at is None:
+            mine = (line.at for line in filled(self._path) if line.at > self._before)
+            return Line(self._path, next(islice(mine, row, None)), "").wrong(sentence)
+        return Line(self._path, self._at[row], "").wrong(sentence)
+
+    def expect(self, good: np.ndarray, what: str) -> None:
+        """Raise InputError at the first row (m,) that is not good, with the words that it has."""
+        if not good.all():
+            row = int(np.argmin(good))
+            raise self.wrong(
+                row,
+                f"{self.counts[row]} words where {what}; the file is cut off or out of step",
+            )
+
+
+def _at_once(source: Following, most: int | None) -> Plain | None:
+    # What was passed is read again, so the lines before must be few.
+    try:
+        with unpacked(source.path) as file:
+            before = b"".join(file.readline() for _ in range(source.last))
+            # Lines may not end with CR alone, nor be UTF-16.
+            if before.count(b"\r") != before.count(b"\r\n") or b"\0" in before:
+                return None
+            plain = plain_numbers(file, most)
+    except (OSError, EOFError) as error:
+        raise missing(source.path, error) from error
+    return plain and replace(plain, size=plain.size + len(before))
+
+
+def _by_line(found: list[Line], names: Sequence[str]) -> Plain:
+    values, whole, counts = [np.zeros(0)], [], []
+    for line in found:
+        words = line.text.split()
+        counts.append(len(words))
+        whole += [word.isdecimal() for word in words]
+        try:
+            values.append(line.numbers(words, names[-1]))
+        except InputError:
+            for k, word in enumerate(words):
+                line.number(word, names[min(k, len(names) - 1)])
+            raise
+    return Plain(np.concatenate(values), np.array(whole, bool), np.array(counts, np.int64))
 
 
 def plain_numbers(file: BinaryIO, most: int | None = None) -> Plain | None:

@@ -79,7 +79,7 @@ def projects(tmp_path_factory):
 
 def read_by_line(path, monkeypatch):
     with monkeypatch.context() as patch:
-        for name in ("point_views", "formats.bal", "formats.micmac", "formats.colmap.records"):
+        for name in ("columns", "formats.micmac", "formats.colmap.records"):
             patch.setattr(f"corridor.interchange.{name}.plain_numbers", lambda *_: None)
         return read_project(path).block
 
@@ -98,10 +98,6 @@ def test_whole_files_do_not_go_through_the_loop_over_lines(tmp_path, monkeypatch
     def never(*_):
         raise AssertionError("read line by line")
 
-    home = "corridor.interchange"
-    monkeypatch.setattr(f"{home}.point_views.PointViews._by_line", never)
-    monkeypatch.setattr(f"{home}.formats.bal._by_line", never)
-    monkeypatch.setattr(f"{home}.formats.micmac._pair_text", never)
-    monkeypatch.setattr(f"{home}.formats.colmap.records.TextFile._points_by_line", never)
+    monkeypatch.setattr("corridor.interchange.columns._by_line", never)
     for form in TEXTS:
         assert len(read_project(paths[form]).block.tie_points)

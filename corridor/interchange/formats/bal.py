@@ -6,20 +6,17 @@ rotation a vector (angle-axis). f, k1, k2 belong to each image. Neither names no
 Source: Agarwal et al. 2010, and the project's page.
 """
 
-import bz2
-import gzip
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
-from corridor.interchange.columns import plain_numbers
+from corridor.interchange.columns import NumberLines
 from corridor.interchange.formats.bundler import BundlerArrays
 from corridor.interchange.project import Project
-from corridor.textfile import Line, lines, missing
+from corridor.textfile import Following, unpacked
 
 NAME = "bal"
 TITLE = "Bundle Adjustment in the Large"
@@ -32,77 +29,34 @@ def recognise(path: Path) -> bool:
     if not path.is_file() or path.suffix.lower() not in (".txt", ".bz2", ".gz", ".bal"):
         return False
     try:
-        with _open(path) as file:
+        with unpacked(path) as file:
             head = file.read(300).decode("utf-8-sig", errors="replace")
     except (OSError, EOFError):
         return False
     return bool(_HEAD.match(head.replace("\r\n", "\n")))
 
 
-def _open(path):
-    if path.suffix == ".bz2":
-        return bz2.open(path)
-    return gzip.open(path) if path.suffix == ".gz" else path.open("rb")
-
-
-def _rows(path) -> Iterator[Line]:
-    if path.suffix not in (".bz2", ".gz"):
-        yield from lines(path)
-        return
-    try:
-        with _open(path) as file:
-            for at, text in enumerate(file, start=1):
-                yield Line(path, at, text.decode("ascii", errors="replace"))
-    except FileNotFoundError as error:
-        raise missing(path, error) from error
-    except (OSError, EOFError) as error:
-        raise InputError(f"{path.name} cannot be unpacked ({error}); fetch it again") from None
-
-
-def _at_once(path):
-    """Counts, observations and parameters of a whole file; None where `_by_line` must say why."""
-    try:
-        with _open(path) as file:
-            plain = plain_numbers(file)
-    except (OSError, EOFError):
-        return None
-    if plain is None or not len(plain.counts) or plain.counts[0] != 3 or not plain.whole[:3].all():
-        return None
-    cameras, points, count = map(int, plain.values[:3])
-    end = 3 + 4 * count
-    as_stated = (plain.counts[1 : count + 1] == 4).all() and min(cameras, points, count) > 0
-    if not as_stated or len(plain.values) != end + 9 * cameras + 3 * points:
-        return None
-    return cameras, points, plain.values[3:end].reshape(-1, 4), plain.values[end:]
-
-
-def _by_line(path):
-    """The same, or InputError naming the line."""
-    found = (line for line in _rows(path) if line.text.strip())
-    line = next(found, Line(path, 1, ""))
-    words = line.words(3, "the count of cameras, points and observations of a BAL file")
-    cameras, points, count = (line.whole(word, "a count", 1) for word in words)
-    views, rest = [], []
-    for line in found:
-        if len(views) < count:
-            views.append(line.values(4, f"an observation ({len(views)} of {count} are there)"))
-        else:
-            rest.append(line.numbers(line.text.split(), "a parameter"))
-    parameters = np.concatenate([*rest, np.zeros(0)])
-    needed = 9 * cameras + 3 * points
-    if len(views) < count or len(parameters) != needed:
-        raise InputError(
-            f"{path.name}: {cameras} cameras and {points} points need {needed} parameters, "
-            f"{len(parameters)} are there; the file is cut off or its counts are wrong"
-        )
-    return cameras, points, np.array(views).reshape(-1, 4), parameters
-
-
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     """The project of a file. Raises InputError naming file and line."""
     if path.is_dir():
         raise InputError(f"{path} is a folder; name the file of the BAL problem")
-    cameras, points, views, parameters = _at_once(path) or _by_line(path)
+    source = Following(path)
+    line = source.next("the count of cameras, points and observations")
+    words = line.words(3, "the count of cameras, points and observations of a BAL file")
+    cameras, points, count = (line.whole(word, "a count", 1) for word in words)
+    table = NumberLines(source)
+    table.expect(
+        (table.counts == 4) | (np.arange(len(table.counts)) >= count),
+        f"an observation has 4 ({count} are promised)",
+    )
+    parameters = table.values[4 * count :]
+    needed = 9 * cameras + 3 * points
+    if len(parameters) != needed:
+        raise InputError(
+            f"{path.name}: {cameras} cameras and {points} points need {needed} parameters, "
+            f"{len(parameters)} are there; the file is cut off or its counts are wrong"
+        )
+    views = table.values[: 4 * count].reshape(-1, 4)
     codes = views[:, :2]
     wrong = ((codes % 1 != 0) | (codes < 0) | (codes >= [cameras, points])).any(axis=1)
     if wrong.any():

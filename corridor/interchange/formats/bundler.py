@@ -29,10 +29,10 @@ from corridor.interchange.columns import (
     write_rows,
 )
 from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.point_views import PointViews
+from corridor.interchange.point_views import points_with_views
 from corridor.interchange.project import Project
 from corridor.interchange.rows import rows_of
-from corridor.textfile import beginning, filled
+from corridor.textfile import Following, beginning, filled
 
 NAME = "bundler"
 TITLE = "Bundler .out"
@@ -116,7 +116,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     size: of the pictures, pixels; without it one is made up that holds every observation.
     """
     file = beginning(path, *_FILE) or path
-    source = PointViews(file)
+    source = Following(file)
     line = source.next("the header")
     if line.text.strip() != HEADER:
         raise line.wrong(
@@ -128,7 +128,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     # f, k1, k2; three rows of the rotation; t.
     rows = [[source.values(3, f"camera {k} of {count}") for _ in range(5)] for k in range(count)]
     rows = np.array(rows)
-    views = source.points(points, count, 3, "a camera")
+    views = points_with_views(source, points, count, 3, "a camera")
     for line in source.rest():
         raise line.wrong(f"the file goes on after its {points} points; its counts are wrong")
     notes: list[str] = []

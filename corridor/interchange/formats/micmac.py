@@ -31,11 +31,17 @@ from corridor.interchange.cameras import (
     standing_for,
     turned_note,
 )
-from corridor.interchange.columns import grouped, in_rows, plain_numbers, text_of_rows
+from corridor.interchange.columns import (
+    NumberLines,
+    grouped,
+    in_rows,
+    plain_numbers,
+    text_of_rows,
+)
 from corridor.interchange.pieces import Pieces, Views
 from corridor.interchange.project import Project, ground_table, rotations_to_columns
 from corridor.interchange.rows import camera_positions, rows_of
-from corridor.textfile import Xml, add_xml, filled, missing, opening, write_xml
+from corridor.textfile import Following, Xml, add_xml, missing, opening, write_xml
 
 NAME = "micmac"
 TITLE = "MicMac or MMVII orientations, calibrations, ground points, tie points"
@@ -456,12 +462,15 @@ _PAIR = (4, 5)
 
 
 def _pair_texts(files):
-    """(n, 4) pixels of each file: all files of a folder at once, or line by line to name one."""
+    """(n, 4) pixels of each file: all files of a folder at once, or each alone to name one."""
     texts = [_with_end(file) for file in files]
     plain = plain_numbers(io.BytesIO(b"".join(texts)))
     count = [text.count(b"\n") for text in texts]
     if plain is None or len(plain.counts) != sum(count) or not np.isin(plain.counts, _PAIR).all():
-        return [_pair_text(file) for file in files]
+        tables = [NumberLines(Following(file)) for file in files]
+        for table in tables:
+            table.expect(np.isin(table.counts, _PAIR), "a pair of points has 4, or 5 with a weight")
+        return [table.values[table.starts[:, None] + np.arange(4)] for table in tables]
     pixels = plain.values[plain.starts[:, None] + np.arange(4)]
     return np.split(pixels, np.cumsum(count)[:-1]) if files else []
 
@@ -472,19 +481,6 @@ def _with_end(path):
     except OSError as error:
         raise missing(path, error) from error
     return text if text.endswith(b"\n") else text + b"\n"
-
-
-def _pair_text(path):
-    rows = []
-    for line in filled(path):
-        words = line.text.split()
-        if len(words) not in _PAIR:
-            raise InputError(
-                f"{path.parent.name}/{path.name}, line {line.at}: {len(words)} numbers where a "
-                "pair of points has 4 (or 5 with a weight); the file is cut off"
-            )
-        rows.append(line.numbers(words, "a pair of points")[:4])
-    return np.array(rows).reshape(-1, 4)
 
 
 def _nodes(parts):

@@ -18,9 +18,9 @@ from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion
 from corridor.interchange.cameras import camera_from, from_image_formula, in_the_middle
 from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.point_views import PointViews
+from corridor.interchange.point_views import points_with_views
 from corridor.interchange.project import Project
-from corridor.textfile import beginning
+from corridor.textfile import Following, beginning
 
 NAME = "nvm"
 TITLE = "VisualSFM .nvm"
@@ -39,7 +39,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     size: of the pictures, pixels; without it the middle of the picture is estimated.
     """
     file = beginning(path, *_FILE) or path
-    source = PointViews(file)
+    source = Following(file)
     line = source.next("the header")
     if not line.text.startswith("NVM_V3"):
         raise line.wrong(f"{line.text[:30]!r} where NVM_V3 belongs")
@@ -61,7 +61,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         rows.append(line.numbers(words[1:], f"image {k + 1}"))
     line = source.next("the number of points")
     points = line.whole(line.text.strip(), "number of points")
-    views = source.points(points, count, 1, "an image")
+    views = points_with_views(source, points, count, 1, "an image")
     notes: list[str] = []
     more = sum(1 for line in source.rest() if "." in line.text.split()[0])
     if more:

@@ -20,6 +20,7 @@ import numpy as np
 
 from corridor.errors import InputError
 from corridor.interchange.columns import (
+    NumberLines,
     in_groups,
     in_parts,
     in_rows,
@@ -28,7 +29,7 @@ from corridor.interchange.columns import (
     write_rows,
 )
 from corridor.interchange.formats.colmap.cameras import BY_NUMBER, MODELS
-from corridor.textfile import Line, lines, missing
+from corridor.textfile import Following, Line, lines, missing
 
 # Kind and name of each field. m, s: a word in text, a number (i) in binary; d: a float64.
 CAMERA = (("I", "CAMERA_ID"), ("m", "MODEL"), ("Q", "WIDTH"), ("Q", "HEIGHT"))
@@ -251,49 +252,19 @@ class TextFile:
 
     def points(self) -> tuple[np.ndarray, np.ndarray, int | None]:
         """The same as of a binary file; no count where no point has a track."""
-        return self._points_at_once() or self._points_by_line()
-
-    def _points_by_line(self):
-        ids, places, tracked = [], [], 0
-        for record in self.records(split=len(POINT)):
-            # Colours and errors are nobody's concern here, but they must be there.
-            number, *place = self.take(POINT[:4])
-            self._at = len(POINT)
-            if len(self._words) < len(POINT):
-                self.take(POINT[:1])
-            ids.append(number)
-            places.append(place)
-            if len(self._words) > len(POINT):
-                count = len(self._words[-1].split())
-                self._at += 1
-                if count % 2:
-                    raise record.wrong(
-                        f"the track has {count} numbers where image id and index make pairs; the "
-                        "line is cut off"
-                    )
-                tracked += count // 2
-        return np.array(ids, np.int64), np.array(places).reshape(-1, 3), tracked or None
-
-    def _points_at_once(self):
-        """The same of a whole file; None where a line at a time must say what is wrong."""
-        if not self.path.is_file():
-            return None
-        head, plain = b"", None
-        with self.path.open("rb") as file:
-            while (line := file.readline()).startswith(b"#"):
-                head += line
-            file.seek(len(head))
-            if head.isascii() and head.count(b"\r") == head.count(b"\r\n"):
-                plain = plain_numbers(file)
-        if plain is None or b"\0" in head or (plain.counts < 8).any() or (plain.counts % 2).any():
-            return None
-        ids = plain.values[plain.starts]
-        if not plain.whole[plain.starts].all() or (ids >= _EXACT).any():
-            return None
-        stated = [match for text in head.decode().splitlines() if (match := _COUNT.match(text))]
-        self._counted(int(stated[-1][1]) if stated else None, len(ids))
-        places = plain.values[plain.starts[:, None] + np.arange(1, 4)]
-        return ids.astype(np.int64), places, int((plain.counts - 8).sum()) // 2 or None
+        source = Following(self.path, comment="#")
+        stated = [match for line in source.comments() if (match := _COUNT.match(line.text))]
+        table = NumberLines(source, names=[*(name for _, name in POINT), "the track"])
+        self._counted(int(stated[-1][1]) if stated else None, len(table.counts))
+        table.expect(table.counts >= len(POINT), f"a point has {len(POINT)} or more")
+        table.expect(table.counts % 2 == 0, "image id and index of a track make pairs")
+        ids = table.values[table.starts]
+        good = table.whole[table.starts] & (ids < _EXACT)
+        if not good.all():
+            raise table.wrong(int(np.argmin(good)), "POINT3D_ID is no whole number that can be")
+        places = table.values[table.starts[:, None] + np.arange(1, 4)]
+        tracked = int((table.counts - len(POINT)).sum()) // 2
+        return ids.astype(np.int64), places, tracked or None
 
 
 # --- out -------------------------------------------------------------------------------------
