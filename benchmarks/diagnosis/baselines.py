@@ -17,6 +17,7 @@ t-test of added parameters; Schwarz 1978, "Estimating the dimension of a model".
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -31,15 +32,20 @@ OUTLYING = 3.0
 METHODS = ("correlation", "bic", "t_test", "check_points")
 
 
-def baselines(believed: ReferenceModel, before: Adjustment) -> dict[str, dict[str, float]]:
+def baselines(
+    believed: ReferenceModel, before: Adjustment, only: Iterable[str] | None = None
+) -> dict[str, dict[str, float]]:
     """Method -> effect -> number. before: adjustment of the believed model.
+
+    only: slugs of the effects to be tried; default: all that can be tested.
 
     Effects of single control points are called `slug.point`.
     """
     p = before.problem
     control = [str(name) for name in p.block.ground["point"].to_numpy(object)[p.control_rows]]
     tested = candidates(believed.block, p.free, believed.effects, control).effects
-    tested = [effect for effect in tested if not effect.generic]
+    wanted = {effect.slug for effect in tested} if only is None else set(only)
+    tested = [e for e in tested if not e.generic and e.slug in wanted]
     by_hand = _by_hand(believed, before, tested, control)
     return {"correlation": _correlations(before, tested), **by_hand}
 

@@ -1,14 +1,21 @@
 """The block: one flight, or several, as plain tables. Read, check, select, write, summarise."""
 
 from corridor.block.block import Block, read
+from corridor.block.reading import place, read_columns, row_numbers
 from corridor.block.record import forget_correction, record_correction, taken_out
 from corridor.block.summary import Summary
+from corridor.block.tables import LAYOUTS, Layout
 
 __all__ = [
+    "LAYOUTS",
     "Block",
+    "Layout",
     "Summary",
     "forget_correction",
+    "place",
     "read",
+    "read_columns",
     "record_correction",
+    "row_numbers",
     "taken_out",
 ]

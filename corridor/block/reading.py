@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet
 
-from corridor.block.tables import LAYOUTS, NAMES, categorical, missing_columns
+from corridor.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns
 from corridor.errors import InputError
 
 _CODED = pa.dictionary(pa.int32(), pa.string())
@@ -36,12 +36,15 @@ def read_table(folder: Path, table: str) -> tuple[pd.DataFrame, Path] | None:
         raise InputError(f"{files[0].name} and {files[1].name} are both there; keep one of them")
     if not found:
         return None
-    path = found[0]
+    return read_columns(found[0], LAYOUTS[table]), found[0]
+
+
+def read_columns(path: Path, layout: Layout) -> pd.DataFrame:
+    """The table in a .parquet, or in a file of comma separated text; as `read_table`."""
     try:
-        frame = (_read_csv if path.suffix == ".csv" else _read_parquet)(path, table)
+        return (_read_parquet if path.suffix == ".parquet" else _read_csv)(path, layout)
     except OSError as error:
         raise InputError(f"{path.name} cannot be read: {error.strerror or error}") from error
-    return frame, path
 
 
 def place(path: Path, row: int) -> str:
@@ -49,15 +52,20 @@ def place(path: Path, row: int) -> str:
 
     A .parquet has no header: there the first data row is row 1.
     """
+    return f"{path.name}, row {row_numbers(path, row + 1)[row]}"
+
+
+def row_numbers(path: Path, count: int) -> np.ndarray:
+    """(count,) what the first data rows of a table are called; see `place`."""
     if path.suffix == ".parquet":
-        return f"{path.name}, row {row + 1}"
-    line = row + 2
+        return np.arange(1, count + 1)
+    numbers = np.arange(2, count + 2)
     if path.is_file():
         status = path.stat()
         lines = _uneven_lines(path, status.st_mtime_ns, status.st_size)
-        if lines is not None and row < len(lines):
-            line = int(lines[row])
-    return f"{path.name}, row {line}"
+        if lines is not None:
+            numbers[: len(lines)] = lines[:count]
+    return numbers
 
 
 # --- from Arrow to pandas --------------------------------------------------------------------
@@ -89,8 +97,7 @@ def _numbers(pieces: Iterable[pa.ChunkedArray], rows: int) -> np.ndarray:
 # --- .csv ------------------------------------------------------------------------------------
 
 
-def _read_csv(path: Path, table: str) -> pd.DataFrame:
-    layout = LAYOUTS[table]
+def _read_csv(path: Path, layout: Layout) -> pd.DataFrame:
     header, lines = _header(path)
     missing = [name for name in layout.needed if name not in header]
     if missing:
@@ -116,7 +123,7 @@ def _read_csv(path: Path, table: str) -> pd.DataFrame:
     except pa.ArrowInvalid:
         sound = False
     if not sound:
-        arrow = _parse_carefully(path, table, names, lines, numbers)
+        arrow = _parse_carefully(path, layout, names, lines, numbers)
     for index, name in enumerate(names):
         if name.startswith(_UNNAMED):
             if arrow[name].null_count < len(arrow):
@@ -167,9 +174,8 @@ def _parse(
 
 
 def _parse_carefully(
-    path: Path, table: str, names: list[str], skip: int, numbers: list[str]
+    path: Path, layout: Layout, names: list[str], skip: int, numbers: list[str]
 ) -> pa.Table:
-    layout = LAYOUTS[table]
     try:
         arrow = _parse(path, names, skip, dict.fromkeys(names, pa.string()), multiline=True)
     except pa.ArrowInvalid as error:
@@ -256,8 +262,7 @@ def _uneven_lines(path: Path, _modified: int, _size: int) -> np.ndarray | None:
 # --- .parquet --------------------------------------------------------------------------------
 
 
-def _read_parquet(path: Path, table: str) -> pd.DataFrame:
-    layout = LAYOUTS[table]
+def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
     try:
         with pa.parquet.ParquetFile(path, memory_map=False) as file:
             names = file.schema_arrow.names
