@@ -43,11 +43,11 @@ def assess(
     row["failed"] = None
     # A null block is its own twin.
     if twin is not None and truth.kind != "null":
-        plain = _diagnosed(twin, options)
-        if isinstance(plain, str):
-            row["twin_failed"] = plain
+        of_twin = _diagnosed(twin, options)
+        if isinstance(of_twin, str):
+            row["twin_failed"] = of_twin
         else:
-            row |= _beside_twin(row, found, plain, truth, options)
+            row |= _beside_twin(row, found, of_twin, truth, options)
     if rivals:
         row["baselines"] = baselines(found.believed, found.before)
     return plain(row)
@@ -67,16 +67,16 @@ def _check(found: Diagnosis) -> tuple[float | None, float | None]:
 
 
 def _beside_twin(
-    row: dict, diagnosis: Diagnosis, plain: Diagnosis, truth: Truth, options: dict
+    row: dict, diagnosis: Diagnosis, of_twin: Diagnosis, truth: Truth, options: dict
 ) -> dict:
     """What the twin says: the floor of the check points, a null block, signal and rivals.
 
     With an excess to speak of: what of it an adjustment closes that is told what is hidden.
     """
-    block, twin = diagnosis.block, plain.block
-    said = plain.to_dict()
+    block, twin = diagnosis.block, of_twin.block
+    said = of_twin.to_dict()
     null = judge(said, Truth(), twin)
-    first = next(one for one in plain.course.rounds if one.evidence is not None)
+    first = next(one for one in of_twin.course.rounds if one.evidence is not None)
     found = signals(truth, first.evidence, block, twin, options, first.noises)
     hidden = [*truth.inside, *truth.outside]
     each = {key_of(one): found.get(key_of(one), Signal()) for one in hidden}
@@ -85,7 +85,7 @@ def _beside_twin(
         "signals": {
             k: asdict(s) | {"separable": s.separable, "alike": s.alike} for k, s in each.items()
         },
-        "check_twin": _check(plain)[0],
+        "check_twin": _check(of_twin)[0],
     }
     before, after, floor = row["check_before"], row["check_after"], out["check_twin"]
     if None not in (before, after, floor) and floor > 0:
