@@ -14,6 +14,7 @@ from corridor.diagnosis.diagnose import Diagnosis, diagnose
 from corridor.diagnosis.held_out import closure
 from corridor.diagnosis.rounds import members
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.report import plain
 
 # Check points that are this many times worse than the twin's have an excess to speak of.
 EXCESS = 2.0
