@@ -79,14 +79,16 @@ class TestAdjust:
         )
         main(["adjust", str(folder), *words.split()])
         called.pop("progress")
-        assert called == {
+        told = vars(called.pop("model"))
+        assert [effect.slug for effect in told.pop("effects")] == ["gnss_bias", "rolling_shutter"]
+        assert {**called, **told} == {
             "camera": "f,cx,cy",
-            "effects": ["gnss_bias", "rolling_shutter"],
             "control": ["P1", "P2"],
             "check": [],
             "loss": "huber:2",
             "priors": {"camera.P1.f": (8190.0, 5.0), "gnss_bias.z": (0.0, 0.05)},
             "lever_arm": "fixed",
+            "parameters": {},
             "threads": 2,
             "reject_gnss": True,
         }
@@ -94,8 +96,7 @@ class TestAdjust:
     def test_what_is_not_asked_for_is_left_to_the_block(self, folder, monkeypatch):
         called = _stand_in(monkeypatch)
         main(["adjust", str(folder)])
-        asked = {k: called[k] for k in ("camera", "control", "check", "priors", "lever_arm")}
-        assert asked == dict.fromkeys(asked)
+        assert called["model"] == corridor.Model()
 
     @pytest.mark.parametrize(
         "words",

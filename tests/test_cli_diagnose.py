@@ -83,9 +83,13 @@ class TestDiagnose:
         )
         assert main(["diagnose", str(folder), *words.split()]) == 0
         called.pop("progress")
-        assert called == {
+        told = vars(called.pop("model"))
+        assert [effect.slug for effect in told.pop("effects")] == ["gnss_bias"]
+        assert {**called, **told} == {
             "camera": "f,cx,cy",
-            "effects": ["gnss_bias"],
+            "loss": "squares",
+            "lever_arm": None,
+            "parameters": {},
             "control": ["P1", "P2"],
             "check": [],
             "priors": {"thermal": (0.075, 0.01), "camera.P1.f": (8190.0, 5.0)},

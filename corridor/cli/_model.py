@@ -31,16 +31,19 @@ def configure(
     )
 
 
-def of_options(options: argparse.Namespace) -> dict:
-    """What the options say of the model, as `corridor.adjust` and `corridor.diagnose` take it."""
-    return {
-        "camera": options.camera,
-        "effects": options.effect,
-        "control": options.control,
-        "check": options.check,
-        "priors": dict(options.prior) or None,
-        "threads": options.threads,
-    }
+def of_options(options: argparse.Namespace):
+    """The `corridor.Model` that the options say."""
+    import corridor
+
+    more = {name: vars(options)[name] for name in ("loss", "lever_arm") if name in options}
+    return corridor.Model(
+        camera=options.camera,
+        effects=options.effect,
+        control=options.control,
+        check=options.check,
+        priors=dict(options.prior),
+        **more,
+    )
 
 
 def _prior(text):

@@ -129,7 +129,7 @@ SHARED = {
     "--level": option(
         "probability of a false name in a block that lacks nothing (default 0.01)",
         "P",
-        number("is no probability between 0 and 1", above=0.0, below=1.0),
+        float,
         default=0.01,
     ),
     "--lever-arm": option(

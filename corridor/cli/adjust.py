@@ -55,9 +55,8 @@ def run(options: argparse.Namespace) -> None:
     announce_compilation("half a minute", "assemble")
     adjustment = corridor.adjust(
         corridor.read(options.block),
-        **_model.of_options(options),
-        loss=options.loss,
-        lever_arm=options.lever_arm,
+        model=_model.of_options(options),
+        threads=options.threads,
         progress=_progress,
         reject_gnss=options.reject_gnss,
     )

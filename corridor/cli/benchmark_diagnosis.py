@@ -24,7 +24,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from corridor.cli._options import add, flag, option, several, whole, wrote
+from corridor.cli._options import add, flag, number, option, several, whole, wrote
 from corridor.errors import InputError
 
 KINDS = ("null", "single", "lookalike", "together", "unknown", "perfect", "all")
@@ -47,7 +47,10 @@ _OPTIONS = {
     "--seed": option("of the blocks (default 0)"),
     "--jobs": {},
     "--cluster": {},
-    "--level": option("of a false name (default 0.01)"),
+    "--level": option(
+        "of a false name (default 0.01)",
+        of=number("is no probability between 0 and 1", above=0.0, below=1.0),
+    ),
     "--without-baselines": flag("leave out what others would say"),
     "--again": flag("diagnose blocks anew that are done already"),
 }

@@ -63,7 +63,8 @@ def run(options: argparse.Namespace) -> None:
         corridor.diagnosis.check_output(options.output)
     diagnosis = corridor.diagnose(
         corridor.read(options.block),
-        **_model.of_options(options),
+        model=_model.of_options(options),
+        threads=options.threads,
         only=options.only or None,
         without=options.without,
         level=options.level,
