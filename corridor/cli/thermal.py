@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _map(options):
-    from corridor import figures, thermal
+    from corridor import figures, report, thermal
     from corridor.errors import InputError
 
     picture = _beside(options)
@@ -96,12 +96,13 @@ def _map(options):
             )
         warn(maps.warnings)
         drawn = figures.png(figures.deformation_maps(maps))
-        maps.write(options.output)
+        with report.whole_file(picture) as part:
+            part.write_bytes(drawn)
+            maps.write(options.output)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"the finished pictures are kept in {keep}, the same command goes on from there"
         ) from None
-    picture.write_bytes(drawn)
     thermal.forget(keep)
     usable = maps.valid.any(axis=1)
     print(
@@ -112,15 +113,16 @@ def _map(options):
 
 
 def _fit(options):
-    from corridor import figures, thermal
+    from corridor import figures, report, thermal
 
     picture = _beside(options)
     fit = thermal.fit(thermal.read_maps(options.maps))
     model = fit.model
     warn(model.warnings)
     drawn = figures.png(figures.thermal_parameters(fit))
-    model.write(options.output)
-    picture.write_bytes(drawn)
+    with report.whole_file(picture) as part:
+        part.write_bytes(drawn)
+        model.write(options.output)
     low, high = model.range_c
     print(
         f"{model.kind}, powers of T up to {len(model.dx)}: {model.residual_px:.4f} px RMS left, "

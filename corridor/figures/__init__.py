@@ -16,9 +16,9 @@ from corridor.figures.readout import readout_picture
 from corridor.figures.report import of_adjustment, save_adjustment
 from corridor.figures.residual_vectors import residual_vectors
 from corridor.figures.residuals_along import residuals_along
-from corridor.figures.style import png
 from corridor.figures.thermal import camera_difference, deformation_maps, thermal_parameters
 from corridor.figures.track import antenna, track
+from corridor.report import png
 
 __all__ = [
     "alike",

@@ -58,14 +58,14 @@ def camera_views(block: Block) -> Figure:
         keys.append(style.key(name, ls="-", lw=0.8, marker=marker, ms=5, color=colour))
     maps.draw_ground(axes, frame, block, names=False)
     style.legend(figure, 0.87, keys)
-    _space(figure, 1.15 + height + 0.5, 3.9, block, frame, parts, pose, away, level, step)
+    box = (0.05, 0.0, 0.9, 3.9 / figure.get_size_inches()[1])
+    axes = figure.add_axes(box, projection="3d", facecolor="white", computed_zorder=False)
+    drawn = [(rows[::step], colour) for _, rows, colour, _ in parts]
+    _space(axes, block, frame, drawn, pose, away, level)
     return figure
 
 
-def _space(figure, top, height, block, frame, parts, pose, away, level, step):
-    wide, high = figure.get_size_inches()
-    box = (0.05, 1 - (top + height) / high, 0.9, height / high)
-    axes = figure.add_axes(box, projection="3d", facecolor="white", computed_zorder=False)
+def _space(axes, block, frame, drawn, pose, away, level):
     along = frame.place(pose[:, :2])
     every = np.concatenate([maps.columns(t, ("x", "y", "z")) for t in (block.points, block.ground)])
     ground, heights = frame.place(every[:, :2]), every[:, 2]
@@ -74,8 +74,7 @@ def _space(figure, top, height, block, frame, parts, pose, away, level, step):
     inside &= ((ground > span[0]) & (ground < span[1])).all(axis=1)
     few = np.flatnonzero(inside)[:: -(-int(inside.sum()) // 2500) or 1]
     axes.plot(*ground[few].T, heights[few], zorder=1, **style.dot("o", "#9a9a9a", 0.9, "none"))
-    for _, rows, colour, _ in parts:
-        rows = rows[::step]
+    for rows, colour in drawn:
         centre = np.column_stack([along[rows], pose[rows, 2]])
         rays = away[rows]
         turned = frame.turn(rays[:, :, :2].reshape(-1, 2)).reshape(*rays.shape[:2], 2)

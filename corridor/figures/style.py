@@ -10,7 +10,6 @@ because its lightness is graded, in grey print. A marker or a line style always 
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 
@@ -22,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from corridor.report import short
+from corridor.report import png, short
 
 INK = "#222222"
 QUIET = "#6f6f6f"
@@ -43,13 +42,6 @@ class Picture(Figure):
 
     def _repr_png_(self) -> bytes:
         return png(self, dpi=96)
-
-
-def png(figure: Figure, dpi: float = 144) -> bytes:
-    """The picture as the bytes of a PNG file, without date or program version."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
-    return stream.getvalue()
 
 
 def sheet(height: float, title: str, note: str = "", width: float = WIDTH) -> Picture:

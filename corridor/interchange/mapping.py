@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from corridor.gnss import Local
 from corridor.interchange.formats import colmap
 from corridor.interchange.project import Project
 from corridor.photographs import Metadata, photographs_in, read_metadata
+from corridor.report import whole_folder
 
 # Neighbours by position, all with all up to so many images, along the sequence beyond.
 _NEIGHBOURS, _ALL, _SEQUENCE = 20, 60, 12
@@ -174,19 +176,15 @@ def _map(pycolmap, database, folder, model, count, progress) -> None:
         if done % 10 == 0 or done == count:
             progress(f"mapping: {done} of {count} photographs")
 
-    part = model.with_name("model.part")
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir()
     progress(f"mapping {count} photographs")
-    found = pycolmap.incremental_mapping(
-        database, folder, part, options=options, next_image_callback=registered
-    )
+    with tempfile.TemporaryDirectory(prefix="corridor-") as work:
+        found = pycolmap.incremental_mapping(
+            database, folder, work, options=options, next_image_callback=registered
+        )
     if not found:
         raise AdjustmentFailed(
             f"the photographs of {folder} do not make a model: too little overlap or texture"
         )
     best = max(found.values(), key=lambda reconstruction: reconstruction.num_reg_images())
-    shutil.rmtree(part)
-    part.mkdir()
-    best.write_binary(part)
-    part.rename(model)
+    with whole_folder(model, "images.bin") as part:
+        best.write_binary(part)

@@ -132,12 +132,18 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     frame.to_csv(path, index=False, float_format="%.10g", lineterminator="\n")
 
 
-def write_picture(figure, path: Path) -> bytes:
-    """Writes a matplotlib figure as PNG without date or version; returns the bytes."""
+def png(figure, dpi: float = 144) -> bytes:
+    """A matplotlib figure as the bytes of a PNG file, without date or program version."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=144, metadata={"Software": None})
-    path.write_bytes(stream.getvalue())
+    figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
     return stream.getvalue()
+
+
+def write_picture(figure, path: Path) -> bytes:
+    """Writes a matplotlib figure as PNG; returns the bytes."""
+    content = png(figure)
+    path.write_bytes(content)
+    return content
 
 
 @contextmanager

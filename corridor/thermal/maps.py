@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import shutil
@@ -214,8 +213,5 @@ class _Kept:
             return None
 
     def put(self, row, values):
-        stream = io.BytesIO()
-        np.savez(stream, **values)
-        part = self.folder / f"{row:06d}.part"
-        part.write_bytes(stream.getvalue())
-        part.replace(self.folder / f"{row:06d}.npz")
+        with whole_file(self.folder / f"{row:06d}.npz") as part, part.open("wb") as stream:
+            np.savez(stream, **values)

@@ -149,7 +149,7 @@ class TestEveryPicture:
 
 @pytest.mark.parametrize("name", DRAWINGS)
 def test_the_same_input_gives_the_same_bytes(name):
-    one, two = (style.png(DRAWINGS[name](adjustment(thin())), dpi=50) for _ in range(2))
+    one, two = (figures.png(DRAWINGS[name](adjustment(thin())), dpi=50) for _ in range(2))
     assert one == two and one.startswith(b"\x89PNG")
 
 
@@ -163,7 +163,9 @@ class TestStyle:
     def test_pictures_can_be_drawn_in_threads(self):
         made = []
         work = [
-            threading.Thread(target=lambda: made.append(style.png(figures.first_look(thin()), 50)))
+            threading.Thread(
+                target=lambda: made.append(figures.png(figures.first_look(thin()), 50))
+            )
             for _ in range(4)
         ]
         for thread in work:
@@ -195,7 +197,7 @@ class TestStyle:
 
     def test_a_name_with_dollars_is_not_read_as_a_formula(self):
         block = dataclasses.replace(thin(), name="cost $x_1$ and $y")
-        assert style.png(figures.first_look(block), 50)
+        assert figures.png(figures.first_look(block), 50)
 
 
 class TestMap:
@@ -414,7 +416,7 @@ class TestCheckPoints:
     def test_one_of_two_adjustments_may_have_no_check_points(self):
         one, two = adjustment(thin()), adjustment(thin())
         two.check_points = two.check_points.iloc[:0]
-        assert style.png(figures.compare_check_points(one, two), 50)
+        assert figures.png(figures.compare_check_points(one, two), 50)
 
 
 class TestCorrelationMatrix:
@@ -456,7 +458,7 @@ class TestCorrelationMatrix:
         matrix = matrix.copy()
         matrix[2] = matrix[:, 2] = np.nan
         made.correlation_matrix = (names, matrix)
-        assert style.png(figures.correlation_matrix(made), 50)
+        assert figures.png(figures.correlation_matrix(made), 50)
 
 
 @pytest.mark.slow
