@@ -8,14 +8,12 @@ tracks.csv is tab separated. The world is east, north, up about reference_lla.
 Source: OpenSfM, camera_distortions_functions.h and doc/source/geometry.rst.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
-from scipy.spatial.transform import Rotation
 
 from corridor.block import Block
 from corridor.camera import Camera
@@ -23,11 +21,10 @@ from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.gnss import Local
 from corridor.interchange.cameras import Held, NoModel, in_the_middle, opencv_camera
-from corridor.interchange.columns import numbered, text_of, write_rows
+from corridor.interchange.formats.opensfm.writing import HEADER, MAIN, WIDTH, losses, write
 from corridor.interchange.ground import Ground, add_to
 from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import Project, local_of
-from corridor.interchange.rows import camera_positions, rows_of
+from corridor.interchange.project import Project
 from corridor.textfile import Json, lines, opening
 
 NAME = "opensfm"
@@ -35,24 +32,32 @@ TITLE = "OpenSfM, or OpenDroneMap's opensfm folder"
 WRITES = ("opensfm",)
 HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"), pinhole=("b1",))
 
-_MAIN = "reconstruction.json"
-_HEADER = "OPENSFM_TRACKS_VERSION_v"
-# Columns of a track line by version: image, track, feature, x, y, [scale], r, g, b, [segment..].
-_WIDTH = {0: 8, 1: 9, 2: 11}
+__all__ = [
+    "HOLDS",
+    "NAME",
+    "TITLE",
+    "WRITES",
+    "camera_of",
+    "losses",
+    "read",
+    "read_ground",
+    "recognise",
+    "write",
+]
 
 
 def recognise(path: Path) -> bool:
     """A folder with reconstruction.json (perhaps under opensfm/), or that file."""
     if path.is_file():
         return path.name.endswith(".json") and '"shots"' in opening(path, 2_000_000)
-    return (path / _MAIN).is_file() or (path / "opensfm" / _MAIN).is_file()
+    return (path / MAIN).is_file() or (path / "opensfm" / MAIN).is_file()
 
 
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     """The project of a folder. Raises InputError naming file and place."""
-    main = path if path.is_file() else path / _MAIN
-    if path.is_dir() and not main.is_file() and (path / "opensfm" / _MAIN).is_file():
-        main = path / "opensfm" / _MAIN
+    main = path if path.is_file() else path / MAIN
+    if path.is_dir() and not main.is_file() and (path / "opensfm" / MAIN).is_file():
+        main = path / "opensfm" / MAIN
     folder = main.parent
     notes: list[str] = []
     warnings: list[str] = []
@@ -200,19 +205,19 @@ def _points(whole):
 
 def _version(path):
     for line in lines(path):
-        if line.text.startswith(_HEADER):
-            version = line.text[len(_HEADER) :].strip()
-            if version.isdecimal() and int(version) in _WIDTH:
+        if line.text.startswith(HEADER):
+            version = line.text[len(HEADER) :].strip()
+            if version.isdecimal() and int(version) in WIDTH:
                 return int(version), 1
             raise line.wrong(
                 f"version {version[:20]!r} of the tracks is unknown; corridor knows 0, 1 and 2"
             )
         width = len(line.text.split("\t"))
-        if width != _WIDTH[0]:
+        if width != WIDTH[0]:
             raise line.wrong(
                 f"there is no version line, and {width} columns where such a file has 8 (image, "
                 "track, feature, x, y, r, g, b); put its first line back, for example "
-                f"{_HEADER}2"
+                f"{HEADER}2"
             )
         return 0, 0
     raise InputError(f"{path.name} is empty; export the tracks again")
@@ -221,7 +226,7 @@ def _version(path):
 def _tracks(path, images, used, points, whole, notes):
     """The views of reconstructed points; pixels by the size that the camera of a shot states."""
     version, skip = _version(path)
-    width = _WIDTH[version]
+    width = WIDTH[version]
     names = ["image", "track", "feature", "x", "y", *map(str, range(width - 5))]
     text = pa.dictionary(pa.int32(), pa.string())
     try:
@@ -330,140 +335,3 @@ def read_ground(path: Path, block: Block, local: Local | None) -> Ground:
                 marks.append((name, shot, *pixel))
     places = local.from_geographic(np.array(places)) if names else np.zeros((0, 3))
     return Ground(path, None, names, places, None, roles, marks)
-
-
-# --- out -------------------------------------------------------------------------------------
-
-
-def losses(block: Block) -> list[str]:
-    """What else OpenSfM cannot hold, and where it went instead."""
-    lost = []
-    if block.gnss is not None and len(block.gnss):
-        lost.append("lever arms: gps_position is the camera centre that GNSS gives")
-    if "local_frame" not in block.extra and len(block.ground):
-        lost.append(
-            "coordinates of ground points (no latitude and longitude of the block's frame is "
-            "known): their image measurements go"
-        )
-    if "sigma" in block.tie_points:
-        lost.append("sigmas of single observations")
-    return lost
-
-
-def write(block: Block, folder: Path, name: str) -> None:
-    """Write reconstruction.json, tracks.csv, reference_lla.json, ground_control_points.json."""
-    rows = rows_of(block)
-    shots = {}
-    positions = camera_positions(block).set_index("image")
-    times = np.nan_to_num(block.column("images", "time_s"), posinf=0.0, neginf=0.0)
-    vector = Rotation.from_matrix(rows.rotation).as_rotvec()
-    for k, (image, camera) in enumerate(zip(rows.image_names, block.images["camera"], strict=True)):
-        shots[image] = {
-            "rotation": vector[k].tolist(),
-            "translation": rows.translation[k].tolist(),
-            "camera": camera,
-            "orientation": 1,
-            "capture_time": float(times[k]),
-        }
-        if image in positions.index:
-            place = positions.loc[image]
-            shots[image]["gps_position"] = [float(place[axis]) for axis in "xyz"]
-            shots[image]["gps_dop"] = float(np.sqrt(place["sx"] * place["sy"]))
-    cameras = {name: _table(camera) for name, camera in block.cameras.items()}
-    whole = {"cameras": cameras, "shots": shots}
-    local = local_of(block)
-    if local:
-        whole["reference_lla"] = {
-            "latitude": local.lat_deg,
-            "longitude": local.lon_deg,
-            "altitude": local.height,
-        }
-        _dump(whole["reference_lla"], folder / "reference_lla.json")
-    _write_reconstruction(whole, rows, folder / _MAIN)
-    ties = len(block.tie_points)
-    size = 2 * rows.middle + 1
-    pixels = rows.pixels - rows.middle[rows.image]
-    xy = pixels / size.max(axis=1)[rows.image, None]
-    _write_tracks(rows, xy[:ties], folder / "tracks.csv")
-    if len(block.marks):
-        _write_ground(block, rows, xy[ties:], folder / "ground_control_points.json", local)
-
-
-def _dump(what, path):
-    path.write_text(json.dumps(what, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-def _write_reconstruction(whole, rows, path):
-    """Points one a line: a million of them as one object would fill the memory."""
-    head = json.dumps(whole, ensure_ascii=False)
-    names = rows.point_names[: rows.ties]
-    quoted = json.JSONEncoder(ensure_ascii=False).encode
-    step = 100_000
-    with path.open("wb") as file:
-        file.write(f'[{head[:-1]}, "points": {{\n'.encode())
-        for first in range(0, rows.ties, step):
-            part = slice(first, min(first + step, rows.ties))
-            x, y, z = map(text_of, rows.positions[part].T)
-            comma = pa.array([","] * (len(x) - 1) + ["," * (part.stop < rows.ties)])
-            write_rows(
-                file,
-                pa.array(list(map(quoted, names[part]))),
-                ': {"color": [128, 128, 128], "coordinates": [', x, ", ", y, ", ", z, "]}",
-                comma, "\n",
-            )  # fmt: skip
-        file.write(b"}}]\n")
-
-
-def _table(camera):
-    scale = max(camera.width, camera.height)
-    cx, cy = in_the_middle(camera.width, camera.height)
-    return {
-        "projection_type": "brown",
-        "width": camera.width,
-        "height": camera.height,
-        "focal_x": camera["f"] * (1 + camera["b1"]) / scale,
-        "focal_y": camera["f"] / scale,
-        "c_x": (camera["cx"] - cx) / scale,
-        "c_y": (camera["cy"] - cy) / scale,
-        "k1": camera["k1"],
-        "k2": camera["k2"],
-        "k3": camera["k3"],
-        "p1": camera["p2"],
-        "p2": camera["p1"],
-    }
-
-
-def _write_tracks(rows, xy, path):
-    part = slice(0, len(xy))
-    image = pa.DictionaryArray.from_arrays(rows.image[part].astype(np.int32), rows.image_names)
-    point = pa.DictionaryArray.from_arrays(
-        rows.point[part].astype(np.int32), pa.array(rows.point_names[: rows.ties], pa.string())
-    )
-    feature = numbered(rows.image[part], len(rows.image_names))
-    same = [pa.array(np.full(len(xy), value)) for value in (0.001, 128, 128, 128, -1, -1)]
-    table = pa.table(
-        [image.cast(pa.string()), point.cast(pa.string()), feature, xy[:, 0], xy[:, 1], *same],
-        names=[str(k) for k in range(_WIDTH[2])],
-    )
-    with path.open("wb") as file:
-        file.write(f"{_HEADER}2\n".encode())
-        options = pa.csv.WriteOptions(
-            include_header=False, delimiter="\t", quoting_style="none", batch_size=65536
-        )
-        pa.csv.write_csv(table, file, options)
-
-
-def _write_ground(block, rows, xy, path, local):
-    given = block.ground.set_index("point")
-    points = {}
-    for name in dict.fromkeys(block.marks["point"]):
-        points[name] = {"id": name, "observations": []}
-        if name in given.index and local is not None:
-            world = given.loc[[name], ["x", "y", "z"]].to_numpy()
-            lon, lat, height = local.to_geographic(world)[0].tolist()
-            place = {"latitude": lat, "longitude": lon, "altitude": height}
-            points[name] |= {"position": place, "role": str(given.loc[name, "role"])}
-    image = rows.image[len(block.tie_points) :]
-    for name, k, pixel in zip(block.marks["point"], image, xy.tolist(), strict=True):
-        points[name]["observations"].append({"shot_id": rows.image_names[k], "projection": pixel})
-    _dump({"points": list(points.values())}, path)

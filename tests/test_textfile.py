@@ -1,0 +1,62 @@
+"""Faults in files of other programs: one sentence with the file, the place and the remedy."""
+
+import bz2
+
+import numpy as np
+import pytest
+
+from corridor.errors import InputError
+from corridor.textfile import Following, Json, Line, Xml, filled, lines, number
+
+
+def test_lines_of_any_encoding_and_ending_are_counted_from_one(tmp_path):
+    for data in (b"a\r\n\nb\rc", "\ufeffa\n\nb\nc\n".encode(), "a\n\nb\nc".encode("utf-16")):
+        (tmp_path / "x.txt").write_bytes(data)
+        assert [(line.at, line.text) for line in filled(tmp_path / "x.txt")] == [
+            (1, "a"), (3, "b"), (4, "c"),
+        ]  # fmt: skip
+
+
+def test_a_packed_file_is_read_and_a_damaged_one_refused(tmp_path):
+    path = tmp_path / "x.bz2"
+    path.write_bytes(bz2.compress(b"1 2\n3 4\n"))
+    assert [line.text for line in lines(path)] == ["1 2", "3 4"]
+    path.write_bytes(path.read_bytes()[:20])
+    with pytest.raises(InputError, match="x.bz2 cannot be read"):
+        list(lines(path))
+
+
+@pytest.mark.parametrize(
+    "word, told",
+    [("1,5", "has a decimal comma"), ("x", "is not a number"), ("nan", "is not a finite number"),
+     ("1_0", "is not a finite number")],
+)  # fmt: skip
+def test_a_word_that_is_no_number_is_named_with_its_place(tmp_path, word, told):
+    with pytest.raises(InputError, match=rf"x.txt, row 7: height = '{word}' {told}; "):
+        number(word, tmp_path / "x.txt", 7, "height", count="row")
+    with pytest.raises(InputError, match=rf"x.txt, line 7: height = '{word}' {told}; "):
+        Line(tmp_path / "x.txt", 7, "").numbers(["1", word], "height")
+
+
+def test_what_should_follow_is_told_where_the_file_ends(tmp_path):
+    (tmp_path / "x.txt").write_text("# no\n1 2\n\n")
+    source = Following(tmp_path / "x.txt", comment="#")
+    assert source.values(2, "a pair").tolist() == [1.0, 2.0]
+    with pytest.raises(InputError, match=r"x.txt, line 3: the file ends where point 2 should"):
+        source.next("point 2")
+
+
+def test_elements_and_members_are_named_where_lines_are_not_known(tmp_path):
+    root = Xml.parse(b"<a><b>1 2</b><c x='q'/></a>", tmp_path / "x.xml")
+    assert np.array_equal(root.values("b", 2), [1.0, 2.0])
+    for read, told in (
+        (lambda: root.values("b", 3), "x.xml: <b> holds 2 numbers where 3 belong"),
+        (lambda: root.child("d"), "x.xml: <a> has no <d>"),
+        (lambda: root.child("c").number("x"), "x.xml: x of <c> = 'q' is not a number"),
+    ):
+        with pytest.raises(InputError, match=told):
+            read()
+    (tmp_path / "x.json").write_text('{"shots": {"A": {"focal": true}}}')
+    shot = Json.read(tmp_path / "x.json").objects("shots", "shot")["A"]
+    with pytest.raises(InputError, match=r"x.json: shot 'A' has no number focal \(True\)"):
+        shot.number("focal")
