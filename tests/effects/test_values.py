@@ -12,6 +12,7 @@ import corridor
 from corridor.cli import main
 from corridor.effects import Values, add, correct, find
 from corridor.interchange import export_project, read_adjusted
+from corridor.simulation import add_noise
 
 
 @pytest.fixture(scope="module")
@@ -179,3 +180,22 @@ def test_an_effect_itself_may_stand_for_its_slug(block):
     bias = find("gnss_bias").per("flight")
     moved = gnss(add(block, {bias: {"x": 1.0}})) - gnss(block)
     assert moved[:, 0] == pytest.approx(1.0)
+
+
+def test_a_diagnosis_writes_what_each_image_has(tmp_path):
+    """Exposure times wrong by 60 ms at 10 m/s: each image's own error is read from the file."""
+    plain = corridor_block(images=24, strips=2, observations_per_image=100, seed=4)
+    truth = 0.06 * np.random.default_rng(1).standard_normal((24, 1))
+    flown = add_noise(
+        add(plain, {"time_rounding": truth}), tie_px=0.3, mark_px=0.3, gnss_m=0.02, seed=2
+    )
+    diagnosis = corridor.diagnose(flown, camera="fixed", only=["time_rounding"])
+    (one,) = diagnosis.effects
+    assert one["slug"] == "time_rounding"
+    path = tmp_path / "diagnosis.json"
+    path.write_text(json.dumps(diagnosis.to_dict()))
+    found = Values.read(path, flown)["time_rounding"]
+    assert found.kind == "image" and found.groups == flown.images["image"].tolist()
+    off = (found.value - truth) / found.sigma
+    assert np.abs(off).max() < 5 and np.sqrt(np.mean(off**2)) < 2
+    assert np.corrcoef(found.value[:, 0], truth[:, 0])[0, 1] > 0.95
