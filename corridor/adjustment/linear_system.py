@@ -26,8 +26,9 @@ from threadpoolctl import threadpool_limits
 from corridor.adjustment.matrix import Bordered
 from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM
 from corridor.adjustment.normal import Loss, Normal, moved_state
-from corridor.adjustment.problem import Problem, State, Unknown, with_effects
+from corridor.adjustment.problem import Problem, with_effects
 from corridor.adjustment.solve import solve
+from corridor.adjustment.unknowns import State, Unknown
 from corridor.block import Block
 from corridor.effects import Context, Effect, Images, Parameter, Stack
 

@@ -12,7 +12,6 @@ from corridor.effects.correction import correct
 from corridor.effects.forward import (
     Prediction,
     add,
-    point_positions,
     predict,
     stated_lever_arms,
     take_out,
@@ -45,7 +44,6 @@ __all__ = [
     "group_names",
     "group_of_image",
     "parse_word",
-    "point_positions",
     "predict",
     "register",
     "stated_lever_arms",

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from corridor.block import Block, record_correction
-from corridor.effects.forward import point_positions, predict, take_out
+from corridor.effects.forward import predict, take_out
 from corridor.effects.values import Values
 from corridor.errors import InputError
 
@@ -53,7 +53,8 @@ def _refuse_incomplete(block: Block) -> None:
         )
     for table in ("tie_points", "marks"):
         rows = getattr(block, table)
-        lost = np.flatnonzero(~np.isfinite(point_positions(block, table)).all(axis=1))
+        known = np.isfinite(block.positions(table)).all(axis=1)
+        lost = np.flatnonzero(~known[rows["point"].cat.codes.to_numpy()])
         if len(lost):
             raise InputError(
                 f"{block.where(table, lost[0])}: point {rows['point'].iloc[lost[0]]} has no "

@@ -60,24 +60,10 @@ def _predict(block: Block, images: Images, stack: Stack, values: Arrays) -> Pred
     )
 
 
-def point_positions(block: Block, table: str) -> np.ndarray:
-    """Coordinates (n, 3) of the point of each row of tie_points or marks, NaN where unknown."""
-    rows = getattr(block, table)
-    sources = [block.points] if table == "tie_points" else [block.ground, block.points]
-    categories = rows["point"].cat.categories
-    out = np.full((len(categories), 3), np.nan)
-    for source in reversed(sources):
-        at = categories.get_indexer(source["point"])
-        xyz = source[["x", "y", "z"]].to_numpy(float)
-        known = (at >= 0) & np.isfinite(xyz).all(axis=1)
-        out[at[known]] = xyz[known]
-    return out[rows["point"].cat.codes.to_numpy()]
-
-
 def _seen(block, table, images, stack, values):
     rows = getattr(block, table)
     image = block.image_rows(table)
-    position = point_positions(block, table)
+    position = block.positions(table)[rows["point"].cat.codes.to_numpy()]
     every = np.arange(len(images.names))
     shift, _ = stack.evaluate("camera", Context(images, every), values)
     interior = images.interior + shift

@@ -1,0 +1,297 @@
+"""The list of what is estimated, where it stands in the equations, and what is known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from corridor.adjustment.kernels import PANEL
+from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId, Setting
+from corridor.camera import INTERIOR
+from corridor.effects import Arrays, Images, Stack, group_names, group_of_image
+from corridor.errors import InputError
+
+
+@dataclass(frozen=True)
+class Unknown(ParameterId):
+    """One unknown that images share. at: where its value lives (row, column of its table)."""
+
+    unit: str = ""
+    at: tuple[int, int] = (0, 0)
+
+    @property
+    def label(self) -> str:
+        """Public name: `camera.P1.f`, `rolling_shutter.readout`, `lever_arm.F1.z`."""
+        return str(self)
+
+
+@dataclass
+class State:
+    """Values of everything that is estimated; images in the order of the problem.
+
+    centre (m, 3), rotation (m, 3, 3); points (n, 3); interior (cameras, 15); effects: slug ->
+    (groups, parameters); arms (flights, 3).
+    """
+
+    centre: np.ndarray
+    rotation: np.ndarray
+    points: np.ndarray
+    interior: np.ndarray
+    effects: Arrays
+    arms: np.ndarray
+
+
+@dataclass
+class Unknowns:
+    """What images share, what each image has beside its pose, and the columns of both.
+
+    own_unknowns: (slug, parameter) of the unknowns 6.. of an image, which are d in all. Columns of
+    an image (m, ...): >= 0 shared, -2 - n its own n-th, -1 none; camera_column by interior
+    parameter, slot_column by parameter of effects on camera, image and motion, antenna_column of
+    effects on the antenna, arm_column (m, 3); ground_column (c, ...) of a control point. low, high
+    (m,): whole panels that an image touches.
+    """
+
+    unknowns: list[Unknown]
+    own_unknowns: list[tuple[str, int]]
+    d: int
+    camera_column: np.ndarray
+    slot_column: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    antenna_column: np.ndarray
+    arm_column: np.ndarray
+    ground_column: np.ndarray
+
+
+@dataclass
+class Priors:
+    """Prior value and weight (0: none) of the shared unknowns, and of those of every image.
+
+    own_prior (2, own unknowns): value and weight, the same for every image.
+    """
+
+    prior_value: np.ndarray
+    prior_weight: np.ndarray
+    own_prior: np.ndarray
+
+
+@dataclass
+class Wanted:
+    """What is to be estimated beside poses, points and effects.
+
+    free: interior parameters of each camera. arms_free: the lever arms. gnss_image (k,): images
+    with a position. controls: how many control points. held: parameters of effects and lever
+    arms that are not to vary.
+    """
+
+    free: Mapping[str, tuple[str, ...]]
+    arms_free: bool
+    gnss_image: np.ndarray
+    controls: int
+    held: list[ParameterId]
+
+    def holds(self, which: ParameterId) -> bool:
+        """Whether a parameter is not to vary."""
+        return any(other.means(which) for other in self.held)
+
+
+def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
+    """The unknowns that images share, and which columns each image and control point touches."""
+    shared: list[Unknown] = []
+    own: list[tuple[str, int]] = []
+    count = len(images.names)
+    in_gnss = np.zeros(count, dtype=bool)
+    in_gnss[wanted.gnss_image] = True
+    camera_column = _camera_columns(images, wanted.free, shared)
+    slots: list[np.ndarray] = []
+    for place in ("camera", "image", "motion"):
+        slots += _effect_columns(images, stack, place, np.ones(count, bool), wanted, shared, own)
+    antenna = _effect_columns(images, stack, "antenna", in_gnss, wanted, shared, own)
+    ground = _ground_columns(stack, wanted, shared)
+    arm_column = np.full((count, 3), -1)
+    if wanted.arms_free:
+        for g, flight in enumerate(images.flight_names):
+            mine = images.flight == g
+            for axis, name in enumerate("xyz") if (mine & in_gnss).any() else ():
+                if not wanted.holds(ParameterId(LEVER_ARM, flight, name)):
+                    arm_column[mine, axis] = len(shared)
+                    shared.append(Unknown(LEVER_ARM, flight, name, unit="m", at=(g, axis)))
+    slot_column = _stacked(slots, count)
+    touched = np.concatenate([camera_column, slot_column], axis=1)
+    high = touched.max(axis=1, initial=-1) + 1
+    low = np.where(touched >= 0, touched, np.iinfo(np.int64).max).min(axis=1)
+    return Unknowns(
+        unknowns=shared,
+        own_unknowns=own,
+        d=6 + len(own),
+        camera_column=camera_column,
+        slot_column=slot_column,
+        # Whole panels, as the kernels take them; nothing at all where no column is touched.
+        low=np.where(high > 0, low // PANEL * PANEL, 0),
+        high=-(-high // PANEL) * PANEL,
+        antenna_column=_stacked(antenna, count),
+        arm_column=arm_column,
+        ground_column=_stacked(ground, wanted.controls),
+    )
+
+
+def _camera_columns(images: Images, free: Mapping, shared: list[Unknown]) -> np.ndarray:
+    """Columns (images, interior parameters); what is free is added to shared."""
+    out = np.full((len(images.names), len(INTERIOR)), -1)
+    for c, name in enumerate(images.camera_names):
+        mine = images.camera == c
+        for k, parameter in enumerate(INTERIOR):
+            if parameter in free[name] and mine.any():
+                out[mine, k] = len(shared)
+                unit = "px" if parameter in ("f", "cx", "cy") else ""
+                shared.append(Unknown(CAMERA, name, parameter, unit=unit, at=(c, k)))
+    return out
+
+
+def _effect_columns(
+    images: Images,
+    stack: Stack,
+    place: str,
+    here: np.ndarray,
+    wanted: Wanted,
+    shared: list[Unknown],
+    own: list[tuple[str, int]],
+) -> list[np.ndarray]:
+    """Column (images,) of each parameter of the effects at a place.
+
+    here (images,): where there is something to move. What is estimated is added to shared and own.
+    """
+    out = []
+    for member in stack.at(place):
+        kind, slug = member.effect.group, member.effect.slug
+        of_image = group_of_image(images, kind)
+        for number, parameter in enumerate(member.parameters):
+            if kind == "image":
+                held = wanted.holds(ParameterId(EFFECT, slug, parameter.name))
+                out.append(np.full(len(here), -1 if held else -2 - len(own)))
+                own += [] if held else [(slug, number)]
+                continue
+            column = np.full(len(group_names(images, kind)), -1)
+            for g, group in enumerate(group_names(images, kind)):
+                one = Unknown(EFFECT, slug, parameter.name, group, parameter.unit, (g, number))
+                if (here & (of_image == g)).any() and not wanted.holds(one):
+                    column[g] = len(shared)
+                    shared.append(one)
+            out.append(column[of_image])
+    return out
+
+
+def _ground_columns(stack: Stack, wanted: Wanted, shared: list[Unknown]) -> list[np.ndarray]:
+    """Column (control points,) of each parameter of the effects on the ground."""
+    out = []
+    for member in stack.at("ground"):
+        for number, parameter in enumerate(member.parameters):
+            column = np.full(len(member.groups), -1)
+            for g, group in enumerate(member.groups):
+                one = Unknown(
+                    EFFECT, member.effect.slug, parameter.name, group, parameter.unit, (g, number)
+                )
+                if not wanted.holds(one):
+                    column[g] = len(shared)
+                    shared.append(one)
+            out.append(np.broadcast_to(column, wanted.controls))
+    return out
+
+
+def _stacked(parts: list[np.ndarray], rows: int) -> np.ndarray:
+    return np.stack(parts, 1).astype(np.int64) if parts else np.zeros((rows, 0), np.int64)
+
+
+def own_names(stack: Stack, own: list[tuple[str, int]]) -> list[ParameterId]:
+    """Names of the unknowns that each image has beside its pose."""
+    return [
+        ParameterId(EFFECT, slug, stack.members[slug].parameters[number].name)
+        for slug, number in own
+    ]
+
+
+def priors_of(
+    unknowns: list[Unknown], own: list[ParameterId], settings: Mapping[ParameterId, Setting]
+) -> Priors:
+    """Prior value and weight (0: none) of the border's unknowns and of those of every image."""
+    value, weight = np.zeros(len(unknowns)), np.zeros(len(unknowns))
+    of_images = np.zeros((2, len(own)))
+    for which, wish in settings.items():
+        if wish.prior is None:
+            continue
+        hit = [n for n, unknown in enumerate(unknowns) if which.means(unknown)]
+        mine = [n for n, other in enumerate(own) if which == other]
+        if not hit and not mine:
+            names = [str(unknown) for unknown in (*unknowns, *own)]
+            raise InputError(
+                f"prior {which}: nothing of that name is estimated; estimated are "
+                f"{', '.join(names) or 'poses and points only'}"
+            )
+        mean, sigma = wish.prior
+        if not (np.isfinite(mean) and np.isfinite(sigma) and sigma > 0):
+            raise InputError(f"prior {which}: its standard deviation must be a positive number")
+        value[hit], weight[hit] = mean, sigma**-2.0
+        of_images[:, mine] = [[mean], [sigma**-2.0]]
+    return Priors(value, weight, of_images)
+
+
+def refuse_twice(
+    stack: Stack,
+    free: Mapping,
+    unknowns: list[Unknown],
+    own: list[ParameterId],
+    priors: Priors,
+) -> None:
+    """Refuse an effect that moves what a free camera parameter moves, unless a prior holds it."""
+    estimated = {(camera, name) for camera, names in free.items() for name in names}
+    for slug, member in stack.members.items():
+        doubled = [pair for pair in estimated if pair[1] in member.effect.stands_in_for]
+        shared = [n for n, u in enumerate(unknowns) if (u.kind, u.owner) == ("effect", slug)]
+        mine = [n for n, which in enumerate(own) if which.owner == slug]
+        if doubled and not (priors.prior_weight[shared].all() and priors.own_prior[1, mine].all()):
+            camera, _ = min(doubled)
+            names = ", ".join(n for n in free[camera] if n in member.effect.stands_in_for)
+            raise InputError(
+                f"effect {slug} does to the picture what {names} of camera {camera}, which "
+                f"{'is' if ',' not in names else 'are'} estimated, can do: hold the camera "
+                "(fixed, or a list without them), give the effect a prior, or leave it out"
+            )
+
+
+def started(
+    state: State, images: Images, stack: Stack, settings: Mapping[ParameterId, Setting]
+) -> State:
+    """The state with the values that somebody wants parameters to start from."""
+    for which, wish in settings.items():
+        if wish.value is None and wish.vary is None:
+            continue
+        cells = _cells_of(which, state, images, stack)
+        if not cells:
+            raise InputError(f"parameter {which}: the model has none of that name")
+        for table, at in cells if wish.value is not None else ():
+            table[at] = wish.value
+    return state
+
+
+def _cells_of(which: ParameterId, state: State, images: Images, stack: Stack) -> list:
+    """Arrays of a state and the places in them where a parameter has its values."""
+    if which.kind == CAMERA and which.owner in images.camera_names and which.name in INTERIOR:
+        return [
+            (state.interior, (images.camera_names.index(which.owner), INTERIOR.index(which.name)))
+        ]
+    if which.kind == LEVER_ARM and which.owner in images.flight_names and which.name in "xyz":
+        return [(state.arms, (images.flight_names.index(which.owner), "xyz".index(which.name)))]
+    member = stack.members.get(which.owner)
+    names = [p.name for p in member.parameters] if member else []
+    if which.kind != EFFECT or which.name not in names:
+        return []
+    of_images = member.effect.place != "ground" and member.effect.group == "image"
+    groups = list(images.names) if of_images else member.groups
+    return [
+        (state.effects[which.owner], (g, names.index(which.name)))
+        for g, group in enumerate(groups)
+        if which.group in ("block", group)
+    ]
