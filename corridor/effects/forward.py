@@ -40,10 +40,10 @@ def predict(block: Block, values: Mapping = {}) -> Prediction:  # noqa: B006
     values: see `Values.of`. Poses, points (points.csv; marks: ground.csv, else points.csv) and
     cameras are those of the block; a lever arm is the stated one.
     """
-    return _predict(block, Images.of(block), *_stacked(block, values))
+    return _predict(block, Images.of(block), *gather(block, values))
 
 
-def _stacked(block: Block, values: Mapping) -> tuple[Stack, Arrays]:
+def gather(block: Block, values: Mapping) -> tuple[Stack, Arrays]:
     """The effects of a block with the values that are given, start values where none is."""
     given = Values.of(block, values)
     control = block.ground.loc[block.ground["role"] == "control", "point"]
@@ -135,7 +135,7 @@ def take_out(block: Block, values: Mapping) -> Block:
 
 
 def _moved(block: Block, values: Mapping, sign: float) -> Block:
-    stack, given = _stacked(block, values)
+    stack, given = gather(block, values)
     images, neutral = Images.of(block), {slug: np.zeros_like(v) for slug, v in given.items()}
     there, here = (_predict(block, images, stack, v) for v in (given, neutral))
     out = block.copy()

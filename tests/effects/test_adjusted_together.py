@@ -11,7 +11,7 @@ import corridor
 from corridor.adjustment.normal import Loss, Normal, moved_state, shared_values
 from corridor.adjustment.problem import make_problem
 from corridor.effects import add, every_effect, predict
-from corridor.effects.forward import _stacked as gather
+from corridor.effects.forward import gather
 from corridor.simulation import add_noise
 
 EVERY = [effect.slug for effect in every_effect()]

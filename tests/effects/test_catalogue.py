@@ -17,7 +17,7 @@ from corridor.camera import INTERIOR, undistort
 from corridor.effects import add, every_effect, find, predict, take_out
 from corridor.effects.context import GROUPS, Context, Images
 from corridor.effects.contract import PLACES, Effect
-from corridor.effects.forward import _stacked as gather
+from corridor.effects.forward import gather
 from corridor.errors import InputError
 from corridor.preparation import prepare
 from corridor.simulation import add_noise
