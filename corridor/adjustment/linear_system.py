@@ -31,6 +31,7 @@ from corridor.adjustment.solve import solve
 from corridor.adjustment.unknowns import State, Unknown
 from corridor.block import Block
 from corridor.effects import Context, Effect, Images, Parameter, Stack
+from corridor.geometry import helmert_motions
 
 if TYPE_CHECKING:
     from corridor.adjustment.result import Adjustment
@@ -507,12 +508,7 @@ def _at_rest(normal: Normal, state: State) -> tuple[np.ndarray, int]:
 def motions(state: State, d: int) -> np.ndarray:
     """Change (images * d, 7) of the poses when the block as a whole moves, turns, grows."""
     m = len(state.centre)
-    away = state.centre - state.centre.mean(axis=0)
     out = np.zeros((m, d, 7))
-    for k in range(3):
-        axis = np.eye(3)[k]
-        out[:, k, k] = 1.0
-        out[:, :3, 3 + k] = np.cross(axis, away)
-        out[:, 3:6, 3 + k] = -state.rotation @ axis
-    out[:, :3, 6] = away
+    out[:, :3] = helmert_motions(state.centre)
+    out[:, 3:6, 3:6] = -state.rotation
     return out.reshape(m * d, 7)

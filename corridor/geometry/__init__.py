@@ -3,7 +3,7 @@
 Rotations go from world to camera, X = R (P - C); the camera looks along z, x right, y down.
 """
 
-from corridor.geometry.helmert import Similarity, similarity
+from corridor.geometry.helmert import Similarity, helmert_motions, similarity
 from corridor.geometry.intersection import Rays, intersect, meeting_points
 from corridor.geometry.robust import (
     CLIPPED,
@@ -29,6 +29,7 @@ __all__ = [
     "UNUSABLE",
     "Rays",
     "Similarity",
+    "helmert_motions",
     "intersect",
     "is_outlier",
     "meeting_points",

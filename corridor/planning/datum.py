@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from corridor.adjustment import QUANTITIES
+from corridor.geometry import helmert_motions
 from corridor.planning.network import LOOSE_M
 
 # Points this loose are held by what was assumed of them, not by anything measured.
@@ -19,13 +20,7 @@ def open_motions(covariance: np.ndarray, xyz: np.ndarray) -> list[str]:
     """
     if np.trace(covariance) / len(xyz) < OPEN_M**2:
         return []
-    away = xyz - xyz.mean(axis=0)
-    motion = np.zeros((len(xyz), 3, 7))
-    for k in range(3):
-        motion[:, k, k] = 1.0
-        motion[:, :, 3 + k] = np.cross(np.eye(3)[k], away)
-    motion[:, :, 6] = away
-    motion = motion.reshape(-1, 7)
+    motion = helmert_motions(xyz).reshape(-1, 7)
     motion /= np.linalg.norm(motion, axis=0)
     value, vector = np.linalg.eigh(covariance)
     loose = np.linalg.pinv(motion, rcond=1e-6) @ vector[:, value > 0.05 * value[-1]]

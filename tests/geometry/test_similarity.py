@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from corridor.errors import InputError
-from corridor.geometry import rotation_from_vector, similarity
+from corridor.geometry import helmert_motions, rotation_from_vector, similarity
 
 RNG = np.random.default_rng(0)
 CLOUD = RNG.normal(size=(20, 3)) * [100.0, 10.0, 2.0] + [5e5, 6e6, 200.0]
@@ -121,3 +121,14 @@ class TestDegenerateInput:
             similarity(CLOUD, CLOUD[:5])
         with pytest.raises(InputError, match="one weight for each point"):
             similarity(CLOUD, CLOUD, -np.ones(20))
+
+
+@pytest.mark.parametrize("column", range(7))
+def test_small_motions_are_those_of_a_similarity_about_the_mean(column):
+    """A ten-thousandth: its square is 1e-8 of the 100 m that the cloud is long."""
+    cloud, h = CLOUD[:, [1, 2, 0]] - CLOUD.mean(), 1e-4
+    step = h * np.eye(7)[column]
+    middle = cloud.mean(axis=0)
+    turned = (cloud - middle) @ rotation_from_vector(step[3:6]).T
+    moved = middle + step[:3] + (1 + step[6]) * turned
+    assert moved - cloud == pytest.approx(helmert_motions(cloud) @ step, abs=5e-6)
