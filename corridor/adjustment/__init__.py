@@ -11,7 +11,7 @@ from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
 from corridor.adjustment.laid import Laid, lay_on_control
-from corridor.adjustment.linear_system import Columns, LinearSystem
+from corridor.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.model import (
     LOSSES,
@@ -45,6 +45,7 @@ __all__ = [
     "Columns",
     "Covariance",
     "Laid",
+    "ImageRows",
     "LinearSystem",
     "Loss",
     "Model",

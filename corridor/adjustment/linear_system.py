@@ -30,7 +30,7 @@ from corridor.adjustment.problem import Problem, with_effects
 from corridor.adjustment.solve import solve
 from corridor.adjustment.unknowns import State, Unknown
 from corridor.block import Block
-from corridor.effects import Context, Effect, Images, Parameter, Stack
+from corridor.effects import Context, Effect, Images, Parameter, Stack, Values
 from corridor.geometry import helmert_motions
 
 if TYPE_CHECKING:
@@ -51,7 +51,8 @@ class Columns:
     of those in of_image without what is held.
     shared (q,): what images share, with its numbers shared_at (q,).
     scale (n,): prior standard deviation of an effect's parameter, NaN for all else. value (n,):
-    of what is not a pose. prior_weight (n,): of the priors that count in the equations.
+    of what is not a pose. prior_weight (n,): of the priors that count in the equations;
+    shared_prior (q,): their values.
     """
 
     images: np.ndarray
@@ -63,6 +64,7 @@ class Columns:
     scale: np.ndarray
     value: np.ndarray
     prior_weight: np.ndarray
+    shared_prior: np.ndarray
 
     def __len__(self) -> int:
         return len(self.scale)
@@ -131,7 +133,7 @@ class ImageRows:
     """The image points that were measured, ordered by point: px.
 
     image, point (n,): positions; tie (n,): whether it is a tie point, not a mark; row (n,): in the
-    file, marks after ties; xy (n, 2); sigma (n,).
+    file, marks after ties; xy (n, 2); sigma (n,), infinite where a row does not count.
     """
 
     image: np.ndarray
@@ -140,6 +142,19 @@ class ImageRows:
     row: np.ndarray
     xy: np.ndarray
     sigma: np.ndarray
+
+    @cached_property
+    def multiplicity(self) -> np.ndarray:
+        """In how many images the point of each row was measured (n,)."""
+        return np.bincount(self.point)[self.point]
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points, in the order of the state. names (n,); mark (n,): whether it is no tie point."""
+
+    names: np.ndarray
+    mark: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,6 +264,7 @@ class LinearSystem:
                 scale[number] = parameters[unknown.owner][unknown.at[1]].scale
             value[number] = tables.get(unknown.kind, state.effects.get(unknown.owner))[unknown.at]
         weight[shared_at[:q]] = p.prior_weight
+        prior = np.concatenate([p.prior_value, np.zeros(len(shared) - q)])
         for slug, numbers in of_image.items():
             scale[numbers] = [parameter.scale for parameter in parameters[slug]]
             value[numbers] = state.effects[slug][:, varied.get(slug, slice(None))]
@@ -256,8 +272,22 @@ class LinearSystem:
             weight[6 + number : m * d : d] = held
         pose = np.arange(m)[:, None] * d + np.arange(6)
         return Columns(
-            p.images.names, pose, of_image, parameters, shared, shared_at, scale, value, weight
+            p.images.names,
+            pose,
+            of_image,
+            parameters,
+            shared,
+            shared_at,
+            scale,
+            value,
+            weight,
+            prior,
         )
+
+    @property
+    def values(self) -> Values:
+        """Values of the effects that are estimated."""
+        return self.problem.values(self.state)
 
     @property
     def block(self) -> Block:
@@ -270,16 +300,42 @@ class LinearSystem:
         return self.problem.images.with_poses(self.state.centre, self.state.rotation)
 
     @property
+    def free(self) -> dict[str, tuple[str, ...]]:
+        """Interior parameters of each camera that are estimated."""
+        return self.problem.free
+
+    @property
+    def image_order(self) -> np.ndarray:
+        """Row of images.csv (m,) of each image."""
+        return self.problem.order
+
+    @property
+    def points(self) -> Points:
+        """The points that images show."""
+        return Points(self.problem.point_names, self.problem.point_kinds)
+
+    @property
+    def roles(self) -> np.ndarray:
+        """Role of each row of ground.csv: `control`, `check` or `unused`."""
+        return self.problem.roles
+
+    @property
+    def control_rows(self) -> np.ndarray:
+        """Rows (c,) of ground.csv that count as control."""
+        return self.problem.control_rows
+
+    @property
     def control_names(self) -> np.ndarray:
         """Names (c,) of the ground control that counts."""
-        return self.block.ground["point"].to_numpy(dtype=object)[self.problem.control_rows]
+        return self.block.ground["point"].to_numpy(dtype=object)[self.control_rows]
 
     @cached_property
     def image_rows(self) -> ImageRows:
         """What was measured in the images, in the order of `residuals`."""
         p = self.problem
         point = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))
-        sigma = np.broadcast_to(1.0 / p.weight, len(p.img))
+        with np.errstate(divide="ignore"):
+            sigma = np.broadcast_to(1.0 / p.weight, len(p.img))
         return ImageRows(p.img, point, p.row < p.tie_count, p.row, p.xy, sigma)
 
     # --- residuals and rows ------------------------------------------------------------------

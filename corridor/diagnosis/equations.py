@@ -96,7 +96,7 @@ def equations(adjustment: Adjustment, effects: list[Effect], priors: Mapping) ->
     """
     system = LinearSystem.of(adjustment).testing(effects)
     residual, rows = system.residuals().pixels, system.image_rows
-    found, scales = pseudo_residuals(system.problem, system.state, residual)
+    found, scales = pseudo_residuals(system, residual)
     # Behind a camera there is no residual to change.
     xy = rows.xy + np.nan_to_num(found - residual)
     system = system.measuring(xy=xy, sigma=scales.of_observation)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from corridor.adjustment import LinearSystem
-from corridor.effects import Context, Images, every_effect
+from corridor.effects import Context, every_effect
 from corridor.geometry import CLIPPED, robust_scale, robust_scale_of_lengths
 from corridor.gnss import SlowNoise
 
@@ -91,15 +91,15 @@ class Series:
     time: np.ndarray
 
 
-def series_of(problem) -> list[Series]:
+def series_of(system: LinearSystem) -> list[Series]:
     """Antenna positions by flight, in the order of time (of images.csv where there is none)."""
-    image = problem.gnss_image
+    image, images = system.gnss.image, system.images
     out = []
-    for flight in np.unique(problem.images.flight[image]):
-        rows = np.flatnonzero(problem.images.flight[image] == flight)
-        time = problem.images.time[image[rows]]
+    for flight in np.unique(images.flight[image]):
+        rows = np.flatnonzero(images.flight[image] == flight)
+        time = images.time[image[rows]]
         if np.isnan(time).any():
-            rows = rows[np.argsort(problem.order[image[rows]])]
+            rows = rows[np.argsort(system.image_order[image[rows]])]
             time = np.arange(len(rows), dtype=float)
         else:
             sort = np.argsort(time, kind="stable")
@@ -134,9 +134,9 @@ def gnss_noise(system: LinearSystem, residual: np.ndarray, tie_sigma: float) -> 
     Source: Patterson and Thompson 1971 (restricted likelihood).
     """
     found = {}
-    signals = _signals(system.problem, system.state)
+    signals = _signals(system)
     sigmas = system.gnss.sigma
-    for one in series_of(system.problem):
+    for one in series_of(system):
         for axis in range(3):
             sigma = sigmas[one.rows, axis]
             # In stated standard deviations, so that good and bad epochs weigh as they should.
@@ -152,11 +152,10 @@ def gnss_noise(system: LinearSystem, residual: np.ndarray, tie_sigma: float) -> 
     return found
 
 
-def _signals(problem, state) -> np.ndarray:
+def _signals(system: LinearSystem) -> np.ndarray:
     """Derivatives (k, 3, columns) of the antenna by every physical effect that a block shares."""
-    block, image = problem.block, problem.gnss_image
-    images: Images = problem.images.with_poses(state.centre, state.rotation)
-    context = Context(images, image)
+    block, image = system.block, system.gnss.image
+    context = Context(system.images, image)
     parts = [np.tile(np.eye(3), (len(image), 1, 1))]
     for effect in every_effect():
         if effect.place != "antenna" or effect.generic or effect.group == "image":

@@ -101,7 +101,7 @@ def times_of(images, image: np.ndarray) -> np.ndarray:
 
 def stated_noise(equations) -> GnssNoise:
     """The noise that gnss.csv states, white."""
-    images = equations.problem.images
+    images = equations.system.images
     flights = len(images.flight_names)
     return GnssNoise(
         images.flight[equations.image], times_of(images, equations.image), equations.stated,

@@ -34,11 +34,12 @@ def counterpart(
     effects = effects or {}
     with threadpool_limits(1):
         believed = Simulator(adjustment)
-    p, drawn = believed.problem, believed.draw(np.random.default_rng([seed, 0]))
-    block = p.block.copy()
+    system, drawn = believed.system, believed.draw(np.random.default_rng([seed, 0]))
+    block = system.block.copy()
     xy = np.full((len(block.tie_points) + len(block.marks), 2), np.nan)
-    xy[p.row] = drawn.xy
-    for table, values in (("tie_points", xy[: p.tie_count]), ("marks", xy[p.tie_count :])):
+    xy[system.image_rows.row] = drawn.xy
+    ties = len(block.tie_points)
+    for table, values in (("tie_points", xy[:ties]), ("marks", xy[ties:])):
         frame = getattr(block, table).assign(x=values[:, 0], y=values[:, 1])
         frame = frame[np.isfinite(values[:, 0])].reset_index(drop=True)
         frame["point"] = frame["point"].cat.remove_unused_categories()
@@ -46,10 +47,10 @@ def counterpart(
     if len(drawn.gnss):
         known = np.flatnonzero(np.isfinite(block.gnss[["x", "y", "z"]].to_numpy(float)).all(axis=1))
         block.gnss.loc[block.gnss.index[known], ["x", "y", "z"]] = drawn.gnss
-    for rows, values in ((p.control_rows, drawn.control), (believed.check_rows, drawn.check)):
+    for rows, values in ((system.control_rows, drawn.control), (believed.check_rows, drawn.check)):
         if len(rows):
             block.ground.loc[block.ground.index[rows], ["x", "y", "z"]] = values
-    block.ground["role"] = p.roles
+    block.ground["role"] = system.roles
     block.track = block.track.iloc[:0]
     block.forget_folder()
     if effects:
@@ -62,18 +63,18 @@ def counterpart(
 
 def _with_effects(block: Block, believed: Simulator, effects: Mapping[str, Mapping]) -> Block:
     """The block as measured with effects on top, which act where the adjusted model has it."""
-    p, state = believed.problem, believed.fit.state
+    system, state = believed.system, believed.system.state
     slugs = [effect_of(name).slug for name in effects]
-    doubled = [slug for slug in slugs if slug in p.stack.members]
+    doubled = [slug for slug in slugs if slug in system.effects]
     if doubled:
         raise InputError(f"effect {doubled[0]} is estimated already: it cannot come on top as well")
-    there, order = block.copy(), np.argsort(p.order)
+    there, order = block.copy(), np.argsort(system.image_order)
     quaternion = quaternion_from_rotation(state.rotation)[order]
     pose = np.concatenate([state.centre[order], quaternion], axis=1)
     names = ["x", "y", "z", "qw", "qx", "qy", "qz"]
     there.images = there.images.assign(**dict(zip(names, pose.T, strict=True)))
     points = pd.DataFrame(state.points, columns=["x", "y", "z"])
-    points.insert(0, "point", p.point_names)
+    points.insert(0, "point", system.points.names)
     there.points = points
     there.cameras = {
         name: camera.with_interior(interior)
@@ -86,18 +87,18 @@ def _with_effects(block: Block, believed: Simulator, effects: Mapping[str, Mappi
 
 
 def _truth(believed: Simulator, seed: int) -> dict:
-    p, state = believed.problem, believed.fit.state
-    noise, block = believed.noise, p.block
+    system, state = believed.system, believed.system.state
+    noise, block, images = believed.noise, system.block, system.images
+    named, mark = system.points.names, system.points.mark
 
     def rows(names, values) -> dict:
         return dict(zip(list(names), np.asarray(values).tolist(), strict=True))
 
-    named = p.point_names
     ground = block.ground[["x", "y", "z"]].to_numpy(float).copy()
-    at = pd.Index(named[p.point_kinds]).get_indexer(block.ground["point"])
+    at = pd.Index(named[mark]).get_indexer(block.ground["point"])
     seen = at >= 0
-    ground[seen] = state.points[p.point_kinds][at[seen]]
-    order = np.argsort(p.order)
+    ground[seen] = state.points[mark][at[seen]]
+    order = np.argsort(system.image_order)
     cameras = {
         name: camera.with_interior(interior).to_table()
         for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
@@ -111,7 +112,7 @@ def _truth(believed: Simulator, seed: int) -> dict:
             "mark_sigmas": noise.mark,
             "control_sigmas": noise.control,
             "gnss": {
-                f"{p.images.flight_names[flight]}.{'xyz'[axis]}": {
+                f"{images.flight_names[flight]}.{'xyz'[axis]}": {
                     "white_sigmas": kind.white,
                     "slow_sigmas": kind.slow,
                     "constant_s": kind.constant_s,
@@ -120,10 +121,10 @@ def _truth(believed: Simulator, seed: int) -> dict:
             },
         },
         "camera": cameras,
-        "effects": p.values(state).plain(),
-        "lever_arm": rows(p.images.flight_names, state.arms) if len(p.gnss_image) else {},
+        "effects": system.values.plain(),
+        "lever_arm": rows(images.flight_names, state.arms) if len(system.gnss.names) else {},
         "centre": rows(block.images["image"], state.centre[order]),
         "quaternion": rows(block.images["image"], quaternion_from_rotation(state.rotation)[order]),
         "ground": rows(block.ground["point"], ground),
-        "points": rows(named[~p.point_kinds], state.points[~p.point_kinds]),
+        "points": rows(named[~mark], state.points[~mark]),
     }

@@ -17,12 +17,12 @@ def locate(one: Round, number: int, theta: np.ndarray) -> tuple[str, dict]:
     """A sentence and the location of the n-th group with parameters theta, in prior sigmas."""
     e = one.equations
     group = one.evidence.groups[number]
-    effect, p = group.effect, e.problem
+    effect, system = group.effect, e.system
     values = theta * group.scale
-    control = list(p.block.ground["point"].to_numpy(object)[p.control_rows])
-    stack = Stack(p.block, [effect], control)
+    control = list(system.control_names)
+    stack = Stack(system.block, [effect], control)
     member = stack.members[effect.slug]
-    images = p.images
+    images = system.images
     names = list(images.names) if effect.group == "image" else member.groups
     table = np.zeros((len(names), len(member.parameters)))
     columns = [q.name for q in member.parameters]
@@ -30,19 +30,19 @@ def locate(one: Round, number: int, theta: np.ndarray) -> tuple[str, dict]:
     for (owner, name, _), value in zip(group.labels, values, strict=True):
         table[position[owner], columns.index(name)] = value
     if effect.place == "ground":
-        return _ground(p, effect, control, table)
+        return _ground(system, effect, control, table)
     if effect.group == "image":
         return _images(images, np.sqrt((table**2).sum(axis=1)), effect)
     if effect.place == "image":
-        return _picture(e, stack, effect, table)
+        return _picture(system, stack, effect, table)
     every = np.arange(len(images.names))
     shift, _ = stack.evaluate(effect.place, Context(images, every), {effect.slug: table})
     return _time(images, shift, e)
 
 
-def _ground(p, effect, control, table) -> tuple[str, dict]:
-    given = p.control_given
-    context = Context(p.images, point=control, position=given)
+def _ground(system, effect, control, table) -> tuple[str, dict]:
+    given = system.control.given
+    context = Context(system.images, point=control, position=given)
     rows = np.broadcast_to(table, (len(given), table.shape[1]))
     shift, _ = effect.shift(context, rows)
     size = np.linalg.norm(shift - np.median(shift, axis=0), axis=1)
@@ -70,18 +70,17 @@ def _images(images, size, effect) -> tuple[str, dict]:
     return text, where
 
 
-def _picture(e, stack, effect, table) -> tuple[str, dict]:
+def _picture(system, stack, effect, table) -> tuple[str, dict]:
     """Box of the picture in which the deformation, free of planes, is largest."""
-    p = e.problem
-    pixel = p.xy
-    image = p.img
+    rows, images = system.image_rows, system.images
+    pixel, image = rows.xy, rows.image
     step = max(len(image) // 40_000, 1)
     pixel, image = pixel[::step], image[::step]
-    interior = e.state.interior[p.images.camera[image]]
+    interior = system.state.interior[images.camera[image]]
     ray = (pixel - interior[:, 1:3]) / interior[:, :1]
-    context = Context(p.images, image, pixel=pixel, ray=ray)
+    context = Context(images, image, pixel=pixel, ray=ray)
     shift, _ = stack.evaluate("image", context, {effect.slug: table})
-    size = p.images.size[image]
+    size = images.size[image]
     place = 2.0 * pixel / (size - 1) - 1.0
     design = np.column_stack([np.ones(len(place)), place])
     shift = shift - design @ np.linalg.lstsq(design, shift, rcond=None)[0]
@@ -96,14 +95,14 @@ def _picture(e, stack, effect, table) -> tuple[str, dict]:
     pieces, _ = label(mean > SETTINGS.place_share * mean.max())
     high = np.argwhere(pieces == pieces[np.unravel_index(np.argmax(mean), SETTINGS.place_cells)])
     low, upto = high.min(axis=0), high.max(axis=0) + 1
-    width = p.images.size[0] - 1
+    width = images.size[0] - 1
     box = np.concatenate([low / SETTINGS.place_cells * width, upto / SETTINGS.place_cells * width])
     where: dict = {"image": [float(v) for v in box]}
     text = (
         f"largest between x = {box[0]:.0f} and {box[2]:.0f} px, y = {box[1]:.0f} and "
         f"{box[3]:.0f} px: {mean.max():.2f} px"
     )
-    time = p.images.time[image]
+    time = images.time[image]
     if "images.time_s" in effect.needs and np.isfinite(time).all():
         worst = int(np.argmax(length))
         where["time_s"] = float(time[worst])

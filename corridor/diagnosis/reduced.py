@@ -179,7 +179,7 @@ class Elimination:
         own = []
         for block in e.own:
             # Several values for each image tell of the picture; the antenna hardly feels them.
-            few = len(block.value) <= e.problem.image_count
+            few = len(block.value) <= len(e.system.columns.images)
             across = None
             if few or block.value.any():
                 mine, heavy, _ = self.columns(block)

@@ -14,11 +14,15 @@ Source: Huber and Ronchetti 2009, "Robust statistics", sections 7.6 (K) and 7.10
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from corridor.diagnosis.settings import SETTINGS
 from corridor.geometry import is_outlier
+
+if TYPE_CHECKING:
+    from corridor.adjustment import LinearSystem
 
 
 @dataclass
@@ -47,21 +51,19 @@ def scale_of(square: np.ndarray) -> float:
     return float(np.sqrt(variance))
 
 
-def pseudo_residuals(problem, state, residual: np.ndarray) -> tuple[np.ndarray, Scales]:
+def pseudo_residuals(system: LinearSystem, residual: np.ndarray) -> tuple[np.ndarray, Scales]:
     """Pseudo-residuals (n, 2) px of image residuals (n, 2) px, and how large their noise is.
 
     The noise is such that the mean square of what remains equals the redundancy. Rows behind
     their camera (NaN) get zero. Marks are judged against the other marks of their point alone: a
     control point that disagrees with everything else in all its images is no wrong measurement.
     """
-    p = problem
-    sigma = 1.0 / (p.weight if len(p.weight) == len(residual) else p.weight[0])
-    sigma = np.broadcast_to(sigma, len(residual))
+    rows = system.image_rows
+    sigma, tie = rows.sigma, rows.tie
     known = np.isfinite(residual).all(axis=1)
     residual = np.where(known[:, None], residual, 0.0)
-    tie = p.row < p.tie_count
     out = np.zeros_like(residual)
-    share = _redundancy(p, len(residual))
+    share = _redundancy(system)
 
     mine = tie & known
     core = factor = 1.0
@@ -80,7 +82,7 @@ def pseudo_residuals(problem, state, residual: np.ndarray) -> tuple[np.ndarray, 
     marks = np.flatnonzero(~tie & known)
     of_marks = factor
     if len(marks):
-        out[marks], of_marks = _marks(p, state, residual, sigma, marks)
+        out[marks], of_marks = _marks(system, residual, marks)
     of = sigma * np.where(tie, factor, of_marks)
     return out, Scales(of, factor, of_marks, core)
 
@@ -97,19 +99,20 @@ def _slope(s: np.ndarray, share: float) -> float:
     return mean / (1.0 + (1.0 - share) * variance / mean**2)
 
 
-def _redundancy(p, count: int) -> float:
+def _redundancy(system: LinearSystem) -> float:
     """Share of the image observations that no point, pose or camera takes up."""
-    camera = sum(1 for unknown in p.unknowns if unknown.kind == "camera")
-    unknown = 3 * (len(p.ptr) - 1) + 6 * p.image_count + camera
+    count = len(system.image_rows.point)
+    camera = sum(1 for unknown in system.columns.shared if unknown.kind == "camera")
+    unknown = 3 * len(system.state.points) + system.columns.pose.size + camera
     return max(1.0 - unknown / max(2 * count, 1), SETTINGS.least_redundancy)
 
 
-def _marks(p, state, residual, sigma, marks) -> tuple[np.ndarray, float]:
+def _marks(system: LinearSystem, residual, marks) -> tuple[np.ndarray, float]:
     """Pseudo-residuals (k, 2) of marks, and the factor on their stated standard deviations."""
-    point = np.searchsorted(p.ptr, marks, side="right") - 1
-    image = p.img[marks]
+    rows, state, sigma = system.image_rows, system.state, system.image_rows.sigma
+    point, image = rows.point[marks], rows.image[marks]
     seen = np.einsum("nij,nj->ni", state.rotation[image], state.points[point] - state.centre[image])
-    focal = state.interior[p.images.camera[image], 0] / seen[:, 2]
+    focal = state.interior[system.images.camera[image], 0] / seen[:, 2]
     R = state.rotation[image]
     by_point = (
         np.stack(

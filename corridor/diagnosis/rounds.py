@@ -44,7 +44,7 @@ class Round:
 
     def shed(self) -> None:
         """Let go of what weighs gigabytes in a block of a thousand images."""
-        if self.adjustment.problem.image_count > SETTINGS.large_block:
+        if len(self.adjustment.block.images) > SETTINGS.large_block:
             self.equations = self.evidence = self.noises = None
 
 
@@ -75,9 +75,10 @@ def run(
     say = progress or (lambda _: None)
     say({"message": "adjusting the believed model"})
     adjustment = first = believed.adjust()
-    p = adjustment.problem
-    control = p.block.ground["point"].to_numpy(object)[p.control_rows]
-    chosen = candidates(believed.block, p.free, believed.effects, control, only, without)
+    system = adjustment.system
+    chosen = candidates(
+        believed.block, system.free, believed.effects, system.control_names, only, without
+    )
     names = {effect.slug: effect for effect in chosen.effects}
     _check_priors(believed, names)
     course = Course(first, [], chosen)
@@ -119,10 +120,11 @@ def _round(adjustment, believed, effects, model, threshold, level, seed) -> Roun
     e = equations(adjustment, effects, believed.priors_of(effects))
     stated = Elimination(e, None)
     # The stated noise is asked about what the antenna feels and what is in the model: no more.
+    images = len(e.system.columns.images)
     several = {
         group.own
         for group in e.groups
-        if group.own is not None and len(group) > e.problem.image_count and group.key not in model
+        if group.own is not None and len(group) > images and group.key not in model
     }
     plain = Evidence(stated.reduce(but=several))
     noises = NoiseModel(e, stated, plain)

@@ -55,9 +55,9 @@ def signatures(believed) -> Signatures | None:
     believed: see `corridor.diagnosis.simulator.Simulator`. Effects of single images have no
     common signature (see `of_single_images`); those of a control point have one for each point.
     """
-    p = believed.problem
-    weight = (p.weight[:, None] * np.ones(2)).ravel()
-    weights = weight**2, p.gnss_weight.ravel(), p.control_weight.ravel()
+    system = believed.system
+    sigmas = np.repeat(system.image_rows.sigma, 2), system.gnss.sigma, system.control.sigma
+    weights = [sigma.ravel() ** -2.0 for sigma in sigmas]
     names, absorbed, start = [], [], [0]
     kept: tuple[list, list, list] = ([], [], [])
     for name, moved in _moved(believed):
@@ -124,8 +124,7 @@ def _moved_singly(believed):
 
 def _moved(believed):
     """Name and shifts (pixels, gnss, control) by each parameter, of each effect in turn."""
-    p = believed.problem
-    controls = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
+    controls = believed.system.control_names
     for effect, seen, parameters, groups in _missing_effects(believed):
         if effect.group == "image":
             continue
@@ -156,16 +155,18 @@ def _missing_effects(believed):
     Yields the effect, a function from its values to residuals (pixels, gnss, control), its
     parameters and how many groups it has.
     """
-    p = believed.problem
-    controls = list(p.block.ground["point"].to_numpy(dtype=object)[p.control_rows])
+    system = believed.system
+    controls = list(system.control_names)
     for effect in every_effect():
-        if effect.generic or effect.slug in p.stack.members or effect.missing(p.block):
+        if effect.generic or effect.slug in system.columns.parameters:
             continue
-        if effect.place == "antenna" and not len(p.gnss_image):
+        if effect.missing(system.block):
+            continue
+        if effect.place == "antenna" and not len(system.gnss.names):
             continue
         if effect.place == "ground" and not controls:
             continue
-        tested = believed.system.testing([effect])
+        tested = system.testing([effect])
 
         def seen(values, tested=tested, effect=effect):
             effects = {**tested.state.effects, effect.slug: values}
@@ -173,7 +174,7 @@ def _missing_effects(believed):
             # Residuals are measured minus modelled; what was measured stays.
             return left.pixels, left.gnss, left.control
 
-        member = Stack(p.block, [effect], controls).members[effect.slug]
+        member = Stack(system.block, [effect], controls).members[effect.slug]
         yield effect, seen, member.parameters, len(member.groups)
 
 

@@ -64,28 +64,27 @@ class Simulator:
     """
 
     def __init__(self, adjustment: Adjustment):
-        p, system = adjustment.problem, adjustment.system
+        system = adjustment.system
         rows = system.image_rows
-        self.held_out = _held_out(p)
+        self.held_out = _held_out(system)
         self.sigma, self.is_tie = rows.sigma, rows.tie
-        self.check_rows, self.check_points = _check_points(p, free=system.held is not None)
-        ground = p.block.ground
+        self.check_rows, self.check_points = _check_points(system)
+        ground = system.block.ground
         given = ground[["x", "y", "z"]].to_numpy(float)
         self.measured = Measured(
-            p.xy, p.gnss_given, p.control_given, p.prior_value, given[self.check_rows]
+            rows.xy,
+            system.gnss.given,
+            system.control.given,
+            system.columns.shared_prior,
+            given[self.check_rows],
         )
-        self.check_sigma = p.block.ground_sigma()[self.check_rows]
-        self.series: list[Series] = series_of(p)
+        self.check_sigma = system.block.ground_sigma()[self.check_rows]
+        self.series: list[Series] = series_of(system)
         system = system.measuring(sigma=np.where(self.held_out, np.inf, self.sigma))
         self.system = replace(system, loss=_loss(adjustment))
         self.system = self._with(self.measured).minimised(20, TOLERANCE, near=False)
         self.fit = self._fit(self.system, self.measured)
         self.noise = self._estimate()
-
-    @property
-    def problem(self):
-        """What was measured; what no fit uses has no weight."""
-        return self.system.problem
 
     # --- adjusting ---------------------------------------------------------------------------
 
@@ -129,7 +128,7 @@ class Simulator:
         if len(self.fit.gnss):
             usual = noise.tie_sigma if ties.any() else 1.0
             noise = noise.changed(gnss=gnss_noise(self.system, self.fit.gnss, usual))
-        control_sigma = self.problem.control_weight**-0.5
+        control_sigma = self.system.control.sigma
         pulls = [
             _sum_of_squares(scaled[marks]),
             _sum_of_squares(self.fit.control / control_sigma) if len(control_sigma) else 0.0,
@@ -174,22 +173,22 @@ class Simulator:
     def draw(self, rng: np.random.Generator, noise: EstimatedNoise | None = None) -> Measured:
         """All measurements anew: what the believed model says, and noise."""
         noise = noise or self.noise
-        p, fit, given = self.problem, self.fit, self.measured
+        fit, given = self.fit, self.measured
         tie, mark, gnss, control, check, prior = rng.spawn(6)
         error = np.empty_like(fit.pixels)
         error[self.is_tie] = noise.draw_tie(int(self.is_tie.sum()), tie)
         marks = ~self.is_tie
         error[marks] = noise.mark * mark.standard_normal((int(marks.sum()), 2))
-        antenna = noise.draw_gnss(self.series, len(fit.gnss), gnss) * p.gnss_weight**-0.5
-        ground = noise.control * p.control_weight**-0.5
+        antenna = noise.draw_gnss(self.series, len(fit.gnss), gnss) * self.system.gnss.sigma
+        ground = noise.control * self.system.control.sigma
         of_check = noise.control * self.check_sigma
-        known = p.prior_weight > 0
+        columns = self.system.columns
+        weight = columns.prior_weight[columns.shared_at]
+        known = weight > 0
         value = given.prior.copy()
         if known.any():
-            sigma = p.prior_weight[known] ** -0.5
-            value[known] = self.system.columns.shared_value[known] + sigma * prior.standard_normal(
-                len(sigma)
-            )
+            sigma = weight[known] ** -0.5
+            value[known] = columns.shared_value[known] + sigma * prior.standard_normal(len(sigma))
         return Measured(
             xy=given.xy - fit.pixels + error * self.sigma[:, None],
             gnss=given.gnss - fit.gnss + antenna,
@@ -207,37 +206,39 @@ def _loss(adjustment: Adjustment) -> Loss:
 
     Least squares spread a gross error over its surroundings, where no noise can imitate it.
     """
-    loss, p = adjustment.system.loss, adjustment.problem
-    if loss.kind != LOSSES["squares"] or not p.tie_count:
+    system = adjustment.system
+    loss, rows = system.loss, system.image_rows
+    if loss.kind != LOSSES["squares"] or not rows.tie.any():
         return loss
-    pixels = adjustment.system.residuals().pixels
-    length = (np.hypot(*pixels.T) * p.weight)[p.row < p.tie_count]
+    length = (np.hypot(*system.residuals().pixels.T) / rows.sigma)[rows.tie]
     usual = robust_scale_of_lengths(length, least=1e-9)
     if np.mean(is_outlier(length, usual, UNUSABLE)) < WRONG:
         return loss
     return Loss(LOSSES["huber"], 2 * usual)
 
 
-def _held_out(p) -> np.ndarray:
+def _held_out(system: LinearSystem) -> np.ndarray:
     """Tie observations that no fit uses: one at most of a point, which keeps enough rays."""
-    rays = np.diff(p.ptr)
+    rows, mark = system.image_rows, system.points.mark
+    rays = np.bincount(rows.point)
+    first = np.cumsum(rays) - rays
     rng = np.random.default_rng(11)
-    fit = ~p.point_kinds & (rays > RAYS_LEFT)
-    wanted = HELD_OUT * p.tie_count
+    fit = ~mark & (rays > RAYS_LEFT)
+    wanted = HELD_OUT * len(system.block.tie_points)
     chosen = np.flatnonzero(fit & (rng.random(len(rays)) < wanted / max(int(fit.sum()), 1)))
-    out = np.zeros(len(p.img), dtype=bool)
-    out[p.ptr[chosen] + rng.integers(0, rays[chosen])] = True
+    out = np.zeros(len(rows.image), dtype=bool)
+    out[first[chosen] + rng.integers(0, rays[chosen])] = True
     return out
 
 
-def _check_points(p, free: bool) -> tuple[np.ndarray, np.ndarray]:
+def _check_points(system: LinearSystem) -> tuple[np.ndarray, np.ndarray]:
     """Rows of ground.csv of the check points that images show, and their points."""
-    rows = np.flatnonzero(p.roles == "check")
-    if free or not len(rows):
+    rows, points = np.flatnonzero(system.roles == "check"), system.points
+    if system.held is not None or not len(rows):
         # A free network lies where its start poses were, not where the check points are.
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    marks = np.flatnonzero(p.point_kinds)
-    at = pd.Index(p.point_names[marks]).get_indexer(p.block.ground["point"].iloc[rows])
+    marks = np.flatnonzero(points.mark)
+    at = pd.Index(points.names[marks]).get_indexer(system.block.ground["point"].iloc[rows])
     return rows[at >= 0], marks[at[at >= 0]]
 
 

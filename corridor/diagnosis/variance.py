@@ -25,35 +25,35 @@ def variance_alarms(equations: Equations) -> list[dict]:
     ends (of vibration: with and without it), `z`, `where` in words and `location` with the keys
     of the diagnosis.
     """
-    e, p = equations, equations.problem
-    rays = np.repeat(np.diff(p.ptr), np.diff(p.ptr))
+    e, images, rows = equations, equations.system.images, equations.system.image_rows
     r = e.pixels / e.scales.of_observation[:, None]
-    length = 0.5 * (r**2).sum(axis=1) / np.maximum(1.0 - 1.5 / rays, 0.2)
-    good = (p.row < p.tie_count) & (length > 0)
-    image, pixel = p.img[good], p.xy[good]
+    length = 0.5 * (r**2).sum(axis=1) / np.maximum(1.0 - 1.5 / rows.multiplicity, 0.2)
+    good = rows.tie & (length > 0)
+    image, pixel = rows.image[good], rows.xy[good]
     if good.sum() < SETTINGS.variance_fewest or len(np.unique(image)) < SETTINGS.variance_images:
         return []
     value = np.minimum(length[good], SETTINGS.most_squared)
-    half = (p.images.size[image] - 1) / 2
+    half = (images.size[image] - 1) / 2
     place = (pixel - half) / half
-    axis, sign = p.images.row_of[image, 0], np.sign(p.images.row_of[image, 1])
+    axis, sign = images.row_of[image, 0], np.sign(images.row_of[image, 1])
     along = np.where(axis == 1, place[:, 1], place[:, 0]) * sign
     quantities = {"row": along, "radius": np.linalg.norm(place, axis=1)}
-    time = p.images.time[image]
+    time = images.time[image]
     if np.isfinite(time).all() and np.ptp(time) > 0:
         quantities["time"] = time
     limit = float(norm.isf(0.5 * SETTINGS.variance_level / (len(quantities) + 1)))
     out = []
     for name, x in quantities.items():
-        slope, error = _slope(x, value, image, p.image_count)
+        slope, error = _slope(x, value, image, len(images.names))
         ends = np.quantile(x, [0.02, 0.98])
         level = np.maximum(value.mean() + slope * (ends - x.mean()), 1e-2)
         ratio = float(np.sqrt(level.max() / level.min()))
         z = slope / max(error, 1e-12)
         if abs(z) > limit and ratio > SETTINGS.variance_ratio:
-            out.append({"quantity": name, "ratio": ratio, "z": float(z)} | _place(name, z, ends, p))
+            where = _place(name, z, ends, images)
+            out.append({"quantity": name, "ratio": ratio, "z": float(z)} | where)
     bounded = r[good] * np.sqrt(value / length[good])[:, None]
-    shaking = _vibration(bounded, along, image, p, limit)
+    shaking = _vibration(bounded, along, image, images, limit)
     return out + ([shaking] if shaking else [])
 
 
@@ -70,12 +70,12 @@ def _slope(x, value, image, count: int) -> tuple[float, float]:
     return slope, float(np.sqrt(few * (spread**2).sum()) / square)
 
 
-def _place(name: str, z: float, ends, p) -> dict:
+def _place(name: str, z: float, ends, images) -> dict:
     """Where the noise is largest, in words and as a location."""
     if name == "time":
         moment = float(ends[int(z > 0)])
-        worst = int(np.nanargmin(np.abs(p.images.time - moment)))
-        flight = str(p.images.flight_names[p.images.flight[worst]])
+        worst = int(np.nanargmin(np.abs(images.time - moment)))
+        flight = str(images.flight_names[images.flight[worst]])
         return {
             "where": f"largest at the {'end' if z > 0 else 'beginning'} of the flight, about "
             f"{moment:.0f} s, flight {flight}",
@@ -84,7 +84,7 @@ def _place(name: str, z: float, ends, p) -> dict:
     if name == "row":
         which = "last" if z > 0 else "first"
         return {"where": f"largest in the rows read {which}", "location": {"row": which}}
-    width, height = (p.images.size[0] - 1).tolist()
+    width, height = (images.size[0] - 1).tolist()
     if z > 0:
         return {
             "where": "largest at the edges of the picture",
@@ -96,7 +96,7 @@ def _place(name: str, z: float, ends, p) -> dict:
     }
 
 
-def _vibration(r, along, image, p, limit: float) -> dict | None:
+def _vibration(r, along, image, images, limit: float) -> dict | None:
     """Whether residuals (n, 2) of one strip of rows of one image go together more than by chance.
 
     Under the null hypothesis the squared sum over a strip has the expectation of the sum of the
@@ -104,7 +104,7 @@ def _vibration(r, along, image, p, limit: float) -> dict | None:
     """
     strip = np.clip(((along + 1.0) / 2.0 * SETTINGS.strips).astype(int), 0, SETTINGS.strips - 1)
     code = image * SETTINGS.strips + strip
-    size = p.image_count * SETTINGS.strips
+    size = len(images.names) * SETTINGS.strips
     count = np.bincount(code, minlength=size)
     kept = count >= SETTINGS.in_strip
     excess, usual = np.zeros(size), np.zeros(size)
@@ -116,8 +116,8 @@ def _vibration(r, along, image, p, limit: float) -> dict | None:
         usual += squares
     of_image = np.arange(size) // SETTINGS.strips
     share = np.where(kept, excess, 0.0)
-    total = np.bincount(of_image, share, p.image_count)
-    each = np.bincount(of_image, np.where(kept, usual, 0.0), p.image_count)
+    total = np.bincount(of_image, share, len(images.names))
+    each = np.bincount(of_image, np.where(kept, usual, 0.0), len(images.names))
     pairs = float(np.where(kept, usual * (count - 1), 0.0).sum())
     if pairs <= 0 or (each > 0).sum() < SETTINGS.variance_images:
         return None
@@ -128,10 +128,10 @@ def _vibration(r, along, image, p, limit: float) -> dict | None:
     if z < limit or ratio < SETTINGS.vibration_ratio:
         return None
     worst = int(np.argmax(total))
-    name, flight = p.images.names[worst], str(p.images.flight_names[p.images.flight[worst]])
+    name, flight = images.names[worst], str(images.flight_names[images.flight[worst]])
     where = {"row": "all", "flight": flight}
-    if np.isfinite(p.images.time[worst]):
-        where["time_s"] = float(p.images.time[worst])
+    if np.isfinite(images.time[worst]):
+        where["time_s"] = float(images.time[worst])
     many = int((total > 0).sum())
     return {
         "quantity": "vibration", "ratio": ratio, "z": z,

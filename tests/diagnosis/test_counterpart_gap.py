@@ -20,7 +20,7 @@ def made_up(measured, simulated, absorbed=None):
         simulated=np.asarray(simulated, float),
         absorbed=np.zeros(count, bool) if absorbed is None else absorbed,
         missing={}, unseen=(),
-        believed=SimpleNamespace(problem=SimpleNamespace(block=SimpleNamespace(name="made up"))),
+        believed=SimpleNamespace(system=SimpleNamespace(block=SimpleNamespace(name="made up"))),
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from corridor.adjustment import ImageRows
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence, Spectrum, averaged, effect_sizes
 from corridor.diagnosis.gnss_noise import GnssNoise, NoiseModel, _estimate
@@ -138,7 +139,7 @@ def biased(rng, epochs=40, step=2.5, tau=60.0, bias=0.05):
         flight=np.zeros(epochs, int), flight_names=["1"], time=time,
     )  # fmt: skip
     equations = SimpleNamespace(
-        problem=SimpleNamespace(images=images), image=np.arange(epochs), stated=stated,
+        system=SimpleNamespace(images=images), image=np.arange(epochs), stated=stated,
         residual=y,
     )  # fmt: skip
     elimination = SimpleNamespace(antennas=lambda: (P, P @ y, A, []))
@@ -229,9 +230,12 @@ def test_the_size_of_the_noise_is_found_in_spite_of_few_rays(rays):
             residual[n] = (error - A @ x).reshape(rays, 2)
         scale = scale_of((residual**2).sum(axis=2).ravel())
     n = points * rays
-    problem = SimpleNamespace(
-        weight=np.ones(n), row=np.arange(n), tie_count=n, ptr=np.arange(0, n + 1, rays),
-        image_count=0, unknowns=[],
-    )  # fmt: skip
-    _, scales = pseudo_residuals(problem, None, residual.reshape(n, 2))
+    point, nothing = np.arange(n) // rays, np.zeros(n, int)
+    rows = ImageRows(nothing, point, np.ones(n, bool), nothing, np.zeros((n, 2)), np.ones(n))
+    system = SimpleNamespace(
+        image_rows=rows,
+        state=SimpleNamespace(points=np.zeros((points, 3))),
+        columns=SimpleNamespace(shared=[], pose=np.zeros((0, 6))),
+    )
+    _, scales = pseudo_residuals(system, residual.reshape(n, 2))
     assert scales.tie == pytest.approx(1.0, rel=0.06)

@@ -1,10 +1,12 @@
 """Alarms for noise that changes, on pseudo-residuals drawn for the purpose."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from corridor.adjustment import ImageRows
 from corridor.diagnosis.variance import variance_alarms
 
 IMAGES, EACH, SIZE = 60, 120, (5120, 3840)
@@ -35,12 +37,10 @@ def drawn(seed, size=None, shake=0.0, nu=6.0):
         flight=np.zeros(IMAGES, int), flight_names=["1"],
         row_of=np.tile([1.0, 2.0 / SIZE[1], -1.0], (IMAGES, 1)),
     )  # fmt: skip
-    problem = SimpleNamespace(
-        ptr=np.arange(0, n + 1, 5), row=np.arange(n), tie_count=n, img=image, xy=xy,
-        images=images, image_count=IMAGES,
-    )  # fmt: skip
+    rows = ImageRows(image, np.arange(n) // 5, np.ones(n, bool), np.arange(n), xy, np.ones(n))
+    system = SimpleNamespace(images=images, image_rows=rows)
     scales = SimpleNamespace(of_observation=np.ones(n))
-    return SimpleNamespace(problem=problem, pixels=noise, scales=scales)
+    return SimpleNamespace(system=system, pixels=noise, scales=scales)
 
 
 def test_alarms_are_as_rare_as_their_level():
@@ -77,5 +77,6 @@ def test_a_vibration_is_told_from_noise_of_the_same_size():
 
 def test_blocks_of_few_observations_raise_no_alarm():
     made = drawn(3, lambda t, row, radius: 1 + t)
-    made.problem.row = made.problem.row + np.where(np.arange(len(made.pixels)) < 400, 0, 10**9)
+    rows = made.system.image_rows
+    made.system.image_rows = replace(rows, tie=np.arange(len(made.pixels)) < 400)
     assert variance_alarms(made) == []

@@ -20,8 +20,8 @@ FEWEST_EPOCHS = 3
 
 def add_gnss(ruler: Ruler) -> None:
     """Residuals of the antenna by time, place, flight and velocity, and their spectra."""
-    p, images, series = ruler.believed.problem, ruler.images, ruler.believed.series
-    image = p.gnss_image
+    images, series = ruler.images, ruler.believed.series
+    image = ruler.believed.system.gnss.image
     one = np.ones(len(image))
     ruler.gnss_limit = CLIPPED * robust_scale(ruler.believed.fit.gnss, axis=0, least=1e-9)
     flights = tuple(images.flight_names)

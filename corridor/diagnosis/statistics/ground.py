@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def add_ground(ruler: Ruler, kind: str, rows: np.ndarray, name: str, of: Callable) -> None:
     """Residuals `of` a fit at ground points (rows of ground.csv); kind: `control` or `check`."""
-    ground = ruler.believed.problem.block.ground
+    ground = ruler.believed.system.block.ground
     names = tuple(map(str, ground["point"].iloc[rows]))
     if len(rows) <= MANY_POINTS:
         for k, axis in enumerate("xyz"):

@@ -27,18 +27,17 @@ class Ruler:
         self.unseen: tuple[str, ...] = ()
         self._parts: list[Callable[[Seen], np.ndarray]] = []
         self.believed = believed
-        self.images: Images = believed.problem.images.with_poses(
-            believed.fit.state.centre, believed.fit.state.rotation
-        )
-        p = believed.problem
+        system = believed.system
+        self.images: Images = system.images
         if believed.is_tie.any():
             add_ties(self)
         if (~believed.is_tie).any():
             add_marks(self)
-        if len(p.gnss_image):
+        if len(system.gnss.names):
             add_gnss(self)
-        if len(p.control_rows):
-            add_ground(self, "control", p.control_rows, "control", lambda seen: seen.fit.control)
+        control = system.control_rows
+        if len(control):
+            add_ground(self, "control", control, "control", lambda seen: seen.fit.control)
         if len(believed.check_rows):
             add_ground(self, "check", believed.check_rows, "check", lambda seen: seen.fit.check)
         self._signatures()
@@ -82,21 +81,22 @@ class Ruler:
 
     def _single(self, pixels: np.ndarray, gnss: np.ndarray) -> Callable[[Seen], float]:
         """RMS over the images of what residuals share with a signature, in stated deviations."""
-        b, p = self.believed, self.believed.problem
-        count = p.image_count
-        heavy = pixels * p.weight[:, None] ** 2
-        antenna = gnss * p.gnss_weight
-        square = np.bincount(p.img, (heavy * pixels).sum(axis=1), count)
-        square += np.bincount(p.gnss_image, (antenna * gnss).sum(axis=1), count)
+        b, system = self.believed, self.believed.system
+        rows, image = system.image_rows, system.gnss.image
+        count = len(system.columns.images)
+        heavy = pixels / rows.sigma[:, None] ** 2
+        antenna = gnss / system.gnss.sigma**2
+        square = np.bincount(rows.image, (heavy * pixels).sum(axis=1), count)
+        square += np.bincount(image, (antenna * gnss).sum(axis=1), count)
         touched = square > 1e-6 * square.max()
         in_pixels, in_antenna = bool(np.any(pixels)), bool(np.any(gnss))
 
         def form(seen: Seen) -> float:
             share = np.zeros(count)
             if in_pixels:
-                share += np.bincount(p.img, (heavy * seen.pixels(b)).sum(axis=1), count)
+                share += np.bincount(rows.image, (heavy * seen.pixels(b)).sum(axis=1), count)
             if in_antenna:
-                share += np.bincount(p.gnss_image, (antenna * seen.gnss).sum(axis=1), count)
+                share += np.bincount(image, (antenna * seen.gnss).sum(axis=1), count)
             return float(np.sqrt(np.mean(share[touched] ** 2 / square[touched])))
 
         return form
@@ -125,7 +125,7 @@ class Seen:
             self.marks = np.clip(fit.pixels[ruler.marks], -limit, limit)
         if len(fit.gnss):
             self.gnss = np.clip(fit.gnss, -ruler.gnss_limit, ruler.gnss_limit)
-            rotation = ruler.images.rotation[b.problem.gnss_image]
+            rotation = ruler.images.rotation[b.system.gnss.image]
             self.gnss_in_camera = np.einsum("nij,nj->ni", rotation, self.gnss)
 
     def pixels(self, b) -> np.ndarray:

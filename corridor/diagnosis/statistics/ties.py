@@ -21,15 +21,14 @@ MANY_POINTS = 40
 
 def add_ties(ruler: Ruler) -> None:
     """Residuals of tie points by everything on which an effect would draw its signature."""
-    b, p, images = ruler.believed, ruler.believed.problem, ruler.images
+    b, images, rays = ruler.believed, ruler.images, ruler.believed.system.image_rows
     state, used = b.fit.state, b.is_tie & ~b.held_out
     ruler.used, ruler.held = np.flatnonzero(used), np.flatnonzero(b.held_out)
     length = np.hypot(*b.fit.pixels[used].T) / b.sigma[used]
     ruler.limit = CLIPPED * robust_scale_of_lengths(length, least=1e-9) * b.sigma
-    image = p.img[used]
-    point = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))[used]
+    image, point = rays.image[used], rays.point[used]
     half = (images.size[image] - 1) / 2
-    xy = p.xy[used]
+    xy = rays.xy[used]
     centred = xy - half
     ruler.across = centred / half.max(axis=1, keepdims=True)
     weight = np.median(b.sigma[used]) ** 2 / b.sigma[used] ** 2
@@ -48,7 +47,7 @@ def add_ties(ruler: Ruler) -> None:
         grid.statistic("tie size by image position", "tie", "px", what),
         lambda seen: grid.size(seen.tie_square),
     )
-    row = p.images.row_of[image]
+    row = images.row_of[image]
     pixel = np.where(row[:, 0] == 1, xy[:, 1], xy[:, 0])
     fraction = row[:, 1] * pixel + row[:, 2]
     rows = Curve.even(fraction, ROWS, weight)
@@ -144,14 +143,14 @@ def add_ties(ruler: Ruler) -> None:
 
 
 def _held_out(ruler: Ruler) -> None:
-    b, p = ruler.believed, ruler.believed.problem
+    b, rays = ruler.believed, ruler.believed.system.image_rows
     if len(ruler.held) < FEWEST:
         ruler.missing["held-out tie observations"] = "tie points in four images or more"
         return
-    image = p.img[ruler.held]
+    image = rays.image[ruler.held]
     weight = np.median(b.sigma[ruler.held]) ** 2 / b.sigma[ruler.held] ** 2
     size = ruler.images.size
-    grid = Grid(p.xy[ruler.held] / size[image], (4, 3), weight, size.max(axis=0))
+    grid = Grid(rays.xy[ruler.held] / size[image], (4, 3), weight, size.max(axis=0))
     what = "place in the image (px)"
     for k, axis in enumerate("xy"):
         ruler.add(
@@ -186,24 +185,23 @@ def _outward_and_size(ruler: Ruler, axis: str, curve: Curve, name: str) -> None:
 
 def add_marks(ruler: Ruler) -> None:
     """Residuals of marks by point."""
-    b, p = ruler.believed, ruler.believed.problem
+    b, rays = ruler.believed, ruler.believed.system.image_rows
     rows = np.flatnonzero(~b.is_tie)
     ruler.marks = rows
     length = np.hypot(*b.fit.pixels[rows].T) / b.sigma[rows]
     ruler.mark_limit = CLIPPED * robust_scale_of_lengths(length, least=1e-9) * b.sigma[rows]
-    point = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))[rows]
-    names, code = np.unique(point, return_inverse=True)
+    names, code = np.unique(rays.point[rows], return_inverse=True)
     if len(names) <= MANY_POINTS:
         curve = Curve.codes(
-            code.astype(float), np.ones(len(rows)), tuple(map(str, p.point_names[names])), 2
+            code.astype(float), np.ones(len(rows)), tuple(map(str, b.system.points.names[names])), 2
         )
         ruler.add(
             curve.statistic("mark size by point", "mark", "px", "ground point"),
             lambda seen: curve.size((seen.marks**2).sum(axis=1) / 2),
         )
     size = ruler.images.size
-    image = p.img[rows]
-    grid = Grid(p.xy[rows] / size[image], (3, 2), np.ones(len(rows)), size.max(axis=0), least=8)
+    image = rays.image[rows]
+    grid = Grid(rays.xy[rows] / size[image], (3, 2), np.ones(len(rows)), size.max(axis=0), least=8)
     for k, axis in enumerate("xy"):
         ruler.add(
             grid.statistic(
