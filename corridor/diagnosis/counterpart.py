@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from corridor.diagnosis.estimated_noise import EstimatedNoise
 from corridor.diagnosis.simulator import Simulator
-from corridor.diagnosis.statistics import Ruler, Statistic
+from corridor.diagnosis.statistics import Statistic, SummaryStatistics
 from corridor.errors import InputError
 
 if TYPE_CHECKING:
@@ -81,24 +81,24 @@ def counterparts(
     # Threads that each limit the libraries' own would leave the limit behind them.
     with threadpool_limits(1):
         believed = Simulator(adjustment)
-        ruler = Ruler(believed)
-        measured = ruler(believed.fit)
+        summary = SummaryStatistics(believed)
+        measured = summary(believed.fit)
         simulated = np.empty((count, len(measured)))
 
         def one(k: int) -> None:
             drawn = believed.draw(np.random.default_rng([seed, k]))
-            simulated[k] = ruler(believed.adjust(drawn))
+            simulated[k] = summary(believed.adjust(drawn))
 
         for done, _ in enumerate(_each(one, count, threads), start=1):
             if progress:
                 progress(done, count)
         streams = np.random.default_rng([seed, count]).spawn(8)
-        raw = np.stack([ruler(believed.errors(believed.draw(rng))) for rng in streams])
+        raw = np.stack([summary(believed.errors(believed.draw(rng))) for rng in streams])
     # Signatures are normed to what is left of them.
-    normed = np.repeat([s.kind == "signature" for s in ruler.statistics], ruler.lengths)
+    normed = np.repeat([s.kind == "signature" for s in summary.statistics], summary.lengths)
     absorbed = (_spread(simulated) < ABSORBED * _spread(raw)) & ~normed
     return Counterparts(
-        ruler.statistics, measured, simulated, absorbed, ruler.missing, ruler.unseen, believed
+        summary.statistics, measured, simulated, absorbed, summary.missing, summary.unseen, believed
     )
 
 
@@ -125,8 +125,8 @@ def measure(adjustment: Adjustment) -> pd.DataFrame:
     """
     with threadpool_limits(1):
         believed = Simulator(adjustment)
-        ruler = Ruler(believed)
-        return _table(ruler.statistics, ruler(believed.fit))
+        summary = SummaryStatistics(believed)
+        return _table(summary.statistics, summary(believed.fit))
 
 
 def _table(statistics: list[Statistic], values: np.ndarray) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""What is compared between a measured block and its counterparts.
+"""What is compared between a measured block and its simulated replicates.
 
 Each statistic is a short curve or map: means or sizes of residuals over one axis on which a
 physical effect would draw its signature. Residuals are cut at four usual standard deviations, so
@@ -9,7 +9,7 @@ really flew, unless something else saw it fly: their second differences are ther
 with those of the antenna.
 """
 
-from corridor.diagnosis.statistics.ruler import Ruler
 from corridor.diagnosis.statistics.statistic import Fit, Statistic
+from corridor.diagnosis.statistics.summary import SummaryStatistics
 
-__all__ = ["Fit", "Ruler", "Statistic"]
+__all__ = ["Fit", "Statistic", "SummaryStatistics"]

@@ -113,14 +113,30 @@ class Grid(Curve):
         shape = tuple(int(n) for n in np.clip(np.round(span / side), 1, 40))
         return cls((place - low) / span, shape, weight, span, origin=low)
 
-    def slope(self, values, weighted):
-        """Slope of values on a regressor, of which `weighted` is weight times regressor."""
-        mine = weighted * values
-        return self._sum(mine) / self.total
-
     def statistic(self, name, kind, unit, axis) -> Statistic:
         """What the values of this map are."""
         return Statistic(name, kind, unit, axis, self.at, (), self.shape, self.cells)
+
+
+class Slopes(Grid):
+    """Cells of a map in which values are regressed: their mean is the slope in each."""
+
+    @classmethod
+    def of(cls, share, shape, weight, size, values):
+        """Slopes by standard deviation of values (n,); None where they hardly differ."""
+        known = np.isfinite(values)
+        spread = float(np.std(values[known])) if known.any() else 0.0
+        middle = float(np.mean(values[known])) if known.any() else 0.0
+        if spread <= 1e-3 * max(abs(middle), 1e-9):
+            return None
+        regressor = np.where(known, (values - middle) / spread, 0.0)
+        out = cls(share, shape, weight * regressor**2, size, known)
+        out.weighted = weight * regressor
+        return out
+
+    def mean(self, values):
+        """Weighted least-squares slope (cells,)."""
+        return self._sum(self.weighted * values) / self.total
 
 
 def corridor_frame(centre: np.ndarray):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,3 +44,15 @@ class Statistic:
 
     def __len__(self) -> int:
         return len(self.at)
+
+
+class Form(NamedTuple):
+    """A statistic, and how its values (values,) are formed of residuals (see `residuals`)."""
+
+    statistic: Statistic
+    of: Callable[[Any], np.ndarray]
+
+
+def named(name: str, kind: str, unit: str, axis: str, labels) -> Statistic:
+    """A statistic whose values have names and no places."""
+    return Statistic(name, kind, unit, axis, np.arange(len(labels), dtype=float), tuple(labels))

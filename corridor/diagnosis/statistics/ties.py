@@ -1,211 +1,171 @@
-"""Statistics of tie points, used and held out, and of marks."""
+"""Statistics of tie points, used and held out, and of marks.
+
+A table: by what (name and axis, with its bins), and which quantities of the residuals.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
 
-from corridor.diagnosis.statistics.bins import FEWEST, Curve, Grid, corridor_frame
+from corridor.diagnosis.statistics.bins import FEWEST, Curve, Grid, Slopes, corridor_frame
+from corridor.diagnosis.statistics.statistic import Form
 from corridor.geometry import CLIPPED, robust_scale_of_lengths
-
-if TYPE_CHECKING:
-    from corridor.diagnosis.statistics.ruler import Ruler
 
 ROWS, TIMES, PLACES = 12, 12, 14
 COLUMNS = (8, 6)
 COARSE = (6, 4)
 # Ground points from which on they are not told apart.
 MANY_POINTS = 40
+IN_THE_IMAGE = "place in the image (px)"
+# Quantity -> name, and value of each bin. Outward: scale of the picture, px at the end of its long
+# side.
+QUANTITIES = {
+    "x": ("tie x", lambda r, bins: bins.mean(r.ties[:, 0])),
+    "y": ("tie y", lambda r, bins: bins.mean(r.ties[:, 1])),
+    "size": ("tie size", lambda r, bins: bins.size(r.tie_square)),
+    "outward": ("tie outward", lambda r, bins: bins.ratio(r.outward, r.frame.square)),
+    "along": ("tie along the velocity", lambda r, bins: bins.mean(r.along)),
+    "across": ("tie across the velocity", lambda r, bins: bins.mean(r.across)),
+}
 
 
-def add_ties(ruler: Ruler) -> None:
+class TieFrame:
+    """Where the tie points that a fit uses lie, in images, time and space; the same in all fits.
+
+    used, held: rows of those that are fitted and of those held out. limit (n,): px at which each
+    residual is cut. across (u, 2): from the picture's middle, 1 at the end of its long side; flow
+    (u, 2): direction of the velocity in the picture, None where none is known. missing: what could
+    not be formed, and the column to add.
+    """
+
+    def __init__(self, replicator):
+        b, rays = replicator, replicator.system.image_rows
+        self.images, self.missing = b.system.images, {}
+        used = b.is_tie & ~b.held_out
+        self.used, self.held = np.flatnonzero(used), np.flatnonzero(b.held_out)
+        length = np.hypot(*b.fit.pixels[used].T) / b.sigma[used]
+        self.limit = CLIPPED * robust_scale_of_lengths(length, least=1e-9) * b.sigma
+        self.weight = _weight(b.sigma[used])
+        self.held_weight = _weight(b.sigma[self.held])
+        self.image, self.xy = rays.image[used], rays.xy[used]
+        self.held_image, self.held_xy = rays.image[b.held_out], rays.xy[b.held_out]
+        self.position = b.fit.state.points[rays.point[used]]
+        half = (self.images.size[self.image] - 1) / 2
+        self.across = (self.xy - half) / half.max(axis=1, keepdims=True)
+        self.square = self.weight * (self.across**2).sum(axis=1)
+        velocity = self.images.velocity
+        self.moving = np.isfinite(velocity).all(axis=1) & (np.hypot(*velocity[:, :2].T) > 0.2)
+        self.flow = None
+        if self.moving.any():
+            turned = np.einsum("nij,nj->ni", self.images.rotation, np.nan_to_num(velocity))
+            self.in_camera = turned[:, :2]
+            speed = np.maximum(np.hypot(*self.in_camera.T), 1e-9)[:, None]
+            self.flow = np.where(self.moving[:, None], self.in_camera / speed, 0.0)[self.image]
+
+    def rows(self) -> Iterator[tuple]:
+        """By what, its axis, bins, quantities, and the fewest bins that say something."""
+        images, image, weight = self.images, self.image, self.weight
+        share, size = self.xy / images.size[image], images.size.max(axis=0)
+        yield "image position", IN_THE_IMAGE, Grid(share, COLUMNS, weight, size), "x y size", 1
+        row = images.row_of[image]
+        pixel = np.where(row[:, 0] == 1, self.xy[:, 1], self.xy[:, 0])
+        fraction = row[:, 1] * pixel + row[:, 2]
+        what = "row, as read (fraction of the picture)"
+        yield "row", what, Curve.even(fraction, ROWS, weight), "x y size", 1
+        if self.flow is None:
+            self.missing["tie residuals by velocity"] = "images.vx, images.vy, images.vz"
+        else:
+            moved = Curve.even(np.where(self.moving[image], fraction, np.nan), ROWS, weight)
+            yield "row", what, moved, "along across", 1
+            sectors = Curve.sectors(images.velocity, self.moving, image, weight)
+            what = "direction of the velocity"
+            yield "its direction", what, sectors, "along across", 2
+            yield what, what, sectors, "outward size", 2
+        away = self.position - images.centre[image]
+        depth = np.einsum("ni,ni->n", images.rotation[image, 2], away)
+        followed = {
+            "time": (images.time[image], "s", "images.time_s"),
+            "temperature": (images.temperature[image], "°C", "images.temperature_c"),
+            "depth": (depth, "m", ""),
+        }
+        for name, (values, unit, column) in followed.items():
+            if np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values):
+                bins = Curve.equal(values, TIMES, weight)
+                yield name, f"{name} ({unit})", bins, "outward size", 2
+            elif column:
+                self.missing[f"tie residuals by {name}"] = column
+        origin, axes = corridor_frame(images.centre)
+        place = (self.position[:, :2] - origin) @ axes.T
+        along = Curve.even(place[:, 0], PLACES, weight)
+        yield "place along the corridor", "along the corridor (m)", along, "outward size", 2
+        if len(images.flight_names) > 1:
+            flights = images.flight[image].astype(float)
+            bins = Curve.codes(flights, weight, tuple(images.flight_names))
+            yield "flight", "flight", bins, "outward size", 2
+        yield "place on the ground", "ground (m)", Grid.of_places(place, weight), "size outward", 1
+        growing = {name: values for name, (values, *_) in followed.items()}
+        if self.flow is not None:
+            in_camera = np.where(self.moving[:, None], self.in_camera, np.nan)[image]
+            growing |= {"velocity x": in_camera[:, 0], "velocity y": in_camera[:, 1]}
+        for name, values in growing.items():
+            cells = Slopes.of(share, COARSE, weight, size, values)
+            if cells is not None:
+                yield f"image position, growing with {name}", IN_THE_IMAGE, cells, "x y", 1
+
+
+def _weight(sigma: np.ndarray) -> np.ndarray:
+    """Weights (n,) of observations with these standard deviations, 1 for the usual one."""
+    return np.median(sigma) ** 2 / sigma**2 if len(sigma) else sigma
+
+
+def tie_forms(frame: TieFrame) -> Iterator[Form]:
     """Residuals of tie points by everything on which an effect would draw its signature."""
-    b, images, rays = ruler.believed, ruler.images, ruler.believed.system.image_rows
-    state, used = b.fit.state, b.is_tie & ~b.held_out
-    ruler.used, ruler.held = np.flatnonzero(used), np.flatnonzero(b.held_out)
-    length = np.hypot(*b.fit.pixels[used].T) / b.sigma[used]
-    ruler.limit = CLIPPED * robust_scale_of_lengths(length, least=1e-9) * b.sigma
-    image, point = rays.image[used], rays.point[used]
-    half = (images.size[image] - 1) / 2
-    xy = rays.xy[used]
-    centred = xy - half
-    ruler.across = centred / half.max(axis=1, keepdims=True)
-    weight = np.median(b.sigma[used]) ** 2 / b.sigma[used] ** 2
-    ruler.weight = weight
-    ruler.square = weight * (ruler.across**2).sum(axis=1)
-
-    whole = images.size[image]
-    grid = Grid(xy / whole, COLUMNS, weight, images.size.max(axis=0))
-    what = "place in the image (px)"
-    for k, axis in enumerate("xy"):
-        ruler.add(
-            grid.statistic(f"tie {axis} by image position", "tie", "px", what),
-            lambda seen, k=k: grid.mean(seen.ties[:, k]),
-        )
-    ruler.add(
-        grid.statistic("tie size by image position", "tie", "px", what),
-        lambda seen: grid.size(seen.tie_square),
-    )
-    row = images.row_of[image]
-    pixel = np.where(row[:, 0] == 1, xy[:, 1], xy[:, 0])
-    fraction = row[:, 1] * pixel + row[:, 2]
-    rows = Curve.even(fraction, ROWS, weight)
-    what = "row, as read (fraction of the picture)"
-    for k, axis in enumerate("xy"):
-        _mean(ruler, f"tie {axis} by row", what, rows, k)
-    _size(ruler, "tie size by row", what, rows)
-
-    velocity = images.velocity
-    moving = np.isfinite(velocity).all(axis=1) & (np.hypot(*velocity[:, :2].T) > 0.2)
-    if moving.any():
-        in_camera = np.einsum("nij,nj->ni", images.rotation, np.nan_to_num(velocity))[:, :2]
-        speed = np.maximum(np.hypot(*in_camera.T), 1e-9)
-        ruler.flow = np.where(moving[:, None], in_camera / speed[:, None], 0.0)[image]
-        rows = Curve.even(np.where(moving[image], fraction, np.nan), ROWS, weight)
-        for part in ("along", "across"):
-            ruler.add(
-                rows.statistic(f"tie {part} the velocity by row", "tie", "px", what),
-                lambda seen, part=part, rows=rows: rows.mean(seen.flowing[part]),
-            )
-        sectors = Curve.sectors(velocity, moving, image, weight)
-        if len(sectors.at) > 1:
-            for name in ("along", "across"):
-                ruler.add(
-                    sectors.statistic(
-                        f"tie {name} the velocity by its direction", "tie", "px",
-                        "direction of the velocity",
-                    ),
-                    lambda seen, name=name: sectors.mean(seen.flowing[name]),
-                )  # fmt: skip
-            _outward_and_size(
-                ruler, "direction of the velocity", sectors, "direction of the velocity"
-            )
-    else:
-        ruler.flow = None
-        ruler.missing["tie residuals by velocity"] = "images.vx, images.vy, images.vz"
-
-    depth = np.einsum(
-        "ni,ni->n", images.rotation[image, 2], state.points[point] - images.centre[image]
-    )
-    origin, axes = corridor_frame(images.centre)
-    place = (state.points[point][:, :2] - origin) @ axes.T
-    flights = images.flight[image].astype(float)
-    regressors = {"time": images.time[image], "temperature": images.temperature[image]}
-    for name, values, unit, column in (
-        ("time", images.time[image], "s", "images.time_s"),
-        ("temperature", images.temperature[image], "°C", "images.temperature_c"),
-        ("depth", depth, "m", ""),
-    ):
-        if not np.isfinite(values).any() or np.nanmax(values) <= np.nanmin(values):
-            if column:
-                ruler.missing[f"tie residuals by {name}"] = column
+    for by, axis, bins, quantities, fewest in frame.rows():
+        if len(bins.at) < fewest:
             continue
-        curve = Curve.equal(values, TIMES, weight)
-        _outward_and_size(ruler, f"{name} ({unit})", curve, name)
-    regressors["depth"] = depth
-    along = Curve.even(place[:, 0], PLACES, weight)
-    _outward_and_size(ruler, "along the corridor (m)", along, "place along the corridor")
-    if len(images.flight_names) > 1:
-        names = tuple(images.flight_names)
-        curve = Curve.codes(flights, weight, names)
-        _outward_and_size(ruler, "flight", curve, "flight")
-    ground = Grid.of_places(place, weight)
-    ruler.add(
-        ground.statistic("tie size by place on the ground", "tie", "px", "ground (m)"),
-        lambda seen: ground.size(seen.tie_square),
-    )
-    ruler.add(
-        ground.statistic("tie outward by place on the ground", "tie", "px", "ground (m)"),
-        lambda seen: ground.ratio(seen.outward, ruler.square),
-    )
-
-    if ruler.flow is not None:
-        regressors["velocity x"] = np.where(moving, in_camera[:, 0], np.nan)[image]
-        regressors["velocity y"] = np.where(moving, in_camera[:, 1], np.nan)[image]
-    for name, values in regressors.items():
-        known = np.isfinite(values)
-        spread = float(np.std(values[known])) if known.any() else 0.0
-        middle = float(np.mean(values[known])) if known.any() else 0.0
-        if spread <= 1e-3 * max(abs(middle), 1e-9):
-            continue
-        g = np.where(known, (values - middle) / spread, 0.0)
-        cells = Grid(xy / whole, COARSE, weight * g**2, images.size.max(axis=0), known)
-        for k, axis in enumerate("xy"):
-            ruler.add(
-                cells.statistic(
-                    f"tie {axis} by image position, growing with {name}", "tie", "px",
-                    "place in the image (px)",
-                ),
-                lambda seen, k=k, g=g, cells=cells: cells.slope(seen.ties[:, k], weight * g),
-            )  # fmt: skip
-    _held_out(ruler)
-
-
-def _held_out(ruler: Ruler) -> None:
-    b, rays = ruler.believed, ruler.believed.system.image_rows
-    if len(ruler.held) < FEWEST:
-        ruler.missing["held-out tie observations"] = "tie points in four images or more"
+        for quantity in quantities.split():
+            name, value = QUANTITIES[quantity]
+            yield Form(
+                bins.statistic(f"{name} by {by}", "tie", "px", axis),
+                lambda r, value=value, bins=bins: value(r, bins),
+            )
+    if len(frame.held) < FEWEST:
+        frame.missing["held-out tie observations"] = "tie points in four images or more"
         return
-    image = rays.image[ruler.held]
-    weight = np.median(b.sigma[ruler.held]) ** 2 / b.sigma[ruler.held] ** 2
-    size = ruler.images.size
-    grid = Grid(rays.xy[ruler.held] / size[image], (4, 3), weight, size.max(axis=0))
-    what = "place in the image (px)"
+    size, weight = frame.images.size, frame.held_weight
+    grid = Grid(frame.held_xy / size[frame.held_image], (4, 3), weight, size.max(axis=0))
     for k, axis in enumerate("xy"):
-        ruler.add(
-            grid.statistic(f"held-out tie {axis} by image position", "held_out", "px", what),
-            lambda seen, k=k: grid.mean(seen.held[:, k]),
+        name = f"held-out tie {axis} by image position"
+        yield Form(
+            grid.statistic(name, "held_out", "px", IN_THE_IMAGE),
+            lambda r, k=k: grid.mean(r.held[:, k]),
         )
-    all_of_them = Curve(np.zeros(len(image), np.int64), np.zeros(1), weight, ("all together",))
-    ruler.add(
-        all_of_them.statistic("held-out tie size", "held_out", "px", ""),
-        lambda seen: all_of_them.size((seen.held**2).sum(axis=1) / 2),
+    together = Curve(np.zeros(len(weight), np.int64), np.zeros(1), weight, ("all together",))
+    yield Form(
+        together.statistic("held-out tie size", "held_out", "px", ""),
+        lambda r: together.size((r.held**2).sum(axis=1) / 2),
     )
 
 
-def _mean(ruler: Ruler, name: str, axis: str, curve: Curve, k: int) -> None:
-    ruler.add(curve.statistic(name, "tie", "px", axis), lambda seen: curve.mean(seen.ties[:, k]))
-
-
-def _size(ruler: Ruler, name: str, axis: str, curve: Curve) -> None:
-    ruler.add(curve.statistic(name, "tie", "px", axis), lambda seen: curve.size(seen.tie_square))
-
-
-def _outward_and_size(ruler: Ruler, axis: str, curve: Curve, name: str) -> None:
-    """Scale of the picture, px at the end of its long side, and the size of residuals."""
-    if len(curve.at) < 2:
-        return
-    ruler.add(
-        curve.statistic(f"tie outward by {name}", "tie", "px", axis),
-        lambda seen: curve.ratio(seen.outward, ruler.square),
-    )
-    _size(ruler, f"tie size by {name}", axis, curve)
-
-
-def add_marks(ruler: Ruler) -> None:
-    """Residuals of marks by point."""
-    b, rays = ruler.believed, ruler.believed.system.image_rows
-    rows = np.flatnonzero(~b.is_tie)
-    ruler.marks = rows
-    length = np.hypot(*b.fit.pixels[rows].T) / b.sigma[rows]
-    ruler.mark_limit = CLIPPED * robust_scale_of_lengths(length, least=1e-9) * b.sigma[rows]
-    names, code = np.unique(rays.point[rows], return_inverse=True)
+def mark_forms(replicator, marks: np.ndarray) -> Iterator[Form]:
+    """Residuals of marks (rows) by point and by place in the image."""
+    system = replicator.system
+    rays, size = system.image_rows, system.images.size
+    names, code = np.unique(rays.point[marks], return_inverse=True)
+    one = np.ones(len(marks))
     if len(names) <= MANY_POINTS:
-        curve = Curve.codes(
-            code.astype(float), np.ones(len(rows)), tuple(map(str, b.system.points.names[names])), 2
-        )
-        ruler.add(
+        points = tuple(map(str, system.points.names[names]))
+        curve = Curve.codes(code.astype(float), one, points, 2)
+        yield Form(
             curve.statistic("mark size by point", "mark", "px", "ground point"),
-            lambda seen: curve.size((seen.marks**2).sum(axis=1) / 2),
+            lambda r: curve.size((r.marks**2).sum(axis=1) / 2),
         )
-    size = ruler.images.size
-    image = rays.image[rows]
-    grid = Grid(rays.xy[rows] / size[image], (3, 2), np.ones(len(rows)), size.max(axis=0), least=8)
+    share = rays.xy[marks] / size[rays.image[marks]]
+    grid = Grid(share, (3, 2), one, size.max(axis=0), least=8)
     for k, axis in enumerate("xy"):
-        ruler.add(
-            grid.statistic(
-                f"mark {axis} by image position", "mark", "px", "place in the image (px)"
-            ),
-            lambda seen, k=k: grid.mean(seen.marks[:, k]),
+        yield Form(
+            grid.statistic(f"mark {axis} by image position", "mark", "px", IN_THE_IMAGE),
+            lambda r, k=k: grid.mean(r.marks[:, k]),
         )
