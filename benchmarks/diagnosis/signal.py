@@ -34,7 +34,7 @@ from corridor.adjustment import Adjustment
 from corridor.block import Block
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
-from corridor.diagnosis.gnss_noise import NoiseModel
+from corridor.diagnosis.noise_model import NoiseModel
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.verdict import refines

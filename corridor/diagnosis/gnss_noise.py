@@ -15,15 +15,14 @@ unequal"; Harville 1977 for the gradient, tr(V dSigma) - v' dSigma v.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve, lu_factor, lu_solve
+from scipy.linalg import lu_factor, lu_solve
 from scipy.optimize import minimize
 from scipy.sparse import csr_array
 
-from corridor.diagnosis.evidence import Evidence
+from corridor.adjustment import LinearSystem
 from corridor.diagnosis.settings import SETTINGS
 from corridor.gnss import SlowNoise
 
@@ -81,6 +80,15 @@ class GnssNoise:
         data, row, column = parts
         return csr_array((data, (row, column)), shape=(n, n))
 
+    def draw(self, rng: np.random.Generator) -> np.ndarray:
+        """Errors (k, 3), m."""
+        out = np.zeros(len(self.stated))
+        for rows, f, axis in self.blocks():
+            slow = SlowNoise(self.tau[f, axis]).draw(self.time[rows // 3], rng)[:, 0]
+            white = self.white[f, axis] * self.stated[rows] * rng.standard_normal(len(rows))
+            out[rows] = white + self.coloured[f, axis] * slow
+        return out.reshape(-1, 3)
+
     @property
     def size(self) -> np.ndarray:
         """Standard deviation (flights, 3), m, of one position."""
@@ -99,177 +107,31 @@ def times_of(images, image: np.ndarray) -> np.ndarray:
     return SETTINGS.untimed_step * image.astype(float)
 
 
-def stated_noise(equations) -> GnssNoise:
+def stated_noise(system: LinearSystem) -> GnssNoise:
     """The noise that gnss.csv states, white."""
-    images = equations.system.images
+    images, rows = system.images, system.gnss
     flights = len(images.flight_names)
     return GnssNoise(
-        images.flight[equations.image], times_of(images, equations.image), equations.stated,
-        np.ones((flights, 3)), np.zeros((flights, 3)),
-        np.full((flights, 3), SETTINGS.time_constant_prior[0]),
-    )  # fmt: skip
+        flight=images.flight[rows.image],
+        time=times_of(images, rows.image),
+        stated=rows.sigma.ravel(),
+        white=np.ones((flights, 3)),
+        coloured=np.zeros((flights, 3)),
+        tau=np.full((flights, 3), SETTINGS.time_constant_prior[0]),
+    )
 
 
-class NoiseModel:
-    """The noise of the GNSS by restricted maximum likelihood, for any set of effects.
-
-    What is missing from a model inflates the noise that one finds, and then hides in it: noise
-    and effects have to be compared together. `given` finds the noise of a model of some groups,
-    and how probable the data are with both.
-    """
-
-    def __init__(self, equations, elimination, evidence: Evidence):
-        """elimination, evidence: with the stated noise."""
-        self.stated = stated_noise(equations)
-        self.evidence = evidence
-        self.few = len(equations.residual) < SETTINGS.few_antenna_coordinates
-        self._found: dict[tuple, tuple[GnssNoise, float]] = {}
-        self._start: GnssNoise | None = None
-        if not self.few:
-            self.P, self.rho, self.core, self.own = elimination.antennas()
-
-    def touches(self, n: int) -> float:
-        """How much of what a group explains the antenna positions see: 0 to 1, or more."""
-        if self.few:
-            return 0.0
-        group = self.evidence.groups[n]
-        across = self._across(group)
-        if across is None:
-            return 0.0
-        inside = np.diag(self.evidence.block(group)[0])
-        seen = np.einsum("ij,ij->j", across, across * (self.stated.stated**2)[:, None])
-        return float(np.max(seen / np.maximum(inside, 1e-12), initial=0.0))
-
-    def _across(self, group) -> np.ndarray | None:
-        return self.core[:, group.columns] if group.own is None else self.own[group.own]
-
-    def freedom(self, noise: GnssNoise) -> float:
-        """Degrees of freedom with which the size of slow noise is known.
-
-        Correlation times of all flights and axes, and what the prior knowledge is worth.
-        """
-        span = [
-            np.ptp(noise.time[rows // 3]) / noise.tau[f, axis] for rows, f, axis in noise.blocks()
-        ]
-        return float(np.sum(span)) + 0.5 / SETTINGS.slow_prior[1] ** 2
-
-    def given(self, chosen: dict[int, float]) -> tuple[GnssNoise, float]:
-        """The noise of a model of groups n -> kappa, and the log probability of the data.
-
-        It is sought from the noise of the model without any, whatever was asked before.
-        """
-        if self.few:
-            return self.stated, self.evidence.model(chosen)[0]
-        key = tuple(sorted(chosen.items()))
-        if key not in self._found:
-            if self._start is None:
-                self._start, _ = _estimate(self.stated, self.P, self.rho)
-            base, P, rho = self._left(chosen)
-            noise, value = _estimate(self.stated, P, rho, self._start)
-            self._found[key] = noise, base - 0.5 * value
-        return self._found[key]
-
-    def at(self, chosen: dict[int, float], noise: GnssNoise) -> float:
-        """The log probability of the data with groups n -> kappa and this noise."""
-        base, P, rho = self._left(chosen)
-        parts = _parts(self.stated, P, rho)
-        return base - 0.5 * sum(one.value(one.arguments(noise)) for one in parts)
-
-    def apart(self, n: int, theta: np.ndarray) -> float:
-        """Log likelihood by which the n-th group explains more than the noise could in its place.
-
-        Of data like these, in which nothing is missing, with parameters theta (p,), in prior
-        standard deviations, on top: once the noise alone is fitted to them, once the noise with
-        the group. Of values for each image only their size is known then; of others all, and the
-        mean of theta and -theta is taken, so that this block's noise has no part in it.
-        """
-        group = self.evidence.groups[n]
-        M, g = self.evidence.block(group)
-        A = self._columns([n])
-        if group.own is None:
-            _, alone = _estimate(self.stated, self.P, self.rho)
-            both = [_estimate(self.stated, self.P, self.rho + A @ t)[1] for t in (theta, -theta)]
-            return float(0.5 * theta @ M @ theta + 0.5 * (np.mean(both) - alone))
-        rho, g = self.rho + A @ theta, g + M @ theta
-        inside = M + np.eye(len(M)) / np.mean(theta**2)
-        step = np.linalg.solve(inside, np.column_stack([g, A.T]))
-        _, logdet = np.linalg.slogdet(inside * np.mean(theta**2))
-        _, alone = _estimate(self.stated, self.P, rho)
-        _, with_it = _estimate(self.stated, self.P - A @ step[:, 1:], rho - A @ step[:, 0])
-        return float(0.5 * (g @ step[:, 0] - logdet + alone - with_it))
-
-    def _left(self, chosen: dict[int, float]) -> tuple[float, np.ndarray, np.ndarray]:
-        """Log evidence of groups with the stated noise, and the P and rho that they leave."""
-        base, theta, factor = self.evidence.model(chosen)
-        P, rho = self.P, self.rho
-        if chosen:
-            A = self._columns(chosen)
-            P = P - A @ cho_solve(factor, A.T, check_finite=False)
-            rho = rho - A @ theta
-        return base, P, rho
-
-    def _columns(self, chosen: Iterable[int]) -> np.ndarray:
-        """Between the antenna positions and groups together (3k, columns)."""
-        parts = []
-        for n in chosen:
-            across = self._across(self.evidence.groups[n])
-            empty = np.zeros((len(self.rho), len(self.evidence.groups[n])))
-            parts.append(empty if across is None else across)
-        return np.concatenate(parts, axis=1)
-
-    def parameters(
-        self, chosen: dict[int, float], noise: GnssNoise, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Parameters (p,) of groups n -> kappa together and their covariance (p, p).
-
-        Averaged over the noises that the data allow, near `noise`: how slow and how large it is
-        is known from a few correlation times, and what looks like slow noise (a lever arm, a
-        drift) is the less certain for it. None where the stated noise knows nothing of a group.
-        """
-        groups = [self.evidence.groups[n] for n in chosen]
-        if any(g.own is not None and self.evidence.block(g)[0] is None for g in groups):
-            return None
-        theta, K = self.evidence.solution(chosen)
-        if self.few:
-            return theta, K
-        A = self._columns(chosen)
-        turned = A @ K
-        P, rho = self.P - turned @ A.T, self.rho - A @ theta
-        parts = _parts(self.stated, P, rho)
-        count = SETTINGS.noise_draws if len(parts) == 1 else SETTINGS.noise_draws_by_axis
-        drawn, log_weight = [], np.zeros(count)
-        for one in parts:
-            x, length = one.likely(one.arguments(noise), count, rng)
-            log_weight -= 0.5 * (np.array([one(each)[0] for each in x]) - length)
-            drawn.append(x)
-        weight = np.exp(log_weight - log_weight.max())
-        weight /= weight.sum()
-        whole = Likelihood(self.stated, P, rho, list(self.stated.blocks()))
-        columns = np.column_stack([turned, rho])
-        found, spread = [], np.zeros_like(K)
-        for k, share in enumerate(weight):
-            one = noise
-            for part, x in zip(parts, drawn, strict=True):
-                one = part.noise_at(x[k], one)
-            left = turned.T @ whole.solved(one, columns)
-            found.append(theta - left[:, -1])
-            spread += share * (K + left[:, :-1])
-        mean = weight @ np.array(found)
-        away = np.array(found) - mean
-        return mean, spread + (away * weight[:, None]).T @ away
-
-
-def _estimate(noise: GnssNoise, P, rho, start=None) -> tuple[GnssNoise, float]:
+def estimate(noise: GnssNoise, P, rho, start=None) -> tuple[GnssNoise, float]:
     """The noise that P and rho, made with `noise` stated, tell of; and -2 log L."""
     value = 0.0
-    for one in _parts(noise, P, rho):
-        found = one.minimum(start)
+    for one in parts_of(noise, P, rho):
+        found = one.minimum(None if start is None else one.arguments(start))
         noise = one.noise_at(found.x, noise)
         value += float(found.fun)
     return noise, value
 
 
-def _parts(noise: GnssNoise, P, rho) -> list[Likelihood]:
+def parts_of(noise: GnssNoise, P, rho) -> list[Likelihood]:
     """The likelihood as a whole, or of long flights axis by axis.
 
     Axis by axis the others stay as stated: their part of D is zero in this axis's equations.
@@ -284,13 +146,14 @@ def _parts(noise: GnssNoise, P, rho) -> list[Likelihood]:
 
 
 class Likelihood:
-    """-2 log L of the noise of some blocks (rows, flight, axis), with weak prior knowledge.
+    """-2 log L of the noise of some blocks (rows, flight, axis).
 
     Arguments x: logarithms of w of each block, of c over the stated sigma of each, of tau of each
-    flight. own: P and rho hold the rows of these blocks only.
+    flight. own: P and rho hold the rows of these blocks only. bounds: least and most of w, c and
+    tau, where nothing else is known of them; default: the weak prior knowledge of the settings.
     """
 
-    def __init__(self, noise: GnssNoise, P, rho, blocks, own: bool = False):
+    def __init__(self, noise: GnssNoise, P, rho, blocks, own: bool = False, bounds=None):
         self.P, self.rho, self.blocks, self.time = P, rho, blocks, noise.time
         self.flights = sorted({f for _, f, _ in blocks})
         self.count = len(blocks)
@@ -307,20 +170,25 @@ class Likelihood:
         covariance += (kind[:, None] == kind) * np.repeat([p[1] ** 2 for p in prior], many)
         self.precision = np.linalg.inv(covariance)
         factor, tau = SETTINGS.noise_factor_range, SETTINGS.time_constant_range
-        self.low, self.high = (
-            np.repeat(np.log([factor[k], factor[k], tau[k]]), many) for k in (0, 1)
-        )
+        ends = (factor, factor, tau) if bounds is None else bounds
+        if bounds is not None:
+            self.precision = np.zeros_like(covariance)
+        self.low, self.high = (np.repeat(np.log([e[k] for e in ends]), many) for k in (0, 1))
 
-    def minimum(self, start: GnssNoise | None = None):
-        """Where -2 log L is least (x, fun), as of `scipy.optimize.minimize`."""
-        x = self.centre.copy()
-        if start is not None:
-            x = self.arguments(start)
+    def minimum(self, start: np.ndarray | None = None, low=None, high=None):
+        """Where -2 log L is least (x, fun), as of `scipy.optimize.minimize`.
+
+        start: arguments to begin from; default: what one would expect. low, high: other bounds.
+        """
+        low, high = (self.low if low is None else low), (self.high if high is None else high)
         return minimize(
-            self, x, jac=True, method="L-BFGS-B",
-            bounds=list(zip(self.low, self.high, strict=True)),
+            self,
+            np.clip(self.centre if start is None else start, low, high),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=list(zip(low, high, strict=True)),
             options={"maxiter": 40, "ftol": 1e-6},
-        )  # fmt: skip
+        )
 
     def arguments(self, noise: GnssNoise) -> np.ndarray:
         """The arguments of a noise."""

@@ -14,6 +14,7 @@ import numpy as np
 from corridor.adjustment import Adjustment
 from corridor.block import Block
 from corridor.diagnosis.findings import Estimate, Findings
+from corridor.diagnosis.hold_out import spared
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Course, members
 from corridor.diagnosis.settings import SETTINGS
@@ -145,12 +146,7 @@ def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]
     Points that control the marks are not touched, and every image keeps most of its points.
     """
     ties = block.tie_points
-    codes = ties["point"].cat.codes.to_numpy()
-    rays = np.bincount(codes, minlength=len(ties["point"].cat.categories))
-    order = rng.permutation(np.flatnonzero(rays[codes] >= SETTINGS.held_out_rays))
-    _, first = np.unique(codes[order], return_index=True)
-    chosen = rng.permutation(order[first])[: max(int(SETTINGS.held_out_share * len(ties)), 1)]
-    chosen = np.sort(chosen)
+    chosen = spared(ties["point"].cat.codes.to_numpy(), SETTINGS.held_out_share, rng)
     out = block.copy()
     sigma = block.tie_sigma().copy()
     sigma[chosen] *= SETTINGS.held_out_sigma

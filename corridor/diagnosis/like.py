@@ -112,12 +112,12 @@ def _truth(believed: Simulator, seed: int) -> dict:
             "mark_sigmas": noise.mark,
             "control_sigmas": noise.control,
             "gnss": {
-                f"{images.flight_names[flight]}.{'xyz'[axis]}": {
-                    "white_sigmas": kind.white,
-                    "slow_sigmas": kind.slow,
-                    "constant_s": kind.constant_s,
+                f"{images.flight_names[f]}.{'xyz'[axis]}": {
+                    "white_sigmas": noise.gnss.white[f, axis],
+                    "slow_sigmas": noise.gnss.coloured[f, axis] / np.mean(noise.gnss.stated[at]),
+                    "constant_s": noise.gnss.tau[f, axis],
                 }
-                for (flight, axis), kind in noise.gnss.items()
+                for at, f, axis in (noise.gnss.blocks() if noise.gnss else ())
             },
         },
         "camera": cameras,

@@ -14,7 +14,8 @@ from corridor.adjustment import Adjustment
 from corridor.diagnosis.candidates import Candidates, candidates, with_points
 from corridor.diagnosis.equations import Equations, equations
 from corridor.diagnosis.evidence import Evidence, effect_sizes
-from corridor.diagnosis.gnss_noise import GnssNoise, NoiseModel
+from corridor.diagnosis.gnss_noise import GnssNoise
+from corridor.diagnosis.noise_model import NoiseModel
 from corridor.diagnosis.reduced import Elimination
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.search import Found, contributions, search, tuned
@@ -127,7 +128,7 @@ def _round(adjustment, believed, effects, model, threshold, level, seed) -> Roun
         if group.own is not None and len(group) > images and group.key not in model
     }
     plain = Evidence(stated.reduce(but=several))
-    noises = NoiseModel(e, stated, plain)
+    noises = NoiseModel(e.system, stated, plain)
     # A third of a gigabyte with a thousand images, and no longer needed.
     del stated
     start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}

@@ -12,25 +12,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from corridor.adjustment import LOSSES, LinearSystem, Loss
+from corridor.adjustment import LOSSES, ImageRows, LinearSystem, Loss
 from corridor.diagnosis.estimated_noise import (
     GRID,
     TRUST,
     EstimatedNoise,
     Series,
-    gnss_noise,
+    antenna_noise,
     lengths,
     mended,
     series_of,
 )
+from corridor.diagnosis.hold_out import spared
 from corridor.diagnosis.statistics import Fit
 from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
 
 if TYPE_CHECKING:
     from corridor.adjustment import Adjustment
 
-# Share of the tie observations that no fit uses, and rays that a point keeps at least.
-HELD_OUT, RAYS_LEFT = 0.05, 3
+# Share of the tie observations that no fit uses.
+HELD_OUT = 0.05
 # The last tenth of a per mille of a step changes no statistic.
 TOLERANCE = 1e-3
 # With more than this share of unusable residuals there are wrong matches.
@@ -66,7 +67,7 @@ class Simulator:
     def __init__(self, adjustment: Adjustment):
         system = adjustment.system
         rows = system.image_rows
-        self.held_out = _held_out(system)
+        self.held_out = _held_out(rows)
         self.sigma, self.is_tie = rows.sigma, rows.tie
         self.check_rows, self.check_points = _check_points(system)
         ground = system.block.ground
@@ -127,7 +128,7 @@ class Simulator:
             noise = noise.changed(tie=1.2 * found)
         if len(self.fit.gnss):
             usual = noise.tie_sigma if ties.any() else 1.0
-            noise = noise.changed(gnss=gnss_noise(self.system, self.fit.gnss, usual))
+            noise = noise.changed(gnss=antenna_noise(self.system, usual))
         control_sigma = self.system.control.sigma
         pulls = [
             _sum_of_squares(scaled[marks]),
@@ -179,7 +180,7 @@ class Simulator:
         error[self.is_tie] = noise.draw_tie(int(self.is_tie.sum()), tie)
         marks = ~self.is_tie
         error[marks] = noise.mark * mark.standard_normal((int(marks.sum()), 2))
-        antenna = noise.draw_gnss(self.series, len(fit.gnss), gnss) * self.system.gnss.sigma
+        antenna = np.zeros((0, 3)) if noise.gnss is None else noise.gnss.draw(gnss)
         ground = noise.control * self.system.control.sigma
         of_check = noise.control * self.check_sigma
         columns = self.system.columns
@@ -217,17 +218,13 @@ def _loss(adjustment: Adjustment) -> Loss:
     return Loss(LOSSES["huber"], 2 * usual)
 
 
-def _held_out(system: LinearSystem) -> np.ndarray:
-    """Tie observations that no fit uses: one at most of a point, which keeps enough rays."""
-    rows, mark = system.image_rows, system.points.mark
-    rays = np.bincount(rows.point)
-    first = np.cumsum(rays) - rays
-    rng = np.random.default_rng(11)
-    fit = ~mark & (rays > RAYS_LEFT)
-    wanted = HELD_OUT * len(system.block.tie_points)
-    chosen = np.flatnonzero(fit & (rng.random(len(rays)) < wanted / max(int(fit.sum()), 1)))
-    out = np.zeros(len(rows.image), dtype=bool)
-    out[first[chosen] + rng.integers(0, rays[chosen])] = True
+def _held_out(rows: ImageRows) -> np.ndarray:
+    """Tie observations (n,) bool that no fit uses."""
+    out = np.zeros(len(rows.tie), dtype=bool)
+    ties = np.flatnonzero(rows.tie)
+    if len(ties):
+        rng = np.random.default_rng(11)
+        out[ties[spared(rows.point[ties], HELD_OUT, rng)]] = True
     return out
 
 

@@ -8,7 +8,8 @@ from believing import NOISE, believed, flown
 import corridor
 from corridor import diagnosis
 from corridor.diagnosis.estimated_noise import GRID, lengths
-from corridor.diagnosis.simulator import RAYS_LEFT, Simulator
+from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.simulator import Simulator
 from corridor.errors import InputError
 
 
@@ -62,7 +63,7 @@ class TestHeldOut:
         out = np.bincount(rows.point, model.held_out)
         rays = np.bincount(rows.point)
         assert out.max() == 1
-        assert (rays - out)[out > 0].min() >= RAYS_LEFT
+        assert (rays - out)[out > 0].min() >= SETTINGS.held_out_rays - 1
         assert 0.03 < model.held_out.sum() / rows.tie.sum() < 0.07
 
     def test_what_is_held_out_has_no_say(self, model):
@@ -108,26 +109,25 @@ class TestNoise:
 
     def test_white_gnss_noise_is_white_and_of_its_size(self, model):
         """36 positions, three axes: 10 % of the standard deviation."""
-        kinds = model.noise.gnss.values()
-        size = np.sqrt(np.mean([kind.white**2 + kind.slow**2 for kind in kinds]))
-        assert size == pytest.approx(1.0, rel=0.25)
-        assert sum(kind.slow > 0 for kind in kinds) <= 2
+        noise = model.noise.gnss
+        assert np.sqrt(np.mean(noise.size**2)) == pytest.approx(NOISE["gnss_m"], rel=0.25)
+        assert np.sum(noise.coloured > 0) <= 2
 
     def test_a_drift_of_the_antenna_is_not_taken_for_noise(self):
         """5 mm/s for 45 s: 0.2 m, twenty times the noise, yet no noise."""
         block = flown({"gnss_drift": {"z": 0.005}})
-        noise = Simulator(believed(block)).noise
-        assert max(kind.slow for kind in noise.gnss.values()) < 2.0
-        assert max(kind.white for kind in noise.gnss.values()) < 2.0
+        noise = Simulator(believed(block)).noise.gnss
+        assert noise.coloured.max() < 2.0 * NOISE["gnss_m"]
+        assert noise.white.max() < 2.0
 
     def test_slow_gnss_noise_is_found(self):
         block = flown(
             images=80, strips=2, height=50.0, noise={"gnss_slow": 0.9, "gnss_slow_s": 20.0}
         )
-        noise = Simulator(believed(block)).noise
-        slow = [kind for kind in noise.gnss.values() if kind.slow > 0]
-        assert len(slow) >= 4
-        assert 4 < np.median([kind.constant_s for kind in slow]) < 60
+        noise = Simulator(believed(block)).noise.gnss
+        slow = noise.coloured > 0
+        assert slow.sum() >= 4
+        assert 4 < np.median(noise.tau[slow]) < 60
 
     def test_wrong_matches_are_fitted_robustly_and_do_not_swell_the_noise(self):
         block = flown(noise={"outliers": 0.05})

@@ -9,7 +9,8 @@ from scipy.integrate import quad
 from corridor.adjustment import ImageRows
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence, Spectrum, averaged, effect_sizes
-from corridor.diagnosis.gnss_noise import GnssNoise, NoiseModel, _estimate
+from corridor.diagnosis.gnss_noise import GnssNoise, estimate
+from corridor.diagnosis.noise_model import NoiseModel
 from corridor.diagnosis.reduced import Reduced
 from corridor.diagnosis.robust import pseudo_residuals, scale_of
 from corridor.diagnosis.rounds import _beside_noise
@@ -116,7 +117,7 @@ def test_coloured_noise_is_told_from_white():
         np.full((1, 3), 45.0),
     )  # fmt: skip
     P = np.diag(stated**-2.0)
-    noise, _ = _estimate(start, P, P @ y)
+    noise, _ = estimate(start, P, P @ y)
     assert 0.01 * np.mean(noise.white) == pytest.approx(0.005, rel=0.33)
     assert np.mean(noise.coloured) == pytest.approx(0.015, rel=0.33)
 
@@ -138,12 +139,10 @@ def biased(rng, epochs=40, step=2.5, tau=60.0, bias=0.05):
     images = SimpleNamespace(
         flight=np.zeros(epochs, int), flight_names=["1"], time=time,
     )  # fmt: skip
-    equations = SimpleNamespace(
-        system=SimpleNamespace(images=images), image=np.arange(epochs), stated=stated,
-        residual=y,
-    )  # fmt: skip
+    rows = SimpleNamespace(image=np.arange(epochs), sigma=stated.reshape(-1, 3))
+    seen = SimpleNamespace(images=images, gnss=rows)
     elimination = SimpleNamespace(antennas=lambda: (P, P @ y, A, []))
-    return NoiseModel(equations, elimination, evidence)
+    return NoiseModel(seen, elimination, evidence)
 
 
 def test_the_sigma_of_a_bias_covers_what_slow_noise_makes_of_it():
@@ -196,8 +195,8 @@ def test_a_group_is_told_from_noise_by_as_much_as_it_says():
         noises = biased(rng)
         M, g = noises.evidence.block(noises.evidence.groups[0])
         A = noises._columns([0])
-        _, alone = _estimate(noises.stated, noises.P, noises.rho)
-        _, with_it = _estimate(noises.stated, noises.P, noises.rho - A @ theta)
+        _, alone = estimate(noises.stated, noises.P, noises.rho)
+        _, with_it = estimate(noises.stated, noises.P, noises.rho - A @ theta)
         found.append(theta @ g - 0.5 * theta @ M @ theta + 0.5 * (alone - with_it))
     assert np.mean(foretold) == pytest.approx(np.mean(found), rel=0.2)
     lag = 2.5 * np.abs(np.arange(40)[:, None] - np.arange(40))

@@ -164,7 +164,7 @@ def test_the_reduced_system_is_that_of_dense_algebra(tiny, coloured):
     noise = None
     covariance = np.diag(e.stated**2)
     if coloured:
-        plain = stated_noise(e)
+        plain = stated_noise(e.system)
         flights = len(plain.tau)
         noise = GnssNoise(
             plain.flight, plain.time, plain.stated, np.full((flights, 3), 0.6),

@@ -133,7 +133,5 @@ def _spectrum(series, images, k: int, axis: str) -> Iterator[Form]:
     names = [images.flight_names[s.flight] for s in series]
     yield Form(
         named(f"second differences of the poses against GNSS {axis}", "gnss", "m", "flight", names),
-        lambda r: np.array(
-            [np.sqrt(np.mean(np.diff(r.gnss[s.rows, k], 2) ** 2)) for s in series]
-        ),
+        lambda r: np.array([np.sqrt(np.mean(np.diff(r.gnss[s.rows, k], 2) ** 2)) for s in series]),
     )
