@@ -15,11 +15,11 @@ from corridor.diagnosis.confusability import confusability
 from corridor.diagnosis.corrected import corrected
 from corridor.diagnosis.counterpart import Counterparts, counterparts, measure
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
-from corridor.diagnosis.estimated_noise import EstimatedNoise
 from corridor.diagnosis.evidence import Evidence
-from corridor.diagnosis.like import counterpart
 from corridor.diagnosis.reference import ReferenceModel
+from corridor.diagnosis.replicate_block import counterpart
 from corridor.diagnosis.report import check_output
+from corridor.diagnosis.residual_noise import EstimatedNoise
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.statistics import Statistic
 

@@ -61,7 +61,7 @@ class Comparison:
 
     def __init__(self, counterparts: Counterparts):
         self.count = len(counterparts.simulated)
-        self.name = counterparts.believed.system.block.name
+        self.name = counterparts.replicator.system.block.name
         self.missing, self.unseen = counterparts.missing, counterparts.unseen
         self.statistics: list[Compared] = []
         first = 0

@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from corridor.diagnosis.estimated_noise import EstimatedNoise
-from corridor.diagnosis.simulator import Simulator
+from corridor.diagnosis.replicator import Replicator
+from corridor.diagnosis.residual_noise import EstimatedNoise
 from corridor.diagnosis.statistics import Statistic, SummaryStatistics
 from corridor.errors import InputError
 
@@ -39,7 +39,7 @@ class Counterparts:
     statistics: what is compared, their values laid end to end; measured: (values,) of the block;
     simulated: (count, values) of its counterparts. missing: statistics that could not be formed,
     with the column to add. absorbed: (values,) bool, values of which poses and points leave
-    nothing but rounding; unseen: effects of which they leave no signature. believed: the model
+    nothing but rounding; unseen: effects of which they leave no signature. replicator: the model
     and its noise.
     """
 
@@ -49,12 +49,12 @@ class Counterparts:
     absorbed: np.ndarray
     missing: dict[str, str]
     unseen: tuple[str, ...]
-    believed: Simulator
+    replicator: Replicator
 
     @property
     def noise(self) -> EstimatedNoise:
         """The noise that was drawn."""
-        return self.believed.noise
+        return self.replicator.noise
 
     @property
     def table(self) -> pd.DataFrame:
@@ -80,25 +80,31 @@ def counterparts(
         raise InputError(f"{count} counterparts make no 95 % band: ask for {LEAST} or more")
     # Threads that each limit the libraries' own would leave the limit behind them.
     with threadpool_limits(1):
-        believed = Simulator(adjustment)
-        summary = SummaryStatistics(believed)
-        measured = summary(believed.fit)
+        replicator = Replicator(adjustment)
+        summary = SummaryStatistics(replicator)
+        measured = summary(replicator.fit)
         simulated = np.empty((count, len(measured)))
 
         def one(k: int) -> None:
-            drawn = believed.draw(np.random.default_rng([seed, k]))
-            simulated[k] = summary(believed.adjust(drawn))
+            drawn = replicator.draw(np.random.default_rng([seed, k]))
+            simulated[k] = summary(replicator.adjust(drawn))
 
         for done, _ in enumerate(_each(one, count, threads), start=1):
             if progress:
                 progress(done, count)
         streams = np.random.default_rng([seed, count]).spawn(8)
-        raw = np.stack([summary(believed.errors(believed.draw(rng))) for rng in streams])
+        raw = np.stack([summary(replicator.errors(replicator.draw(rng))) for rng in streams])
     # Signatures are normed to what is left of them.
     normed = np.repeat([s.kind == "signature" for s in summary.statistics], summary.lengths)
     absorbed = (_spread(simulated) < ABSORBED * _spread(raw)) & ~normed
     return Counterparts(
-        summary.statistics, measured, simulated, absorbed, summary.missing, summary.unseen, believed
+        summary.statistics,
+        measured,
+        simulated,
+        absorbed,
+        summary.missing,
+        summary.unseen,
+        replicator,
     )
 
 
@@ -124,9 +130,9 @@ def measure(adjustment: Adjustment) -> pd.DataFrame:
     Held-out tie observations are taken from the fit, which is repeated without them.
     """
     with threadpool_limits(1):
-        believed = Simulator(adjustment)
-        summary = SummaryStatistics(believed)
-        return _table(summary.statistics, summary(believed.fit))
+        replicator = Replicator(adjustment)
+        summary = SummaryStatistics(replicator)
+        return _table(summary.statistics, summary(replicator.fit))
 
 
 def _table(statistics: list[Statistic], values: np.ndarray) -> pd.DataFrame:

@@ -49,18 +49,18 @@ class Signatures:
         return np.where(np.diff(self.start) == 1, rows[first], length)
 
 
-def signatures(believed) -> Signatures | None:
+def signatures(replicator) -> Signatures | None:
     """Signatures of the physical effects that the believed model lacks; None where all are gone.
 
-    believed: see `corridor.diagnosis.simulator.Simulator`. Effects of single images have no
+    replicator: see `corridor.diagnosis.replicator.Replicator`. Effects of single images have no
     common signature (see `of_single_images`); those of a control point have one for each point.
     """
-    system = believed.system
+    system = replicator.system
     sigmas = np.repeat(system.image_rows.sigma, 2), system.gnss.sigma, system.control.sigma
     weights = [sigma.ravel() ** -2.0 for sigma in sigmas]
     names, absorbed, start = [], [], [0]
     kept: tuple[list, list, list] = ([], [], [])
-    for name, moved in _moved(believed):
+    for name, moved in _moved(replicator):
         raw, left = [], []
         for pixels, gnss, control in moved:
             reach = max(
@@ -72,7 +72,7 @@ def signatures(believed) -> Signatures | None:
                 continue
             parts = pixels / reach, gnss / reach, control / reach
             raw.append(_norm(parts, weights))
-            fit = believed.absorb(*parts)
+            fit = replicator.absorb(*parts)
             left.append([part.ravel() for part in (fit.pixels, fit.gnss, fit.control)])
         if not left:
             continue
@@ -99,19 +99,19 @@ def signatures(believed) -> Signatures | None:
     )  # fmt: skip
 
 
-def of_single_images(believed) -> list[tuple[str, np.ndarray, np.ndarray]]:
+def of_single_images(replicator) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Signatures of the physical effects that each image has for itself: one a parameter.
 
     Name, pixels (n, 2) and gnss (k, 3): shifts by one prior standard deviation, before absorption.
     """
     return [
         (f"{name} {parameter}", pixels, gnss)
-        for name, parameter, (pixels, gnss, _) in _moved_singly(believed)
+        for name, parameter, (pixels, gnss, _) in _moved_singly(replicator)
     ]
 
 
-def _moved_singly(believed):
-    for effect, seen, parameters, groups in _missing_effects(believed):
+def _moved_singly(replicator):
+    for effect, seen, parameters, groups in _missing_effects(replicator):
         if effect.group != "image":
             continue
         here = seen(np.zeros((groups, len(parameters))))
@@ -122,10 +122,10 @@ def _moved_singly(believed):
             yield effect.slug, parameter.name, [h - t for h, t in zip(here, there, strict=True)]
 
 
-def _moved(believed):
+def _moved(replicator):
     """Name and shifts (pixels, gnss, control) by each parameter, of each effect in turn."""
-    controls = believed.system.control_names
-    for effect, seen, parameters, groups in _missing_effects(believed):
+    controls = replicator.system.control_names
+    for effect, seen, parameters, groups in _missing_effects(replicator):
         if effect.group == "image":
             continue
         if groups > (MOST_POINTS if effect.group == "point" else MOST_GROUPS):
@@ -149,13 +149,13 @@ def _moved(believed):
             )
 
 
-def _missing_effects(believed):
+def _missing_effects(replicator):
     """Physical effects that the model lacks and the block could show.
 
     Yields the effect, a function from its values to residuals (pixels, gnss, control), its
     parameters and how many groups it has.
     """
-    system = believed.system
+    system = replicator.system
     controls = list(system.control_names)
     for effect in every_effect():
         if effect.generic or effect.slug in system.columns.parameters:

@@ -7,7 +7,7 @@ inside it is drawn quietly, one that leaves it dark, with its values outside mar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,9 +17,6 @@ from matplotlib.patches import Patch
 
 from corridor.figures import style
 from corridor.report import short
-
-if TYPE_CHECKING:
-    from corridor.diagnosis import Compared, Comparison
 
 BAND = "#d9d9d9"
 # Panels of the first picture, and maps.
@@ -48,6 +45,31 @@ USUAL = (
 )
 # Inches.
 HEIGHT, BETWEEN, LEFT, PER_ROW = 1.1, 0.24, 0.65, 4
+
+
+class Compared(Protocol):
+    """One statistic beside its band; see `corridor.diagnosis.Compared`."""
+
+    statistic: Any
+    measured: np.ndarray
+    middle: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    z: np.ndarray
+    limit: float
+    excess: float
+    leaves: bool
+    outside: np.ndarray
+
+
+class Comparison(Protocol):
+    """All statistics of a block beside their bands; see `corridor.diagnosis.Comparison`."""
+
+    name: str
+    count: int
+    statistics: list[Compared]
+    leaving: list[Compared]
+    gap: float
 
 
 def counterpart(

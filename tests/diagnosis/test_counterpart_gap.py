@@ -20,7 +20,7 @@ def made_up(measured, simulated, absorbed=None):
         simulated=np.asarray(simulated, float),
         absorbed=np.zeros(count, bool) if absorbed is None else absorbed,
         missing={}, unseen=(),
-        believed=SimpleNamespace(system=SimpleNamespace(block=SimpleNamespace(name="made up"))),
+        replicator=SimpleNamespace(system=SimpleNamespace(block=SimpleNamespace(name="made up"))),
     )  # fmt: skip
 
 

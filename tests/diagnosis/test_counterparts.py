@@ -7,9 +7,9 @@ from believing import NOISE, believed, flown
 
 import corridor
 from corridor import diagnosis
-from corridor.diagnosis.estimated_noise import GRID, lengths
+from corridor.diagnosis.replicator import Replicator
+from corridor.diagnosis.residual_noise import GRID, lengths
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.simulator import Simulator
 from corridor.errors import InputError
 
 
@@ -20,7 +20,7 @@ def adjusted():
 
 @pytest.fixture(scope="module")
 def model(adjusted):
-    return Simulator(adjusted)
+    return Replicator(adjusted)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ class TestNoise:
         """Drawn 0.3 px, stated 0.6 px: half of it, for ties and for marks (100 of them: 10 %)."""
         block = flown()
         block.sigma |= {"tie_px": 0.6, "mark_px": 0.6}
-        noise = Simulator(believed(block)).noise
+        noise = Replicator(believed(block)).noise
         assert noise.tie_sigma == pytest.approx(0.5, rel=0.04)
         assert noise.mark == pytest.approx(0.5, rel=0.3)
 
@@ -102,7 +102,7 @@ class TestNoise:
         xy = block.tie_points[["x", "y"]].to_numpy() + error
         block.tie_points = block.tie_points.assign(x=xy[:, 0], y=xy[:, 1])
         block.sigma["tie_px"] = 0.3
-        noise = Simulator(believed(block)).noise
+        noise = Replicator(believed(block)).noise
         tail, middle = np.interp([0.995, 0.5], GRID, noise.tie)
         assert 4.5 < tail / middle < 8.5
         assert middle == pytest.approx(0.25 / 0.3 * np.sqrt(2 * 0.8811), rel=0.05)
@@ -116,7 +116,7 @@ class TestNoise:
     def test_a_drift_of_the_antenna_is_not_taken_for_noise(self):
         """5 mm/s for 45 s: 0.2 m, twenty times the noise, yet no noise."""
         block = flown({"gnss_drift": {"z": 0.005}})
-        noise = Simulator(believed(block)).noise.gnss
+        noise = Replicator(believed(block)).noise.gnss
         assert noise.coloured.max() < 2.0 * NOISE["gnss_m"]
         assert noise.white.max() < 2.0
 
@@ -124,14 +124,14 @@ class TestNoise:
         block = flown(
             images=80, strips=2, height=50.0, noise={"gnss_slow": 0.9, "gnss_slow_s": 20.0}
         )
-        noise = Simulator(believed(block)).noise.gnss
+        noise = Replicator(believed(block)).noise.gnss
         slow = noise.coloured > 0
         assert slow.sum() >= 4
         assert 4 < np.median(noise.tau[slow]) < 60
 
     def test_wrong_matches_are_fitted_robustly_and_do_not_swell_the_noise(self):
         block = flown(noise={"outliers": 0.05})
-        noise = Simulator(believed(block)).noise
+        noise = Replicator(believed(block)).noise
         # Five per cent of any length push the median up by 2 %.
         assert noise.tie_sigma == pytest.approx(1.0, rel=0.07)
 

@@ -37,7 +37,7 @@ def compared(off=0.0, seed=1):
         SimpleNamespace(
             statistics=statistics, measured=scale * measured, simulated=simulated,
             absorbed=np.zeros(len(scale), bool), missing={}, unseen=(),
-            believed=SimpleNamespace(problem=SimpleNamespace(block=block)),
+            replicator=SimpleNamespace(system=SimpleNamespace(block=block)),
         )
     )  # fmt: skip
 

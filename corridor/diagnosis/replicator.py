@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from corridor.adjustment import LOSSES, ImageRows, LinearSystem, Loss
-from corridor.diagnosis.estimated_noise import (
+from corridor.diagnosis.hold_out import spared
+from corridor.diagnosis.residual_noise import (
     GRID,
     TRUST,
     EstimatedNoise,
@@ -23,7 +24,6 @@ from corridor.diagnosis.estimated_noise import (
     mended,
     series_of,
 )
-from corridor.diagnosis.hold_out import spared
 from corridor.diagnosis.statistics import Fit
 from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
 
@@ -56,7 +56,7 @@ class Measured:
     check: np.ndarray
 
 
-class Simulator:
+class Replicator:
     """The model one believes in, as an adjustment found it; draws counterparts and adjusts them.
 
     held_out: (observations,) bool, image observations that no fit uses. fit: the measured block

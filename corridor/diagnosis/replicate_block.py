@@ -10,7 +10,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from corridor.block import Block
-from corridor.diagnosis.simulator import Simulator
+from corridor.diagnosis.replicator import Replicator
 from corridor.effects import Values, add, effect_of
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
@@ -33,8 +33,8 @@ def counterpart(
     """
     effects = effects or {}
     with threadpool_limits(1):
-        believed = Simulator(adjustment)
-    system, drawn = believed.system, believed.draw(np.random.default_rng([seed, 0]))
+        replicator = Replicator(adjustment)
+    system, drawn = replicator.system, replicator.draw(np.random.default_rng([seed, 0]))
     block = system.block.copy()
     xy = np.full((len(block.tie_points) + len(block.marks), 2), np.nan)
     xy[system.image_rows.row] = drawn.xy
@@ -47,23 +47,26 @@ def counterpart(
     if len(drawn.gnss):
         known = np.flatnonzero(np.isfinite(block.gnss[["x", "y", "z"]].to_numpy(float)).all(axis=1))
         block.gnss.loc[block.gnss.index[known], ["x", "y", "z"]] = drawn.gnss
-    for rows, values in ((system.control_rows, drawn.control), (believed.check_rows, drawn.check)):
+    for rows, values in (
+        (system.control_rows, drawn.control),
+        (replicator.check_rows, drawn.check),
+    ):
         if len(rows):
             block.ground.loc[block.ground.index[rows], ["x", "y", "z"]] = values
     block.ground["role"] = system.roles
     block.track = block.track.iloc[:0]
     block.forget_folder()
     if effects:
-        block = _with_effects(block, believed, effects)
+        block = _with_effects(block, replicator, effects)
     values = {name: getattr(block, name) for name in Block.__dataclass_fields__}
-    truth = _truth(believed, seed)
+    truth = _truth(replicator, seed)
     truth["effects"] |= Values.of(block, effects).plain()
     return Simulated(**values, truth=truth)
 
 
-def _with_effects(block: Block, believed: Simulator, effects: Mapping[str, Mapping]) -> Block:
+def _with_effects(block: Block, replicator: Replicator, effects: Mapping[str, Mapping]) -> Block:
     """The block as measured with effects on top, which act where the adjusted model has it."""
-    system, state = believed.system, believed.system.state
+    system, state = replicator.system, replicator.system.state
     slugs = [effect_of(name).slug for name in effects]
     doubled = [slug for slug in slugs if slug in system.effects]
     if doubled:
@@ -86,9 +89,9 @@ def _with_effects(block: Block, believed: Simulator, effects: Mapping[str, Mappi
     return block
 
 
-def _truth(believed: Simulator, seed: int) -> dict:
-    system, state = believed.system, believed.system.state
-    noise, block, images = believed.noise, system.block, system.images
+def _truth(replicator: Replicator, seed: int) -> dict:
+    system, state = replicator.system, replicator.system.state
+    noise, block, images = replicator.noise, system.block, system.images
     named, mark = system.points.names, system.points.mark
 
     def rows(names, values) -> dict:
