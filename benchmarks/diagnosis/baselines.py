@@ -41,9 +41,9 @@ def baselines(
 
     Effects of single control points are called `slug.point`.
     """
-    p = before.problem
-    control = [str(name) for name in p.block.ground["point"].to_numpy(object)[p.control_rows]]
-    tested = candidates(believed.block, p.free, believed.effects, control).effects
+    system = before.system
+    control = [str(name) for name in system.control_names]
+    tested = candidates(believed.block, system.free, believed.effects, control).effects
     wanted = {effect.slug for effect in tested} if only is None else set(only)
     tested = [e for e in tested if not e.generic and e.slug in wanted]
     by_hand = _by_hand(believed, before, tested, control)
@@ -55,7 +55,9 @@ def baselines(
 
 def _by_hand(believed, before, tested, control) -> dict[str, dict[str, float]]:
     out: dict[str, dict[str, float]] = {"bic": {}, "t_test": {}, "check_points": {}}
-    count = 2 * len(before.problem.img) + 3 * (len(before.problem.gnss_image) + len(control))
+    measured = before.system
+    positions = len(measured.gnss.names) + len(control)
+    count = 2 * len(measured.image_rows.image) + 3 * positions
     rms = before.check_rms.d3
     for effect in tested:
         for point in control if effect.group == "point" else [None]:

@@ -285,6 +285,16 @@ class LinearSystem:
         )
 
     @property
+    def effects(self) -> dict[str, Effect]:
+        """The effects that are estimated, by slug."""
+        return {slug: member.effect for slug, member in self.problem.stack.members.items()}
+
+    @property
+    def arms_free(self) -> bool:
+        """Whether lever arms are estimated."""
+        return self.problem.arms_free
+
+    @property
     def values(self) -> Values:
         """Values of the effects that are estimated."""
         return self.problem.values(self.state)

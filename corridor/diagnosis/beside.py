@@ -60,15 +60,13 @@ def _without_shapes(diagnosis) -> Adjustment:
     Estimating a hundred columns anew in every counterpart would take minutes.
     """
     after = diagnosis.after
-    inside = after.problem.stack.members
+    inside = after.system.effects
     shapes = [one.group for one in diagnosis.findings.unknown if one.group in inside]
     if not shapes:
         return after
     believed = {effect.slug for effect in diagnosis.believed.effects}
     named = [
-        member.effect
-        for slug, member in after.problem.stack.members.items()
-        if slug not in believed and slug not in shapes
+        effect for slug, effect in inside.items() if slug not in believed and slug not in shapes
     ]
     block = corrected(diagnosis.block, after, shapes)
     return diagnosis.believed.adjust(named, block=block)

@@ -28,7 +28,7 @@ def corrected(block: Block, adjustment: Adjustment, slugs: Iterable[str]) -> Blo
     """
     values = Values(adjustment.values[slug] for slug in slugs)
     out = block.copy()
-    out.ground = out.ground.assign(role=adjustment.problem.roles) if len(out.ground) else out.ground
+    out.ground = out.ground.assign(role=adjustment.system.roles) if len(out.ground) else out.ground
     if not values:
         return out
     there = adjustment.block.copy()

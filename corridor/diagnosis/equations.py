@@ -61,16 +61,6 @@ class Equations:
     free_motions: np.ndarray | None = None
     pixels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
-    @property
-    def problem(self):
-        """What was measured, pseudo-residuals in place of residuals."""
-        return self.system.problem
-
-    @property
-    def state(self):
-        """Where the equations were linearised."""
-        return self.system.state
-
     @cached_property
     def residual(self) -> np.ndarray:
         """Of the antenna positions (3k,), m."""

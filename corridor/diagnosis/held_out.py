@@ -207,10 +207,9 @@ def tie_gap(before: Adjustment, after: Adjustment, rows: np.ndarray) -> dict[str
 
 
 def _residuals(adjustment: Adjustment) -> np.ndarray:
-    p = adjustment.problem
-    found, _ = adjustment.normal.look(adjustment.state, passes=5)
-    out = np.full((len(p.block.tie_points) + len(p.block.marks), 2), np.nan)
-    out[p.row] = found
+    system = adjustment.system
+    out = np.full((len(system.block.tie_points) + len(system.block.marks), 2), np.nan)
+    out[system.image_rows.row] = system.residuals().pixels
     return out
 
 
@@ -223,7 +222,7 @@ def check_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
 
 def gnss_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
     """3D RMS of the antenna residuals, m; None without GNSS."""
-    if not len(before.problem.gnss_image):
+    if not len(before.system.gnss.names):
         return None
 
     def rms(one):

@@ -23,7 +23,7 @@ def outlier_clusters(adjustment: Adjustment) -> list[dict]:
     """
     every = ties_by_camera(adjustment)
     out = [alarm for ties in every if (alarm := _in_the_picture(ties))]
-    timely = _in_the_flight(every, adjustment.problem.images)
+    timely = _in_the_flight(every, adjustment.system.images)
     return out + ([timely] if timely else [])
 
 

@@ -39,23 +39,23 @@ class Ties:
 
 def ties_by_camera(adjustment: Adjustment) -> list[Ties]:
     """The tie observations that an adjustment can see, a camera each."""
-    p = adjustment.problem
-    found, _ = adjustment.normal.look(adjustment.state, passes=5)
-    good = (p.row < p.tie_count) & np.isfinite(found).all(axis=1)
+    system = adjustment.system
+    rows, images = system.image_rows, system.images
+    found = system.residuals().pixels
+    good = rows.tie & np.isfinite(found).all(axis=1)
     if not good.any():
         return []
-    point = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))[good]
-    image, xy, found = p.img[good], p.xy[good], found[good]
-    sigma = 1.0 / np.broadcast_to(p.weight, len(p.img))[good]
+    point, image, xy = rows.point[good], rows.image[good], rows.xy[good]
+    found, sigma = found[good], rows.sigma[good]
     scale = scale_of(((found / sigma[:, None]) ** 2).sum(axis=1)) * sigma
-    camera = p.images.camera[image]
+    camera = images.camera[image]
     out = []
     for number in np.unique(camera):
         k = camera == number
         out.append(
             Ties(
                 point[k], image[k], (xy - found)[k], (found / scale[:, None])[k], scale[k],
-                p.images.size[image[k][0]].astype(float),
+                images.size[image[k][0]].astype(float),
             )
         )  # fmt: skip
     return out

@@ -98,10 +98,9 @@ class ReferenceModel:
 
 def _scale(adjustment: Adjustment) -> float:
     """Scale of Student's t of the tie points in stated standard deviations; 1 without any."""
-    p = adjustment.problem
-    residual, _ = adjustment.normal.look(adjustment.state, passes=5)
-    square = (residual**2).sum(axis=1) * p.weight**2
-    square = square[(p.row < p.tie_count) & np.isfinite(square)]
+    system = adjustment.system
+    square = (system.residuals().pixels ** 2).sum(axis=1) / system.image_rows.sigma**2
+    square = square[system.image_rows.tie & np.isfinite(square)]
     return float(np.clip(scale_of(square), *SETTINGS.stated_sigma_range)) if len(square) else 1.0
 
 

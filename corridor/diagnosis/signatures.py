@@ -158,7 +158,7 @@ def _missing_effects(replicator):
     system = replicator.system
     controls = list(system.control_names)
     for effect in every_effect():
-        if effect.generic or effect.slug in system.columns.parameters:
+        if effect.generic or effect.slug in system.effects:
             continue
         if effect.missing(system.block):
             continue

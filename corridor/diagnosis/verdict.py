@@ -153,7 +153,7 @@ def _estimates(one: Round, n: int, theta, spread) -> list[Estimate]:
         # Labels are image by image.
         of_images, sigma = theta.reshape(count, -1), sigma.reshape(count, -1)
         images = [str(label[0]) for label in group.labels[:: len(names)]]
-        parameters = group.effect.parameters(one.equations.problem.block)
+        parameters = group.effect.parameters(one.equations.system.block)
         made.values = EffectValues(group.effect, images, parameters, of_images, sigma)
         return [made]
     out = []
@@ -164,7 +164,7 @@ def _estimates(one: Round, n: int, theta, spread) -> list[Estimate]:
             if owner == part
         }
         where = {"flight": part} if group.effect.group == "flight" else {}
-        if group.effect.group == "camera" and len(one.equations.problem.images.camera_names) > 1:
+        if group.effect.group == "camera" and len(one.equations.system.images.camera_names) > 1:
             where = {"camera": part}
         if group.point is not None:
             where = {"point": group.point}

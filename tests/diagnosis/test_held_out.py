@@ -14,8 +14,10 @@ def fit(tie, check, points=8):
     residual = tie * rng.standard_normal((400, 2))
     block = SimpleNamespace(tie_points=np.zeros(400), marks=np.zeros(0))
     return SimpleNamespace(
-        problem=SimpleNamespace(block=block, row=np.arange(400)), state=None,
-        normal=SimpleNamespace(look=lambda state, passes: (residual, 0)),
+        system=SimpleNamespace(
+            block=block, image_rows=SimpleNamespace(row=np.arange(400)),
+            residuals=lambda: SimpleNamespace(pixels=residual),
+        ),
         check_points=np.zeros(points), check_rms=SimpleNamespace(d3=check),
     )  # fmt: skip
 

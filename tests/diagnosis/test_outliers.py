@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.diagnosis.generator import single
 from benchmarks.diagnosis.generator.generate import generate
+from corridor.adjustment import ImageRows
 from corridor.diagnosis.diagnose import diagnose
 from corridor.diagnosis.discontinuity import broken_picture
 from corridor.diagnosis.outlier_clusters import outlier_clusters
@@ -54,12 +55,13 @@ def drawn(seed, wrong=0.05, pane=None, larger=None, car=0):
         names=[f"I{k:02d}" for k in range(IMAGES)], camera=np.zeros(IMAGES, int),
         flight=np.zeros(IMAGES, int), flight_names=["F1"],
     )  # fmt: skip
-    problem = SimpleNamespace(
-        ptr=np.arange(0, n + 1, 5), row=np.arange(n), tie_count=n, img=image, images=images,
-        xy=place + residual, weight=np.full(n, 1 / SIGMA),
+    rows = ImageRows(
+        image, np.arange(n) // 5, np.ones(n, bool), np.arange(n), place + residual,
+        np.full(n, SIGMA),
     )  # fmt: skip
-    normal = SimpleNamespace(look=lambda state, passes: (residual, 0))
-    return SimpleNamespace(problem=problem, normal=normal, state=None)
+    residuals = SimpleNamespace(pixels=residual)
+    system = SimpleNamespace(images=images, image_rows=rows, residuals=lambda: residuals)
+    return SimpleNamespace(system=system)
 
 
 class TestABrokenPicture:

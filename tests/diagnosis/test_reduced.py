@@ -45,9 +45,8 @@ def tiny():
     block.images["temperature_c"] = np.linspace(20, 31, len(block.images))
     believed = ReferenceModel.of(block, Model(camera="fixed"))
     adjustment = believed.adjust()
-    p = adjustment.problem
-    control = p.block.ground["point"].to_numpy(object)[p.control_rows]
-    chosen = candidates(block, p.free, [], control, SLUGS)
+    system = adjustment.system
+    chosen = candidates(block, system.free, [], system.control_names, SLUGS)
     assert [effect.slug for effect in chosen.effects] == sorted(SLUGS)
     e = equations(adjustment, chosen.effects, {})
     adjusted = adjustment.block
@@ -66,7 +65,7 @@ def observed(block, values=None):
 def dense(tiny, covariance):
     """M and g of all groups by numerical differences; covariance (3k, 3k) of the antennas."""
     block, e, adjusted = tiny
-    p, m = e.problem, len(block.images)
+    system, m = e.system, len(block.images)
     ties, marks = len(block.tie_points), len(block.marks)
     rows = observed(adjusted).size
     image = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
@@ -118,11 +117,14 @@ def dense(tiny, covariance):
 
     sigma = np.empty(ties + marks)
     pixels = np.empty((ties + marks, 2))
-    sigma[p.row], pixels[p.row] = e.scales.of_observation, e.pixels
+    row = system.image_rows.row
+    sigma[row], pixels[row] = e.scales.of_observation, e.pixels
     W = np.zeros((rows, rows))
     n = 2 * (ties + marks)
     W[:n, :n] = np.diag(np.repeat(sigma**-2.0, 2))
-    order = np.argsort(p.order[e.image])  # antennas of the problem in the order of gnss.csv
+    order = np.argsort(
+        system.image_order[e.image]
+    )  # antennas of the problem in the order of gnss.csv
     index = (3 * order[:, None] + np.arange(3)).ravel()
     k = len(index)
     W[n : n + k, n : n + k] = np.linalg.inv(covariance[np.ix_(index, index)])

@@ -157,7 +157,7 @@ class TestBlocks:
         found = {"control_blunder": {"x": {point: 0.05}}}
         after = diagnosis.after
         with_blunder = SimpleNamespace(
-            problem=after.problem, block=after.block, values=Values.of(block, found)
+            system=after.system, block=after.block, values=Values.of(block, found)
         )
         done = corrected(block, with_blunder, ["control_blunder"])
         assert done.extra["corrected"] == found

@@ -88,16 +88,16 @@ def _believable(diagnosis: Diagnosed, say: Callable) -> tuple[list[str], Adjustm
     if not slugs:
         return [], diagnosis.before
     believed = {effect.slug for effect in diagnosis.believed.effects}
-    inside = [slug for slug in diagnosis.after.problem.stack.members if slug not in believed]
+    inside = [slug for slug in diagnosis.after.system.effects if slug not in believed]
     if not set(slugs) <= set(inside):
         # The refit with what was found has failed.
         return [], diagnosis.before
     if set(slugs) == set(inside):
         return slugs, diagnosis.after
     say({"message": f"adjusting with {', '.join(slugs)}"})
-    members = diagnosis.after.problem.stack.members
+    effects = diagnosis.after.system.effects
     try:
-        return slugs, diagnosis.believed.adjust([members[slug].effect for slug in slugs])
+        return slugs, diagnosis.believed.adjust([effects[slug] for slug in slugs])
     except (InputError, AdjustmentFailed):
         return [], diagnosis.before
 

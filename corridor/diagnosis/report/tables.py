@@ -323,20 +323,21 @@ def physics(d: Diagnosed) -> pd.DataFrame:
 
 def believed(d: Diagnosed) -> pd.DataFrame:
     """The model that was believed in, as adjusted."""
-    rows, p = [], d.before.problem
-    for name, free in p.free.items():
+    rows, system = [], d.before.system
+    for name, free in system.free.items():
         rows.append((f"camera {name}", f"free: {', '.join(free)}" if len(free) else "held"))
     rows.append(("effects", ", ".join(e.slug for e in d.believed.effects) or "none"))
-    if len(p.gnss_image):
-        arms = "one free lever arm a flight" if p.arms_free else "lever arm as stated"
-        rows.append(("GNSS", f"{len(p.gnss_image):,} antenna positions, {arms}"))
+    positions = len(system.gnss.names)
+    if positions:
+        arms = "one free lever arm a flight" if system.arms_free else "lever arm as stated"
+        rows.append(("GNSS", f"{positions:,} antenna positions, {arms}"))
     else:
         rows.append(("GNSS", "none"))
     for role in ("control", "check"):
-        names = list(p.block.ground["point"].to_numpy(object)[p.roles == role])
+        names = list(system.block.ground["point"].to_numpy(object)[system.roles == role])
         told = f"{len(names)}: {', '.join(names[:12])}" + (" ..." if len(names) > 12 else "")
         rows.append((f"{role} points", told if names else "none"))
-    rows.append(("tie points", f"{p.tie_count:,} observations"))
+    rows.append(("tie points", f"{len(system.block.tie_points):,} observations"))
     for name, (value, sigma) in d.believed.priors.items():
         rows.append((f"prior of {name}", f"{value:g} \u00b1 {sigma:g}"))
     rows.append(("sigma naught", f"{d.before.sigma0:.3f}"))
