@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numba import njit
 
+from corridor.compiled import SCALAR, compiled
 from corridor.errors import InputError
 
 # Order of the interior vector. Slots 7.. are the radial polynomial.
@@ -153,19 +154,9 @@ def parameters_named(text: str) -> tuple[str, ...]:
 
 # --- scalar kernels, shared by everything that projects -------------------------------------
 
-# For small functions inside a loop. LLVM inlines them: inlined by numba, every argument would be
-# a new name that holds a reference to its array. And `_nrt` off leaves the counting of references
-# out altogether; it took longer than the arithmetic. Such a function cannot make an array.
-SCALAR = {
-    "forceinline": True,
-    "_nrt": False,
-    "error_model": "numpy",
-    "fastmath": {"contract"},
-}
-
 
 @njit(**SCALAR)
-def bend(u, v, interior, row, radials):
+def distort_normalised(u, v, interior, row, radials):
     """The ray (u, v, 1) distorted, at unit focal length, and its derivative by u and v.
 
     interior: (m, 15), of which `row` counts; radials: how many radial coefficients to look at.
@@ -198,68 +189,70 @@ def bend(u, v, interior, row, radials):
 
 @njit(**SCALAR)
 def distort(u, v, interior, row, radials):
-    """x, y in pixels of the ray (u, v, 1), and their derivative by u and v; arguments as `bend`.
+    """x, y in pixels of the ray (u, v, 1), and their derivative by u and v.
+
+    Arguments as of `distort_normalised`.
 
     Returns x, y, xu, xv, yu, yv, with x = cx + f * (...).
     """
     f = interior[row, np.uint64(0)]
-    a, b, au, av, bu, bv = bend(u, v, interior, row, radials)
+    a, b, au, av, bu, bv = distort_normalised(u, v, interior, row, radials)
     cx, cy = interior[row, np.uint64(1)], interior[row, np.uint64(2)]
     return cx + f * a, cy + f * b, f * au, f * av, f * bu, f * bv
 
 
 @njit(**SCALAR)
-def interior_change(u, v, a, b, f, radials, change, row, n):
-    """How far the pixel of the ray (u, v, 1) moves, to first order, with its interior vector.
+def interior_derivatives_at(u, v, a, b, f, radials, out, at):
+    """Derivative of x and y of the ray (u, v) by each interior parameter, into out from `at` on.
 
-    a, b: the ray distorted (`bend`), f: the focal length. change: (m, 15, k), of which
-    [row, :, n] counts. Returns dx, dy.
+    a, b: the ray distorted (`distort_normalised`), f: the focal length. out: flat; the derivative
+    of x by parameter k of `INTERIOR` at 2 k, of y behind it, for the first 7 + radials of them.
     """
     r2 = u * u + v * v
-    radial = 0.0
-    for k in range(6 + radials, 6, -1):
-        radial = (radial + change[row, np.uint64(k), n]) * r2
-    p1, p2 = change[row, np.uint64(3), n], change[row, np.uint64(4), n]
-    stretch = radial + 2.0 * (p1 * u + p2 * v)
-    df, b1, b2 = (
-        change[row, np.uint64(0), n],
-        change[row, np.uint64(5), n],
-        change[row, np.uint64(6), n],
+    mixed = f * 2.0 * u * v
+    derivatives = (
+        (a, b),
+        (1.0, 0.0),
+        (0.0, 1.0),
+        (f * (r2 + 2.0 * u * u), mixed),
+        (mixed, f * (r2 + 2.0 * v * v)),
+        (f * u, 0.0),
+        (f * v, 0.0),
     )
-    dx = u * stretch + p1 * r2 + (b1 * u + b2 * v)
-    dy = v * stretch + p2 * r2
-    return (
-        change[row, np.uint64(1), n] + df * a + f * dx,
-        change[row, np.uint64(2), n] + df * b + f * dy,
-    )
+    for k in range(7):
+        out[at + np.uint64(2 * k)], out[at + np.uint64(2 * k + 1)] = derivatives[k]
+    power = f
+    for n in range(radials):
+        power *= r2
+        out[at + np.uint64(14 + 2 * n)], out[at + np.uint64(15 + 2 * n)] = power * u, power * v
 
 
 @njit(**SCALAR)
-def interior_derivative(u, v, x, y, interior, row, parameter):
-    """dx, dy by one interior parameter (index into `INTERIOR`) at the ray (u, v), image (x, y)."""
-    f = interior[row, np.uint64(0)]
+def interior_change(ray, f, radials, change, row):
+    """How far the pixel of a ray moves, to first order, with its interior vector.
+
+    ray: u, v and the same distorted (`distort_normalised`), f: the focal length. change: (m, 15),
+    of which `row` counts. Returns dx, dy: the sum of `interior_derivatives_at` times the change,
+    in a third of the time.
+    """
+    u, v, a, b = ray
     r2 = u * u + v * v
-    if parameter == 0:
-        return (x - interior[row, np.uint64(1)]) / f, (y - interior[row, np.uint64(2)]) / f
-    if parameter == 1:
-        return 1.0, 0.0
-    if parameter == 2:
-        return 0.0, 1.0
-    if parameter == 3:
-        return f * (r2 + 2.0 * u * u), f * 2.0 * u * v
-    if parameter == 4:
-        return f * 2.0 * u * v, f * (r2 + 2.0 * v * v)
-    if parameter == 5:
-        return f * u, 0.0
-    if parameter == 6:
-        return f * v, 0.0
-    power = f * r2
-    for _ in range(parameter - 7):
-        power *= r2
-    return power * u, power * v
+    radial = 0.0
+    for k in range(6 + radials, 6, -1):
+        radial = (radial + change[row, np.uint64(k)]) * r2
+    p1, p2 = change[row, np.uint64(3)], change[row, np.uint64(4)]
+    b1, b2 = change[row, np.uint64(5)], change[row, np.uint64(6)]
+    stretch = radial + 2.0 * (p1 * u + p2 * v)
+    dx = u * stretch + p1 * r2 + (b1 * u + b2 * v)
+    dy = v * stretch + p2 * r2
+    df = change[row, np.uint64(0)]
+    return (
+        change[row, np.uint64(1)] + df * a + f * dx,
+        change[row, np.uint64(2)] + df * b + f * dy,
+    )
 
 
-@njit(cache=True)
+@compiled()
 def radials_in_use(interior):
     """How many radial coefficients of the vectors (n, 15) are needed: up to the last non-zero."""
     most = 0
@@ -270,7 +263,7 @@ def radials_in_use(interior):
     return most
 
 
-@njit(cache=True)
+@compiled()
 def _project_rays(rays, interior, image, radial):
     out = np.empty((rays.shape[0], 2))
     for n in range(rays.shape[0]):
@@ -279,7 +272,7 @@ def _project_rays(rays, interior, image, radial):
     return out
 
 
-@njit(cache=True)
+@compiled()
 def _reached(u, v, interior, row, radials):
     """Whether no fold of the distortion lies between the principal point and the ray."""
     r2 = u * u + v * v
@@ -297,7 +290,7 @@ def _reached(u, v, interior, row, radials):
     return True
 
 
-@njit(cache=True)
+@compiled()
 def _undistort(pixels, interior, image, radials):
     out = np.empty((pixels.shape[0], 2))
     for n in range(pixels.shape[0]):
@@ -442,18 +435,17 @@ def from_image_to_ray(
     return camera.with_interior(interior), float(worst)
 
 
-@njit(cache=True)
+@compiled()
 def _interior_derivatives(rays, interior):
-    out = np.zeros((rays.shape[0], 2, 15))
+    out = np.empty((rays.shape[0], 30))
     for n in range(rays.shape[0]):
         u, v = rays[n, 0], rays[n, 1]
-        x, y, _, _, _, _ = distort(u, v, interior, np.uint64(0), 8)
-        for k in range(15):
-            gx, gy = interior_derivative(u, v, x, y, interior, np.uint64(0), k)
-            out[n, 0, k], out[n, 1, k] = gx, gy
+        a, b, _, _, _, _ = distort_normalised(u, v, interior, np.uint64(0), 8)
+        interior_derivatives_at(u, v, a, b, interior[0, 0], 8, out[n], np.uint64(0))
     return out
 
 
 def interior_derivatives(rays: np.ndarray, interior: np.ndarray) -> np.ndarray:
     """Derivative (n, 2, 15) of the pixels by the interior vector, at rays u, v (n, 2)."""
-    return _interior_derivatives(np.ascontiguousarray(rays, dtype=float), np.atleast_2d(interior))
+    made = _interior_derivatives(np.ascontiguousarray(rays, dtype=float), np.atleast_2d(interior))
+    return made.reshape(-1, 15, 2).transpose(0, 2, 1)

@@ -122,7 +122,7 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
         say = run.progress
         block = complete(block, say and (lambda line: say({"message": line})))
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
-    residual, behind = Normal(problem, loss).look(problem.start)
+    residual, behind = Normal(problem, loss).residuals(problem.start)
     if behind:
         block, more = _ahead(block, problem, residual)
         notes += more
@@ -212,7 +212,7 @@ def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block,
     block.points.loc[lost, ["x", "y", "z"]] = np.nan
     block = complete(block)
     again = make_problem(block)
-    residual, still = Normal(again, Loss()).look(again.start)
+    residual, still = Normal(again, Loss()).residuals(again.start)
     if not still:
         return block, []
     hopeless = _names_behind(again, np.isnan(residual[:, 0]))

@@ -15,9 +15,10 @@ from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from corridor.adjustment.datum import centred
+from corridor.adjustment.kernels import Storage
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Band
-from corridor.adjustment.point_covariance import make_point_covariance
+from corridor.adjustment.point_covariance import Inverse, make_point_covariance
 
 point_covariance_for = lru_cache(make_point_covariance)
 
@@ -156,12 +157,12 @@ class Covariance:
         count = len(p.ptr) - 1
         out, cross = np.empty((count, 6)), np.empty((count, 3, p.shared_count))
         kernel = point_covariance_for(p.d)
+        modelled = normal.modelled_at(self.state)
+        storage = Storage(self._near, blocks.stride, blocks.neighbour_start, blocks.neighbour)
+        known = Inverse(storage, self.poses_shared, self.shared)
         for first, last in normal.chunks(0, count):
-            kernel(
-                *normal.arguments(view, first, last), self._near, blocks.stride,
-                blocks.neighbour_start, blocks.neighbour, self.poses_shared, self.shared,
-                normal.longest, out, cross,
-            )  # fmt: skip
+            scene = normal.scene(view, modelled, first, last)
+            kernel(first, last, scene, known, normal.longest, out, cross)
         return out, cross
 
     @property

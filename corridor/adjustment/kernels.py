@@ -1,13 +1,13 @@
 """One pass over the points: residual, Jacobian, Schur complement, straight into band storage.
 
 No Jacobian is stored. Points are sorted by their images, images along the corridor, so that a
-point touches a few neighbouring columns of a band matrix and a thin border. Each image has `d`
-unknowns (centre 3, rotation 3, effects of its own), the border holds what images share.
+point touches a few neighbouring columns of a band matrix and few shared unknowns. Each image has
+`d` unknowns (centre 3, rotation 3, effects of its own); cameras, effects and lever arms are shared.
 
 Increments of image i: C += dC; R <- Exp(dr) R, so that dX/ddr = -[X]x, dX/dC = -R, dX/dP = R.
 Motion (c, theta) of the camera at a row: X = Exp(-theta) (R (P - C) - c).
 
-For one point let J be its rays' Jacobian rows by images, B those by the border, P by the point,
+For one point let J be its rays' Jacobian rows by images, B those by what is shared, P by the point,
 and V = P'P (with damping and control) = L L'. With Y = L^-1 P'J, Z = L^-1 P'B, n = L^-1 P'e the
 reduced equations are
 
@@ -18,59 +18,292 @@ Where the time goes: J'J and Y'Y are gathered over up to `GROUP` points that the
 and only then added to the matrix; J'B - Y'Z is (B - T Z)'J with T = P L^-T, ray by ray.
 
 Indices are unsigned and arrays flat where it is hot: the compiler then vectorises (no test for a
-negative index, no view to count references of). It takes four numbers at a time where they are
-written out side by side and all are read before the first is written: it cannot know which
-arrays overlap.
+negative index, no view to count references of). It takes four numbers at a time, a panel, where
+all are read before the first is written: it cannot know which arrays overlap.
 
 Source: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sections 4.3 and 6.
 """
 
-import numba
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from scipy.linalg.blas import dtbsv
 
-from corridor.camera import SCALAR, bend, interior_change
-
-# Numba leaves straight-line code scalar unless told otherwise; here it is worth a factor of two.
-numba.config.SLP_VECTORIZE = 1
-# Kernels proper: as the scalar functions, and they let other threads run.
-KERNEL = {key: SCALAR[key] for key in ("_nrt", "error_model", "fastmath")}
-KERNEL |= {"cache": True, "nogil": True}
+from corridor.camera import distort_normalised, interior_change, interior_derivatives_at
+from corridor.compiled import KERNEL, SCALAR, compiled
 
 SQUARES, HUBER, CAUCHY = 0, 1, 2
-# Border columns are handled in panels of this many; the number of columns is rounded up to it.
+# Shared unknowns are handled in panels of this many; their number is rounded up to it.
 PANEL = 4
 # Points seen by the same images that are gathered before they are added to the matrix.
 GROUP = 8
-# Numbers that `_see` leaves about a ray: R (P - C) - c; root of the weight; u, v; the same
+# A row that is not found after so many steps never is.
+PASSES = 8
+# Numbers that `see` leaves about a ray: R (P - C) - c; root of the weight; u, v; the same
 # distorted; weighted derivative of x and of y by the first three; weighted residual (16). With
 # motion also its turn theta (3), the place of the row in the motion's polynomial, and what the
-# row puts before the pixel's derivatives (4, see `_slope`); the rest is room.
-SEEN = 32
+# row puts before the pixel's derivatives (4, see `_slope`); the modelled pixel at 29. From 32 on
+# the derivative by the interior.
+SEEN, INNER = 64, 32
 U = np.uint64
 
 
+# --- what the kernels are given ---------------------------------------------------------------
+
+
+class Observations(NamedTuple):
+    """start (points + 1,): where the rays of a point begin; of each ray image (n,), xy (n, 2) px
+    and weight (n,) or (1,), the root of it."""
+
+    start: np.ndarray
+    image: np.ndarray
+    xy: np.ndarray
+    weight: np.ndarray
+
+
+class Cameras(NamedTuple):
+    """Of each image: pose (m, 12), centre and rotation; interior (m, 15), of which `radials` radial
+    coefficients count; row_of (m, 3) as in `Images.row_of`; motion (m, 1, 6 (degree + 1)), or
+    (m, 1, 0) where no camera moves."""
+
+    pose: np.ndarray
+    interior: np.ndarray
+    radials: int
+    row_of: np.ndarray
+    motion: np.ndarray
+
+
+class Looked(NamedTuple):
+    """What effects say of the rays of some points, the first of which is the ray `base`.
+
+    shift (k, 2) px by effects on the image, or (k, 6) with the derivative of the shifted pixel by
+    the one that is not; (0, 2) without. Of all rays, and moved on to what is found now:
+    row (n,), the row that a moving camera reads it in, and modelled (n, 4), the pixel at which
+    effects looked and its u, v; (0,) and (0, 4) where nothing needs them. Rows are looked for
+    anew until they were missed by less than `near`, px.
+    """
+
+    base: int
+    shift: np.ndarray
+    row: np.ndarray
+    modelled: np.ndarray
+    near: float
+
+
+class Derivatives(NamedTuple):
+    """By the effects' parameters: of the interior (m, 15, k), of the image (rays, 2, k), of the
+    motion (m, k, 6 (degree + 1)), of the ground control (c, 3, k)."""
+
+    interior: np.ndarray
+    image: np.ndarray
+    motion: np.ndarray
+    ground: np.ndarray
+
+
+class Columns(NamedTuple):
+    """Number of the unknown behind each derivative: >= 0 shared, -1 held, <= -2 the image's own
+    4 - number. camera (m, 15), slot (m, effects on camera, image, motion), ground (c, k);
+    low, high (m,): the panels of shared unknowns that an image touches; wide: how many there are,
+    in whole panels."""
+
+    camera: np.ndarray
+    slot: np.ndarray
+    ground: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    wide: int
+
+
+class Control(NamedTuple):
+    """row (points,) of a point in the next, or -1; weight and residual (c, 3), 1/m^2 and m."""
+
+    row: np.ndarray
+    weight: np.ndarray
+    residual: np.ndarray
+
+
+class Scene(NamedTuple):
+    """A problem at a state, as far as some of its points need it. points (n, 3) m; loss: its kind
+    and width, on the length of an image residual in sigmas."""
+
+    points: np.ndarray
+    observations: Observations
+    cameras: Cameras
+    looked: Looked
+    derivatives: Derivatives
+    columns: Columns
+    control: Control
+    loss: tuple
+
+
+class Storage(NamedTuple):
+    """The matrix of the images: flat, see `block_offset`."""
+
+    flat: np.ndarray
+    stride: int
+    neighbour_start: np.ndarray
+    neighbour: np.ndarray
+
+
+class Equations(NamedTuple):
+    """Where the assembly adds to, all flat.
+
+    Of images: storage, gradient and diagonal (m, d), cross (m, d, wide) to what is shared; of the
+    shared: block (wide, wide, lower half), shared_gradient, shared_diagonal (wide,). Columns of
+    images >= split go `extra` images later, so that two threads do not meet.
+    """
+
+    storage: Storage
+    gradient: np.ndarray
+    diagonal: np.ndarray
+    cross: np.ndarray
+    block: np.ndarray
+    shared_gradient: np.ndarray
+    shared_diagonal: np.ndarray
+    split: int
+    extra: int
+
+
+class Work(NamedTuple):
+    """Room to work in: rays as seen, Jacobian rows by images and by the shared, residuals of
+    control, Y, Z, and the last two images' part of Y'Y and J'J. used: shared columns that any ray
+    touches."""
+
+    seen: np.ndarray
+    jc: np.ndarray
+    jb: np.ndarray
+    residual: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    stripe: np.ndarray
+    own: np.ndarray
+    used: int
+
+
+class Step(NamedTuple):
+    """A step of the unknowns, and what it does to each image.
+
+    poses (m d,), shared (wide,); interior (m, 15), image (m, k), motion (m, 1, 6 (degree + 1)).
+    """
+
+    poses: np.ndarray
+    shared: np.ndarray
+    interior: np.ndarray
+    image: np.ndarray
+    motion: np.ndarray
+
+
+class Rows(NamedTuple):
+    """Where the Jacobian rows of a ray go: by the image, x from j0 and y from j1 on; by what is
+    shared, from b0 and b1 on."""
+
+    jc: np.ndarray
+    j0: int
+    j1: int
+    jb: np.ndarray
+    b0: int
+    b1: int
+
+
+class Strided(NamedTuple):
+    """Two rows a ray, `row` numbers apart, from `at` on; the next ray is `apart` behind."""
+
+    values: np.ndarray
+    at: int
+    apart: int
+    row: int
+
+
+# --- vectors of three and panels of four ------------------------------------------------------
+
+
 @njit(**SCALAR)
-def _robust(loss, width, s):
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(**SCALAR)
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(**SCALAR)
+def _less(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@njit(**SCALAR)
+def _three(x, at):
+    return x[at], x[at + U(1)], x[at + U(2)]
+
+
+@njit(**SCALAR)
+def _panel(x, at):
+    """The PANEL numbers from `at` on."""
+    return x[at], x[at + U(1)], x[at + U(2)], x[at + U(3)]
+
+
+@njit(**SCALAR)
+def _set(x, at, p):
+    """x[at:at + PANEL] = p."""
+    x[at] = p[0]
+    x[at + U(1)] = p[1]
+    x[at + U(2)] = p[2]
+    x[at + U(3)] = p[3]
+
+
+@njit(**SCALAR)
+def _plus(p, f, q):
+    """p + f q."""
+    return p[0] + f * q[0], p[1] + f * q[1], p[2] + f * q[2], p[3] + f * q[3]
+
+
+@njit(**SCALAR)
+def _two(f, p, g, q):
+    """f p + g q."""
+    return (
+        f * p[0] + g * q[0],
+        f * p[1] + g * q[1],
+        f * p[2] + g * q[2],
+        f * p[3] + g * q[3],
+    )
+
+
+@njit(**SCALAR)
+def _add(out, at, f, p, g, q):
+    """out[at:at + PANEL] += f p + g q."""
+    _set(out, at, _plus(_plus(_panel(out, at), f, p), g, q))
+
+
+@njit(**SCALAR)
+def _zero():
+    return 0.0, 0.0, 0.0, 0.0
+
+
+# --- one ray ----------------------------------------------------------------------------------
+
+
+@njit(**SCALAR)
+def _robust(loss, s):
     """Cost rho(s) and root of the weight rho'(s); s = |r|^2.
 
     The weight alone makes the step (iteratively reweighted least squares): slower than with the
     second derivative, but it never overshoots, and a point with two outlying rays stays put.
     """
-    k2 = width * width
-    if loss == HUBER:
+    k2 = loss.width * loss.width
+    if loss.kind == HUBER:
         if s <= k2:
             return s, 1.0
         length = np.sqrt(s)
-        return 2.0 * width * length - k2, np.sqrt(width / length)
+        return 2.0 * loss.width * length - k2, np.sqrt(loss.width / length)
     return k2 * np.log1p(s / k2), 1.0 / np.sqrt(1.0 + s / k2)
 
 
 @njit(**SCALAR)
-def _sines(t0, t1, t2):
+def _sines(t):
     """sin(a) / a and (1 - cos(a)) / a^2 of the angle a = |t|."""
-    a2 = t0 * t0 + t1 * t1 + t2 * t2
+    a2 = _dot(t, t)
     if a2 > 0.01:
         a = np.sqrt(a2)
         h = np.sin(0.5 * a)
@@ -82,164 +315,177 @@ def _sines(t0, t1, t2):
 
 
 @njit(**SCALAR)
-def _turn(s, q, t0, t1, t2, x, y, z):
-    """Exp(t) applied to (x, y, z); s, q: `_sines` of t."""
-    cx, cy, cz = t1 * z - t2 * y, t2 * x - t0 * z, t0 * y - t1 * x
-    return (
-        x + s * cx + q * (t1 * cz - t2 * cy),
-        y + s * cy + q * (t2 * cx - t0 * cz),
-        z + s * cz + q * (t0 * cy - t1 * cx),
-    )
+def _turn(s, q, t, x):
+    """Exp(t) applied to x; s, q: `_sines` of t."""
+    c = _cross(t, x)
+    e = _cross(t, c)
+    return x[0] + s * c[0] + q * e[0], x[1] + s * c[1] + q * e[1], x[2] + s * c[2] + q * e[2]
 
 
 @njit(**SCALAR)
-def _left(t0, t1, t2, q0, q1, q2):
+def _left(t, q):
     """Left Jacobian of Exp(t), to second order, applied to q: Exp(t + q) = Exp(Left q) Exp(t)."""
-    e0, e1, e2 = t1 * q2 - t2 * q1, t2 * q0 - t0 * q2, t0 * q1 - t1 * q0
-    f0, f1, f2 = t1 * e2 - t2 * e1, t2 * e0 - t0 * e2, t0 * e1 - t1 * e0
-    return q0 + 0.5 * e0 + f0 / 6.0, q1 + 0.5 * e1 + f1 / 6.0, q2 + 0.5 * e2 + f2 / 6.0
-
-
-# --- one ray ----------------------------------------------------------------------------------
-
-
-@njit(**SCALAR)
-def _times_rotation(pose, i, x, y, z):
-    """R (x, y, z) of image i."""
+    e = _cross(t, q)
+    f = _cross(t, e)
     return (
-        pose[i, U(3)] * x + pose[i, U(4)] * y + pose[i, U(5)] * z,
-        pose[i, U(6)] * x + pose[i, U(7)] * y + pose[i, U(8)] * z,
-        pose[i, U(9)] * x + pose[i, U(10)] * y + pose[i, U(11)] * z,
+        q[0] + 0.5 * e[0] + f[0] / 6.0,
+        q[1] + 0.5 * e[1] + f[1] / 6.0,
+        q[2] + 0.5 * e[2] + f[2] / 6.0,
     )
 
 
 @njit(**SCALAR)
-def _before_rotation(pose, i, g0, g1, g2):
+def _times_rotation(pose, i, x):
+    """R x of image i."""
+    return (
+        pose[i, U(3)] * x[0] + pose[i, U(4)] * x[1] + pose[i, U(5)] * x[2],
+        pose[i, U(6)] * x[0] + pose[i, U(7)] * x[1] + pose[i, U(8)] * x[2],
+        pose[i, U(9)] * x[0] + pose[i, U(10)] * x[1] + pose[i, U(11)] * x[2],
+    )
+
+
+@njit(**SCALAR)
+def _before_rotation(pose, i, g):
     """The row g R of image i."""
     return (
-        g0 * pose[i, U(3)] + g1 * pose[i, U(6)] + g2 * pose[i, U(9)],
-        g0 * pose[i, U(4)] + g1 * pose[i, U(7)] + g2 * pose[i, U(10)],
-        g0 * pose[i, U(5)] + g1 * pose[i, U(8)] + g2 * pose[i, U(11)],
+        g[0] * pose[i, U(3)] + g[1] * pose[i, U(6)] + g[2] * pose[i, U(9)],
+        g[0] * pose[i, U(4)] + g[1] * pose[i, U(7)] + g[2] * pose[i, U(10)],
+        g[0] * pose[i, U(5)] + g[1] * pose[i, U(8)] + g[2] * pose[i, U(11)],
     )
 
 
 @njit(**SCALAR)
-def _motion(s, i, motion):
-    """Motion of image i at the place s of a row: centre (3) and turn (3), and their slope by s.
+def _motion(s, motion, i, k):
+    """Motion of image i at the place s of a row: centre and turn, and the slope of both by s.
 
-    motion: (images, 6 (degree + 1)), coefficients of s^0 first, the centre in the camera frame.
+    motion: (images, k, 6 (degree + 1)), coefficients of s^0 first, the centre in the camera frame.
     """
-    c0, c1, c2, c3, c4, c5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    n = U(motion.shape[1] - 6)
-    m0, m1, m2 = motion[i, n], motion[i, n + U(1)], motion[i, n + U(2)]
-    t0, t1, t2 = motion[i, n + U(3)], motion[i, n + U(4)], motion[i, n + U(5)]
+    n = U(motion.shape[2] - 6)
+    dc = dt = (0.0, 0.0, 0.0)
+    c0, c1, c2 = motion[i, k, n], motion[i, k, n + U(1)], motion[i, k, n + U(2)]
+    t0, t1, t2 = motion[i, k, n + U(3)], motion[i, k, n + U(4)], motion[i, k, n + U(5)]
+    c, t = (c0, c1, c2), (t0, t1, t2)
     while n > U(0):
         n -= U(6)
-        c0, c1, c2 = c0 * s + m0, c1 * s + m1, c2 * s + m2
-        c3, c4, c5 = c3 * s + t0, c4 * s + t1, c5 * s + t2
-        m0 = m0 * s + motion[i, n]
-        m1 = m1 * s + motion[i, n + U(1)]
-        m2 = m2 * s + motion[i, n + U(2)]
-        t0 = t0 * s + motion[i, n + U(3)]
-        t1 = t1 * s + motion[i, n + U(4)]
-        t2 = t2 * s + motion[i, n + U(5)]
-    return m0, m1, m2, t0, t1, t2, c0, c1, c2, c3, c4, c5
+        dc = dc[0] * s + c[0], dc[1] * s + c[1], dc[2] * s + c[2]
+        dt = dt[0] * s + t[0], dt[1] * s + t[1], dt[2] * s + t[2]
+        c = (
+            c[0] * s + motion[i, k, n],
+            c[1] * s + motion[i, k, n + U(1)],
+            c[2] * s + motion[i, k, n + U(2)],
+        )
+        t = (
+            t[0] * s + motion[i, k, n + U(3)],
+            t[1] * s + motion[i, k, n + U(4)],
+            t[2] * s + motion[i, k, n + U(5)],
+        )
+    return c, t, dc, dt
 
 
 @njit(**SCALAR)
-def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, loss, width, row_of,
-         at_row, image_shift, motion, modelled, seen):  # fmt: skip
+def see(first, m, point, observations, cameras, looked, loss, seen):
     """Where images see a point, and how far that is from the observations first..first + m.
 
-    base: the observation that is the first in image_shift. image_shift: (n, 2) px, or (n, 6) with
-    the derivative (4) of the shifted pixel by the one that is not: a shift that looks at where
-    the point is shifted to. modelled: (n, 4) or (0, 4); receives pixel and u, v. Fills `seen`
-    (m, SEEN); its third number is not positive where the point is behind the camera. Returns the
-    cost.
+    point: (3). Fills `seen` (m, SEEN); its third number is not positive where the point is behind
+    the camera. Returns the cost.
 
     While the rows are read the camera moves: the row of the modelled pixel decides where the
-    camera is, and the camera where the pixel is. One step of Newton from `at_row`, the row found
-    last time, finds both: where the row has moved on by a pixel since, a millionth of that is
-    left, and nothing once the adjustment is at rest. Derivatives by what moves the camera are
-    taken at the row found; at the measured one they would go with its error.
+    camera is, and the camera where the pixel is. A step of Newton from the row last found finds
+    both; it is repeated until it is short. Derivatives by what moves the camera are taken at the
+    row found; at the measured one they would go with its error.
+    """
+    moves = cameras.motion.shape[2] > 0
+    cost = 0.0
+    for _ in range(PASSES if moves else 1):
+        cost, missed = _see_once(first, m, point, observations, cameras, looked, loss, seen)
+        if not missed > looked.near:
+            break
+    if looked.modelled.shape[0] > 0:
+        for k in range(m):
+            o, at = U(first + k), U(k * SEEN)
+            if seen[at + U(2)] > 0.0:
+                looked.modelled[o, U(0)] = seen[at + U(29)]
+                looked.modelled[o, U(1)] = seen[at + U(30)]
+                looked.modelled[o, U(2)] = seen[at + U(4)]
+                looked.modelled[o, U(3)] = seen[at + U(5)]
+    return cost
+
+
+@njit(**SCALAR)
+def _see_once(first, m, point, observations, cameras, looked, loss, seen):
+    """One step of `see`, and by how much rows were missed, px.
 
     Each of the three loops is short: a ray is a chain of operations that wait for each other,
     and only if the next rays are near does the processor work on several at once.
     """
-    moves = motion.shape[1] > 0
+    pose, interior, row_of = cameras.pose, cameras.interior, cameras.row_of
+    moves = cameras.motion.shape[2] > 0
+    shift = looked.shift
+    farthest = 0.0
     for k in range(m):
         o, at = U(first + k), U(k * SEEN)
-        i = U(img[o])
-        x, y, z = _times_rotation(
-            pose, i, px - pose[i, U(0)], py - pose[i, U(1)], pz - pose[i, U(2)]
-        )
+        i = U(observations.image[o])
+        centre = pose[i, U(0)], pose[i, U(1)], pose[i, U(2)]
+        x = _times_rotation(pose, i, _less(point, centre))
         if moves:
-            row = at_row[o]
+            row = looked.row[o]
             s = row_of[i, U(1)] * row + row_of[i, U(2)]
-            m0, m1, m2, t0, t1, t2, c0, c1, c2, c3, c4, c5 = _motion(s, i, motion)
-            x, y, z = x - m0, y - m1, z - m2
-            _set(seen, at, x, y, z, row)
-            _set(seen, at + U(16), t0, t1, t2, s)
+            c, t, dc, dt = _motion(s, cameras.motion, i, U(0))
+            x = _less(x, c)
+            _set(seen, at, (x[0], x[1], x[2], row))
+            _set(seen, at + U(16), (t[0], t[1], t[2], s))
             # Slope of X before its turn: -dc/ds + X x dtheta/ds.
-            c0, c1, c2 = c5 * y - c4 * z - c0, c3 * z - c5 * x - c1, c4 * x - c3 * y - c2
-            sine, cosine = _sines(t0, t1, t2)
-            _set(seen, at + U(24), c0, c1, c2, sine)
+            slope = _less(_cross(x, dt), dc)
+            sine, cosine = _sines(t)
+            _set(seen, at + U(24), (slope[0], slope[1], slope[2], sine))
             seen[at + U(28)] = cosine
-            x, y, z = _turn(sine, cosine, -t0, -t1, -t2, x, y, z)
+            x = _turn(sine, cosine, (-t[0], -t[1], -t[2]), x)
         else:
-            _set(seen, at, x, y, z, 0.0)
-        _set(seen, at + U(4), x, y, z, 0.0)
+            _set(seen, at, (x[0], x[1], x[2], 0.0))
+        _set(seen, at + U(4), (x[0], x[1], x[2], 0.0))
     for k in range(m):
         o, at = U(first + k), U(k * SEEN)
-        i = U(img[o])
+        i = U(observations.image[o])
         z = seen[at + U(6)]
         iz = 1.0 / z if z > 0.0 else 0.0
         u, v = seen[at + U(4)] * iz, seen[at + U(5)] * iz
-        a, b, au, av, bu, bv = bend(u, v, interior, i, radials)
+        a, b, au, av, bu, bv = distort_normalised(u, v, interior, i, cameras.radials)
         iz *= interior[i, U(0)]
         g0, g1, h0, h1 = iz * au, iz * av, iz * bu, iz * bv
-        _set(seen, at + U(4), u, v, a, b)
-        _set(seen, at + U(8), g0, g1, -(g0 * u + g1 * v), h0)
-        _set(seen, at + U(12), h1, -(h0 * u + h1 * v), iz, 0.0)
+        _set(seen, at + U(4), (u, v, a, b))
+        _set(seen, at + U(8), (g0, g1, -(g0 * u + g1 * v), h0))
+        _set(seen, at + U(12), (h1, -(h0 * u + h1 * v), iz, 0.0))
     cost = 0.0
     for k in range(m):
         o, at = U(first + k), U(k * SEEN)
-        i = U(img[o])
+        i = U(observations.image[o])
         if not seen[at + U(14)] > 0.0:
             seen[at + U(2)] = -1.0
             continue
-        u, v, a, b = _panel(seen, at + U(4))
-        g0, g1, g2, h0 = _panel(seen, at + U(8))
-        h1, h2 = seen[at + U(12)], seen[at + U(13)]
         f = interior[i, U(0)]
-        mx, my = interior[i, U(1)] + f * a, interior[i, U(2)] + f * b
-        if image_shift.shape[0] > 0:
-            e = o - U(base)
-            mx += image_shift[e, U(0)]
-            my += image_shift[e, U(1)]
+        mx = interior[i, U(1)] + f * seen[at + U(6)]
+        my = interior[i, U(2)] + f * seen[at + U(7)]
+        g, h = _three(seen, at + U(8)), _three(seen, at + U(11))
+        if shift.shape[0] > 0:
+            e = o - U(looked.base)
+            mx += shift[e, U(0)]
+            my += shift[e, U(1)]
         s00, s01, s10, s11 = 1.0, 0.0, 0.0, 1.0
-        if image_shift.shape[1] > 2:
-            e = o - U(base)
-            s00, s01 = image_shift[e, U(2)], image_shift[e, U(3)]
-            s10, s11 = image_shift[e, U(4)], image_shift[e, U(5)]
-            if modelled.shape[0] > 0:
-                # The shift is that of the pixel modelled last time: one step of Newton from there.
-                x, y = modelled[o, U(0)], modelled[o, U(1)]
-                mx, my = x + s00 * (mx - x) + s01 * (my - y), y + s10 * (mx - x) + s11 * (my - y)
-            g0, h0 = s00 * g0 + s01 * h0, s10 * g0 + s11 * h0
-            g1, h1 = s00 * g1 + s01 * h1, s10 * g1 + s11 * h1
-            g2, h2 = s00 * g2 + s01 * h2, s10 * g2 + s11 * h2
-            _set(seen, at + U(20), s00, s01, s10, s11)
+        if shift.shape[1] > 2:
+            e = o - U(looked.base)
+            s00, s01, s10, s11 = shift[e, U(2)], shift[e, U(3)], shift[e, U(4)], shift[e, U(5)]
+            # The shift is that of the pixel modelled last time: one step of Newton from there.
+            x, y = looked.modelled[o, U(0)], looked.modelled[o, U(1)]
+            mx, my = x + s00 * (mx - x) + s01 * (my - y), y + s10 * (mx - x) + s11 * (my - y)
+            g, h = _rows_before(s00, s01, s10, s11, g, h)
+            _set(seen, at + U(20), (s00, s01, s10, s11))
         if moves:
             row = seen[at + U(3)]
             t0, t1, t2, s = _panel(seen, at + U(16))
-            c0, c1, c2, sine = _panel(seen, at + U(24))
-            cosine = seen[at + U(28)]
-            g0, g1, g2 = _turn(sine, cosine, t0, t1, t2, g0, g1, g2)
-            h0, h1, h2 = _turn(sine, cosine, t0, t1, t2, h0, h1, h2)
+            slope, sine, cosine = _three(seen, at + U(24)), seen[at + U(27)], seen[at + U(28)]
+            g, h = _turn(sine, cosine, (t0, t1, t2), g), _turn(sine, cosine, (t0, t1, t2), h)
             factor = row_of[i, U(1)]
-            slope_x = factor * (g0 * c0 + g1 * c1 + g2 * c2)
-            slope_y = factor * (h0 * c0 + h1 * c1 + h2 * c2)
+            slope_x, slope_y = factor * _dot(g, slope), factor * _dot(h, slope)
             k00, k01, k10, k11 = 1.0, 0.0, 0.0, 1.0
             if row_of[i, U(0)] > 0.0:
                 k11 = 1.0 / (1.0 - slope_y)
@@ -251,31 +497,37 @@ def _see(first, m, base, img, px, py, pz, xy, weight, pose, interior, radials, l
                 missed = (mx - row) * k00
             mx += slope_x * missed
             my += slope_y * missed
-            g0, h0 = k00 * g0 + k01 * h0, k10 * g0 + k11 * h0
-            g1, h1 = k00 * g1 + k01 * h1, k10 * g1 + k11 * h1
-            g2, h2 = k00 * g2 + k01 * h2, k10 * g2 + k11 * h2
+            g, h = _rows_before(k00, k01, k10, k11, g, h)
             seen[at + U(19)] = s + factor * missed
-            at_row[o] = row + missed
-            _set(
-                seen, at + U(20), k00 * s00 + k01 * s10, k00 * s01 + k01 * s11,
-                k10 * s00 + k11 * s10, k10 * s01 + k11 * s11,
-            )  # fmt: skip
-        if modelled.shape[0] > 0:
-            modelled[o, U(0)], modelled[o, U(1)] = mx, my
-            modelled[o, U(2)], modelled[o, U(3)] = u, v
-        root = weight[o if weight.shape[0] > 1 else U(0)]
-        rx, ry = root * (xy[o, U(0)] - mx), root * (xy[o, U(1)] - my)
+            looked.row[o] = row + missed
+            farthest = max(farthest, abs(missed))
+            top = k00 * s00 + k01 * s10, k00 * s01 + k01 * s11
+            _set(seen, at + U(20), (top[0], top[1], k10 * s00 + k11 * s10, k10 * s01 + k11 * s11))
+        if looked.modelled.shape[0] > 0:
+            seen[at + U(29)], seen[at + U(30)] = mx, my
+        root = observations.weight[o if observations.weight.shape[0] > 1 else U(0)]
+        rx = root * (observations.xy[o, U(0)] - mx)
+        ry = root * (observations.xy[o, U(1)] - my)
         square = rx * rx + ry * ry
-        if loss != SQUARES:
-            square, soft = _robust(loss, width, square)
+        if loss.kind != SQUARES:
+            square, soft = _robust(loss, square)
             root *= soft
             rx *= soft
             ry *= soft
         cost += square
         seen[at + U(3)] = root
-        _set(seen, at + U(8), root * g0, root * g1, root * g2, root * h0)
-        _set(seen, at + U(12), root * h1, root * h2, rx, ry)
-    return cost
+        _set(seen, at + U(8), (root * g[0], root * g[1], root * g[2], root * h[0]))
+        _set(seen, at + U(12), (root * h[1], root * h[2], rx, ry))
+    return cost, farthest
+
+
+@njit(**SCALAR)
+def _rows_before(k00, k01, k10, k11, g, h):
+    """The rows g and h, after the matrix k was put before them."""
+    return (
+        (k00 * g[0] + k01 * h[0], k00 * g[1] + k01 * h[1], k00 * g[2] + k01 * h[2]),
+        (k10 * g[0] + k11 * h[0], k10 * g[1] + k11 * h[1], k10 * g[2] + k11 * h[2]),
+    )
 
 
 @njit(**SCALAR)
@@ -289,298 +541,163 @@ def _slope(seen, at):
 
 
 @njit(**SCALAR)
-def _put(column, gx, gy, jb, b0, b1, jc, j0, j1):
-    """Add to a border column, or to the image's own unknown 4 - column where it is <= -2."""
+def _put(column, gx, gy, to):
+    """Add to a shared column, or to the image's own unknown 4 - column where it is <= -2."""
     if column >= 0:
-        jb[b0 + U(column)] += gx
-        jb[b1 + U(column)] += gy
+        to.jb[to.b0 + U(column)] += gx
+        to.jb[to.b1 + U(column)] += gy
     elif column <= -2:
-        jc[j0 + U(4 - column)] += gx
-        jc[j1 + U(4 - column)] += gy
+        to.jc[to.j0 + U(4 - column)] += gx
+        to.jc[to.j1 + U(4 - column)] += gy
 
 
 @njit(**SCALAR)
-def _rows(i, e, seen, at, pose, interior, radials, camera_column, slot_column, motion, d_interior,
-          d_image, d_motion, low, high, jc, j0, j1, d, jb, b0, b1):  # fmt: skip
-    """Weighted Jacobian rows of a ray that `_see` has left in `seen` at `at`.
+def jacobian_rows(i, e, seen, at, scene, span, d, to):
+    """Weighted Jacobian rows of a ray that `see` has left in `seen` at `at`.
 
-    i: image, e: row of the observation in d_image. Fills d numbers of jc from j0 (x) and j1 (y)
-    on: by the image; jb from b0 and b1 on, in the panels low..high: by the border. By the point:
-    the image's first three, negative. A ray from behind has rows of zeros.
+    i: image, e: row of the observation in the derivatives of the image. span: the panels of shared
+    columns to fill. By the point: the image's first three, negative. A ray from behind has rows of
+    zeros.
     """
+    jc, jb = to.jc, to.jb
+    cameras, derivatives, columns = scene.cameras, scene.derivatives, scene.columns
+    low, high = span
     for c in range(low, high, PANEL):
-        _set(jb, b0 + U(c), 0.0, 0.0, 0.0, 0.0)
-        _set(jb, b1 + U(c), 0.0, 0.0, 0.0, 0.0)
-    x, y, z = seen[at], seen[at + U(1)], seen[at + U(2)]
-    for c in range(6 if z > 0.0 else 0, d):
-        jc[j0 + U(c)] = 0.0
-        jc[j1 + U(c)] = 0.0
-    if not z > 0.0:
+        _set(jb, to.b0 + U(c), _zero())
+        _set(jb, to.b1 + U(c), _zero())
+    x = _three(seen, at)
+    ahead = x[2] > 0.0
+    for c in range(6 if ahead else 0, d):
+        jc[to.j0 + U(c)] = 0.0
+        jc[to.j1 + U(c)] = 0.0
+    if not ahead:
         return
-    root, u, v, a, b = (
-        seen[at + U(3)], seen[at + U(4)], seen[at + U(5)], seen[at + U(6)], seen[at + U(7)]
-    )  # fmt: skip
-    g0, g1, g2 = seen[at + U(8)], seen[at + U(9)], seen[at + U(10)]
-    h0, h1, h2 = seen[at + U(11)], seen[at + U(12)], seen[at + U(13)]
-    p0, p1, p2 = _before_rotation(pose, i, g0, g1, g2)
-    q0, q1, q2 = _before_rotation(pose, i, h0, h1, h2)
+    root = seen[at + U(3)]
+    u, v, a, b = _panel(seen, at + U(4))
+    g, h = _three(seen, at + U(8)), _three(seen, at + U(11))
+    p, q = _before_rotation(cameras.pose, i, g), _before_rotation(cameras.pose, i, h)
     # g . (dr x X) = dr . (X x g)
-    a0, a1, a2 = y * g2 - z * g1, z * g0 - x * g2, x * g1 - y * g0
-    c0, c1, c2 = y * h2 - z * h1, z * h0 - x * h2, x * h1 - y * h0
-    jc[j0], jc[j0 + U(1)], jc[j0 + U(2)] = -p0, -p1, -p2
-    jc[j0 + U(3)], jc[j0 + U(4)], jc[j0 + U(5)] = a0, a1, a2
-    jc[j1], jc[j1 + U(1)], jc[j1 + U(2)] = -q0, -q1, -q2
-    jc[j1 + U(3)], jc[j1 + U(4)], jc[j1 + U(5)] = c0, c1, c2
+    by_turn, by_turn_y = _cross(x, g), _cross(x, h)
+    jc[to.j0], jc[to.j0 + U(1)], jc[to.j0 + U(2)] = -p[0], -p[1], -p[2]
+    jc[to.j0 + U(3)], jc[to.j0 + U(4)], jc[to.j0 + U(5)] = by_turn
+    jc[to.j1], jc[to.j1 + U(1)], jc[to.j1 + U(2)] = -q[0], -q[1], -q[2]
+    jc[to.j1 + U(3)], jc[to.j1 + U(4)], jc[to.j1 + U(5)] = by_turn_y
 
-    f = interior[i, U(0)]
-    if high > low:
-        column = camera_column[i, U(0)]
-        if column >= 0:
-            jb[b0 + U(column)] = root * a
-            jb[b1 + U(column)] = root * b
-        column = camera_column[i, U(1)]
-        if column >= 0:
-            jb[b0 + U(column)] = root
-        column = camera_column[i, U(2)]
-        if column >= 0:
-            jb[b1 + U(column)] = root
-        square = u * u + v * v
-        bu, bv = root * f * u, root * f * v
-        column = camera_column[i, U(3)]
-        if column >= 0:
-            jb[b0 + U(column)] = root * f * (square + 2.0 * u * u)
-            jb[b1 + U(column)] = 2.0 * u * bv
-        column = camera_column[i, U(4)]
-        if column >= 0:
-            jb[b0 + U(column)] = 2.0 * u * bv
-            jb[b1 + U(column)] = root * f * (square + 2.0 * v * v)
-        column = camera_column[i, U(5)]
-        if column >= 0:
-            jb[b0 + U(column)] = bu
-        column = camera_column[i, U(6)]
-        if column >= 0:
-            jb[b0 + U(column)] = bv
-        for n in range(radials):
-            bu *= square
-            bv *= square
-            column = camera_column[i, U(7 + n)]
+    f = cameras.interior[i, U(0)]
+    own = derivatives.interior.shape[2] > 0
+    inner = at + U(INNER)
+    if high > low or own:
+        interior_derivatives_at(u, v, a, b, f, 8 if own else cameras.radials, seen, inner)
+        for k in range(7 + cameras.radials):
+            column = columns.camera[i, U(k)]
             if column >= 0:
-                jb[b0 + U(column)] = bu
-                jb[b1 + U(column)] = bv
+                jb[to.b0 + U(column)] = root * seen[inner + U(2 * k)]
+                jb[to.b1 + U(column)] = root * seen[inner + U(2 * k + 1)]
     slot = U(0)
-    for n in range(d_interior.shape[2]):
-        dx, dy = interior_change(u, v, a, b, f, 8, d_interior, i, U(n))
-        _put(slot_column[i, slot], root * dx, root * dy, jb, b0, b1, jc, j0, j1)
+    for n in range(derivatives.interior.shape[2]):
+        dx, dy = 0.0, 0.0
+        for k in range(15):
+            change = derivatives.interior[i, U(k), U(n)]
+            dx += seen[inner + U(2 * k)] * change
+            dy += seen[inner + U(2 * k + 1)] * change
+        _put(columns.slot[i, slot], root * dx, root * dy, to)
         slot += U(1)
-    for n in range(d_image.shape[2]):
-        dx, dy = root * d_image[e, U(0), U(n)], root * d_image[e, U(1), U(n)]
-        _put(slot_column[i, slot], dx, dy, jb, b0, b1, jc, j0, j1)
+    for n in range(derivatives.image.shape[2]):
+        dx = root * derivatives.image[e, U(0), U(n)]
+        dy = root * derivatives.image[e, U(1), U(n)]
+        _put(columns.slot[i, slot], dx, dy, to)
         slot += U(1)
-    if motion.shape[1] == 0 and d_image.shape[2] == 0:
+    moves = cameras.motion.shape[2] > 0
+    if not moves and derivatives.image.shape[2] == 0:
         return
     k00, k01, k10, k11 = _slope(seen, at)
     for c in range(low, high, PANEL):
-        x0, x1, x2, x3 = _panel(jb, b0 + U(c))
-        y0, y1, y2, y3 = _panel(jb, b1 + U(c))
-        _set(
-            jb, b0 + U(c), k00 * x0 + k01 * y0, k00 * x1 + k01 * y1, k00 * x2 + k01 * y2,
-            k00 * x3 + k01 * y3,
-        )  # fmt: skip
-        _set(
-            jb, b1 + U(c), k10 * x0 + k11 * y0, k10 * x1 + k11 * y1, k10 * x2 + k11 * y2,
-            k10 * x3 + k11 * y3,
-        )  # fmt: skip
+        by_x, by_y = _panel(jb, to.b0 + U(c)), _panel(jb, to.b1 + U(c))
+        _set(jb, to.b0 + U(c), _two(k00, by_x, k01, by_y))
+        _set(jb, to.b1 + U(c), _two(k10, by_x, k11, by_y))
     for c in range(6, d):
-        dx, dy = jc[j0 + U(c)], jc[j1 + U(c)]
-        jc[j0 + U(c)], jc[j1 + U(c)] = k00 * dx + k01 * dy, k10 * dx + k11 * dy
-    if motion.shape[1] == 0:
+        dx, dy = jc[to.j0 + U(c)], jc[to.j1 + U(c)]
+        jc[to.j0 + U(c)], jc[to.j1 + U(c)] = k00 * dx + k01 * dy, k10 * dx + k11 * dy
+    if not moves:
         return
-    t0, t1, t2, place = _panel(seen, at + U(16))
-    for n in range(d_motion.shape[1]):
-        m0, m1, m2, m3, m4, m5 = _polynomial(place, d_motion, i, U(n))
-        dx, dy, dz = 0.0, 0.0, 0.0
-        if m3 != 0.0 or m4 != 0.0 or m5 != 0.0:
-            m3, m4, m5 = _left(t0, t1, t2, m3, m4, m5)
-            dx, dy, dz = m5 * y - m4 * z, m3 * z - m5 * x, m4 * x - m3 * y
-        dx, dy = (
-            g0 * (dx - m0) + g1 * (dy - m1) + g2 * (dz - m2),
-            h0 * (dx - m0) + h1 * (dy - m1) + h2 * (dz - m2),
-        )
-        _put(slot_column[i, slot], dx, dy, jb, b0, b1, jc, j0, j1)
+    t = _three(seen, at + U(16))
+    place = seen[at + U(19)]
+    for n in range(derivatives.motion.shape[1]):
+        c, theta, _, _ = _motion(place, derivatives.motion, i, U(n))
+        away = (-c[0], -c[1], -c[2])
+        if theta[0] != 0.0 or theta[1] != 0.0 or theta[2] != 0.0:
+            away = _less(_cross(x, _left(t, theta)), c)
+        _put(columns.slot[i, slot], _dot(g, away), _dot(h, away), to)
         slot += U(1)
 
 
-@njit(**SCALAR)
-def _polynomial(s, motion, i, k):
-    """Centre (3) and turn (3) at s; motion (images, k, 6 (degree + 1)) as of `_motion`."""
-    n = U(motion.shape[2] - 6)
-    m0, m1, m2 = motion[i, k, n], motion[i, k, n + U(1)], motion[i, k, n + U(2)]
-    m3, m4, m5 = motion[i, k, n + U(3)], motion[i, k, n + U(4)], motion[i, k, n + U(5)]
-    while n > U(0):
-        n -= U(6)
-        m0 = m0 * s + motion[i, k, n]
-        m1 = m1 * s + motion[i, k, n + U(1)]
-        m2 = m2 * s + motion[i, k, n + U(2)]
-        m3 = m3 * s + motion[i, k, n + U(3)]
-        m4 = m4 * s + motion[i, k, n + U(4)]
-        m5 = m5 * s + motion[i, k, n + U(5)]
-    return m0, m1, m2, m3, m4, m5
+# --- residuals --------------------------------------------------------------------------------
 
 
-@njit(**SCALAR)
-def _ray(o, e, i, k, px, py, pz, xy, weight, pose, interior, radials, loss, width, camera_column,
-         slot_column, row_of, at_row, image_shift, motion, d_interior, d_image, d_motion, low, high,
-         wide, modelled, jc, jb, d, img, seen):  # fmt: skip
-    """`_see` and `_rows` of one observation, the k-th of its point.
+@compiled(vectorised=True, **KERNEL)
+def look(first, last, scene, out, seen):
+    """Sum of rho over the rays of points first..last, and how many are behind a camera.
 
-    Returns whether the point is ahead, the two weighted residuals and the cost.
+    out (n, 2), or (0, 2): receives the residuals times the root of their weight, NaN of those
+    behind. seen: (most rays of a point * SEEN,) to work in.
     """
-    cost = _see(
-        o, 1, o - e, img, px, py, pz, xy, weight, pose, interior, radials, loss, width, row_of,
-        at_row, image_shift, motion, modelled, seen,
-    )  # fmt: skip
-    j0, b0 = k * U(2 * d), k * U(2) * wide
-    _rows(
-        i, e, seen, U(0), pose, interior, radials, camera_column, slot_column, motion, d_interior,
-        d_image, d_motion, low, high, jc, j0, j0 + U(d), d, jb, b0, b0 + wide,
-    )  # fmt: skip
-    ahead = seen[U(2)] > 0.0
-    return ahead, seen[U(14)] if ahead else 0.0, seen[U(15)] if ahead else 0.0, cost
-
-
-@njit(**KERNEL)
-def _residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, at_row, motion,
-               image_shift, base, out, modelled, weight, seen):  # fmt: skip
+    observations = scene.observations
+    total = 0.0
     behind = 0
     for p in range(first, last):
-        start = ptr[p]
-        m = ptr[p + 1] - start
-        _see(
-            start, m, base, img, points[p, 0], points[p, 1], points[p, 2], xy, weight, pose,
-            interior, radials, SQUARES, 0.0, row_of, at_row, image_shift, motion, modelled, seen,
-        )  # fmt: skip
+        start = observations.start[p]
+        m = observations.start[p + 1] - start
+        point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
+        total += see(start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen)
         for k in range(m):
             at = U(k * SEEN)
             ahead = seen[at + U(2)] > 0.0
             behind += 0 if ahead else 1
-            out[start + k, 0] = seen[at + U(14)] if ahead else np.nan
-            out[start + k, 1] = seen[at + U(15)] if ahead else np.nan
-    return behind
-
-
-def residuals(first, last, ptr, img, xy, points, pose, interior, radials, row_of, at_row, motion,
-              image_shift, base, out, modelled):  # fmt: skip
-    """Residuals (pixels, measured minus modelled) of the observations of points first..last.
-
-    modelled: (n, 4) or (0, 4); receives x, y, u, v of each. at_row: where the camera moves, the
-    row of each, px, as modelled last time, and then as modelled now. Returns how many are behind
-    a camera (their residual is NaN).
-    """
-    longest = int(np.diff(ptr[first : last + 1]).max(initial=1))
-    return _residuals(
-        first, last, ptr, img, xy, points, pose, interior, radials, row_of, at_row, motion,
-        image_shift, base, out, modelled, np.ones(1), np.zeros(longest * SEEN),
-    )  # fmt: skip
-
-
-@njit(**KERNEL)
-def cost(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width, row_of,
-         at_row, motion, image_shift, base, modelled, seen):  # fmt: skip
-    """Sum of rho over the observations of points first..last, and how many are behind a camera.
-
-    seen: (most rays of a point * SEEN,) to work in.
-    """
-    total = 0.0
-    behind = 0
-    for p in range(first, last):
-        start = ptr[p]
-        m = ptr[p + 1] - start
-        total += _see(
-            start, m, base, img, points[p, 0], points[p, 1], points[p, 2], xy, weight, pose,
-            interior, radials, loss, width, row_of, at_row, image_shift, motion, modelled, seen,
-        )  # fmt: skip
-        for k in range(m):
-            behind += 0 if seen[U(k * SEEN + 2)] > 0.0 else 1
+            if out.shape[0] > 0:
+                out[start + k, 0] = seen[at + U(14)] if ahead else np.nan
+                out[start + k, 1] = seen[at + U(15)] if ahead else np.nan
     return total, behind
 
 
-# --- four numbers at a time -------------------------------------------------------------------
+# --- parts of the assembly --------------------------------------------------------------------
 
 
 @njit(**SCALAR)
-def _panel(x, at):
-    """The PANEL numbers from `at` on."""
-    return x[at], x[at + U(1)], x[at + U(2)], x[at + U(3)]
+def _reduced(x, at, a, y, n, q):
+    """x[at:at + PANEL] - a0 y[n:] - a1 y[n + q:] - a2 y[n + 2 q:]."""
+    left = _plus(_panel(x, at), -a[0], _panel(y, n))
+    left = _plus(left, -a[1], _panel(y, q + n))
+    return _plus(left, -a[2], _panel(y, q + q + n))
 
 
 @njit(**SCALAR)
-def _set(x, at, x0, x1, x2, x3):
-    """x[at:at + PANEL] = ..."""
-    x[at] = x0
-    x[at + U(1)] = x1
-    x[at + U(2)] = x2
-    x[at + U(3)] = x3
-
-
-@njit(**SCALAR)
-def _add(out, at, f, x0, x1, x2, x3, g, y0, y1, y2, y3):
-    """out[at:at + PANEL] += f x + g y."""
-    s0 = out[at] + f * x0 + g * y0
-    s1 = out[at + U(1)] + f * x1 + g * y1
-    s2 = out[at + U(2)] + f * x2 + g * y2
-    s3 = out[at + U(3)] + f * x3 + g * y3
-    _set(out, at, s0, s1, s2, s3)
-
-
-@njit(**SCALAR)
-def _less(x, at, a0, a1, a2, y, y0, y1, y2):
-    """x[at:at + PANEL] - a0 y[y0:] - a1 y[y1:] - a2 y[y2:]."""
-    return (
-        x[at] - a0 * y[y0] - a1 * y[y1] - a2 * y[y2],
-        x[at + U(1)] - a0 * y[y0 + U(1)] - a1 * y[y1 + U(1)] - a2 * y[y2 + U(1)],
-        x[at + U(2)] - a0 * y[y0 + U(2)] - a1 * y[y1 + U(2)] - a2 * y[y2 + U(2)],
-        x[at + U(3)] - a0 * y[y0 + U(3)] - a1 * y[y1 + U(3)] - a2 * y[y2 + U(3)],
-    )
-
-
-@njit(**SCALAR)
-def _by_point(jc, at, apart, rays, row, x, x_at, x_apart, x_row):
-    """-P'x of a point: three panels, one a coordinate; x two rows a ray, like P (jc from at on)."""
-    w00, w01, w02, w03 = 0.0, 0.0, 0.0, 0.0
-    w10, w11, w12, w13 = 0.0, 0.0, 0.0, 0.0
-    w20, w21, w22, w23 = 0.0, 0.0, 0.0, 0.0
+def _by_point(p, x, rays):
+    """-P'x of a point: three panels, one a coordinate; p, x: `Strided`."""
+    w0, w1, w2 = _zero(), _zero(), _zero()
+    n, at = p.at, x.at
     for _ in range(rays):
         for half in range(2):
-            n = at + U(half) * row
-            x0, x1, x2, x3 = _panel(x, x_at + U(half) * x_row)
-            f = jc[n]
-            w00 += f * x0
-            w01 += f * x1
-            w02 += f * x2
-            w03 += f * x3
-            f = jc[n + U(1)]
-            w10 += f * x0
-            w11 += f * x1
-            w12 += f * x2
-            w13 += f * x3
-            f = jc[n + U(2)]
-            w20 += f * x0
-            w21 += f * x1
-            w22 += f * x2
-            w23 += f * x3
-        at += apart
-        x_at += x_apart
-    return w00, w01, w02, w03, w10, w11, w12, w13, w20, w21, w22, w23
+            j = n + U(half) * p.row
+            row = _panel(x.values, at + U(half) * x.row)
+            w0 = _plus(w0, p.values[j], row)
+            w1 = _plus(w1, p.values[j + U(1)], row)
+            w2 = _plus(w2, p.values[j + U(2)], row)
+        n += p.apart
+        at += x.apart
+    return w0, w1, w2
 
 
 @njit(**SCALAR)
-def _gram(x, start, rows, width, first, last, at, columns, out, to):
-    """out[c, r] = sum of x[:, at + c] x[:, r]: the rows r of first..last of `columns` columns.
+def _gram(x, start, rows, width, span, columns, out, to):
+    """out[c, r] = sum of x[:, at + c] x[:, r]: rows r of a span of `columns` = (at, how many).
 
-    x: (rows, width) from start on; out: rows of `width`, from `to` on. first: a multiple of PANEL.
-    Six columns are made at once, the last six whole.
+    x: (rows, width) from start on; out: rows of `width`, from `to` on. The span begins at a
+    multiple of PANEL. Six columns are made at once, the last six whole. The sums stand apart and
+    not in panels: those would cost the compiler's vectoriser 60 % of the whole assembly.
     """
-    for c in range(0, columns, 6):
+    at, count = columns
+    first, last = span
+    for c in range(0, count, 6):
         for r in range(first, last, PANEL):
             a0, a1, a2, a3 = 0.0, 0.0, 0.0, 0.0
             b0, b1, b2, b3 = 0.0, 0.0, 0.0, 0.0
@@ -624,12 +741,12 @@ def _gram(x, start, rows, width, first, last, at, columns, out, to):
                 f3 += f * x3
                 row += U(width)
             n = to + U(c * width + r)
-            _set(out, n, a0, a1, a2, a3)
-            _set(out, n + U(width), b0, b1, b2, b3)
-            _set(out, n + U(2 * width), c0, c1, c2, c3)
-            _set(out, n + U(3 * width), d0, d1, d2, d3)
-            _set(out, n + U(4 * width), e0, e1, e2, e3)
-            _set(out, n + U(5 * width), f0, f1, f2, f3)
+            _set(out, n, (a0, a1, a2, a3))
+            _set(out, n + U(width), (b0, b1, b2, b3))
+            _set(out, n + U(2 * width), (c0, c1, c2, c3))
+            _set(out, n + U(3 * width), (d0, d1, d2, d3))
+            _set(out, n + U(4 * width), (e0, e1, e2, e3))
+            _set(out, n + U(5 * width), (f0, f1, f2, f3))
 
 
 @njit(**SCALAR)
@@ -638,18 +755,19 @@ def _subtract(out, at, x, n):
     s0, s1, s2 = out[at] - x[n], out[at + U(1)] - x[n + U(1)], out[at + U(2)] - x[n + U(2)]
     s3, s4 = out[at + U(3)] - x[n + U(3)], out[at + U(4)] - x[n + U(4)]
     s5 = out[at + U(5)] - x[n + U(5)]
-    _set(out, at, s0, s1, s2, s3)
+    _set(out, at, (s0, s1, s2, s3))
     out[at + U(4)] = s4
     out[at + U(5)] = s5
 
 
 @njit(**SCALAR)
-def _invert_cholesky(v0, v1, v2, v3, v4, v5):
+def invert_cholesky(v):
     """Inverse of the lower Cholesky factor of (00 10 11 20 21 22), in the same order.
 
     A direction without information (rays that are parallel) gets a zero: it does not move.
     Returns also how many such directions there are.
     """
+    v0, v1, v2, v3, v4, v5 = v
     weak = 0
     i0 = 0.0
     i2 = 0.0
@@ -675,27 +793,24 @@ def _invert_cholesky(v0, v1, v2, v3, v4, v5):
 
 
 @njit(**SCALAR)
-def block_offset(i, j, t, d, stride, neighbour_start, neighbour):
+def block_offset(i, j, t, d, storage):
     """Where the block (rows of image j, columns of image i <= j) begins in the flat matrix.
 
     Entry (r, c) of the block lies at offset + c stride + r. Band: LAPACK lower storage with
     leading dimension stride + 1, t is the column image. Sparse: dense d x d blocks in the order
     of each image's sorted neighbours (itself first).
     """
-    if neighbour.shape[0] == 0:
-        return U(t * d * (stride + 1) + (j - i) * d)
-    lower = neighbour_start[i]
-    upper = neighbour_start[i + 1] - 1
+    if storage.neighbour.shape[0] == 0:
+        return U(t * d * (storage.stride + 1) + (j - i) * d)
+    lower = storage.neighbour_start[i]
+    upper = storage.neighbour_start[i + 1] - 1
     while lower < upper:
         middle = (lower + upper) // 2
-        if neighbour[middle] < j:
+        if storage.neighbour[middle] < j:
             lower = middle + 1
         else:
             upper = middle
     return U(lower * d * d)
-
-
-# --- the kernels --------------------------------------------------------------------------------
 
 
 @njit(**SCALAR)
@@ -717,38 +832,38 @@ def make_assemble(d):
     # Behind Y's last image its last panel runs over, and n needs a column.
     behind_y = max(-(-d // PANEL) * PANEL - d, 1)
 
-    @njit(**KERNEL)
-    def core(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
-             camera_column, slot_column, low, high, row_of, at_row, image_shift, motion,
-             d_interior, d_image, d_motion, base, control, control_weight, control_residual,
-             d_ground, ground_column, wide, damping, split, extra, matrix, stride,
-             neighbour_start, neighbour, gradient, diagonal, border, corner, corner_gradient,
-             corner_diagonal, modelled, totals, used, seen, jc, jb, res, y, z, stripe,
-             own):  # fmt: skip
+    @compiled(vectorised=True, **KERNEL)
+    def core(first, last, scene, damping, equations, totals, work):
+        observations, columns, control = scene.observations, scene.columns, scene.control
+        img = observations.image
+        d_ground = scene.derivatives.ground
+        seen, jc, jb, res, y, z = work.seen, work.jc, work.jb, work.residual, work.y, work.z
+        stripe, own = work.stripe, work.own
+        storage, matrix = equations.storage, equations.storage.flat
+        wide = columns.wide
         q = U(wide)
         ray, apart = U(2 * row), U(GROUP * 2 * row)  # from a point's ray to the next, in jc
         cost = 0.0
         behind = 0
         waiting = 0
         for p in range(first, last):
-            px, py, pz = points[p, 0], points[p, 1], points[p, 2]
-            start = ptr[p]
-            m = ptr[p + 1] - start
+            point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
+            start = observations.start[p]
+            m = observations.start[p + 1] - start
             lo, hi = wide, 0
             for k in range(m):
                 i = U(img[U(start + k)])
-                lo, hi = min(lo, low[i]), max(hi, high[i])
-            given = control[p]
+                lo, hi = min(lo, columns.low[i]), max(hi, columns.high[i])
+            given = control.row[p]
             if given >= 0:
                 for s in range(d_ground.shape[2]):
-                    c = ground_column[given, s]
+                    c = columns.ground[given, s]
                     if c >= 0:
                         lo, hi = min(lo, c // PANEL * PANEL), max(hi, c // PANEL * PANEL + PANEL)
 
-            cost += _see(
-                start, m, base, img, px, py, pz, xy, weight, pose, interior, radials, loss, width,
-                row_of, at_row, image_shift, motion, modelled, seen,
-            )  # fmt: skip
+            cost += see(
+                start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen
+            )
             j_first = U(waiting) * ray
             for k in range(m):
                 o = U(start + k)
@@ -756,10 +871,9 @@ def make_assemble(d):
                 j0 = j_first + U(k) * apart
                 j1 = j0 + U(row)
                 b0 = U(2 * k) * q
-                _rows(
-                    U(img[o]), o - U(base), seen, at, pose, interior, radials, camera_column,
-                    slot_column, motion, d_interior, d_image, d_motion, lo, hi, jc, j0 + U(1),
-                    j1 + U(1), d, jb, b0, b0 + q,
+                jacobian_rows(
+                    U(img[o]), o - U(scene.looked.base), seen, at, scene, (lo, hi), d,
+                    Rows(jc, j0 + U(1), j1 + U(1), jb, b0, b0 + q),
                 )  # fmt: skip
                 ahead = seen[at + U(2)] > 0.0
                 behind += 0 if ahead else 1
@@ -767,63 +881,50 @@ def make_assemble(d):
                 jc[j1] = seen[at + U(15)] if ahead else 0.0
 
             # With the residual before the unknowns one panel gives P'e and V.
-            gp0, v0, _, _, gp1, v1, v2, _, gp2, v3, v4, v5 = _by_point(
-                jc, j_first + U(1), apart, m, U(row), jc, j_first, apart, U(row)
-            )
-            gp0, gp1, gp2 = -gp0, -gp1, -gp2
+            by_p = Strided(jc, j_first + U(1), apart, U(row))
+            w0, w1, w2 = _by_point(by_p, Strided(jc, j_first, apart, U(row)), m)
+            gp0, gp1, gp2 = -w0[0], -w1[0], -w2[0]
+            v0, v1, v2, v3, v4, v5 = w0[1], w1[1], w1[2], w2[1], w2[2], w2[3]
             c0, c1, c2 = 0.0, 0.0, 0.0
             if given >= 0:
-                # Three more rows, one a coordinate: by the point a unit vector, by the border
-                # what the effects on ground control say.
-                c0 = np.sqrt(control_weight[given, 0])
-                c1 = np.sqrt(control_weight[given, 1])
-                c2 = np.sqrt(control_weight[given, 2])
+                # Three more rows, one a coordinate: by the point a unit vector, by what is
+                # shared what the effects on ground control say.
+                c0 = np.sqrt(control.weight[given, 0])
+                c1 = np.sqrt(control.weight[given, 1])
+                c2 = np.sqrt(control.weight[given, 2])
                 v0 += c0 * c0
                 v2 += c1 * c1
                 v5 += c2 * c2
                 for axis in range(3):
-                    root = np.sqrt(control_weight[given, axis])
-                    res[U(axis)] = root * control_residual[given, axis]
+                    root = np.sqrt(control.weight[given, axis])
+                    res[U(axis)] = root * control.residual[given, axis]
                     b0 = U(2 * m + axis) * q
                     for c in range(lo, hi):
                         jb[b0 + U(c)] = 0.0
                     for s in range(d_ground.shape[2]):
-                        c = ground_column[given, s]
+                        c = columns.ground[given, s]
                         if c >= 0:
                             jb[b0 + U(c)] += root * d_ground[given, axis, s]
                 gp0 += c0 * res[U(0)]
                 gp1 += c1 * res[U(1)]
                 gp2 += c2 * res[U(2)]
             grown = 1.0 + damping
-            i0, i1, i2, i3, i4, i5, weak = _invert_cholesky(
-                v0 * grown, v1, v2 * grown, v3, v4, v5 * grown
+            i0, i1, i2, i3, i4, i5, weak = invert_cholesky(
+                (v0 * grown, v1, v2 * grown, v3, v4, v5 * grown)
             )
             totals[2] += weak
-            n0 = i0 * gp0
-            n1 = i1 * gp0 + i2 * gp1
-            n2 = i3 * gp0 + i4 * gp1 + i5 * gp2
+            right = i0 * gp0, i1 * gp0 + i2 * gp1, i3 * gp0 + i4 * gp1 + i5 * gp2
             for x in range(lo, hi, PANEL):
                 n = U(x)
-                w00, w01, w02, w03, w10, w11, w12, w13, w20, w21, w22, w23 = _by_point(
-                    jc, j_first + U(1), apart, m, U(row), jb, n, q + q, q
-                )
+                w0, w1, w2 = _by_point(by_p, Strided(jb, n, q + q, q), m)
                 if given >= 0:
                     b0 = U(2 * m) * q + n
-                    f0, f1, f2, f3 = _panel(jb, b0)
-                    w00, w01, w02, w03 = w00 - c0 * f0, w01 - c0 * f1, w02 - c0 * f2, w03 - c0 * f3
-                    f0, f1, f2, f3 = _panel(jb, b0 + q)
-                    w10, w11, w12, w13 = w10 - c1 * f0, w11 - c1 * f1, w12 - c1 * f2, w13 - c1 * f3
-                    f0, f1, f2, f3 = _panel(jb, b0 + q + q)
-                    w20, w21, w22, w23 = w20 - c2 * f0, w21 - c2 * f1, w22 - c2 * f2, w23 - c2 * f3
-                _set(z, n, -i0 * w00, -i0 * w01, -i0 * w02, -i0 * w03)
-                _set(
-                    z, q + n, -i1 * w00 - i2 * w10, -i1 * w01 - i2 * w11, -i1 * w02 - i2 * w12,
-                    -i1 * w03 - i2 * w13,
-                )  # fmt: skip
-                _set(
-                    z, q + q + n, -i3 * w00 - i4 * w10 - i5 * w20, -i3 * w01 - i4 * w11 - i5 * w21,
-                    -i3 * w02 - i4 * w12 - i5 * w22, -i3 * w03 - i4 * w13 - i5 * w23,
-                )  # fmt: skip
+                    w0 = _plus(w0, -c0, _panel(jb, b0))
+                    w1 = _plus(w1, -c1, _panel(jb, b0 + q))
+                    w2 = _plus(w2, -c2, _panel(jb, b0 + q + q))
+                _set(z, n, _plus(_zero(), -i0, w0))
+                _set(z, q + n, _two(-i1, w0, -i2, w1))
+                _set(z, q + q + n, _plus(_two(-i3, w0, -i4, w1), -i5, w2))
 
             # Y of this point: three rows of d m columns, and n as one more.
             n_y = U(-(-(d * m + behind_y) // PANEL) * PANEL)
@@ -832,86 +933,65 @@ def make_assemble(d):
                 j0 = j_first + U(k) * apart + U(1)
                 j1 = j0 + U(row)
                 i = img[U(start + k)]
-                t = i if i < split else i + extra
+                t = i if i < equations.split else i + equations.extra
                 # T of both rows: P L^-T
-                a0, a1, a2 = -jc[j0], -jc[j0 + U(1)], -jc[j0 + U(2)]
-                a2 = i3 * a0 + i4 * a1 + i5 * a2
-                a1 = i1 * a0 + i2 * a1
-                a0 = i0 * a0
-                c0, c1, c2 = -jc[j1], -jc[j1 + U(1)], -jc[j1 + U(2)]
-                c2 = i3 * c0 + i4 * c1 + i5 * c2
-                c1 = i1 * c0 + i2 * c1
-                c0 = i0 * c0
+                a, b = _three(jc, j0), _three(jc, j1)
+                a = -i0 * a[0], -i1 * a[0] - i2 * a[1], -i3 * a[0] - i4 * a[1] - i5 * a[2]
+                b = -i0 * b[0], -i1 * b[0] - i2 * b[1], -i3 * b[0] - i4 * b[1] - i5 * b[2]
                 # The last panel runs into the next image's columns, which are filled after it.
                 for x in range(0, d, PANEL):
-                    f0, f1, f2, f3 = _panel(jc, j0 + U(x))
-                    h0, h1, h2, h3 = _panel(jc, j1 + U(x))
+                    f, g = _panel(jc, j0 + U(x)), _panel(jc, j1 + U(x))
                     n = y_first + U(k * d + x)
-                    _set(
-                        y, n, f0 * a0 + h0 * c0, f1 * a0 + h1 * c0, f2 * a0 + h2 * c0,
-                        f3 * a0 + h3 * c0,
-                    )  # fmt: skip
-                    n += n_y
-                    _set(
-                        y, n, f0 * a1 + h0 * c1, f1 * a1 + h1 * c1, f2 * a1 + h2 * c1,
-                        f3 * a1 + h3 * c1,
-                    )  # fmt: skip
-                    n += n_y
-                    _set(
-                        y, n, f0 * a2 + h0 * c2, f1 * a2 + h1 * c2, f2 * a2 + h2 * c2,
-                        f3 * a2 + h3 * c2,
-                    )  # fmt: skip
-                e0 = jc[j0 - U(1)] - (a0 * n0 + a1 * n1 + a2 * n2)
-                e1 = jc[j1 - U(1)] - (c0 * n0 + c1 * n1 + c2 * n2)
+                    _set(y, n, _two(a[0], f, b[0], g))
+                    _set(y, n + n_y, _two(a[1], f, b[1], g))
+                    _set(y, n + n_y + n_y, _two(a[2], f, b[2], g))
+                e0 = jc[j0 - U(1)] - _dot(a, right)
+                e1 = jc[j1 - U(1)] - _dot(b, right)
                 b0 = U(2 * k) * q
                 b1 = b0 + q
                 for x in range(lo, hi, PANEL):
                     n = U(x)
-                    s0, s1, s2, s3 = _less(jb, b0 + n, a0, a1, a2, z, n, q + n, q + q + n)
-                    u0, u1, u2, u3 = _less(jb, b1 + n, c0, c1, c2, z, n, q + n, q + q + n)
+                    s = _reduced(jb, b0 + n, a, z, n, q)
+                    u = _reduced(jb, b1 + n, b, z, n, q)
                     at = U(t * d) * q + n
                     for r in range(d):
-                        f, g = jc[j0 + U(r)], jc[j1 + U(r)]
-                        _add(border, at, f, s0, s1, s2, s3, g, u0, u1, u2, u3)
+                        _add(equations.cross, at, jc[j0 + U(r)], s, jc[j1 + U(r)], u)
                         at += q
-                    for r in range(x, min(hi, used)):
-                        f, g = jb[b0 + U(r)], jb[b1 + U(r)]
-                        _add(corner, U(r) * q + n, f, s0, s1, s2, s3, g, u0, u1, u2, u3)
-                    s0, s1, s2, s3 = _panel(jb, b0 + n)
-                    u0, u1, u2, u3 = _panel(jb, b1 + n)
-                    _add(corner_gradient, n, e0, s0, s1, s2, s3, e1, u0, u1, u2, u3)
-                    s0, s1, s2, s3 = s0 * s0, s1 * s1, s2 * s2, s3 * s3
-                    u0, u1, u2, u3 = u0 * u0, u1 * u1, u2 * u2, u3 * u3
-                    _add(corner_diagonal, n, 1.0, s0, s1, s2, s3, 1.0, u0, u1, u2, u3)
+                    for r in range(x, min(hi, work.used)):
+                        _add(equations.block, U(r) * q + n, jb[b0 + U(r)], s, jb[b1 + U(r)], u)
+                    s, u = _panel(jb, b0 + n), _panel(jb, b1 + n)
+                    _add(equations.shared_gradient, n, e0, s, e1, u)
+                    s = s[0] * s[0], s[1] * s[1], s[2] * s[2], s[3] * s[3]
+                    u = u[0] * u[0], u[1] * u[1], u[2] * u[2], u[3] * u[3]
+                    _add(equations.shared_diagonal, n, 1.0, s, 1.0, u)
             if given >= 0 and d_ground.shape[2] > 0:
                 for axis in range(3):
-                    root = np.sqrt(control_weight[given, axis])
-                    a0, a1, a2 = 0.0, 0.0, i5 * root
+                    root = np.sqrt(control.weight[given, axis])
+                    a = (0.0, 0.0, i5 * root)
                     if axis == 0:
-                        a0, a1, a2 = i0 * root, i1 * root, i3 * root
+                        a = (i0 * root, i1 * root, i3 * root)
                     elif axis == 1:
-                        a1, a2 = i2 * root, i4 * root
-                    e0 = res[U(axis)] - (a0 * n0 + a1 * n1 + a2 * n2)
+                        a = (0.0, i2 * root, i4 * root)
+                    e0 = res[U(axis)] - _dot(a, right)
                     b0 = U(2 * m + axis) * q
                     for x in range(lo, hi, PANEL):
                         n = U(x)
-                        s0, s1, s2, s3 = _less(jb, b0 + n, a0, a1, a2, z, n, q + n, q + q + n)
+                        s = _reduced(jb, b0 + n, a, z, n, q)
                         for r in range(x, hi):
-                            f = jb[b0 + U(r)]
-                            _add(corner, U(r) * q + n, f, s0, s1, s2, s3, 0.0, 0.0, 0.0, 0.0, 0.0)
+                            _add(equations.block, U(r) * q + n, jb[b0 + U(r)], s, 0.0, s)
                     for r in range(lo, hi):
                         f = jb[b0 + U(r)]
-                        corner_gradient[U(r)] += f * e0
-                        corner_diagonal[U(r)] += f * f
+                        equations.shared_gradient[U(r)] += f * e0
+                        equations.shared_diagonal[U(r)] += f * f
             n = y_first + U(d * m)
-            y[n] = n0
-            y[n + n_y] = n1
-            y[n + n_y + n_y] = n2
+            y[n] = right[0]
+            y[n + n_y] = right[1]
+            y[n + n_y + n_y] = right[2]
             waiting += 1
             if (
                 waiting < GROUP
                 and p + 1 < last
-                and _same_images(img, start, m, ptr[p + 2] - ptr[p + 1])
+                and _same_images(img, start, m, observations.start[p + 2] - start - m)
             ):
                 continue
 
@@ -922,72 +1002,65 @@ def make_assemble(d):
                 if turn < m:
                     k = turn
                     _gram(
-                        y, U(0), 3 * waiting, n_y, k * d // PANEL * PANEL, n_y, k * d, d, stripe,
-                        U((k & 1) * sixes) * n_y,
+                        y, U(0), 3 * waiting, n_y, (k * d // PANEL * PANEL, n_y), (k * d, d),
+                        stripe, U((k & 1) * sixes) * n_y,
                     )  # fmt: skip
                     _gram(
-                        jc, U(k) * apart, 2 * waiting, row, 0, row, 1, d, own,
+                        jc, U(k) * apart, 2 * waiting, row, (0, row), (1, d), own,
                         U((k & 1) * sixes * row),
                     )  # fmt: skip
                 if turn == 0:
                     continue
                 k = turn - 1
                 i = img[U(start + k)]
-                t = i if i < split else i + extra
+                t = i if i < equations.split else i + equations.extra
                 ys = U((k & 1) * sixes) * n_y
                 js = U((k & 1) * sixes * row)
                 at = U(t * d)
-                offset = block_offset(i, i, t, d, stride, neighbour_start, neighbour)
+                offset = block_offset(i, i, t, d, storage)
                 for c in range(d):
-                    gradient[at + U(c)] += own[js] - stripe[ys + U(d * m)]
-                    diagonal[at + U(c)] += own[js + U(1 + c)]
+                    equations.gradient[at + U(c)] += own[js] - stripe[ys + U(d * m)]
+                    equations.diagonal[at + U(c)] += own[js + U(1 + c)]
                     for r in range(c, d):
                         matrix[offset + U(r)] += own[js + U(1 + r)] - stripe[ys + U(k * d + r)]
                     js += U(row)
                     ys += n_y
-                    offset += U(stride)
+                    offset += U(storage.stride)
                 for n in range(k + 1, m):
                     j = img[U(start + n)]
-                    offset = block_offset(i, j, t, d, stride, neighbour_start, neighbour)
+                    offset = block_offset(i, j, t, d, storage)
                     at = U((k & 1) * sixes) * n_y + U(n * d)
                     for _ in range(d):
                         _subtract(matrix, offset, stripe, at)
                         for r in range(6, d):
                             matrix[offset + U(r)] -= stripe[at + U(r)]
                         at += n_y
-                        offset += U(stride)
+                        offset += U(storage.stride)
             waiting = 0
         totals[0] += cost
         totals[1] += behind
 
-    def assemble(*arguments):
+    def assemble(first, last, scene, damping, equations, totals, longest):
         """Add the reduced normal equations of points first..last.
 
-        Arguments as of `core` up to totals, and longest, the most rays of a point.
-        matrix: flat, see `block_offset`; columns of images >= split go `extra` images later, so
-        that two threads do not meet. Flat as well: gradient, diagonal (images, d), border
-        (images, d, wide), corner (wide, wide, lower half), corner_gradient, corner_diagonal
-        (wide,). low, high: panels of the border that an image touches. control: (points,) row of
-        the control arrays or -1. totals: cost, behind, weak directions.
+        totals (3,): cost, behind, weak directions. longest: the most rays of a point.
         """
-        *arguments, longest = arguments
-        wide = arguments[29]
+        columns, wide = scene.columns, scene.columns.wide
         # The last panel's columns that no ray touches are left out where it is easy.
-        touched = (arguments[12], arguments[13], arguments[28])  # columns by camera, slot, ground
-        used = 1 + max(int(columns.max(initial=-1)) for columns in touched)
+        touched = (columns.camera, columns.slot, columns.ground)
         n_y = -(-(d * longest + behind_y) // PANEL) * PANEL
-        core(
-            *arguments,
-            used,
-            np.zeros(longest * SEEN),
-            np.zeros(longest * GROUP * 2 * row + PANEL),
-            np.zeros((2 * longest + 3) * wide),
-            np.zeros(3),
-            np.zeros(GROUP * 3 * n_y + 2 * sixes),
-            np.zeros(3 * wide),
-            np.zeros(2 * sixes * n_y),
-            np.zeros(2 * sixes * row),
+        work = Work(
+            seen=np.zeros(longest * SEEN),
+            jc=np.zeros(longest * GROUP * 2 * row + PANEL),
+            jb=np.zeros((2 * longest + 3) * wide),
+            residual=np.zeros(3),
+            y=np.zeros(GROUP * 3 * n_y + 2 * sixes),
+            z=np.zeros(3 * wide),
+            stripe=np.zeros(2 * sixes * n_y),
+            own=np.zeros(2 * sixes * row),
+            used=1 + max(int(some.max(initial=-1)) for some in touched),
         )
+        core(first, last, scene, damping, equations, totals, work)
 
     assemble.core = core
     return assemble
@@ -996,63 +1069,56 @@ def make_assemble(d):
 def make_substitute(d):
     """The way back to the points for images with `d` unknowns."""
 
-    @njit(**KERNEL)
-    def core(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss, width,
-             camera_column, slot_column, low, high, row_of, at_row, image_shift, motion,
-             d_interior, d_image, d_motion, base, control, control_weight, control_residual,
-             d_ground, ground_column, wide, damping, step, shared, interior_step, image_step,
-             motion_step, moved, totals, modelled, seen):  # fmt: skip
-        moves = motion.shape[1] > 0
-        most = radials if d_interior.shape[2] == 0 else 8
+    @compiled(vectorised=True, **KERNEL)
+    def core(first, last, scene, damping, step, moved, totals, seen):
+        observations, columns, control = scene.observations, scene.columns, scene.control
+        d_ground = scene.derivatives.ground
+        moves = scene.cameras.motion.shape[2] > 0
+        radials = scene.cameras.radials if scene.derivatives.interior.shape[2] == 0 else 8
         down = 0.0
         square = 0.0
         for p in range(first, last):
-            px, py, pz = points[p, 0], points[p, 1], points[p, 2]
+            point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
             v0, v1, v2, v3, v4, v5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             g0, g1, g2 = 0.0, 0.0, 0.0
             t0, t1, t2 = 0.0, 0.0, 0.0
-            start = ptr[p]
-            m = ptr[p + 1] - start
-            _see(
-                start, m, base, img, px, py, pz, xy, weight, pose, interior, radials, loss, width,
-                row_of, at_row, image_shift, motion, modelled, seen,
-            )  # fmt: skip
+            start = observations.start[p]
+            m = observations.start[p + 1] - start
+            see(start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen)
             for k in range(m):
                 o, at = U(start + k), U(k * SEEN)
-                i = U(img[o])
-                x, y, z, root = _panel(seen, at)
-                if not z > 0.0:
+                i = U(observations.image[o])
+                if not seen[at + U(2)] > 0.0:
                     continue
-                u, v, a, b = _panel(seen, at + U(4))
-                # How far the step moves the pixel, weighted: first by the interior and the image
-                # effects, then by centre, turn and motion, by way of X.
-                f = interior[i, U(0)]
-                sx, sy = interior_change(u, v, a, b, f, most, interior_step, i, U(0))
-                for n in range(d_image.shape[2]):
-                    e = o - U(base)
-                    sx += d_image[e, U(0), U(n)] * image_step[i, U(n)]
-                    sy += d_image[e, U(1), U(n)] * image_step[i, U(n)]
+                # By how much the step moves the pixel, weighted: by the interior and the image
+                # effects, then by centre, turn and motion, by way of X. Jacobian rows times the
+                # step would be shorter here, and a fifth slower.
+                x = _three(seen, at)
+                root = seen[at + U(3)]
+                f = scene.cameras.interior[i, U(0)]
+                sx, sy = interior_change(_panel(seen, at + U(4)), f, radials, step.interior, i)
+                for n in range(step.image.shape[1]):
+                    e = o - U(scene.looked.base)
+                    sx += scene.derivatives.image[e, U(0), U(n)] * step.image[i, U(n)]
+                    sy += scene.derivatives.image[e, U(1), U(n)] * step.image[i, U(n)]
                 sx *= root
                 sy *= root
                 n = i * U(d)
-                q0, q1, q2 = step[n + U(3)], step[n + U(4)], step[n + U(5)]
-                w0, w1, w2 = 0.0, 0.0, 0.0
-                if moves or d_image.shape[2] > 0:
+                shift, turn = _three(step.poses, n), _three(step.poses, n + U(3))
+                if moves or step.image.shape[1] > 0:
                     k00, k01, k10, k11 = _slope(seen, at)
                     sx, sy = k00 * sx + k01 * sy, k10 * sx + k11 * sy
+                away = (0.0, 0.0, 0.0)
                 if moves:
-                    r0, r1, r2, place = _panel(seen, at + U(16))
-                    w0, w1, w2, w3, w4, w5 = _polynomial(place, motion_step, i, U(0))
-                    w3, w4, w5 = _left(r0, r1, r2, w3, w4, w5)
-                    q0, q1, q2 = q0 - w3, q1 - w4, q2 - w5
-                dx, dy, dz = q1 * z - q2 * y - w0, q2 * x - q0 * z - w1, q0 * y - q1 * x - w2
-                q0, q1, q2 = step[n], step[n + U(1)], step[n + U(2)]
-                f0, f1, f2, h0 = _panel(seen, at + U(8))
-                h1, h2, e0, e1 = _panel(seen, at + U(12))
-                a0, a1, a2 = _before_rotation(pose, i, f0, f1, f2)
-                sx += f0 * dx + f1 * dy + f2 * dz - (a0 * q0 + a1 * q1 + a2 * q2)
-                c0, c1, c2 = _before_rotation(pose, i, h0, h1, h2)
-                sy += h0 * dx + h1 * dy + h2 * dz - (c0 * q0 + c1 * q1 + c2 * q2)
+                    away, theta, _, _ = _motion(seen[at + U(19)], step.motion, i, U(0))
+                    turn = _less(turn, _left(_three(seen, at + U(16)), theta))
+                away = _less(_cross(turn, x), away)
+                g, h = _three(seen, at + U(8)), _three(seen, at + U(11))
+                e0, e1 = seen[at + U(14)], seen[at + U(15)]
+                a0, a1, a2 = _before_rotation(scene.cameras.pose, i, g)
+                sx += _dot(g, away) - _dot((a0, a1, a2), shift)
+                c0, c1, c2 = _before_rotation(scene.cameras.pose, i, h)
+                sy += _dot(h, away) - _dot((c0, c1, c2), shift)
                 g0 += a0 * e0 + c0 * e1
                 g1 += a1 * e0 + c1 * e1
                 g2 += a2 * e0 + c2 * e1
@@ -1067,14 +1133,14 @@ def make_substitute(d):
                 v3 += a2 * a0 + c2 * c0
                 v4 += a2 * a1 + c2 * c1
                 v5 += a2 * a2 + c2 * c2
-            given = control[p]
+            given = control.row[p]
             if given >= 0:
-                w0 = control_weight[given, 0]
-                w1 = control_weight[given, 1]
-                w2 = control_weight[given, 2]
-                e0 = control_residual[given, 0]
-                e1 = control_residual[given, 1]
-                e2 = control_residual[given, 2]
+                w0 = control.weight[given, 0]
+                w1 = control.weight[given, 1]
+                w2 = control.weight[given, 2]
+                e0 = control.residual[given, 0]
+                e1 = control.residual[given, 1]
+                e2 = control.residual[given, 2]
                 v0 += w0
                 v2 += w1
                 v5 += w2
@@ -1082,17 +1148,17 @@ def make_substitute(d):
                 g1 += w1 * e1
                 g2 += w2 * e2
                 for s in range(d_ground.shape[2]):
-                    c = ground_column[given, s]
+                    c = columns.ground[given, s]
                     if c >= 0:
-                        e0 -= d_ground[given, 0, s] * shared[c]
-                        e1 -= d_ground[given, 1, s] * shared[c]
-                        e2 -= d_ground[given, 2, s] * shared[c]
+                        e0 -= d_ground[given, 0, s] * step.shared[c]
+                        e1 -= d_ground[given, 1, s] * step.shared[c]
+                        e2 -= d_ground[given, 2, s] * step.shared[c]
                 t0 += w0 * e0
                 t1 += w1 * e1
                 t2 += w2 * e2
             grown = 1.0 + damping
-            i0, i1, i2, i3, i4, i5, _ = _invert_cholesky(
-                v0 * grown, v1, v2 * grown, v3, v4, v5 * grown
+            i0, i1, i2, i3, i4, i5, _ = invert_cholesky(
+                (v0 * grown, v1, v2 * grown, v3, v4, v5 * grown)
             )
             n0 = i0 * t0
             n1 = i1 * t0 + i2 * t1
@@ -1100,9 +1166,9 @@ def make_substitute(d):
             s0 = i0 * n0 + i1 * n1 + i3 * n2
             s1 = i2 * n1 + i4 * n2
             s2 = i5 * n2
-            moved[p, 0] = px + s0
-            moved[p, 1] = py + s1
-            moved[p, 2] = pz + s2
+            moved[p, 0] = point[0] + s0
+            moved[p, 1] = point[1] + s1
+            moved[p, 2] = point[2] + s2
             # With the reduced gradients this adds up to step . gradient of the whole system.
             n0 = i0 * g0
             n1 = i1 * g0 + i2 * g1
@@ -1112,15 +1178,13 @@ def make_substitute(d):
         totals[0] += down
         totals[1] += square
 
-    def substitute(*arguments):
-        """Move points first..last by the step of the images (flat) and the border (wide,).
+    def substitute(first, last, scene, damping, step, moved, totals, longest):
+        """Move points first..last by a step.
 
-        interior_step (m, 15, 1), image_step (m, k), motion_step (m, 1, 6 (degree + 1)): what that
-        step does to each image's interior, image effects and motion. moved: (points, 3) receives
-        the new points. totals: the points' part of step . gradient and of step . diagonal . step.
+        moved: (points, 3) receives the new points. totals (2,): the points' part of
+        step . gradient and of step . diagonal . step. longest: the most rays of a point.
         """
-        longest = int(np.diff(arguments[2][arguments[0] : arguments[1] + 1]).max(initial=1))
-        core(*arguments, np.zeros((0, 4)), np.zeros(longest * SEEN))
+        core(first, last, scene, damping, step, moved, totals, np.zeros(longest * SEEN))
 
     substitute.core = core
     return substitute
@@ -1146,7 +1210,7 @@ def backward(band, ld, n, right):
         _backward(band, ld, n, right)
 
 
-@njit(**KERNEL)
+@compiled(**KERNEL)
 def _forward(band, ld, n, right):
     m = right.shape[1]
     for j in range(n):
@@ -1161,7 +1225,7 @@ def _forward(band, ld, n, right):
                     right[j + r, c] -= factor * right[j, c]
 
 
-@njit(**KERNEL)
+@compiled(**KERNEL)
 def _backward(band, ld, n, right):
     m = right.shape[1]
     for j in range(n - 1, -1, -1):

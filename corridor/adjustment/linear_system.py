@@ -36,9 +36,6 @@ from corridor.geometry import helmert_motions
 if TYPE_CHECKING:
     from corridor.adjustment.result import Adjustment
 
-# Rows are at rest where a pass moves no image point by more, px; each pass leaves a thousandth.
-AT_REST_PX = 1e-11
-MOST_PASSES = 12
 POSE = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -353,7 +350,7 @@ class LinearSystem:
     def residuals(self) -> Residuals:
         """Measured minus modelled, effects that are only tested among the modelled."""
         normal = Normal(self.problem, self.loss, storage="band")
-        pixels, behind = _at_rest(normal, self.state)
+        pixels, behind = normal.residuals(self.state)
         gnss = np.zeros((0, 3))
         if len(self.problem.gnss_image):
             predicted = normal.antenna(self.state, self.images)[0]
@@ -442,7 +439,6 @@ class LinearSystem:
         normal = Normal(p, self.loss, self.threads, self.storage)
         if self.held is not None:
             normal.pins = self.held
-        _at_rest(normal, self.state)
         normal.assemble(self.state, 0.0)
         if self.information is not None:
             normal.corner += np.tril(self.information)
@@ -557,18 +553,6 @@ class _Beside:
     jacobian: csr_array
     shared: list[Unknown]
     moved: np.ndarray
-
-
-def _at_rest(normal: Normal, state: State) -> tuple[np.ndarray, int]:
-    """Residuals (n, 2) px of the image points, rows at rest, and how many are behind a camera."""
-    last, behind = normal.look(state, passes=1)
-    for _ in range(MOST_PASSES if normal.looks or normal.moves else 0):
-        residual, behind = normal.look(state, passes=1)
-        moved = np.nanmax(np.abs(residual - last), initial=0.0)
-        last = residual
-        if moved < AT_REST_PX:
-            break
-    return last, behind
 
 
 def motions(state: State, d: int) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,7 @@ LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.
 CAMERA, LEVER_ARM, EFFECT = "camera", "lever_arm", "effect"
 
 
-@dataclass
-class Loss:
+class Loss(NamedTuple):
     """A loss function on the length of an image residual in sigmas."""
 
     kind: int = kernels.SQUARES

@@ -20,28 +20,51 @@ from corridor.geometry import rotation_from_vector
 # Observations that effects look at in one go: small enough for the cache.
 CHUNK = 16_384
 _FIRST_RADIAL = INTERIOR.index("k1")
+_NO_DERIVATIVE = np.zeros((0, 2, 0))
 
 assemble_for = lru_cache(kernels.make_assemble)
 substitute_for = lru_cache(kernels.make_substitute)
+
+
+# From a pixel so near (px) a step of Newton finds what effects on the image look at; from a row so
+# near, where the camera is: to a millionth of a pixel, as each leaves the square. Where a camera
+# moves straight, only the perspective bends its way in the picture.
+NEAR, NEAR_ROW, NEAR_STRAIGHT = 0.5, 0.05, 5.0
+# Pixels and rows are at rest where another look moves them by less than this (px).
+AT_REST, ROW_AT_REST = 1e-11, 1e-5
+PASSES = 20
+
+
+@dataclass
+class Modelled:
+    """Where a state puts the observations, as far as effects must know.
+
+    row (n,): the row in which a moving camera reads each, px; pixel (n, 4): x, y, u, v at which
+    effects on the image look; slope (n, 4): derivative of the pixel by the one before effects.
+    Empty where nothing moves or looks.
+    """
+
+    row: np.ndarray
+    pixel: np.ndarray
+    slope: np.ndarray
+
+    def copy(self) -> Modelled:
+        """The same in arrays of its own."""
+        return Modelled(self.row.copy(), self.pixel.copy(), self.slope.copy())
 
 
 @dataclass
 class View:
     """A state as the kernels take it.
 
-    pose (m, 12): centre and rotation; interior (m, 15) with the effects on it, radials of them in
-    use; row_of (m, 3) as in `Images.row_of`; motion (m, 6 (degree + 1)) and d_motion
-    (m, parameters, 6 (degree + 1)) as in `_for_kernels`; the other d_: derivatives by the
+    cameras: poses, interiors and motion; d_interior (m, 15, k), d_motion
+    (m, parameters, 6 (degree + 1)) as in `_for_kernels` and d_ground (c, 3, k): derivatives by the
     effects; control_residual (c, 3): given minus modelled, m.
     """
 
     state: State
     images: Images
-    pose: np.ndarray
-    interior: np.ndarray
-    radials: int
-    row_of: np.ndarray
-    motion: np.ndarray
+    cameras: kernels.Cameras
     d_interior: np.ndarray
     d_motion: np.ndarray
     control_residual: np.ndarray
@@ -51,8 +74,13 @@ class View:
 class Normal:
     """The equations of one problem; storage is kept from one assembly to the next.
 
+    What is found at a state depends on the state alone: where effects move the camera or look at
+    the modelled pixel, both are brought to rest first, to a millionth of a pixel. `near` may say
+    where a state close by had them, which saves passes and changes nothing else.
+
     After `assemble`: cost (half the weighted sum of squares, priors included), behind (how many
-    observations lie behind their camera), gradient (n,) and shared_gradient (q,).
+    observations lie behind their camera), modelled (at that state), gradient (n,) and
+    shared_gradient (q,).
     """
 
     def __init__(self, problem: Problem, loss: Loss, threads: int = 1, storage: str = "auto"):
@@ -82,28 +110,14 @@ class Normal:
         self.gradient = np.zeros((rows, p.d))
         self.reference = np.zeros((rows, p.d))
         self.border = np.zeros((rows, p.d, p.wide))
-        self.looks = bool(p.stack.at("image"))
-        # What effects look at: x, y, u, v as modelled last time (a step of Newton leads to now).
-        self.modelled = np.zeros((len(p.img) if self.looks else 0, 4))
-        # Derivative of the pixel by the pixel before the effects, as found by the last assembly.
-        self.slope = np.tile([1.0, 0.0, 0.0, 1.0], (len(self.modelled), 1))
-        # Where the camera moves while rows are read: the row of each as modelled last time, px.
-        self.moves = bool(p.stack.at("motion"))
-        self.at_row = self._measured_rows()
+        self.has_image_effects = bool(p.stack.at("image"))
+        self.has_motion = bool(p.stack.at("motion"))
+        self.columns = kernels.Columns(
+            p.camera_column, p.slot_column, p.ground_column, p.low, p.high, p.wide
+        )
         self.assembled: View | None = None
         self.pins = np.zeros((0, 2), dtype=np.int64)
         self.pin_weight = np.zeros(0)
-
-    def _measured_rows(self) -> np.ndarray:
-        p = self.problem
-        down = p.images.row_axis[p.img[: len(p.img) if self.moves else 0]] == 1
-        return np.where(down, p.xy[: len(down), 1], p.xy[: len(down), 0])
-
-    def forget_trial(self, state: State) -> None:
-        """Look at a state anew: rows of a rejected trial may lie where no motion is known."""
-        if self.moves:
-            self.at_row[:] = self._measured_rows()
-            self.look(state)
 
     # --- what stays the same during one evaluation -----------------------------------------
 
@@ -136,53 +150,64 @@ class Normal:
         row_of = images.row_of.copy()
         row_of[:, 1:] /= ROW_REACH
         pose = np.concatenate([state.centre, state.rotation.reshape(-1, 9)], axis=1)
-        return View(
-            state, images, pose, np.ascontiguousarray(interior), radials, row_of, motion,
-            d_interior, d_motion, residual, d_ground,
-        )  # fmt: skip
+        interior = np.ascontiguousarray(interior)
+        cameras = kernels.Cameras(pose, interior, radials, row_of, motion)
+        return View(state, images, cameras, d_interior, d_motion, residual, d_ground)
 
-    def arguments(self, view: View, first: int, last: int, anew: bool = False) -> tuple:
-        """What every kernel that goes over points first..last with derivatives begins with.
+    def scene(self, view: View, modelled: Modelled, first: int, last: int) -> kernels.Scene:
+        """What kernels need to know of points first..last.
 
-        anew: look for the slope of the image effects, which changes little from then on.
+        modelled: moved on by whoever goes over the points.
         """
-        p = self.problem
-        shift, d_image = self.shifts(view, first, last)
-        if self.looks:
-            rows = slice(p.ptr[first], p.ptr[last])
-            if anew:
-                self.slope[rows] = self._slope(view, rows, shift)
-            shift = np.concatenate([shift, self.slope[rows]], axis=1)
-        return (
-            first, last, p.ptr, p.img, p.xy, p.weight, view.state.points, view.pose, view.interior,
-            view.radials, self.loss.kind, self.loss.width, p.camera_column, p.slot_column, p.low,
-            p.high, view.row_of, self.at_row, shift, view.motion, view.d_interior, d_image,
-            view.d_motion, p.ptr[first], p.control, p.control_weight, view.control_residual,
-            view.d_ground, p.ground_column, p.wide,
-        )  # fmt: skip
+        shift, d_image = self._shifts(view, modelled, first, last)
+        if self.has_image_effects:
+            slope = modelled.slope[self.problem.ptr[first] : self.problem.ptr[last]]
+            shift = np.concatenate([shift, slope], axis=1)
+        return self._scene(view, modelled, first, shift, d_image)
 
-    def shifts(self, view: View, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+    def _scene(
+        self, view, modelled, first, shift, d_image=_NO_DERIVATIVE, within=NEAR
+    ) -> kernels.Scene:
+        p = self.problem
+        straight = view.cameras.motion.shape[2] <= 12
+        near = NEAR_STRAIGHT if straight else NEAR_ROW
+        if within < NEAR:
+            near = ROW_AT_REST
+        return kernels.Scene(
+            view.state.points,
+            kernels.Observations(p.ptr, p.img, p.xy, p.weight),
+            view.cameras,
+            kernels.Looked(int(p.ptr[first]), shift, modelled.row, modelled.pixel, near),
+            kernels.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground),
+            self.columns,
+            kernels.Control(p.control, p.control_weight, view.control_residual),
+            self.loss,
+        )
+
+    def _shifts(self, view: View, modelled: Modelled, first: int, last: int):
         """Image effects (n, 2) of the observations of points first..last, and their derivative.
 
         The derivative is (n, 2, parameters); n = 0 without effects on the image.
         """
-        if not self.looks:
-            return np.zeros((0, 2)), np.zeros((0, 2, 0))
+        if not self.has_image_effects:
+            return np.zeros((0, 2)), _NO_DERIVATIVE
         p = self.problem
         rows = slice(p.ptr[first], p.ptr[last])
-        seen = self.modelled[rows]
+        seen = modelled.pixel[rows]
         context = Context(view.images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:])
         shift, derivative = p.stack.evaluate("image", context, view.state.effects)
         return np.ascontiguousarray(shift), np.ascontiguousarray(derivative)
 
-    def _slope(self, view: View, rows: slice, shift: np.ndarray) -> np.ndarray:
-        """Derivative (n, 4) of the pixel by the pixel before image effects, which look at it.
+    def _find_slope(self, view: View, modelled: Modelled, first: int, last: int) -> None:
+        """Derivative of the pixel by the pixel before image effects, which look at it.
 
         From m = p + s(m) follows dm = (1 - ds/dm)^-1 dp; ds/dm by steps of a pixel, the ray along.
         """
         p = self.problem
-        seen, image = self.modelled[rows], p.img[rows]
-        step = 1.0 / view.interior[image, 0]
+        rows = slice(p.ptr[first], p.ptr[last])
+        seen, image = modelled.pixel[rows], p.img[rows]
+        shift, _ = self._shifts(view, modelled, first, last)
+        step = 1.0 / view.cameras.interior[image, 0]
         by = np.empty((len(seen), 2, 2))
         for axis in range(2):
             pixel, ray = seen[:, :2].copy(), seen[:, 2:].copy()
@@ -192,11 +217,12 @@ class Normal:
             by[:, :, axis] = p.stack.evaluate("image", look, view.state.effects)[0] - shift
         (a, b), (c, d) = by[:, 0].T, by[:, 1].T
         inverse = 1.0 / ((1.0 - a) * (1.0 - d) - b * c)
-        return np.stack([1.0 - d, b, c, 1.0 - a], axis=1) * inverse[:, None]
+        found = np.stack([1.0 - d, b, c, 1.0 - a], axis=1) * inverse[:, None]
+        modelled.slope[rows] = found
 
     def chunks(self, first: int, last: int) -> Iterator[tuple[int, int]]:
         """Ranges of points whose effects are evaluated together."""
-        if not self.looks:
+        if not self.has_image_effects:
             yield first, last
             return
         ptr = self.problem.ptr
@@ -219,45 +245,27 @@ class Normal:
 
     # --- residuals ---------------------------------------------------------------------------
 
-    def look(self, state: State, passes: int = 3) -> tuple[np.ndarray, int]:
-        """Image residuals (n, 2) px, sorted as the problem, and how many are behind a camera.
+    def modelled_at(
+        self, state: State, near: Modelled | None = None, within: float = AT_REST
+    ) -> Modelled:
+        """Where a state puts the observations; the last pass moved no pixel by more than `within`.
 
-        With effects that look at the modelled point, or move it with its row, it is brought to
-        rest first.
+        Effects make a shift that differs between places a pixel apart by far less than a pixel:
+        what is left is a small part of that.
         """
-        p = self.problem
-        view = self.view(state)
-        out = np.empty((len(p.img), 2))
-        behind = 0
-        for _ in range(passes if self.looks else min(passes, 1 + self.moves)):
-            behind = 0
-            for first, last in self.chunks(0, len(p.ptr) - 1):
-                shift, _ = self.shifts(view, first, last)
-                behind += kernels.residuals(
-                    first, last, p.ptr, p.img, p.xy, state.points, view.pose, view.interior,
-                    view.radials, view.row_of, self.at_row, view.motion, shift, p.ptr[first], out,
-                    self.modelled,
-                )  # fmt: skip
-        return out, behind
+        return self._converge(self.view(state), near, within)[0]
 
-    def cost_at(self, state: State) -> tuple[float, int]:
+    def residuals(self, state: State, near: Modelled | None = None) -> tuple[np.ndarray, int]:
+        """Image residuals (n, 2) px, sorted as the problem, and how many are behind a camera."""
+        out = np.empty((len(self.problem.img), 2))
+        _, (_, behind) = self._converge(self.view(state), near, out=out)
+        return out, int(behind)
+
+    def cost_at(self, state: State, near: Modelled | None = None) -> tuple[float, int]:
         """Cost at a state and how many observations are behind a camera, without derivatives."""
         p = self.problem
         view = self.view(state)
-        totals = np.zeros((self.threads, 2))
-
-        def work(thread: int, start: int, stop: int) -> None:
-            seen = np.zeros(self.longest * kernels.SEEN)
-            for first, last in self.chunks(start, stop):
-                totals[thread] += kernels.cost(
-                    first, last, p.ptr, p.img, p.xy, p.weight, state.points, view.pose,
-                    view.interior, view.radials, self.loss.kind, self.loss.width, view.row_of,
-                    self.at_row, view.motion, self.shifts(view, first, last)[0], p.ptr[first],
-                    self.modelled, seen,
-                )  # fmt: skip
-
-        self._run(work)
-        cost, behind = totals.sum(axis=0)
+        cost, behind = self._converge(view, near)[1]
         cost += float(np.sum(p.control_weight * view.control_residual**2))
         if len(p.gnss_image):
             predicted, *_ = self.antenna(state, view.images)
@@ -266,13 +274,68 @@ class Normal:
         cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.own_prior[1] * own**2))
         return 0.5 * float(cost), int(behind)
 
+    def _start(self) -> Modelled:
+        """The measured pixels and rows, with rays that leave distortion out."""
+        p = self.problem
+        moving = slice(0, len(p.img) if self.has_motion else 0)
+        down = p.images.row_axis[p.img[moving]] == 1
+        row = np.where(down, p.xy[moving, 1], p.xy[moving, 0])
+        if not self.has_image_effects:
+            return Modelled(row, np.zeros((0, 4)), np.zeros((0, 4)))
+        inner = p.start.interior[p.images.camera[p.img]]
+        ray = (p.xy - inner[:, 1:3]) / inner[:, :1]
+        return Modelled(row, np.concatenate([p.xy, ray], axis=1), np.zeros((len(p.img), 4)))
+
+    def _converge(
+        self,
+        view: View,
+        near: Modelled | None,
+        within: float = AT_REST,
+        out: np.ndarray | None = None,
+    ) -> tuple[Modelled, np.ndarray]:
+        """Where the observations come to rest, and (cost of their residuals, how many behind).
+
+        out (n, 2): receives the residuals, px, in place of which the loss counts otherwise.
+        """
+        modelled = self._start() if near is None else near.copy()
+        plain = out is not None
+        out = out if plain else np.zeros((0, 2))
+        for _ in range(PASSES if self.has_image_effects else 1):
+            before = modelled.pixel[:, :2].copy()
+            totals = np.zeros((self.threads, 2))
+
+            def work(thread: int, start: int, stop: int, totals=totals) -> None:
+                seen = np.zeros(self.longest * kernels.SEEN)
+                for first, last in self.chunks(start, stop):
+                    shift, _ = self._shifts(view, modelled, first, last)
+                    scene = self._scene(view, modelled, first, shift, within=within)
+                    if plain:
+                        unweighted = scene.observations._replace(weight=np.ones(1))
+                        scene = scene._replace(observations=unweighted, loss=Loss())
+                    totals[thread] += kernels.look(first, last, scene, out, seen)
+
+            self._run(work)
+            moved = np.abs(modelled.pixel[:, :2] - before)
+            if not np.max(moved, initial=0.0) > within:
+                break
+        return modelled, totals.sum(axis=0)
+
     # --- assembly ----------------------------------------------------------------------------
 
-    def assemble(self, state: State, damping: float) -> None:
+    def assemble(self, state: State, damping: float, near: Modelled | None = None) -> None:
         """Fill the reduced equations at a state."""
-        p = self.problem
-        q, wide = p.shared_count, p.wide
         view = self.assembled = self.view(state)
+        self.modelled = self._converge(view, None)[0] if near is None else near.copy()
+        for _ in range(PASSES):
+            before = self.modelled.pixel[:, :2].copy()
+            self._assemble(view, damping)
+            moved = np.abs(self.modelled.pixel[:, :2] - before)
+            if not np.max(moved, initial=0.0) > NEAR:
+                return
+
+    def _assemble(self, view: View, damping: float) -> None:
+        p, state = self.problem, view.state
+        q, wide = p.shared_count, p.wide
         self.blocks.clear()
         for array in (self.gradient, self.reference, self.border):
             array[:] = 0.0
@@ -280,19 +343,28 @@ class Normal:
         shared = np.zeros((self.threads, 2, wide))
         totals = np.zeros((self.threads, 3))
         kernel = assemble_for(p.d)
+        blocks = self.blocks
+        storage = kernels.Storage(
+            blocks.flat, blocks.stride, blocks.neighbour_start, blocks.neighbour
+        )
 
         def work(thread: int, start: int, stop: int) -> None:
-            split = self.split if thread == 0 else p.image_count
-            extra = p.image_count - self.split if thread == 0 else 0
+            equations = kernels.Equations(
+                storage,
+                self.gradient.ravel(),
+                self.reference.ravel(),
+                self.border.ravel(),
+                corner[thread],
+                shared[thread, 0],
+                shared[thread, 1],
+                split=self.split if thread == 0 else p.image_count,
+                extra=p.image_count - self.split if thread == 0 else 0,
+            )
             for first, last in self.chunks(start, stop):
-                kernel(
-                    *self.arguments(view, first, last, True), damping, split, extra,
-                    self.blocks.flat,
-                    self.blocks.stride, self.blocks.neighbour_start, self.blocks.neighbour,
-                    self.gradient.ravel(), self.reference.ravel(), self.border.ravel(),
-                    corner[thread], shared[thread, 0], shared[thread, 1], self.modelled,
-                    totals[thread], self.longest,
-                )  # fmt: skip
+                if self.has_image_effects:
+                    self._find_slope(view, self.modelled, first, last)
+                scene = self.scene(view, self.modelled, first, last)
+                kernel(first, last, scene, damping, equations, totals[thread], self.longest)
 
         self._run(work)
         if self.threads > 1:
@@ -442,31 +514,27 @@ class Normal:
     ) -> tuple[np.ndarray, float, float]:
         """New points (n, 3), and of their step: step . gradient, step . diagonal . step."""
         p = self.problem
-        seen = self.assembled
-        view = seen if seen is not None and seen.state is state else self.view(state)
+        view = self.assembled
+        if view is None or view.state is not state:
+            view, self.modelled = self.view(state), self.modelled_at(state)
         moved = np.empty_like(state.points)
         totals = np.zeros((self.threads, 2))
         padded = np.zeros(p.wide)
         padded[: len(shared)] = shared
-        interior, image, motion = self._effect_steps(view, step, padded)
         kernel = substitute_for(p.d)
+        whole = self._step(view, step, padded)
 
         def work(thread: int, start: int, stop: int) -> None:
             for first, last in self.chunks(start, stop):
-                kernel(
-                    *self.arguments(view, first, last), damping, step.ravel(), padded, interior,
-                    image, motion, moved, totals[thread],
-                )  # fmt: skip
+                scene = self.scene(view, self.modelled, first, last)
+                kernel(first, last, scene, damping, whole, moved, totals[thread], self.longest)
 
         self._run(work)
         down, square = totals.sum(axis=0)
         return moved, float(down), float(square)
 
-    def _effect_steps(self, view: View, step: np.ndarray, shared: np.ndarray):
-        """What a step does to each image: interior (m, 15, 1), image effects (m, k), motion.
-
-        The motion as coefficients (m, 1, 6 (degree + 1)). shared: (wide,).
-        """
+    def _step(self, view: View, step: np.ndarray, shared: np.ndarray) -> kernels.Step:
+        """What a step of the images (m, d) and the shared (wide,) does to each image."""
         p = self.problem
         camera = np.where(p.camera_column >= 0, shared[np.maximum(p.camera_column, 0)], 0.0)
         slots = np.where(p.slot_column >= 0, shared[np.maximum(p.slot_column, 0)], 0.0)
@@ -474,20 +542,24 @@ class Normal:
         slots[image, slot] = step[image, 4 - p.slot_column[image, slot]]
         first = view.d_interior.shape[2]
         last = slots.shape[1] - view.d_motion.shape[1]
-        interior = camera + np.einsum("ikn,in->ik", view.d_interior, slots[:, :first])
-        motion = np.einsum("ink,in->ik", view.d_motion, slots[:, last:])
-        return interior[:, :, None], np.ascontiguousarray(slots[:, first:last]), motion[:, None]
+        return kernels.Step(
+            step.ravel(),
+            shared,
+            camera + np.einsum("ikn,in->ik", view.d_interior, slots[:, :first]),
+            np.ascontiguousarray(slots[:, first:last]),
+            np.einsum("ink,in->ik", view.d_motion, slots[:, last:])[:, None],
+        )
 
 
 def _for_kernels(rotation: np.ndarray, motion: np.ndarray, d_motion: np.ndarray):
-    """Motion (m, 6 (degree + 1)) and its derivative (m, k, 6 (degree + 1)) as the kernels take it.
+    """Motion (m, 1, 6 (degree + 1)), its derivative (m, k, 6 (degree + 1)) as the kernels take it.
 
     The centre moves in the camera frame. Arguments as of `Stack.motion_by_row`.
     """
     both = np.concatenate([motion[..., None], d_motion], axis=3)
     both[:, :, :3] = rotation[:, None] @ both[:, :, :3]
     both = both.transpose(0, 3, 1, 2).reshape(len(both), both.shape[3], -1)
-    return np.ascontiguousarray(both[:, 0]), np.ascontiguousarray(both[:, 1:])
+    return np.ascontiguousarray(both[:, :1]), np.ascontiguousarray(both[:, 1:])
 
 
 def _cross(vector: np.ndarray) -> np.ndarray:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from corridor.compiled import compiled
 from corridor.effects import Images
 
 
@@ -60,7 +60,7 @@ def _width(point: np.ndarray, image: np.ndarray, order: np.ndarray) -> int:
     return int((last - first).max()) + 1
 
 
-@njit(cache=True)
+@compiled()
 def bandwidth(ptr, img):
     """Half bandwidth in images: 1 + the largest distance between images that share a point."""
     widest = 0

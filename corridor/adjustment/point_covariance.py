@@ -1,56 +1,68 @@
-"""Covariance of every point, by one pass over the points like the assembly itself.
+"""Covariance of every point, by one pass over the points like the assembly itself."""
 
-Numba keeps this kernel compiled as long as this very file is unchanged, also where functions of
-`kernels` that it takes in have changed: clear `__pycache__` after such a change.
-"""
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from corridor.adjustment.kernels import SEEN, U, _invert_cholesky, _ray, block_offset
+from corridor.adjustment.kernels import (
+    SEEN,
+    Rows,
+    Storage,
+    U,
+    block_offset,
+    invert_cholesky,
+    jacobian_rows,
+    see,
+)
+from corridor.compiled import compiled
+
+
+class Inverse(NamedTuple):
+    """Covariances of images and shared unknowns: entries between images that share a point, stored
+    as the equations; poses_shared (n, q), shared (q, q)."""
+
+    near: Storage
+    poses_shared: np.ndarray
+    shared: np.ndarray
 
 
 def make_point_covariance(d):
     """Covariances of points for images with `d` unknowns."""
 
-    @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-    def point_covariance(first, last, ptr, img, xy, weight, points, pose, interior, radials, loss,
-                         width, camera_column, slot_column, low, high, row_of, at_row,
-                         image_shift, motion, d_interior, d_image, d_motion, base, control,
-                         control_weight, control_residual, d_ground, ground_column, wide, near,
-                         stride, neighbour_start, neighbour, poses_shared, shared, longest, out,
-                         cross):  # fmt: skip
-        """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and border.
+    @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
+    def point_covariance(first, last, scene, known, longest, out, cross):
+        """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and shared.
 
-        near: entries of Q between images, stored as the equations; poses_shared (n, q) and shared
-        (q, q) the rest. out: (points, 6) lower halves; cross: (points, 3, q) with the border.
+        out: (points, 6) lower halves; cross: (points, 3, q) with the shared. longest: the most
+        rays of a point.
         """
+        observations, columns, control = scene.observations, scene.columns, scene.control
+        img, low, high, wide = observations.image, columns.low, columns.high, columns.wide
+        d_ground = scene.derivatives.ground
+        near, shared, poses_shared = known.near.flat, known.shared, known.poses_shared
+        stride = known.near.stride
         q = shared.shape[0]
+        seen = np.zeros(longest * SEEN)
         jc = np.zeros(longest * 2 * d)
         jb = np.zeros(longest * 2 * wide)
         part = np.zeros((longest, 2, 3))
         kb = np.zeros((q, 3))
         kc = np.zeros((longest, d, 3))
-        modelled = np.zeros((0, 4))
-        seen = np.zeros(SEEN)
         for p in range(first, last):
-            start = ptr[p]
-            m = ptr[p + 1] - start
+            start = observations.start[p]
+            m = observations.start[p + 1] - start
             v = np.zeros(6)
             kb[:] = 0.0
+            point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
+            see(start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen)
             for k in range(m):
                 i = U(img[start + k])
-                ahead, _, _, _ = _ray(
-                    U(start + k), U(start + k - base), i, U(k), points[p, 0], points[p, 1],
-                    points[p, 2], xy, weight, pose, interior, radials, loss, width, camera_column,
-                    slot_column, row_of, at_row, image_shift, motion, d_interior, d_image, d_motion,
-                    low[i], high[i], U(wide), modelled, jc, jb, d, img, seen,
-                )  # fmt: skip
+                j0, b0 = U(k * 2 * d), U(k * 2 * wide)
+                to = Rows(jc, j0, j0 + U(d), jb, b0, b0 + U(wide))
+                e, at = U(start + k - scene.looked.base), U(k * SEEN)
+                jacobian_rows(i, e, seen, at, scene, (low[i], high[i]), d, to)
                 for row in range(2):
                     at = k * 2 * d + row * d
-                    if not ahead:
-                        for c in range(d):
-                            jc[at + c] = 0.0
                     a0, a1, a2 = -jc[at], -jc[at + 1], -jc[at + 2]
                     v[0] += a0 * a0
                     v[1] += a1 * a0
@@ -58,12 +70,12 @@ def make_point_covariance(d):
                     v[3] += a2 * a0
                     v[4] += a2 * a1
                     v[5] += a2 * a2
-            r = control[p]
+            r = control.row[p]
             if r >= 0:
-                v[0] += control_weight[r, 0]
-                v[2] += control_weight[r, 1]
-                v[5] += control_weight[r, 2]
-            i0, i1, i2, i3, i4, i5, _ = _invert_cholesky(v[0], v[1], v[2], v[3], v[4], v[5])
+                v[0] += control.weight[r, 0]
+                v[2] += control.weight[r, 1]
+                v[5] += control.weight[r, 2]
+            i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v[0], v[1], v[2], v[3], v[4], v[5]))
             n00 = i0 * i0 + i1 * i1 + i3 * i3
             n10 = i2 * i1 + i4 * i3
             n11 = i2 * i2 + i4 * i4
@@ -90,11 +102,11 @@ def make_point_covariance(d):
                         )
             if r >= 0:
                 for s in range(d_ground.shape[2]):
-                    c = ground_column[r, s]
+                    c = columns.ground[r, s]
                     if c >= 0:
-                        g0 = control_weight[r, 0] * d_ground[r, 0, s]
-                        g1 = control_weight[r, 1] * d_ground[r, 1, s]
-                        g2 = control_weight[r, 2] * d_ground[r, 2, s]
+                        g0 = control.weight[r, 0] * d_ground[r, 0, s]
+                        g1 = control.weight[r, 1] * d_ground[r, 1, s]
+                        g2 = control.weight[r, 2] * d_ground[r, 2, s]
                         kb[c, 0] += n00 * g0 + n10 * g1 + n20 * g2
                         kb[c, 1] += n10 * g0 + n11 * g1 + n21 * g2
                         kb[c, 2] += n20 * g0 + n21 * g1 + n22 * g2
@@ -122,7 +134,7 @@ def make_point_covariance(d):
             for k in range(m):
                 for n in range(k, m):
                     i, j = img[start + k], img[start + n]
-                    at = block_offset(i, j, i, d, stride, neighbour_start, neighbour)
+                    at = block_offset(i, j, i, d, known.near)
                     for c in range(d):
                         for e in range(d):
                             if k == n:

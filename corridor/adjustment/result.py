@@ -113,7 +113,7 @@ class Adjustment(Checked):
     def residuals(self) -> dict[str, pd.DataFrame]:
         """Measured minus modelled, by kind: `tie`, `mark` (px), `gnss`, `control` (m)."""
         p = self.problem
-        found, _ = self.normal.look(self.state, passes=5)
+        found, _ = self.normal.residuals(self.state)
         pixels = np.full((len(p.block.tie_points) + len(p.block.marks), 2), np.nan)
         pixels[p.row] = found
         sigma = np.concatenate([p.block.tie_sigma(), p.block.mark_sigma()])

@@ -15,7 +15,7 @@ from threadpoolctl import ThreadpoolController
 
 from corridor.adjustment.kernels import SQUARES
 from corridor.adjustment.matrix import Bordered, Singular
-from corridor.adjustment.normal import Loss, Normal, moved_state
+from corridor.adjustment.normal import NEAR, Loss, Normal, moved_state
 from corridor.adjustment.problem import State
 from corridor.errors import AdjustmentFailed
 
@@ -30,8 +30,7 @@ ROUGH = 1.0
 NO_DAMPING = 1e-12
 AT_REST = 1e-3
 TINY = 5e-5
-# After a longer step effects have to look again where the points now lie, or the cost of the
-# trial would be that of other rows.
+# After a longer step it is cheaper to look first where the points now lie than to assemble twice.
 LONG = 0.1
 
 
@@ -63,7 +62,7 @@ def solve(
     """
     with _pools().limit(limits=1):
         if normal.loss.kind == SQUARES:
-            if normal.looks:
+            if normal.has_image_effects:
                 # One step of Newton finds what they look at, but for a little of the last step.
                 tolerance /= 10
             return _solve(normal, normal.problem.start, max_iterations, tolerance, progress, [])
@@ -98,10 +97,8 @@ def _pools() -> ThreadpoolController:
 def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solution:
     p = normal.problem
     damping, release = FIRST_DAMPING, RELEASE
-    if normal.looks:
-        normal.look(state)
     normal.assemble(state, damping)
-    cost = normal.cost
+    cost, near = normal.cost, normal.modelled
     for iteration in range(len(history) + 1, max_iterations + 1):
         raising = 4.0
         while True:
@@ -112,7 +109,7 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
                 if damping >= 1e4:
                     raise
                 damping = max(damping * 100.0, LEAST)
-                normal.assemble(state, damping)
+                normal.assemble(state, damping, near)
                 continue
             points, down_points, square_points = normal.substitute(state, damping, step, shared)
             down, square = down + down_points, square + square_points
@@ -120,17 +117,18 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             length = np.sqrt(max(down - damping * square, 0.0) / p.unknown_count)
             trial = moved_state(p, state, step, shared, points)
             relaxed = damping / release if damping / release > NO_DAMPING else 0.0
-            if normal.looks and length > LONG:
-                normal.look(trial, passes=1)
+            trial_near = near
+            if normal.has_image_effects and length > LONG:
+                trial_near = normal.modelled_at(trial, near, NEAR)
             # A damped step is short along what is badly determined: it proves nothing.
             done = length < tolerance and (
                 tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, shared, AT_REST))
             )
             if done:
-                reached, behind = normal.cost_at(trial)
+                reached, behind = normal.cost_at(trial, near)
             else:
                 # The equations of the next step give the cost of this one.
-                normal.assemble(trial, relaxed)
+                normal.assemble(trial, relaxed, trial_near)
                 reached, behind = normal.cost, normal.behind
             gain = cost - reached
             # Rounding of the cost, or effects that look one step behind, may hide the gain of a
@@ -156,12 +154,8 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
                     "no step lowers the residuals: the start values are too far off, check poses, "
                     "camera and the unit of the coordinates"
                 )
-            normal.forget_trial(state)
-            normal.assemble(state, damping)
-            if normal.moves:
-                # Where rows were still on their way, so was the cost.
-                cost = normal.cost
-        state, cost, damping = trial, reached, relaxed
+            normal.assemble(state, damping, near)
+        state, cost, damping, near = trial, reached, relaxed, normal.modelled
         if done:
             return Solution(state, True, iteration, cost, history)
     return Solution(state, False, max_iterations, cost, history)

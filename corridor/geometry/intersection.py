@@ -3,7 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from corridor.compiled import compiled
 
 # Rays at a smaller angle, rad, fix no distance.
 PARALLEL = 6e-4
@@ -65,7 +66,7 @@ def meeting_points(rays: Rays, point: np.ndarray, count: int) -> np.ndarray:
     return np.where(fixed[:, None], found.place, np.nan)
 
 
-@njit(cache=True)
+@compiled()
 def _intersect(points, starts, rows, rays, gate, depth):
     places = np.full((len(points), 3), np.nan)
     angles = np.zeros(len(points))
@@ -140,7 +141,7 @@ def _intersect(points, starts, rows, rays, gate, depth):
     return places, angles, goods, counts, aheads
 
 
-@njit(cache=True)
+@compiled()
 def _least_squares(start, eye, row, rays, gate, move):
     """The point that fits its rays best, from a start: place, rays within the gate, ahead.
 
@@ -207,7 +208,7 @@ def _least_squares(start, eye, row, rays, gate, move):
     return best, best_good, best_ahead
 
 
-@njit(cache=True)
+@compiled()
 def _solve3(m, b):
     """Solution of a symmetric 3 x 3 system and whether there is one."""
     c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]

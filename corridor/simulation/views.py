@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from corridor.camera import distort, radials_in_use
+from corridor.compiled import compiled
 from corridor.simulation.fly import Flown, border_rays
 
 # Points looked at between two reports of progress.
@@ -132,7 +132,7 @@ def _footprints(flown: Flown, low: float, high: float) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@compiled()
 def _fill(box, origin, size, cells):
     """Images whose footprint touches each cell of a grid, ascending."""
     count = np.zeros(cells[0] * cells[1] + 1, dtype=np.int64)
@@ -160,7 +160,7 @@ def _fill(box, origin, size, cells):
     return start, image
 
 
-@njit(cache=True)
+@compiled()
 def _inside(point, centre, rotation, c, radials, limit, border):
     d0, d1, d2 = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
     depth = rotation[2, 0] * d0 + rotation[2, 1] * d1 + rotation[2, 2] * d2
@@ -175,7 +175,7 @@ def _inside(point, centre, rotation, c, radials, limit, border):
     return border <= x <= limit[0] and border <= y <= limit[1]
 
 
-@njit(cache=True)
+@compiled()
 def _visit(points, rays, start, image, fill, box, origin, size, cells, cell_start, cell_image,
            centre, rotation, camera, interior, radials, limit, border):  # fmt: skip
     for p in range(points.shape[0]):
@@ -205,7 +205,7 @@ def _visit(points, rays, start, image, fill, box, origin, size, cells, cell_star
             rays[p] = n
 
 
-@njit(cache=True)
+@compiled()
 def _thin(start, image, turn, images, target):
     count = np.zeros(images, dtype=np.int64)
     keep = np.zeros(len(turn), dtype=np.bool_)
@@ -223,7 +223,7 @@ def _thin(start, image, turn, images, target):
     return keep
 
 
-@njit(cache=True)
+@compiled()
 def _project(points, point, image, centre, rotation, camera, interior, radials):
     out = np.empty((len(point), 2))
     for n in range(len(point)):

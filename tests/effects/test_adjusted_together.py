@@ -64,7 +64,7 @@ def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
     problem = make_problem(block, camera="fixed", effects=slugs)
     state = started(problem, values)
     normal = Normal(problem, Loss())
-    residual, behind = normal.look(state, passes=15)
+    residual, behind = normal.residuals(state)
     assert behind == 0
     modelled = predict(block, values)
     measured = np.concatenate([block.tie_points[["x", "y"]], block.marks[["x", "y"]]])
@@ -82,8 +82,8 @@ def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
 @pytest.mark.parametrize("slug", EVERY)
 def test_effects_at_zero_leave_the_kernels_residuals_as_they_are_bit_for_bit(slug):
     block = add_noise(flown(), tie_px=0.3, seed=3)
-    plain, _ = Normal(p := make_problem(block, camera="fixed"), Loss()).look(p.start)
-    with_it, _ = Normal(p := make_problem(block, camera="fixed", effects=[slug]), Loss()).look(
+    plain, _ = Normal(p := make_problem(block, camera="fixed"), Loss()).residuals(p.start)
+    with_it, _ = Normal(p := make_problem(block, camera="fixed", effects=[slug]), Loss()).residuals(
         p.start
     )
     assert np.array_equal(plain, with_it)
@@ -156,7 +156,7 @@ class Dense:
             x[self.border],
             self.state.points + x[self.border.stop :].reshape(-1, 3),
         )
-        pixels, _ = self.normal.look(state, passes=6)
+        pixels, _ = self.normal.residuals(state)
         view = self.normal.view(state)
         images, control = view.images, view.control_residual
         antenna = p.gnss_given - self.normal.antenna(state, images)[0]

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from corridor.adjustment.initial.intersection import place_new
 from corridor.adjustment.initial.network import Network
 from corridor.adjustment.initial.resection import FEWEST_MARKS, resect
 from corridor.adjustment.initial.settling import settle
+from corridor.compiled import compiled
 
 # The chain is settled (adjusted on the way) whenever it has grown by this.
 _GROWTH = 1.25
@@ -43,7 +43,7 @@ def chain(
             settled = total
 
 
-@njit(cache=True)
+@compiled()
 def _count(points, point_start, by_point, image, counts):
     """Adds the rays of points to the counts of the images they come from."""
     for p in points:

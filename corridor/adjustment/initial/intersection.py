@@ -1,9 +1,9 @@
 """Which points get a place from the rays that see them, and what those get that have none."""
 
 import numpy as np
-from numba import njit
 
 from corridor.adjustment.initial.network import AGREEING, Network
+from corridor.compiled import compiled
 from corridor.geometry import Rays, intersect
 
 # Rays that meet at less than this fix no distance to chain from, or none at all.
@@ -52,7 +52,7 @@ def _meet(network: Network, points: np.ndarray, depth: np.ndarray | None = None)
     return intersect(rays, network.point_start, network.by_point, points, network.gate, depth)
 
 
-@njit(cache=True)
+@compiled()
 def _depths(image, point, place, known, rotation, centre, posed):
     """Median depth of the known points in each image, NaN where there is none."""
     out = np.full(len(posed), np.nan)

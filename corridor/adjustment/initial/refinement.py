@@ -1,9 +1,9 @@
 """Poses that fit the points they see, from near ones."""
 
 import numpy as np
-from numba import njit
 
 from corridor.adjustment.initial.network import Network
+from corridor.compiled import compiled
 
 
 def refine(network: Network, images: np.ndarray) -> None:
@@ -20,7 +20,7 @@ def refine(network: Network, images: np.ndarray) -> None:
         )  # fmt: skip
 
 
-@njit(cache=True)
+@compiled()
 def _refine_poses(images, image_start, point, ray, place, known, rotation, centre, pixel, gate,
                   at):  # fmt: skip
     """Poses that fit the known points best: Levenberg-Marquardt, Cauchy weights, in place.
@@ -67,7 +67,7 @@ def _refine_poses(images, image_start, point, ray, place, known, rotation, centr
         centre[i] = c
 
 
-@njit(cache=True)
+@compiled()
 def _pose_system(r, c, rows, point, ray, place, pixel, gate, free):
     """Cost of a pose, its normal matrix and right-hand side for a turn and a shift of the centre.
 
@@ -106,7 +106,7 @@ def _pose_system(r, c, rows, point, ray, place, pixel, gate, free):
     return cost, m, b
 
 
-@njit(cache=True)
+@compiled()
 def _turn(w):
     """Rotation (3, 3) by the vector w, rad (Rodrigues)."""
     angle = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])

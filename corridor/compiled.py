@@ -1,0 +1,79 @@
+"""Numba's compiler, with a disk cache that follows the source of all that a function takes in.
+
+Numba itself compares the one file that holds a function; what that inlines from other files may
+have changed since, and the old machine code would go on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+from numba import config, njit
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import Dispatcher
+
+# For small functions inside a loop. LLVM inlines them: inlined by numba, every argument would be
+# a new name that holds a reference to its array. And `_nrt` off leaves the counting of references
+# out altogether; it took longer than the arithmetic. Such a function cannot make an array. It is
+# numba's own option, so that pyproject.toml bounds the version.
+SCALAR = {
+    "forceinline": True,
+    "_nrt": False,
+    "error_model": "numpy",
+    "fastmath": {"contract"},
+}
+# Kernels proper: as the scalar functions, and they let other threads run.
+KERNEL = {key: SCALAR[key] for key in ("_nrt", "error_model", "fastmath")} | {"nogil": True}
+
+
+def compiled(vectorised: bool = False, **options) -> Callable:
+    """Decorator: `numba.njit(cache=True)` whose cache holds as long as no source has changed.
+
+    vectorised: straight-line code too is vectorised, which numba leaves out unless told otherwise
+    for all that the process compiles. options: those of `numba.njit`.
+    """
+
+    def make(function: Callable) -> Dispatcher:
+        made = njit(cache=True, **options)(function)
+        made._cache._cache_file._source_stamp = _stamp(function)
+        if vectorised:
+            made.compile = _vectorising(made.compile)
+        return made
+
+    return make
+
+
+def _vectorising(compile_one: Callable) -> Callable:
+    @global_compiler_lock
+    def compile_vectorised(*arguments, **options):
+        before, config.SLP_VECTORIZE = config.SLP_VECTORIZE, 1
+        try:
+            return compile_one(*arguments, **options)
+        finally:
+            config.SLP_VECTORIZE = before
+
+    return compile_vectorised
+
+
+def _stamp(function: Callable) -> str:
+    """Digest of the files that hold a function and all compiled ones that it can see."""
+    files: set[str] = set()
+
+    def visit(one: Callable) -> None:
+        if one.__code__.co_filename in files:
+            return
+        files.add(one.__code__.co_filename)
+        for value in one.__globals__.values():
+            if isinstance(value, Dispatcher):
+                visit(value.py_func)
+
+    visit(function)
+    return " ".join(_digest(file) for file in sorted(files))
+
+
+@cache
+def _digest(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
