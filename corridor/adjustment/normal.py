@@ -154,11 +154,16 @@ class Normal:
         cameras = kernels.Cameras(pose, interior, radials, row_of, motion)
         return View(state, images, cameras, d_interior, d_motion, residual, d_ground)
 
-    def scene(self, view: View, modelled: Modelled, first: int, last: int) -> kernels.Scene:
+    def scene(
+        self, view: View, modelled: Modelled, first: int, last: int, anew: bool = True
+    ) -> kernels.Scene:
         """What kernels need to know of points first..last.
 
-        modelled: moved on by whoever goes over the points.
+        modelled: moved on by whoever goes over the points. anew: find the slope of image effects,
+        which changes little from then on.
         """
+        if anew and self.has_image_effects:
+            self._find_slope(view, modelled, first, last)
         shift, d_image = self._shifts(view, modelled, first, last)
         if self.has_image_effects:
             slope = modelled.slope[self.problem.ptr[first] : self.problem.ptr[last]]
@@ -361,8 +366,6 @@ class Normal:
                 extra=p.image_count - self.split if thread == 0 else 0,
             )
             for first, last in self.chunks(start, stop):
-                if self.has_image_effects:
-                    self._find_slope(view, self.modelled, first, last)
                 scene = self.scene(view, self.modelled, first, last)
                 kernel(first, last, scene, damping, equations, totals[thread], self.longest)
 
@@ -515,7 +518,8 @@ class Normal:
         """New points (n, 3), and of their step: step . gradient, step . diagonal . step."""
         p = self.problem
         view = self.assembled
-        if view is None or view.state is not state:
+        anew = view is None or view.state is not state
+        if anew:
             view, self.modelled = self.view(state), self.modelled_at(state)
         moved = np.empty_like(state.points)
         totals = np.zeros((self.threads, 2))
@@ -526,7 +530,7 @@ class Normal:
 
         def work(thread: int, start: int, stop: int) -> None:
             for first, last in self.chunks(start, stop):
-                scene = self.scene(view, self.modelled, first, last)
+                scene = self.scene(view, self.modelled, first, last, anew)
                 kernel(first, last, scene, damping, whole, moved, totals[thread], self.longest)
 
         self._run(work)
