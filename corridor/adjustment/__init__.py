@@ -6,7 +6,7 @@
 determines is `Singular`.
 """
 
-from corridor.adjustment.adjust import adjust
+from corridor.adjustment.adjust import adjust, complete
 from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
@@ -26,16 +26,6 @@ from corridor.adjustment.problem import make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import one_step, solve
 from corridor.geometry import Similarity, similarity
-
-
-def __getattr__(name):
-    # OpenCV takes a second and 50 MB; only blocks without start values need it.
-    if name == "complete":
-        from corridor.adjustment.initial import complete
-
-        return complete
-    raise AttributeError(f"module 'corridor.adjustment' has no attribute {name!r}")
-
 
 __all__ = [
     "LOSSES",

@@ -22,6 +22,9 @@ from corridor.effects import Effect, check_needs
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.preparation import Prepared, prepare
 
+# What a lens that is not calibrated may bend, as a start: with this standard deviation.
+START_LENS = {"k1": 0.1, "k2": 0.1}
+
 
 def adjust(
     block: Block,
@@ -117,8 +120,6 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
     began = time.perf_counter()
     start, notes = block, []
     if _incomplete(block):
-        from corridor.adjustment.initial import complete  # loads OpenCV: 25 MB
-
         say = run.progress
         block = complete(block, say and (lambda line: say({"message": line})))
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
@@ -178,6 +179,36 @@ def _without_false_fixes(result: Adjustment, again: Callable[[Block], Adjustment
     return result
 
 
+def complete(block: Block, progress: Callable[[str], None] | None = None) -> Block:
+    """The block with every pose and every point filled in; what is given is kept as it is.
+
+    See `corridor.adjustment.initial`. progress: called with a line of text now and then.
+    Raises InputError naming the images that cannot be oriented, and the remedy.
+    """
+    from corridor.adjustment import initial  # loads OpenCV: 25 MB
+
+    return initial.complete(block, _interim, progress)
+
+
+def _interim(part: Block) -> Block | None:
+    """The oriented part adjusted, with k1 and k2 of lenses that are not calibrated."""
+    own = {name: camera for name, camera in part.cameras.items() if not camera.calibrated}
+    try:
+        return adjust(
+            part,
+            camera=dict.fromkeys(own, ",".join(START_LENS)),
+            loss="huber:3",
+            priors={
+                f"camera.{name}.{term}": (camera[term], sigma)
+                for name, camera in own.items()
+                for term, sigma in START_LENS.items()
+            },
+            max_iterations=10,
+        ).block
+    except (InputError, AdjustmentFailed):
+        return None
+
+
 def _incomplete(block: Block) -> bool:
     """Whether a pose or a point has no start value."""
     pose = block.images.reindex(columns=["x", "y", "z", "qw", "qx", "qy", "qz"])
@@ -204,8 +235,6 @@ def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block,
             f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
             "to camera, qw first) and its position"
         )
-    from corridor.adjustment.initial import complete
-
     names = _names_behind(problem, behind)
     block = block.copy()
     lost = block.points["point"].isin(names)

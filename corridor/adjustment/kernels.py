@@ -301,7 +301,7 @@ def _robust(loss, s):
 
 
 @njit(**SCALAR)
-def _sines(t):
+def sines(t):
     """sin(a) / a and (1 - cos(a)) / a^2 of the angle a = |t|."""
     a2 = _dot(t, t)
     if a2 > 0.01:
@@ -315,8 +315,8 @@ def _sines(t):
 
 
 @njit(**SCALAR)
-def _turn(s, q, t, x):
-    """Exp(t) applied to x; s, q: `_sines` of t."""
+def rotated(s, q, t, x):
+    """Exp(t) applied to x; s, q: `sines` of t."""
     c = _cross(t, x)
     e = _cross(t, c)
     return x[0] + s * c[0] + q * e[0], x[1] + s * c[1] + q * e[1], x[2] + s * c[2] + q * e[2]
@@ -436,10 +436,10 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
             _set(seen, at + U(16), (t[0], t[1], t[2], s))
             # Slope of X before its turn: -dc/ds + X x dtheta/ds.
             slope = _less(_cross(x, dt), dc)
-            sine, cosine = _sines(t)
+            sine, cosine = sines(t)
             _set(seen, at + U(24), (slope[0], slope[1], slope[2], sine))
             seen[at + U(28)] = cosine
-            x = _turn(sine, cosine, (-t[0], -t[1], -t[2]), x)
+            x = rotated(sine, cosine, (-t[0], -t[1], -t[2]), x)
         else:
             _set(seen, at, (x[0], x[1], x[2], 0.0))
         _set(seen, at + U(4), (x[0], x[1], x[2], 0.0))
@@ -483,7 +483,7 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
             row = seen[at + U(3)]
             t0, t1, t2, s = _panel(seen, at + U(16))
             slope, sine, cosine = _three(seen, at + U(24)), seen[at + U(27)], seen[at + U(28)]
-            g, h = _turn(sine, cosine, (t0, t1, t2), g), _turn(sine, cosine, (t0, t1, t2), h)
+            g, h = rotated(sine, cosine, (t0, t1, t2), g), rotated(sine, cosine, (t0, t1, t2), h)
             factor = row_of[i, U(1)]
             slope_x, slope_y = factor * _dot(g, slope), factor * _dot(h, slope)
             k00, k01, k10, k11 = 1.0, 0.0, 0.0, 1.0

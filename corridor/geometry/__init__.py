@@ -3,7 +3,7 @@
 Rotations go from world to camera, X = R (P - C); the camera looks along z, x right, y down.
 """
 
-from corridor.geometry.helmert import Similarity, helmert_motions, similarity
+from corridor.geometry.helmert import Similarity, helmert_motions, relative_width, similarity
 from corridor.geometry.intersection import Rays, intersect, meeting_points
 from corridor.geometry.robust import (
     CLIPPED,
@@ -35,6 +35,7 @@ __all__ = [
     "meeting_points",
     "nearest_rotation",
     "quaternion_from_rotation",
+    "relative_width",
     "robust_scale",
     "robust_scale_of_lengths",
     "rotation_from_angles",

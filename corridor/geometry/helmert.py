@@ -94,3 +94,9 @@ def helmert_motions(points: np.ndarray) -> np.ndarray:
     out[:, :, 3:6] = np.cross(np.eye(3), away[:, None]).transpose(0, 2, 1)
     out[:, :, 6] = away
     return out
+
+
+def relative_width(points: np.ndarray) -> float:
+    """How far points spread to the side, as a share of their length; 0 on one line."""
+    spread = np.linalg.svd(points - points.mean(0), compute_uv=False)
+    return float(spread[1] / spread[0]) if spread[0] > 0 else 0.0

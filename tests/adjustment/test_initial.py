@@ -6,7 +6,7 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.adjustment.initial import complete
+from corridor.adjustment import complete
 from corridor.camera import Camera, project
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion, similarity

@@ -207,6 +207,22 @@ class TestPurity:
         assert np.array_equal(second.right, right)
         assert np.array_equal(second.step().points, first.step().points)
 
+    def test_the_cost_of_a_state_does_not_know_what_was_looked_at_before(self, moving):
+        """Bit for bit; and rows of a step before lead to the same cost within the rounding."""
+        problem, state = moving
+        far = replace(state, centre=state.centre + [3.0, -2.0, 5.0])
+        fresh, used = (Normal(problem, Loss()) for _ in range(2))
+        used.assemble(far, 1e-3)
+        used.residuals(far)
+        near = used.modelled_at(far)
+        assert used.cost_at(state) == fresh.cost_at(state)
+        used.assemble(state, 0.0)
+        fresh.assemble(state, 0.0)
+        assert used.cost == fresh.cost
+        assert np.array_equal(used.gradient, fresh.gradient)
+        used.assemble(state, 0.0, near)
+        assert used.cost == pytest.approx(fresh.cost, rel=1e-9)
+
     def test_the_problem_is_left_as_it_was(self, moving):
         problem, state = moving
         before = {k: v.copy() for k, v in vars(problem).items() if isinstance(v, np.ndarray)}

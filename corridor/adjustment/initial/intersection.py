@@ -10,7 +10,7 @@ from corridor.geometry import Rays, intersect
 CHAIN_ANGLE, _NO_ANGLE = np.radians(0.5), np.radians(0.05)
 
 
-def place_new(network: Network, again: bool = False, within: np.ndarray | None = None) -> None:
+def intersect_new(network: Network, again: bool = False, within: np.ndarray | None = None) -> None:
     """Place points that two oriented images or more see well enough to chain from.
 
     again: those placed before as well. within: only these points.
@@ -25,7 +25,7 @@ def place_new(network: Network, again: bool = False, within: np.ndarray | None =
     network.known[points] = fine
 
 
-def place_all(network: Network) -> None:
+def intersect_all(network: Network) -> None:
     """Place every point that is not given, those too that the rays hardly fix."""
     points = np.flatnonzero(~network.point_given)
     place, angle, _, rays, ahead = _meet(network, points)

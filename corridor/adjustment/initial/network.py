@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
@@ -30,11 +31,12 @@ class Network:
     place is not ours to change. antenna: GNSS positions, NaN where none, arm: their stated lever
     arms. held: images whose centre GNSS gives; trusted: those whose antenna agrees with the rest.
     ground: points with ground coordinates; spare: measured ground points that are set aside.
+    adjusted: a part of the block adjusted, None where it cannot be.
     gate: reprojection (px) that counts as seen by now. pixel: size of one in each image, as a ray.
     """
 
-    def __init__(self, block: Block):
-        self.block = block
+    def __init__(self, block: Block, adjusted: Callable[[Block], Block | None]):
+        self.block, self.adjusted = block, adjusted
         self.images = block.images["image"].to_numpy(dtype=object)
         self._observe()
         self._take_poses()
@@ -111,18 +113,18 @@ class Network:
         plain = interior[row[lost]]
         self.ray[lost] = (self.measured[lost] - plain[:, 1:3]) / plain[:, :1]
 
-    def island(self, members: np.ndarray) -> Network:
+    def submodel(self, members: np.ndarray) -> Network:
         """The same network seen from some images only, with nothing known of it yet."""
-        island = copy.copy(self)
+        submodel = copy.copy(self)
         rows = members[self.image]
         for name in ("image", "point", "measured", "ray"):
-            setattr(island, name, getattr(self, name)[rows])
+            setattr(submodel, name, getattr(self, name)[rows])
         for name in ("posed", "pose_given", "known", "point_given", "ground", "spare"):
-            setattr(island, name, np.zeros_like(getattr(self, name)))
+            setattr(submodel, name, np.zeros_like(getattr(self, name)))
         for name in ("centre", "rotation", "place", "antenna"):
-            setattr(island, name, np.full_like(getattr(self, name), np.nan))
-        island._begin()
-        return island
+            setattr(submodel, name, np.full_like(getattr(self, name), np.nan))
+        submodel._begin()
+        return submodel
 
     def rows(self, image: int) -> slice:
         """The observations of one image."""

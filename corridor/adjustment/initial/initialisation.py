@@ -6,19 +6,24 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from corridor.adjustment.initial.chain import chain
-from corridor.adjustment.initial.intersection import place_all, place_new
-from corridor.adjustment.initial.island import bring_over
+from corridor.adjustment.initial.intersection import intersect_all, intersect_new
 from corridor.adjustment.initial.network import CENTRE, POSE, Network
+from corridor.adjustment.initial.sequential import resect_in_turn
+from corridor.adjustment.initial.submodel import orient_submodel
 from corridor.block import Block
 from corridor.geometry import quaternion_from_rotation
 
 
-def complete(block: Block, progress: Callable[[str], None] | None = None) -> Block:
+def complete(
+    block: Block,
+    adjusted: Callable[[Block], Block | None],
+    progress: Callable[[str], None] | None = None,
+) -> Block:
     """The block with every pose and every point filled in; what is given is kept as it is.
 
     Ground points with coordinates (role control or check) orient images by their marks. Points
     without coordinates, tie points and measured ones that ground.csv lacks, get a row in `points`.
+    adjusted: a part of the block adjusted on the way, None where it cannot be.
     progress: called with a line of text now and then.
 
     With no pose, no ground point and no antenna position the frame is free: the mean view looks
@@ -26,22 +31,22 @@ def complete(block: Block, progress: Callable[[str], None] | None = None) -> Blo
     is 1.
     Raises InputError naming the images that cannot be oriented, and the remedy.
     """
-    network = Network(block)
+    network = Network(block, adjusted)
     if network.posed.all() and (network.known | network.spare).all():
         return block
     if not network.posed.all():
         _orient(network, progress or (lambda line: None))
-    place_all(network)
+    intersect_all(network)
     return replace(block.copy(), images=_images(block, network), points=_points(block, network))
 
 
 def _orient(network: Network, say: Callable[[str], None]) -> None:
     while True:
-        place_new(network)
-        chain(network, say)
+        intersect_new(network)
+        resect_in_turn(network, say)
         if network.posed.all():
             return
-        bring_over(network, say)
+        orient_submodel(network, say)
 
 
 def _images(block: Block, network: Network) -> pd.DataFrame:

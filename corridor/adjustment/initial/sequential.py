@@ -4,24 +4,24 @@ from collections.abc import Callable
 
 import numpy as np
 
-from corridor.adjustment.initial.intersection import place_new
+from corridor.adjustment.initial.interim import adjust_interim
+from corridor.adjustment.initial.intersection import intersect_new
 from corridor.adjustment.initial.network import Network
 from corridor.adjustment.initial.resection import FEWEST_MARKS, resect
-from corridor.adjustment.initial.settling import settle
 from corridor.compiled import compiled
 
-# The chain is settled (adjusted on the way) whenever it has grown by this.
+# What is oriented is adjusted on the way whenever it has grown by this.
 _GROWTH = 1.25
 
 
-def chain(
+def resect_in_turn(
     network: Network, say: Callable[[str], None], enough: Callable[[], bool] = lambda: False
 ) -> None:
     """Resect images from known points, the best supported first, until none is left or enough."""
     count = len(network.images)
     seen_known = np.bincount(network.image, weights=network.known[network.point], minlength=count)
     tried = np.full(count, -1.0)
-    settled = network.posed.sum()
+    adjusted = network.posed.sum()
     while not enough():
         support = np.where(network.posed | (seen_known <= 1.2 * tried), -1, seen_known)
         image = int(np.argmax(support))
@@ -32,15 +32,15 @@ def chain(
             continue
         points = network.point[network.rows(image)]
         before = network.known[points].copy()
-        place_new(network, again=True, within=points)
+        intersect_new(network, again=True, within=points)
         fresh = points[network.known[points] & ~before]
         _count(fresh, network.point_start, network.by_point, network.image, seen_known)
         total = int(network.posed.sum())
         if total % 100 == 0:
             say(f"start values: {total} of {count} images oriented")
-        if total > _GROWTH * settled:
-            settle(network)
-            settled = total
+        if total > _GROWTH * adjusted:
+            adjust_interim(network)
+            adjusted = total
 
 
 @compiled()

@@ -7,60 +7,26 @@ neighbour.
 import numpy as np
 import pandas as pd
 
-from corridor.adjustment.initial.intersection import place_new
+from corridor.adjustment.initial.intersection import intersect_new
 from corridor.adjustment.initial.network import CENTRE, POSE, Network
-from corridor.adjustment.initial.refinement import refine
+from corridor.adjustment.initial.resection import refine
 from corridor.block import Block
-from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import quaternion_from_rotation, rotation_from_quaternion
 
 _SWEEPS = 4
-# What a lens that is not calibrated may bend, as a start: k1 and k2 with this standard deviation.
-_LENS = {"k1": 0.1, "k2": 0.1}
 
 
-def settle(network: Network) -> None:
-    """Straighten the oriented part by an adjustment, or where that cannot be, by sweeps."""
-    if _adjust(network):
-        place_new(network, again=True)
-    else:
-        sweep(network, np.flatnonzero(network.posed & ~network.pose_given))
+def adjust_interim(network: Network) -> None:
+    """Straighten the oriented part by an adjustment, or where that cannot be, by sweeps.
 
-
-def sweep(network: Network, images: np.ndarray) -> None:
-    """Poses of these images from the points and all points from the poses, a few times."""
-    for _ in range(_SWEEPS):
-        refine(network, images)
-        place_new(network, again=True)
-
-
-def _adjust(network: Network) -> bool:
-    """Adjust the oriented part, with k1 and k2 of lenses that are not calibrated.
-
-    False where given poses or points must stay, or the part has no datum yet.
+    It cannot where given poses or points must stay, or the part has no datum yet.
     """
-    # The adjustment completes blocks itself: the two know each other only when called.
-    from corridor.adjustment.adjust import adjust
-
-    if network.pose_given.any() or (network.point_given & network.known & ~network.ground).any():
-        return False
-    part = _part(network)
-    own = [name for name, camera in part.cameras.items() if not camera.calibrated]
-    try:
-        result = adjust(
-            part,
-            camera=dict.fromkeys(own, ",".join(_LENS)),
-            loss="huber:3",
-            priors={
-                f"camera.{name}.{term}": (part.cameras[name][term], sigma)
-                for name in own
-                for term, sigma in _LENS.items()
-            },
-            max_iterations=10,
-        )
-    except (InputError, AdjustmentFailed):
-        return False
-    found = result.block
+    given = network.point_given & network.known & ~network.ground
+    fixed = network.pose_given.any() or given.any()
+    found = None if fixed else network.adjusted(_part(network))
+    if found is None:
+        sweep(network, np.flatnonzero(network.posed & ~network.pose_given))
+        return
     pose = found.images[POSE].to_numpy()
     network.centre[network.posed] = pose[:, :3]
     network.rotation[network.posed] = rotation_from_quaternion(pose[:, 3:])
@@ -68,15 +34,19 @@ def _adjust(network: Network) -> bool:
     mine = ~network.point_given[row]
     network.place[row[mine]] = found.points[CENTRE].to_numpy()[mine]
     network.held[:] = False
-    network.look_through(
-        np.array(
-            [
-                found.cameras[name].interior if name in found.cameras else before
-                for name, before in zip(network.block.cameras, network.interior, strict=True)
-            ]
-        )
-    )
-    return True
+    interior = [
+        found.cameras[name].interior if name in found.cameras else before
+        for name, before in zip(network.block.cameras, network.interior, strict=True)
+    ]
+    network.look_through(np.array(interior))
+    intersect_new(network, again=True)
+
+
+def sweep(network: Network, images: np.ndarray) -> None:
+    """Poses of these images from the points and all points from the poses, a few times."""
+    for _ in range(_SWEEPS):
+        refine(network, images)
+        intersect_new(network, again=True)
 
 
 def _part(network: Network) -> Block:

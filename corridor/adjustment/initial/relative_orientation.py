@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from scipy import sparse
 
-from corridor.adjustment.initial.intersection import CHAIN_ANGLE, place_new
+from corridor.adjustment.initial.intersection import CHAIN_ANGLE, intersect_new
 from corridor.adjustment.initial.network import AGREEING, GATES_PX, Network
 from corridor.geometry import Rays, intersect
 
@@ -32,7 +32,7 @@ def start_from_pair(network: Network) -> bool:
     network.rotation[second], network.centre[second] = rotation, centre
     network.posed[[first, second]] = True
     network.gate = gate
-    place_new(network)
+    intersect_new(network)
     return bool(network.known.any())
 
 

@@ -1,0 +1,47 @@
+"""Machine code follows the source of all that it has taken in, and other people's is let be."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import corridor
+
+PIXEL = """
+import numpy as np
+from corridor.simulation.views import _project
+interior = np.zeros((1, 15))
+interior[0, 0], interior[0, 7] = 1000.0, 1.0
+zero = np.zeros(1, dtype=np.int64)
+one = np.eye(3)[None]
+seen = _project(np.array([[0.5, 0.0, 1.0]]), zero, zero, np.zeros((1, 3)), one, zero, interior, 1)
+print(seen[0, 0])
+"""
+
+
+def printed(folder: Path, script: str) -> str:
+    run = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return run.stdout.strip()
+
+
+def test_a_change_of_the_distortion_reaches_the_kernels_of_other_files(tmp_path):
+    """u = 1/2, k1 = 1, f = 1000: 1000 u (1 + u^2) = 625 px; with 1 + 2 u^2 it is 750 px."""
+    package = tmp_path / "corridor"
+    clean = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(corridor.__file__).parent, package, ignore=clean)
+    assert float(printed(tmp_path, PIXEL)) == 625.0
+    source = (package / "camera.py").read_text()
+    assert source.count("r2 = u * u + v * v\n    radial = 0.0\n    slope") == 1
+    (package / "camera.py").write_text(
+        source.replace("r2 = u * u + v * v\n    radial = 0.0\n    slope",
+                       "r2 = 2.0 * (u * u + v * v)\n    radial = 0.0\n    slope")
+    )  # fmt: skip
+    assert float(printed(tmp_path, PIXEL)) == 750.0
+
+
+def test_numbas_settings_stay_as_they_are_for_everyone_else():
+    script = "import numba; before = numba.config.SLP_VECTORIZE; import corridor.adjustment; "
+    script += "print(numba.config.SLP_VECTORIZE == before)"
+    assert printed(Path(corridor.__file__).parents[1], script) == "True"
