@@ -6,11 +6,11 @@
 determines is `Singular`.
 """
 
+from corridor.adjustment.absolute_orientation import AbsoluteOrientation, lay_on_control
 from corridor.adjustment.adjust import adjust, complete
 from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
-from corridor.adjustment.laid import Laid, lay_on_control
 from corridor.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.model import (
@@ -34,7 +34,7 @@ __all__ = [
     "Adjustment",
     "Columns",
     "Covariance",
-    "Laid",
+    "AbsoluteOrientation",
     "ImageRows",
     "LinearSystem",
     "Loss",

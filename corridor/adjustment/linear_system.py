@@ -441,7 +441,7 @@ class LinearSystem:
             normal.pins = self.held
         normal.assemble(self.state, 0.0)
         if self.information is not None:
-            normal.corner += np.tril(self.information)
+            normal.shared_block += np.tril(self.information)
             normal.shared_reference += np.diag(self.information)
         return normal
 
@@ -462,19 +462,19 @@ class LinearSystem:
     def matrix(self) -> csc_array:
         """N (n, n), symmetric."""
         normal = self._normal
-        border, corner = csc_array(self._border), csc_array(self.shared_matrix)
+        cross, shared = csc_array(self._cross), csc_array(self.shared_matrix)
         beside = len(self.columns) - self._of_problem
         blocks = [
-            [normal.blocks.symmetric(), border, None],
-            [border.T, corner, None],
+            [normal.blocks.symmetric(), cross, None],
+            [cross.T, shared, None],
             [None, None, csc_array((beside, beside))],
         ]
         return csc_array(block_array(blocks))
 
     @property
-    def _border(self) -> np.ndarray:
+    def _cross(self) -> np.ndarray:
         p = self.problem
-        return self._normal.border[: p.image_count].reshape(-1, p.wide)[:, : p.shared_count]
+        return self._normal.cross[: p.image_count].reshape(-1, p.wide)[:, : p.shared_count]
 
     @cached_property
     def reference(self) -> np.ndarray:
@@ -485,16 +485,16 @@ class LinearSystem:
     @property
     def shared_matrix(self) -> np.ndarray:
         """N (q, q) of what images share."""
-        corner = self._normal.corner
-        return corner + np.tril(corner, -1).T
+        shared = self._normal.shared_block
+        return shared + np.tril(shared, -1).T
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """N x for x (n, k), without N as a whole."""
         n = self._of_problem - self.problem.shared_count
-        image, shared, border = x[:n], x[n : self._of_problem], self._border
+        image, shared, cross = x[:n], x[n : self._of_problem], self._cross
         out = np.zeros_like(x)
-        out[:n] = self._normal.blocks.multiply(image) + border @ shared
-        out[n : self._of_problem] = border.T @ image + self.shared_matrix @ shared
+        out[:n] = self._normal.blocks.multiply(image) + cross @ shared
+        out[n : self._of_problem] = cross.T @ image + self.shared_matrix @ shared
         return out
 
     @cached_property

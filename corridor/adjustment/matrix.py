@@ -1,4 +1,4 @@
-"""The reduced normal equations: a symmetric matrix of image blocks with a dense border.
+"""The reduced normal equations: a symmetric matrix of image blocks bordered by what they share.
 
     [ B  E ] [dc]   [g]
     [ E' D ] [ds] = [h]
@@ -23,7 +23,7 @@ SINGULAR = 1e-13
 class Singular(ArithmeticError):
     """The matrix has a direction without information.
 
-    image, own: position and number of an image's unknown, or shared: number in the border.
+    image, own: position and number of an image's unknown, or shared: number among the shared.
     """
 
     def __init__(self, image: int | None = None, own: int | None = None, shared: int | None = None):
@@ -205,43 +205,43 @@ def neighbours(images: int, ptr: np.ndarray, img: np.ndarray) -> tuple[np.ndarra
 class Bordered:
     """Solutions of the whole bordered system after `factor`."""
 
-    def __init__(self, blocks: Band | Sparse, border, corner, corner_reference, reference):
-        """border (n, q), corner (q, q) lower half; the references are diagonals before elimination.
+    def __init__(self, blocks: Band | Sparse, cross, block, shared_reference, reference):
+        """cross (n, q), block (q, q) of the shared unknowns, lower half.
 
-        Raises Singular.
+        The references are diagonals before elimination. Raises Singular.
         """
         self.blocks = blocks
         blocks.factor(reference)
-        q = corner.shape[0]
+        q = block.shape[0]
         self.q = q
         if isinstance(blocks, Band):
-            self.z = blocks.half(border) if q else np.zeros((blocks.n, 0))
-            schur = np.tril(corner) - np.tril(self.z.T @ self.z)
+            self.z = blocks.half(cross) if q else np.zeros((blocks.n, 0))
+            schur = np.tril(block) - np.tril(self.z.T @ self.z)
         else:
-            self.x = blocks.solve(border) if q else np.zeros((blocks.n, 0))
-            self.border = border
-            schur = np.tril(corner) - np.tril(border.T @ self.x)
-        self.corner_factor = _cholesky(schur, corner_reference)
+            self.x = blocks.solve(cross) if q else np.zeros((blocks.n, 0))
+            self.cross = cross
+            schur = np.tril(block) - np.tril(cross.T @ self.x)
+        self.shared_factor = _cholesky(schur, shared_reference)
 
     def solve(self, right: np.ndarray, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solution for right (n, k) and shared (q, k)."""
         if isinstance(self.blocks, Band):
             half = self.blocks.half(right.copy())
-            ds = self._corner(shared - self.z.T @ half)
+            ds = self._shared_solution(shared - self.z.T @ half)
             return self.blocks.other_half(half - self.z @ ds), ds
         whole = self.blocks.solve(right)
-        ds = self._corner(shared - self.border.T @ whole)
+        ds = self._shared_solution(shared - self.cross.T @ whole)
         return whole - self.x @ ds, ds
 
-    def _corner(self, right: np.ndarray) -> np.ndarray:
+    def _shared_solution(self, right: np.ndarray) -> np.ndarray:
         if self.q == 0:
             return right
-        half = solve_triangular(self.corner_factor, right, lower=True)
-        return solve_triangular(self.corner_factor, half, lower=True, trans=1)
+        half = solve_triangular(self.shared_factor, right, lower=True)
+        return solve_triangular(self.shared_factor, half, lower=True, trans=1)
 
     def shared_inverse(self) -> np.ndarray:
-        """Inverse (q, q) of the whole matrix in the corner."""
-        return self._corner(np.eye(self.q))
+        """Inverse (q, q) of the whole matrix, as far as it is shared."""
+        return self._shared_solution(np.eye(self.q))
 
 
 def _cholesky(matrix: np.ndarray, reference: np.ndarray) -> np.ndarray:

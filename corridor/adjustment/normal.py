@@ -109,7 +109,7 @@ class Normal:
         rows = p.image_count + self.spare
         self.gradient = np.zeros((rows, p.d))
         self.reference = np.zeros((rows, p.d))
-        self.border = np.zeros((rows, p.d, p.wide))
+        self.cross = np.zeros((rows, p.d, p.wide))
         self.has_image_effects = bool(p.stack.at("image"))
         self.has_motion = bool(p.stack.at("motion"))
         self.columns = kernels.Columns(
@@ -342,9 +342,9 @@ class Normal:
         p, state = self.problem, view.state
         q, wide = p.shared_count, p.wide
         self.blocks.clear()
-        for array in (self.gradient, self.reference, self.border):
+        for array in (self.gradient, self.reference, self.cross):
             array[:] = 0.0
-        corner = np.zeros((self.threads, wide * wide))
+        block = np.zeros((self.threads, wide * wide))
         shared = np.zeros((self.threads, 2, wide))
         totals = np.zeros((self.threads, 3))
         kernel = assemble_for(p.d)
@@ -358,8 +358,8 @@ class Normal:
                 storage,
                 self.gradient.ravel(),
                 self.reference.ravel(),
-                self.border.ravel(),
-                corner[thread],
+                self.cross.ravel(),
+                block[thread],
                 shared[thread, 0],
                 shared[thread, 1],
                 split=self.split if thread == 0 else p.image_count,
@@ -373,9 +373,9 @@ class Normal:
         if self.threads > 1:
             self.blocks.fold(self.split, self.spare)
             n, s, k = p.image_count, self.split, self.spare
-            for array in (self.gradient, self.reference, self.border):
+            for array in (self.gradient, self.reference, self.cross):
                 array[s : s + k] += array[n : n + k]
-        self.corner = np.tril(corner.sum(axis=0).reshape(wide, wide)[:q, :q])
+        self.shared_block = np.tril(block.sum(axis=0).reshape(wide, wide)[:q, :q])
         self.shared_gradient, self.shared_reference = shared.sum(axis=0)[:, :q]
         cost, behind, self.weak = totals.sum(axis=0)
         cost += float(np.sum(p.control_weight * view.control_residual**2))
@@ -385,7 +385,7 @@ class Normal:
         m = p.image_count
         if damping:
             self.blocks.add_diagonal(damping * self.reference[:m])
-            self.corner[np.diag_indices(q)] += damping * self.shared_reference
+            self.shared_block[np.diag_indices(q)] += damping * self.shared_reference
         if len(self.pins):
             pinned = np.zeros((m, p.d))
             pinned[self.pins[:, 0], self.pins[:, 1]] = self.reference[
@@ -465,16 +465,16 @@ class Normal:
         self.gradient[image] += np.einsum("nki,nk->ni", weighted, residual)
         self.reference[image] += np.einsum("nii->ni", blocks)
         if q:
-            self.border[image, :, :q] += np.einsum("nki,nkj->nij", weighted, shared)
+            self.cross[image, :, :q] += np.einsum("nki,nkj->nij", weighted, shared)
             heavy = (shared * weight[:, :, None]).reshape(-1, q)
-            corner = heavy.T @ shared.reshape(-1, q)
-            self.corner += np.tril(corner)
+            block = heavy.T @ shared.reshape(-1, q)
+            self.shared_block += np.tril(block)
             self.shared_gradient += heavy.T @ residual.ravel()
-            self.shared_reference += np.diag(corner)
+            self.shared_reference += np.diag(block)
         return float(np.sum(weight * residual**2))
 
     def _from_priors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Prior minus value of the border's unknowns (q,) and of every image's own (m, k)."""
+        """Prior minus value of the shared unknowns (q,) and of every image's own (m, k)."""
         p = self.problem
         own = [state.effects[slug][:, number] for slug, number in p.own_unknowns]
         away = p.own_prior[0] - np.stack(own, axis=1) if own else np.zeros((p.image_count, 0))
@@ -483,7 +483,7 @@ class Normal:
     def _add_priors(self, state: State) -> float:
         p = self.problem
         shared, own = self._from_priors(state)
-        self.corner[np.diag_indices(p.shared_count)] += p.prior_weight
+        self.shared_block[np.diag_indices(p.shared_count)] += p.prior_weight
         self.shared_reference += p.prior_weight
         self.shared_gradient += p.prior_weight * shared
         weight = p.own_prior[1]
@@ -506,8 +506,8 @@ class Normal:
         m = p.image_count
         return Bordered(
             self.blocks,
-            self.border[:m].reshape(-1, p.wide)[:, : p.shared_count],
-            self.corner,
+            self.cross[:m].reshape(-1, p.wide)[:, : p.shared_count],
+            self.shared_block,
             self.shared_reference,
             self.reference[:m],
         )
@@ -581,7 +581,7 @@ def _band_costs_more(p: Problem) -> bool:
 
 
 def shared_values(p: Problem, state: State) -> np.ndarray:
-    """Values (q,) of the border's unknowns."""
+    """Values (q,) of the shared unknowns."""
     tables = {"camera": lambda u: state.interior, "lever_arm": lambda u: state.arms}
     return np.array(
         [tables.get(u.kind, lambda u: state.effects[u.owner])(u)[u.at] for u in p.unknowns]
@@ -591,7 +591,7 @@ def shared_values(p: Problem, state: State) -> np.ndarray:
 def moved_state(
     p: Problem, state: State, step: np.ndarray, shared: np.ndarray, points: np.ndarray
 ) -> State:
-    """The state after a step of the images (m, d) and the border (q,), at new points."""
+    """The state after a step of the images (m, d) and the shared unknowns (q,), at new points."""
     interior, arms = state.interior.copy(), state.arms.copy()
     effects = {slug: values.copy() for slug, values in state.effects.items()}
     for unknown, change in zip(p.unknowns, shared.tolist(), strict=True):

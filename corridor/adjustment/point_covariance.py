@@ -110,7 +110,7 @@ def make_point_covariance(d):
                         kb[c, 0] += n00 * g0 + n10 * g1 + n20 * g2
                         kb[c, 1] += n10 * g0 + n11 * g1 + n21 * g2
                         kb[c, 2] += n20 * g0 + n21 * g1 + n22 * g2
-            # cov(P, border) = -(K_c' Q_cs + K_b' Q_ss)
+            # cov(P, shared) = -(K_c' Q_cs + K_b' Q_ss)
             for x in range(3):
                 for c in range(q):
                     total = 0.0

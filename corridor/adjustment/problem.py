@@ -58,12 +58,12 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
 
     @property
     def shared_count(self) -> int:
-        """How many unknowns images share (the border)."""
+        """How many unknowns images share."""
         return len(self.unknowns)
 
     @property
     def wide(self) -> int:
-        """Columns of the border in whole panels (at least one)."""
+        """Columns of the shared unknowns in whole panels (at least one)."""
         return max(-(-self.shared_count // PANEL), 1) * PANEL
 
     @property

@@ -1,4 +1,4 @@
-"""A free network laid on ground points afterwards.
+"""A free network brought to ground points afterwards (absolute orientation).
 
 Tie points alone are adjusted first; a similarity then takes the result to the ground points. They
 position the block, and no more: what a tight control network would hide stays visible.
@@ -20,7 +20,7 @@ from corridor.geometry import Similarity, similarity
 
 
 @dataclass
-class Laid(Checked):
+class AbsoluteOrientation(Checked):
     """An adjustment seen in the frame of its ground points.
 
     similarity: from the adjusted frame to the ground points'. check_points: point, given x, y, z
@@ -39,7 +39,9 @@ class Laid(Checked):
         return np.linalg.norm(self.control_points[["dx", "dy", "dz"]].to_numpy(float), axis=1)
 
 
-def lay_on_control(adjustment: Adjustment, control: Iterable[str] | None = None) -> Laid:
+def lay_on_control(
+    adjustment: Adjustment, control: Iterable[str] | None = None
+) -> AbsoluteOrientation:
     """The adjustment laid on its control points by a similarity.
 
     control: ground points to lay it on; default: those with the role `control` in ground.csv,
@@ -77,5 +79,5 @@ def lay_on_control(adjustment: Adjustment, control: Iterable[str] | None = None)
     check = ((ground["role"] != "unused") & ~used & (at >= 0)).to_numpy()
     centre = np.empty_like(adjustment.state.centre)
     centre[adjustment.problem.order] = adjustment.state.centre
-    laid = (used & (at >= 0)).to_numpy()
-    return Laid(found, differences(check), found.apply(centre), differences(laid))
+    on = (used & (at >= 0)).to_numpy()
+    return AbsoluteOrientation(found, differences(check), found.apply(centre), differences(on))
