@@ -7,7 +7,15 @@ model. `Values` are what was given or found. A new effect is a new file with one
 """
 
 from corridor.effects.context import Context, Images, group_names, group_of_image
-from corridor.effects.contract import Effect, LinearEffect, Parameter, Variant, edge_of
+from corridor.effects.contract import (
+    Effect,
+    LinearEffect,
+    Parameter,
+    Variant,
+    along_both,
+    edge_of,
+    of_interior,
+)
 from corridor.effects.correction import correct
 from corridor.effects.forward import (
     Prediction,
@@ -34,6 +42,7 @@ __all__ = [
     "Values",
     "Variant",
     "add",
+    "along_both",
     "every_effect",
     "check_needs",
     "correct",
@@ -43,6 +52,7 @@ __all__ = [
     "forget",
     "group_names",
     "group_of_image",
+    "of_interior",
     "parse_word",
     "predict",
     "register",

@@ -167,6 +167,31 @@ def linear(derivative: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.einsum("nij,nj->ni", derivative, values)
 
 
+def of_interior(context: Context, **factors: float | np.ndarray) -> np.ndarray:
+    """Derivative (rows, interior parameters, parameters) of an effect of the place camera.
+
+    factors: by interior parameter, how much a parameter of the effect moves it: one number, one a
+    row, or (rows, k) for k parameters; the effect's parameters follow each other in that order.
+    """
+    parts = []
+    for name, factor in factors.items():
+        factor = np.asarray(factor, dtype=float)
+        if factor.ndim < 2:
+            factor = np.broadcast_to(factor, len(context))[:, None]
+        part = np.zeros((len(context), len(INTERIOR), factor.shape[1]))
+        part[:, INTERIOR.index(name)] = factor
+        parts.append(part)
+    return np.concatenate(parts, axis=2)
+
+
+def along_both(terms: np.ndarray) -> np.ndarray:
+    """Derivative (rows, 2, 2 k) of an effect that shifts x by k terms (rows, k), and y alike."""
+    rows, count = terms.shape
+    derivative = np.zeros((rows, 2, 2 * count))
+    derivative[:, 0, :count] = derivative[:, 1, count:] = terms
+    return derivative
+
+
 def edge_of(block: Block) -> tuple[float, float]:
     """Focal length, px, of the block's first camera, and u at the end of its long side."""
     camera = next(iter(block.cameras.values()))

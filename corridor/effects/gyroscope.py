@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from corridor.block import Block
 from corridor.errors import InputError
@@ -54,13 +55,12 @@ class Gyroscope:
             ]
         )
         at = np.arange(max(len(table) - 1, 0))
-        turns = _quaternion(self._within(at, np.ones(len(at)))[0])
-        self.attitude = np.empty((len(table), 4))
-        here = np.array([1.0, 0.0, 0.0, 0.0])
-        for n in range(len(table)):
-            fresh = n == 0 or owner[n] != owner[n - 1]
-            here = np.array([1.0, 0.0, 0.0, 0.0]) if fresh else _times(here, turns[n - 1])
-            self.attitude[n] = here
+        turns = Rotation.from_rotvec(self._within(at, np.ones(len(at)))[0])
+        still = Rotation.identity()
+        attitude = [still] * len(table)
+        for n in range(1, len(table)):
+            attitude[n] = still if owner[n] != owner[n - 1] else attitude[n - 1] * turns[n - 1]
+        self.attitude = Rotation.concatenate(attitude)
 
     def turn(
         self, image: np.ndarray, begin: np.ndarray, end: np.ndarray
@@ -77,7 +77,7 @@ class Gyroscope:
         record = np.where(known, record, 0)
         q0, w0 = self._at(record, begin)
         q1, w1 = self._at(record, end)
-        m = _vector(_times(q0 * [1.0, -1.0, -1.0, -1.0], q1))
+        m = (q0.inv() * q1).as_rotvec()
         by_end = _inverse_jacobian(m, w1, 1.0)
         by_begin = -_inverse_jacobian(m, w0, -1.0)
         for out in (m, by_end, by_begin):
@@ -85,7 +85,7 @@ class Gyroscope:
         return m, by_end, by_begin
 
     def _at(self, record, time):
-        """Attitude (n, 4) since the record's first epoch, and angular rate (n, 3), at times."""
+        """Attitude (n,) since the record's first epoch, and angular rate (n, 3), at times."""
         since = time - self._begin[record]
         axis = np.clip(since, 0.0, self._upto[record]) + self._shift[record]
         at = np.searchsorted(self._axis, axis, side="right") - 1
@@ -95,7 +95,7 @@ class Gyroscope:
         share = np.clip(since / step, 0.0, 1.0)
         angle, rate = self._within(at, share)
         angle += rate * (since - share * step)[:, None]
-        return _times(self.attitude[at], _quaternion(angle)), _right_jacobian(angle, rate)
+        return self.attitude[at] * Rotation.from_rotvec(angle), _right_jacobian(angle, rate)
 
     def _within(self, at, share):
         """Integral of the rate (n, 3) from epoch at to a share of the step, and the rate there."""
@@ -129,34 +129,6 @@ def _records(block: Block) -> tuple[np.ndarray, np.ndarray]:
             at = {name: n for n, name in enumerate(found)}
             return owner, np.array([at.get(str(name), -1) for name in names])
     return np.zeros(len(block.rates), np.int64), np.zeros(len(block.images), np.int64)
-
-
-def _quaternion(vector):
-    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
-    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * vector], axis=-1)
-
-
-def _vector(q):
-    q = np.where(q[:, :1] < 0, -q, q)
-    size = np.linalg.norm(q[:, 1:], axis=1)
-    angle = 2 * np.arctan2(size, q[:, 0])
-    factor = np.where(size > 1e-12, angle / np.where(size > 1e-12, size, 1.0), 2.0)
-    return factor[:, None] * q[:, 1:]
-
-
-def _times(a, b):
-    """Product of quaternions (..., 4): first a, then b in the turned frame."""
-    a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
-    b0, b1, b2, b3 = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
-            a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
-            a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
-            a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
-        ],
-        axis=-1,
-    )
 
 
 def _right_jacobian(m, v):

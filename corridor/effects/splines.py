@@ -14,9 +14,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import helmert, null_space
 
-from corridor.camera import INTERIOR
 from corridor.effects.context import Images
-from corridor.effects.contract import LinearEffect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter, of_interior
 
 _DEGREE = 3
 
@@ -120,10 +119,5 @@ class CameraCurve(LinearEffect):
     def derivative(self, context):
         """f, cx, cy move by sum_k value_k curve_k(quantity)."""
         of_images = self.quantity(context.images)
-        count = coefficients(of_images, self.most)
-        curves = curve(of_images, of_images, count)[context.image]
-        derivative = np.zeros((len(context), len(INTERIOR), len(self.moved) * (count - 1)))
-        for n, name in enumerate(self.moved):
-            columns = slice(n * (count - 1), (n + 1) * (count - 1))
-            derivative[:, INTERIOR.index(name), columns] = curves
-        return derivative
+        curves = curve(of_images, of_images, coefficients(of_images, self.most))[context.image]
+        return of_interior(context, **dict.fromkeys(self.moved, curves))

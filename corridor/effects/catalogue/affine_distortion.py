@@ -3,10 +3,7 @@
 Source: Fraser 1997, "Digital camera self-calibration" (in-plane distortion), in normalised units.
 """
 
-import numpy as np
-
-from corridor.camera import INTERIOR
-from corridor.effects.contract import LinearEffect, Parameter, edge_of
+from corridor.effects.contract import LinearEffect, Parameter, edge_of, of_interior
 
 
 class AffineDistortion(LinearEffect):
@@ -29,7 +26,4 @@ class AffineDistortion(LinearEffect):
 
     def derivative(self, context):
         """b1, b2 move by the values themselves."""
-        derivative = np.zeros((len(context), len(INTERIOR), 2))
-        derivative[:, INTERIOR.index("b1"), 0] = 1.0
-        derivative[:, INTERIOR.index("b2"), 1] = 1.0
-        return derivative
+        return of_interior(context, b1=1.0, b2=1.0)

@@ -5,9 +5,8 @@ Source: this project (a shape for what no named effect explains).
 
 import numpy as np
 
-from corridor.camera import INTERIOR
 from corridor.effects.context import Images
-from corridor.effects.contract import LinearEffect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter, of_interior
 
 _MOVED = ("f", "cx", "cy")
 _STEPS = 7
@@ -51,8 +50,4 @@ class CameraStep(LinearEffect):
         moments = self.moments(context.images)
         time = context.images.time[context.image][:, None]
         after = np.where(np.isnan(time), np.nan, time > moments)
-        derivative = np.zeros((len(context), len(INTERIOR), len(_MOVED) * len(moments)))
-        for n, name in enumerate(_MOVED):
-            columns = slice(n * len(moments), (n + 1) * len(moments))
-            derivative[:, INTERIOR.index(name), columns] = after
-        return derivative
+        return of_interior(context, **dict.fromkeys(_MOVED, after))

@@ -3,10 +3,7 @@
 Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
 """
 
-import numpy as np
-
-from corridor.camera import INTERIOR
-from corridor.effects.contract import LinearEffect, Parameter, edge_of
+from corridor.effects.contract import LinearEffect, Parameter, edge_of, of_interior
 
 
 class DecentringDistortion(LinearEffect):
@@ -26,7 +23,4 @@ class DecentringDistortion(LinearEffect):
 
     def derivative(self, context):
         """p1, p2 move by the values themselves."""
-        derivative = np.zeros((len(context), len(INTERIOR), 2))
-        derivative[:, INTERIOR.index("p1"), 0] = 1.0
-        derivative[:, INTERIOR.index("p2"), 1] = 1.0
-        return derivative
+        return of_interior(context, p1=1.0, p2=1.0)

@@ -4,10 +4,7 @@ Source: Luhmann, Fraser and Maas 2016, "Sensor modelling and camera calibration 
 photogrammetry" (focal length against height in flat blocks).
 """
 
-import numpy as np
-
-from corridor.camera import INTERIOR
-from corridor.effects.contract import LinearEffect, Parameter, Variant
+from corridor.effects.contract import LinearEffect, Parameter, Variant, of_interior
 
 _PER_FLIGHT = Variant(
     slug="focal_per_flight",
@@ -61,6 +58,4 @@ class Focal(LinearEffect):
 
     def derivative(self, context):
         """f moves by the value itself."""
-        derivative = np.zeros((len(context), len(INTERIOR), 1))
-        derivative[:, INTERIOR.index("f")] = 1.0
-        return derivative
+        return of_interior(context, f=1.0)

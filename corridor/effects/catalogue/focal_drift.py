@@ -7,8 +7,7 @@ Source: Zhou 2019, section 4.3 (a drift of 0.0275 px an image).
 
 import numpy as np
 
-from corridor.camera import INTERIOR
-from corridor.effects.contract import LinearEffect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter, of_interior
 
 
 class FocalDrift(LinearEffect):
@@ -30,6 +29,4 @@ class FocalDrift(LinearEffect):
     def derivative(self, context):
         """f moves by rate t + bend t^2, t in seconds from the middle of the block."""
         t = context.time
-        derivative = np.zeros((len(context), len(INTERIOR), 2))
-        derivative[:, INTERIOR.index("f")] = np.stack([t, t * t], axis=-1)
-        return derivative
+        return of_interior(context, f=np.stack([t, t * t], axis=1))

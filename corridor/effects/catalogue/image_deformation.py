@@ -3,9 +3,7 @@
 Source: this project (a shape for what no named effect explains).
 """
 
-import numpy as np
-
-from corridor.effects.contract import LinearEffect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter, along_both
 from corridor.effects.splines import surface
 
 COLUMNS, ROWS = 9, 7
@@ -31,8 +29,4 @@ class ImageDeformation(LinearEffect):
 
     def derivative(self, context):
         """dx = sum x_k surface_k(x, y), dy alike; x, y from -1 to 1 over the picture."""
-        surfaces = surface(2.0 * context.pixel / (context.size - 1) - 1.0, COLUMNS, ROWS)
-        count = surfaces.shape[1]
-        derivative = np.zeros((len(context), 2, 2 * count))
-        derivative[:, 0, :count] = derivative[:, 1, count:] = surfaces
-        return derivative
+        return along_both(surface(2.0 * context.pixel / (context.size - 1) - 1.0, COLUMNS, ROWS))

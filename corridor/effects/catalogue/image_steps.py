@@ -5,7 +5,7 @@ Source: this project (a shape for what no named effect explains).
 
 import numpy as np
 
-from corridor.effects.contract import LinearEffect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter, along_both
 
 # Lines that a step may follow, upright and level, evenly spaced over the picture, and the share of
 # their distance over which it rises: an adjustment needs a slope to go by.
@@ -31,11 +31,8 @@ class ImageSteps(LinearEffect):
     def derivative(self, context):
         """dx = sum of x_line times the side (-1/2 to 1/2), upright lines first, dy alike."""
         share = context.pixel / (context.size - 1)
-        sides = np.hstack([_side(share[:, 0], UPRIGHT), _side(share[:, 1], LEVEL)])
-        count = sides.shape[1]
-        derivative = np.zeros((len(context), 2, 2 * count))
-        derivative[:, 0, :count] = derivative[:, 1, count:] = sides
-        return derivative
+        sides = [_side(share[:, 0], UPRIGHT), _side(share[:, 1], LEVEL)]
+        return along_both(np.hstack(sides))
 
 
 def _side(share: np.ndarray, lines: int) -> np.ndarray:

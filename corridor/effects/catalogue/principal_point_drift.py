@@ -5,10 +5,7 @@ A warming mount shifts the lens against the sensor.
 Source: Daakir et al. 2019, section 3 (displacement of the principal point with temperature).
 """
 
-import numpy as np
-
-from corridor.camera import INTERIOR
-from corridor.effects.contract import LinearEffect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter, of_interior
 
 
 class PrincipalPointDrift(LinearEffect):
@@ -25,7 +22,4 @@ class PrincipalPointDrift(LinearEffect):
 
     def derivative(self, context):
         """cx, cy move by rate t, t in seconds from the middle of the block."""
-        derivative = np.zeros((len(context), len(INTERIOR), 2))
-        derivative[:, INTERIOR.index("cx"), 0] = context.time
-        derivative[:, INTERIOR.index("cy"), 1] = context.time
-        return derivative
+        return of_interior(context, cx=context.time, cy=context.time)

@@ -3,10 +3,7 @@
 Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
 """
 
-import numpy as np
-
-from corridor.camera import INTERIOR
-from corridor.effects.contract import LinearEffect, Parameter, edge_of
+from corridor.effects.contract import LinearEffect, Parameter, edge_of, of_interior
 
 _NAMES = ("k1", "k2", "k3")
 
@@ -33,7 +30,4 @@ class RadialDistortion(LinearEffect):
 
     def derivative(self, context):
         """k1, k2, k3 move by the values themselves."""
-        derivative = np.zeros((len(context), len(INTERIOR), 3))
-        for n, name in enumerate(_NAMES):
-            derivative[:, INTERIOR.index(name), n] = 1.0
-        return derivative
+        return of_interior(context, **dict.fromkeys(_NAMES, 1.0))

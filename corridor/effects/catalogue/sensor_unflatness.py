@@ -7,7 +7,7 @@ photogrammetry" (Legendre polynomials over the picture).
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from corridor.effects.contract import LinearEffect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter, along_both
 
 # Degrees along x and y. Below 2 the terms are principal point, focal length and affinity.
 _TERMS = [(total - j, j) for total in (2, 3, 4) for j in range(total + 1)]
@@ -33,7 +33,4 @@ class SensorUnflatness(LinearEffect):
         """dx = sum x_ij P_i(x) P_j(y), dy alike; x, y from -1 to 1 over the picture."""
         place = 2.0 * context.pixel / (context.size - 1) - 1.0
         along, across = (legvander(place[:, k], 4) for k in range(2))
-        terms = np.stack([along[:, i] * across[:, j] for i, j in _TERMS], axis=1)
-        derivative = np.zeros((len(context), 2, 2 * len(_TERMS)))
-        derivative[:, 0, : len(_TERMS)] = derivative[:, 1, len(_TERMS) :] = terms
-        return derivative
+        return along_both(np.stack([along[:, i] * across[:, j] for i, j in _TERMS], axis=1))
