@@ -7,7 +7,6 @@ a line. Coordinates go into the block's frame: by its crs, by its place on Earth
 
 from __future__ import annotations
 
-import csv
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
+from corridor.block import LAYOUTS, Block, Layout, place, read_columns
 from corridor.errors import InputError
 from corridor.gnss import convert
 from corridor.interchange.faults import blaming
 from corridor.interchange.pieces import Views, apart
 from corridor.interchange.project import Project, ground_table, local_of
-from corridor.textfile import Line, filled, lines, opening
+from corridor.textfile import Line, filled, opening
 
 _GEOGRAPHIC = "EPSG:4979"
 _UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
@@ -180,44 +179,24 @@ def _xml(path):
 
 
 def _block_table(path):
-    names, places, sigmas, roles, marks = [], [], [], [], []
-    for line, row in _table(path, ("point", "x", "y", "z")):
-        names.append(row["point"])
-        places.append(line.numbers([row[axis] for axis in "xyz"], "a coordinate"))
-        words = [row.get(key, "") for key in ("sx", "sy", "sz")]
-        sigmas.append([line.number(word, "a sigma") if word else np.nan for word in words])
-        roles.append(row.get("role") or "control")
-    beside = path.with_name("marks.csv")
+    needed, sigmas = ("point", "x", "y", "z"), ("sx", "sy", "sz")
+    table = _columns(path, Layout(needed, optional=(*sigmas, "role")))
+    table[[name for name in sigmas if name not in table]] = np.nan
+    roles = table["role"].fillna("").replace("", "control") if "role" in table else "control"
+    beside, marks = path.with_name("marks.csv"), []
     if beside.is_file():
-        for line, row in _table(beside, ("point", "image", "x", "y")):
-            pixel = line.numbers([row["x"], row["y"]], "a pixel")
-            marks.append((row["point"], row["image"], *pixel))
-    places = np.array(places).reshape(-1, 3)
-    return Ground(path, None, names, places, np.array(sigmas).reshape(-1, 3), roles, marks)
+        found = _columns(beside, LAYOUTS["marks"])[["point", "image", "x", "y"]]
+        marks = list(found.astype({"point": str, "image": str}).itertuples(index=False, name=None))
+    return Ground.of_tables(path, None, table.assign(role=roles), marks)
 
 
-def _table(path, needed):
-    """Line and cells by column of a comma separated table with these columns."""
-    rows = list(lines(path))
-    header = None
-    try:
-        for line, cells in zip(rows, csv.reader(line.text for line in rows), strict=False):
-            cells = [cell.strip() for cell in cells]
-            if not any(cells):
-                continue
-            if header is None:
-                header = cells
-                if not set(needed) <= set(header):
-                    raise line.wrong(f"it needs the columns {', '.join(needed)}")
-                continue
-            if len(cells) != len(header):
-                raise line.wrong(
-                    f"{len(cells)} cells where the header has {len(header)}; write numbers with a "
-                    "decimal point"
-                )
-            yield line, dict(zip(header, cells, strict=True))
-    except csv.Error as error:
-        raise InputError(f"{path.name} is not a table ({error}); save it comma separated") from None
+def _columns(path, layout):
+    table = read_columns(path, layout)
+    for name in layout.needed:
+        if table[name].isna().any():
+            row = int(np.argmax(table[name].isna()))
+            raise InputError(f"{place(path, row)}: {name} is empty; write it there")
+    return table
 
 
 def _plain(path):

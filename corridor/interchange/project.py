@@ -195,23 +195,20 @@ def near_origin(block: Block) -> Block:
 
     Coordinates already below 10 km stay as they are.
     """
-    tables = {"images": POSE[:3], "points": POSE[:3], "ground": POSE[:3], "gnss": POSE[:3]}
-    for name in ("images", "points", "ground"):
+    places = {}
+    for name in ("images", "points", "ground", "gnss"):
         frame = getattr(block, name)
-        if set(POSE[:3]) <= set(frame.columns):
-            xyz = frame[list(POSE[:3])].to_numpy(float)
-            xyz = xyz[np.isfinite(xyz).all(axis=1)]
-            if len(xyz):
-                break
-    else:
-        return block
-    middle = np.median(xyz, axis=0)
+        if len(frame) and set(POSE[:3]) <= set(frame.columns):
+            places[name] = frame[list(POSE[:3])].to_numpy(float)
+    known = (places[name] for name in ("images", "points", "ground") if name in places)
+    known = (xyz[np.isfinite(xyz).all(axis=1)] for xyz in known)
+    first = next((xyz for xyz in known if len(xyz)), np.zeros((1, 3)))
+    middle = np.median(first, axis=0)
     shift = np.where(np.abs(middle) > _FAR_M, np.round(middle / 100) * 100, 0.0)
     if not shift.any():
         return block
-    for name, columns in tables.items():
-        frame = getattr(block, name)
-        if len(frame) and set(columns) <= set(frame.columns):
-            frame[list(columns)] = frame[list(columns)].to_numpy(float) - shift
-    block.offset = block.offset + shift
-    return block
+    moved = {
+        name: getattr(block, name).assign(**dict(zip(POSE[:3], (xyz - shift).T, strict=True)))
+        for name, xyz in places.items()
+    }
+    return replace(block, offset=block.offset + shift, **moved)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def read_project(
         path = next((place for name, place in candidates(path) if name == form), path)
     with blaming(path, f"a project of {form}"):
         project = formats()[form].read(path, size)
-        near_origin(project.block)
+        project = replace(project, block=near_origin(project.block))
         project = project.having(warnings=_unseen(project.block))
     if others:
         also = f"the same place is also a project of {', '.join(others)}: name it so"
