@@ -41,7 +41,7 @@ class Table:
         notes = [
             line
             for note in self.notes
-            for line in textwrap.wrap(note, WIDTH, initial_indent="  ", subsequent_indent="  ")
+            for line in textwrap.wrap(note, WIDTH, initial_indent="  ", subsequent_indent="    ")
         ]
         return "\n".join([*([self.title] if self.title else []), *self._lines(), *notes])
 
