@@ -8,7 +8,7 @@ from corridor.report import Report, Table
 
 
 def report_of(diagnosis: Diagnosed) -> Report:
-    """The sentence, the notes, what was found, where the noise changes, the gap, what is missing."""
+    """The sentence, the notes, and short tables: what was found and what it does."""
     shown = ["slug", "class", "parameter", "value", "sigma", "unit", "log evidence"]
     gap = tables.gap(diagnosis, None, None)
     missing = tables.untestable(diagnosis, None).itertuples(index=False)
