@@ -35,7 +35,7 @@ def accuracy_by_control(
     looks = {name: _look(k, len(names)) for k, name in enumerate(names)}
     rows = -(-len(names) // _ROW)
     # Room for the rows of keys stands above the panels.
-    figure, (panels,) = style.charts(title, note, [3.4], 2, head=0.95 + 0.22 * rows)
+    figure, (panels,) = style.charts(title, note, [3.65], 2, head=0.95 + 0.22 * rows)
     for k, name in enumerate(names):
         row, column = divmod(k, _ROW)
         keys = [style.key(short(name, 40), **looks[name])]

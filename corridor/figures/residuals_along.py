@@ -41,7 +41,7 @@ def residuals_along(adjustment: Adjusted) -> Figure:
 
     known = where[np.isfinite(where)]
     room = 0.015 * max(float(np.ptp(known)), 1.0) if len(known) else 1.0
-    heights = ([2.35] if table is not None else []) + ([1.4] * 3 if gnss is not None else [])
+    heights = ([2.6] if table is not None else []) + ([1.45] * 3 if gnss is not None else [])
     figure, panels = style.charts(title, _note(frame), heights, sharex=True)
     panels = list(panels[:, 0])
     panels[0].set_xlim((known.min() - room, known.max() + room) if len(known) else (0.0, 1.0))

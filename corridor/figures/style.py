@@ -118,7 +118,7 @@ def matrix(
     top = (1.2 if keys else 0.9) + (names - 0.2 if above else 0.0)
     wide, high = cell * len(columns), cell * len(rows)
     total = top + high + (0.35 if above else names)
-    figure = sheet(total, title, note, width=max(left + wide + 0.4, 6.2))
+    figure = sheet(total, title, note, width=max(left + wide + 0.35, 6.2))
     legend(figure, 0.87, keys)
     axes = panel(figure, left, top, wide, high)
     if above:

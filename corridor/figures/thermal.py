@@ -93,7 +93,7 @@ def thermal_parameters(fit: Fit) -> Figure:
     thermometer = {"color": style.MIDDLE, "lw": 1.0, "ls": "--"}
     keys = [style.key(name, **look) for name, of, look in parts if of.any()]
     keys += [style.key("model, optics", **optics), style.key("thermometer", **thermometer)]
-    figure, panels = style.charts("Heat and the picture", note, [2.75, 2.75], 3, keys)
+    figure, panels = style.charts("Heat and the picture", note, [2.925] * 2, 3, keys)
     line = np.linspace(*model.range_c, 101)
     curve = model.parameters(line)
     named = {
