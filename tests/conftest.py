@@ -4,6 +4,12 @@ import os
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_limits
+
+# Matrices of tests are small and many: threads of BLAS wait for each other, for ten times the
+# time, and two workers have two cores. The variables are for programs that tests start.
+os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"))
+threadpool_limits(1)
 
 
 @pytest.fixture(scope="session")
