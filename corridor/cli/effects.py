@@ -42,13 +42,16 @@ def _short(effect):
 
 
 def _full(effect):
-    scales = ", ".join(f"{p.scale:.3g} {p.unit} ({name})" for name, p in _runs(effect))
+    runs = _runs(effect)
+    scales = ", ".join(f"{p.scale:.3g} {p.unit} ({name})" for name, p in runs)
+    texts = "; ".join(f"{name}: {p.text}" for name, p in runs if p.text)
     facts = (
         _line("shown by", effect.revealed_by),
         _line("hidden if", effect.unobservable_when),
         _line("usual size", scales),
     )
-    short = "\n".join([_short(effect), *facts])
+    more = (_line("meaning", texts),) if texts else ()
+    short = "\n".join([_short(effect), *facts, *more])
     return "\n\n".join([short, *effect.described()])
 
 

@@ -2,6 +2,7 @@
 
 import sys
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -189,3 +190,15 @@ class TestOneOfAnotherPackage:
         only = ["glass", "sensor_unflatness", "radial_distortion"]
         (one,) = corridor.diagnose(flown, camera="fixed", only=only).effects
         assert one["slug"] == "glass"
+
+
+def test_the_example_of_the_readme_is_one():
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    code = next(part for part in text.split("```") if "@register" in part)
+    exec(code.removeprefix("python\n"), {})
+    try:
+        block = corridor_block(images=4, strips=1)
+        moved = pixels(add(block, {"ripple": {"amplitude": 1.0}})) - pixels(block)
+        assert 0.9 < np.abs(moved).max() <= 1.01
+    finally:
+        forget("ripple")

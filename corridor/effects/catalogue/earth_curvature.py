@@ -25,8 +25,7 @@ class EarthCurvature(LinearEffect):
     )
 
     def parameters(self, block):
-        # 1 where nobody has allowed for it, 0 where all of it is in the coordinates.
-        return [Parameter("fraction", "1", scale=1.0)]
+        return [Parameter("fraction", "1", scale=1.0, text="1: nobody has allowed for it")]
 
     def derivative(self, context):
         """Given heights rise by fraction d^2 / 2R, d the distance in plan from the middle."""

@@ -22,8 +22,8 @@ class FocalDrift(LinearEffect):
     def parameters(self, block):
         # 2 px in 10 minutes; the bend is as large over a flight of 20 minutes.
         return [
-            Parameter("rate", "px/s", scale=2.0 / 600.0),
-            Parameter("bend", "px/s^2", scale=2.0 / 600.0**2),
+            Parameter("rate", "px/s", scale=2.0 / 600.0, text="in the middle of the block"),
+            Parameter("bend", "px/s^2", scale=2.0 / 600.0**2, text="half the change of the rate"),
         ]
 
     def derivative(self, context):

@@ -27,8 +27,7 @@ class Refraction(LinearEffect):
     )
 
     def parameters(self, block):
-        # 1 where nobody has allowed for it.
-        return [Parameter("fraction", "1", scale=1.0)]
+        return [Parameter("fraction", "1", scale=1.0, text="1: nobody has allowed for it")]
 
     def derivative(self, context):
         """f times the change of the ray that leans away from the nadir by fraction delta.

@@ -26,7 +26,7 @@ class RollingShutter(LinearEffect):
     )
 
     def parameters(self, block):
-        return [Parameter("readout", "s", scale=0.030)]
+        return [Parameter("readout", "s", scale=0.030, text="from the first to the last row")]
 
     def stated(self, block):
         """The readout_s of the cameras in block.toml."""

@@ -47,7 +47,7 @@ class RollingShutterRotation(Effect):
             return [
                 # Without a readout the delay would do nothing: both start from a shutter.
                 Parameter("readout", "s", scale=0.030, start=start),
-                Parameter("delay", "s", scale=0.020),
+                Parameter("delay", "s", scale=0.020, text="of the gyroscope's clock"),
             ]
         # 0.3 degrees a second for 25 ms.
         scale = np.radians(0.3) * 0.025

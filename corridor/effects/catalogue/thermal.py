@@ -25,8 +25,13 @@ class Thermal(LinearEffect):
     )
 
     def parameters(self, block):
-        names = ("scale", "cubic", "x", "y")
-        return [Parameter(name, "px/C", scale=0.1) for name in names]
+        texts = {
+            "scale": "growth at the end of the long side",
+            "cubic": "growth there with the cube of the distance",
+            "x": "shift of the whole picture",
+            "y": "shift of the whole picture",
+        }
+        return [Parameter(name, "px/C", scale=0.1, text=text) for name, text in texts.items()]
 
     def derivative(self, context):
         """dT (scale p + cubic r^2 p + (x, y)), p from the picture's middle, 1 at its edge.
