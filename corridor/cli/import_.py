@@ -5,7 +5,7 @@ examples:
       COLMAP, OpenSfM or OpenDroneMap, Metashape, MicMac, Pix4D, Bundler, VisualSfM, BAL or
       PhotoModeler: told by the content
   corridor import colmap sparse/0 -o BLOCK --photos IMAGES
-      with times, positions, temperatures of the photographs; a free model is placed by them
+      with times, positions, velocities, temperatures of the photographs; they place a free model
   corridor import metashape cameras.xml -o BLOCK --ground markers.xml --track rover.pos
       with ground points and their marks, and the antenna from the receiver's track
   corridor import micmac PROJECT -o BLOCK --ground points.txt --crs EPSG:2154
@@ -37,7 +37,7 @@ _OPTIONS = {
     "form": option("auto, photos, or the name of a format", "FORMAT"),
     "project": option("its file or folder", "PROJECT", Path),
     "--output": option("folder to write", "BLOCK", required=True),
-    "--photos": option("photographs: time, GNSS, temperature"),
+    "--photos": option("photographs: time, GNSS, velocity, temperature"),
     "--track": option("the receiver's track, as for `corridor gnss`", "FILE", Path),
     "--ground": option("ground points, with their marks if it has them", "FILE", Path),
     "--crs": option("system of the project's coordinates, as EPSG:32647", "CRS"),

@@ -12,7 +12,7 @@ import corridor
 from corridor import cli
 from corridor.errors import InputError
 from corridor.gnss import Local
-from corridor.interchange import export_project, read_photograph, read_project
+from corridor.interchange import add_ground, export_project, read_photograph, read_project
 from corridor.interchange.ground import crs_of_line, in_frame, read_gcp_list
 from corridor.interchange.placing import Track, add_photographs, add_track, gyro_rates
 
@@ -117,6 +117,18 @@ def test_photographs_place_a_free_model_and_tell_times_and_temperatures(flown):
     assert (made.gnss["sx"] == 3.0).all()
     # Published for all rows: 25 ms of 3000 rows is 24.99 ms from first to last.
     assert made.cameras["1"].readout_s == pytest.approx(0.025 * 2999 / 3000)
+
+
+def test_what_is_added_makes_a_new_project_and_leaves_the_old_as_it_was(flown, tmp_path):
+    home, block = flown
+    project = read_project(home / "model")
+    images, notes = project.block.images.copy(), list(project.notes)
+    block.ground.to_csv(tmp_path / "ground.csv", index=False)
+    made, _ = add_photographs(project, home / "photos")
+    made = add_ground(made, tmp_path / "ground.csv")
+    assert len(made.block.gnss) == 12 and len(made.block.ground) == 4
+    assert project.block.images.equals(images) and project.notes == notes
+    assert not project.placed and not len(project.block.gnss) and not len(project.block.ground)
 
 
 def test_the_command_makes_a_block_that_adjusts(flown, tmp_path):
