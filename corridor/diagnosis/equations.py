@@ -45,7 +45,9 @@ class Equations:
     standard deviation, image (k,): of the antenna positions. core: columns that images share;
     own: blocks of per-image columns; between: each of them with the core (p, c); mutual: (i, j)
     -> of two of them, i < j.
-    free_motions: (n, 7) of a block that nothing holds, else None.
+    first (n,), at (c,): numbers of the poses and nuisance, and of the core, among the system's
+    columns, and unit of all of these. free_motions: (n, 7) of a block that nothing holds, else
+    None.
     """
 
     system: LinearSystem
@@ -57,7 +59,10 @@ class Equations:
     between: list[np.ndarray]
     mutual: dict[tuple[int, int], csc_array]
     groups: list[Group]
-    scales: Scales
+    first: np.ndarray
+    at: np.ndarray
+    unit: np.ndarray
+    scales: Scales | None = None
     free_motions: np.ndarray | None = None
     pixels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
@@ -91,12 +96,12 @@ def equations(adjustment: Adjustment, effects: list[Effect], priors: Mapping) ->
     xy = rows.xy + np.nan_to_num(found - residual)
     system = system.measuring(xy=xy, sigma=scales.of_observation)
     groups = make_groups(system.columns, len(system.control_names), effects, priors)
-    out = _take_apart(system, groups, scales)
-    out.pixels = found
+    out = take_apart(system, groups)
+    out.scales, out.pixels = scales, found
     return out
 
 
-def _take_apart(system: LinearSystem, groups: list[Group], scales: Scales) -> Equations:
+def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
     """Split the equations into poses and nuisance, what images share, and per-image columns."""
     columns, matrix, right = system.columns, system.matrix, system.right
     jacobian = system.gnss.jacobian
@@ -148,6 +153,8 @@ def _take_apart(system: LinearSystem, groups: list[Group], scales: Scales) -> Eq
         between=[part(at, core).toarray() for at in blocks],
         mutual={(i, j): part(blocks[i], blocks[j]) for j in range(len(blocks)) for i in range(j)},
         groups=groups,
-        scales=scales,
+        first=first,
+        at=core,
+        unit=unit,
         free_motions=system.motions[first] if nothing_holds else None,
     )

@@ -93,19 +93,6 @@ class Replicator:
         """The believed model fitted to other measurements of the same things."""
         return self._fit(self._with(measured).minimised(20, TOLERANCE, near=True), measured)
 
-    def absorb(self, pixels: np.ndarray, gnss: np.ndarray, control: np.ndarray) -> Fit:
-        """What is left of shifts (n, 2) px, (k, 3) m, (c, 3) m of what the model says."""
-        fit, given = self.fit, self.measured
-        shifted = Measured(
-            xy=given.xy - fit.pixels + pixels,
-            gnss=given.gnss - fit.gnss + gnss,
-            control=given.control - fit.control + control,
-            prior=self.system.columns.shared_value,
-            check=given.check,
-        )
-        system = replace(self._with(shifted), loss=Loss())
-        return self._fit(system.at(system.step()), shifted)
-
     def _with(self, measured: Measured) -> LinearSystem:
         return self.system.measuring(
             measured.xy, gnss=measured.gnss, control=measured.control, prior=measured.prior

@@ -1,184 +1,126 @@
-"""What each physical effect of the catalogue would leave in the residuals.
+"""What residuals share with each physical effect that the model lacks.
 
 An effect moves the modelled observations; poses, points and the believed model follow as far as
 they can; what they leave is the effect's signature. Most of an effect is gone by then, and the
-rest is far below the noise of a single observation, but all observations share it.
+rest is far below the noise of a single observation, but all observations share it. With M and g
+of the effect's columns after poses and points (see `reduced`), g / sqrt(M) is how many standard
+deviations of it the residuals hold.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
-from corridor.effects import Stack, every_effect
+from corridor.adjustment import LinearSystem, Loss
+from corridor.diagnosis.candidates import make_groups
+from corridor.diagnosis.equations import take_apart
+from corridor.diagnosis.reduced import Elimination
+from corridor.effects import Effect, every_effect
 
 # Share of an effect that has to be left after absorption: below, rounding would speak.
 LEFT = 1e-3
-# Largest shift at which a signature is taken, px and m: the model is linear that far.
-REACH_PX, REACH_M = 1.0, 0.1
-MOST_POINTS, MOST_GROUPS = 12, 12
+# Control points, flights or cameras up to which each has a signature.
+MOST_GROUPS = 12
+# Share of the largest information of an image from which on an image counts.
+TOUCHED = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
 class Signatures:
-    """Signatures after absorption, weighted and normed: rows are independent unit directions.
+    """Signatures of the physical effects that a model lacks and the block could show.
 
-    names: of the effects. start: (effects + 1,) where the rows of each begin. pixels
-    (rows, 2 n), gnss (rows, 3 k), control (rows, 3 c): multiply with residuals and add up; noise
-    of the stated size gives rows of variance 1. absorbed: effects that leave nothing.
+    names: of effects that leave one, a control point each; absorbed: of those that leave nothing.
+    single: of effects that each image has for itself, `slug parameter`.
     """
 
-    names: tuple[str, ...]
-    start: np.ndarray
-    pixels: np.ndarray
-    gnss: np.ndarray
-    control: np.ndarray
-    absorbed: tuple[str, ...]
+    def __init__(self, replicator):
+        self._replicator = replicator
+        system = replace(replicator.system, loss=Loss())
+        effects = _missing_effects(system)
+        self._tested = tested = system.testing(effects)
+        columns, gnss = tested.columns, tested.gnss
+        groups = make_groups(columns, len(tested.control_names), effects, {})
+        e = take_apart(tested, groups)
+        self._weight = gnss.sigma.ravel() ** -2.0
+        # Diagonal before anything is eliminated.
+        raw = np.zeros(len(columns))
+        raw[: len(tested.reference)] = tested.reference
+        raw += gnss.jacobian.power(2).T @ self._weight
 
-    def strengths(self, pixels: np.ndarray, gnss: np.ndarray, control: np.ndarray) -> np.ndarray:
-        """What residuals share with each effect (effects,), in standard deviations.
+        eliminated = Elimination(e, None)
+        half, heavy, _ = eliminated.columns(e.core)
+        M = e.core.inside - half.T @ half
+        if heavy is not None:
+            M += e.core.antenna.T @ heavy
+        followed = solve_triangular(eliminated.factor, half, lower=True, trans="T")
+        # What poses and the model follow of each column: N_xx^-1 N_xb.
+        self._followed = followed * eliminated.unit[:, None]
+        self._first, self._core, self._unit = e.first, e.at, e.unit[e.at]
+        size = np.sqrt(raw[e.at]) * self._unit
+        self.names: list[str] = []
+        self.absorbed: tuple[str, ...] = ()
+        self._turns: list[tuple[np.ndarray, np.ndarray]] = []
+        for group in (group for group in groups if group.own is None):
+            at = group.columns[size[group.columns] > 0]
+            name = group.slug if group.point is None else f"{group.slug} {group.point}"
+            if not len(at):
+                continue
+            own = size[at]
+            value, vector = np.linalg.eigh(M[np.ix_(at, at)] / own[:, None] / own)
+            good = value > LEFT**2
+            if not good.any():
+                self.absorbed += (name,)
+                continue
+            self.names.append(name)
+            self._turns.append((at, (vector[:, good] / np.sqrt(value[good])).T / own))
+        self.single, self._images = [], []
+        for slug in (group.slug for group in groups if group.own is not None):
+            for parameter, at in zip(
+                columns.parameters[slug], columns.of_image[slug].T, strict=True
+            ):
+                touched = raw[at] > TOUCHED * raw[at].max()
+                self.single.append(f"{slug} {parameter.name}")
+                self._images.append((at[touched], raw[at[touched]]))
+
+    def score(self, pixels: np.ndarray, gnss: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """B'Wr (n,) of residuals (n, 2) px, (k, 3) m, (c, 3) m, by all columns."""
+        fit, given = self._replicator.fit, self._replicator.measured
+        seen = np.isfinite(fit.pixels)
+        system = self._tested.measuring(
+            xy=np.where(seen, given.xy - fit.pixels + pixels, given.xy),
+            gnss=given.gnss - fit.gnss + gnss,
+            control=given.control - fit.control + control,
+        )
+        return system.right + self._tested.gnss.jacobian.T @ (self._weight * gnss.ravel())
+
+    def strengths(self, score: np.ndarray) -> np.ndarray:
+        """What residuals share with each effect (names,), in standard deviations.
 
         With its sign where an effect has one direction, else the length over all of them.
         """
-        # The matrix is single precision: residuals in double would be copied to it anew.
-        rows = self.pixels @ pixels.astype(np.float32).ravel()
-        rows = rows.astype(float) + self.gnss @ gnss.ravel() + self.control @ control.ravel()
-        first = self.start[:-1]
-        length = np.sqrt(np.add.reduceat(rows**2, first))
-        return np.where(np.diff(self.start) == 1, rows[first], length)
+        g = score[self._core] * self._unit - self._followed.T @ score[self._first]
+        rows = [turn @ g[at] for at, turn in self._turns]
+        return np.array([row[0] if len(row) == 1 else np.linalg.norm(row) for row in rows])
+
+    def in_single_images(self, score: np.ndarray) -> np.ndarray:
+        """RMS over the images (single,), in standard deviations before absorption."""
+        return np.array([np.sqrt(np.mean(score[at] ** 2 / raw)) for at, raw in self._images])
 
 
-def signatures(replicator) -> Signatures | None:
-    """Signatures of the physical effects that the believed model lacks; None where all are gone.
-
-    replicator: see `corridor.diagnosis.replicator.Replicator`. Effects of single images have no
-    common signature (see `of_single_images`); those of a control point have one for each point.
-    """
-    system = replicator.system
-    sigmas = np.repeat(system.image_rows.sigma, 2), system.gnss.sigma, system.control.sigma
-    weights = [sigma.ravel() ** -2.0 for sigma in sigmas]
-    names, absorbed, start = [], [], [0]
-    kept: tuple[list, list, list] = ([], [], [])
-    for name, moved in _moved(replicator):
-        raw, left = [], []
-        for pixels, gnss, control in moved:
-            reach = max(
-                np.abs(pixels).max(initial=0.0) / REACH_PX,
-                np.abs(gnss).max(initial=0.0) / REACH_M,
-                np.abs(control).max(initial=0.0) / REACH_M,
-            )
-            if reach == 0:
-                continue
-            parts = pixels / reach, gnss / reach, control / reach
-            raw.append(_norm(parts, weights))
-            fit = replicator.absorb(*parts)
-            left.append([part.ravel() for part in (fit.pixels, fit.gnss, fit.control)])
-        if not left:
-            continue
-        columns = [np.stack([one[k] for one in left]) for k in range(3)]
-        matrix = sum((c * w) @ c.T for c, w in zip(columns, weights, strict=True))
-        size = np.array(raw)
-        value, vector = np.linalg.eigh(matrix / size[:, None] / size)
-        good = value > LEFT**2
-        if not good.any():
-            absorbed.append(name)
-            continue
-        turn = (vector[:, good] / np.sqrt(value[good])).T / size
-        names.append(name)
-        start.append(start[-1] + int(good.sum()))
-        # Single precision: a large block has a million residuals for each row.
-        for k, kind in enumerate((np.float32, float, float)):
-            kept[k].append(((turn @ columns[k]) * weights[k]).astype(kind))
-    if not names:
-        return None
-    stacked = [np.concatenate(part) for part in kept]
-    return Signatures(
-        tuple(names), np.array(start), stacked[0], stacked[1], stacked[2],
-        tuple(absorbed),
-    )  # fmt: skip
-
-
-def of_single_images(replicator) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Signatures of the physical effects that each image has for itself: one a parameter.
-
-    Name, pixels (n, 2) and gnss (k, 3): shifts by one prior standard deviation, before absorption.
-    """
-    return [
-        (f"{name} {parameter}", pixels, gnss)
-        for name, parameter, (pixels, gnss, _) in _moved_singly(replicator)
-    ]
-
-
-def _moved_singly(replicator):
-    for effect, seen, parameters, groups in _missing_effects(replicator):
-        if effect.group != "image":
-            continue
-        here = seen(np.zeros((groups, len(parameters))))
-        for number, parameter in enumerate(parameters):
-            values = np.zeros((groups, len(parameters)))
-            values[:, number] = parameter.scale
-            there = seen(values)
-            yield effect.slug, parameter.name, [h - t for h, t in zip(here, there, strict=True)]
-
-
-def _moved(replicator):
-    """Name and shifts (pixels, gnss, control) by each parameter, of each effect in turn."""
-    controls = replicator.system.control_names
-    for effect, seen, parameters, groups in _missing_effects(replicator):
-        if effect.group == "image":
-            continue
-        if groups > (MOST_POINTS if effect.group == "point" else MOST_GROUPS):
-            continue
-        shape = groups, len(parameters)
-        here = seen(np.zeros(shape))
-
-        def column(group, number, seen=seen, here=here, parameters=parameters, shape=shape):
-            values = np.zeros(shape)
-            values[group, number] = parameters[number].scale
-            # Residuals are measured minus modelled: a modelled shift lowers them.
-            return tuple(h - t for h, t in zip(here, seen(values), strict=True))
-
-        if effect.group == "point":
-            for g in range(groups):
-                yield f"{effect.slug} {controls[g]}", [column(g, n) for n in range(shape[1])]
-        else:
-            yield (
-                effect.slug,
-                [column(g, n) for g in range(shape[0]) for n in range(shape[1])],
-            )
-
-
-def _missing_effects(replicator):
-    """Physical effects that the model lacks and the block could show.
-
-    Yields the effect, a function from its values to residuals (pixels, gnss, control), its
-    parameters and how many groups it has.
-    """
-    system = replicator.system
-    controls = list(system.control_names)
+def _missing_effects(system: LinearSystem) -> list[Effect]:
+    """Physical effects that the model lacks and the block could show."""
+    block, controls = system.block, len(system.control_names)
+    counts = {"camera": len(block.cameras), "flight": len(block.flight_names), "point": controls}
+    out = []
     for effect in every_effect():
-        if effect.generic or effect.slug in system.effects:
-            continue
-        if effect.missing(system.block):
+        if effect.generic or effect.slug in system.columns.parameters or effect.missing(block):
             continue
         if effect.place == "antenna" and not len(system.gnss.names):
             continue
         if effect.place == "ground" and not controls:
             continue
-        tested = system.testing([effect])
-
-        def seen(values, tested=tested, effect=effect):
-            effects = {**tested.state.effects, effect.slug: values}
-            left = tested.at(replace(tested.state, effects=effects)).residuals()
-            # Residuals are measured minus modelled; what was measured stays.
-            return left.pixels, left.gnss, left.control
-
-        member = Stack(system.block, [effect], controls).members[effect.slug]
-        yield effect, seen, member.parameters, len(member.groups)
-
-
-def _norm(parts, weights) -> float:
-    return float(
-        np.sqrt(sum(w @ part.ravel() ** 2 for part, w in zip(parts, weights, strict=True)))
-    )
+        if counts.get(effect.group, 1) <= MOST_GROUPS:
+            out.append(effect)
+    return out

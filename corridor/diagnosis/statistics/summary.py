@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from corridor.diagnosis.signatures import of_single_images, signatures
+from corridor.diagnosis.signatures import Signatures
 from corridor.diagnosis.statistics.antenna import gnss_forms
 from corridor.diagnosis.statistics.ground import ground_forms
 from corridor.diagnosis.statistics.residuals import Limits, Residuals
@@ -54,41 +54,18 @@ class SummaryStatistics:
         yield from self._signatures(replicator)
 
     def _signatures(self, replicator) -> Iterator[Form]:
-        found, unit = signatures(replicator), "stated deviations"
-        if found is not None:
-            self.unseen = found.absorbed
-            name = "signatures of the physical effects"
+        found, unit = Signatures(replicator), "stated deviations"
+        self.unseen = found.absorbed
+
+        def score(r: Residuals) -> np.ndarray:
+            if r.score is None:
+                r.score = found.score(r.pixels, r.fit.gnss, r.fit.control)
+            return r.score
+
+        for name, effects, of in (
+            ("signatures of the physical effects", found.names, found.strengths),
+            ("signatures in single images", found.single, found.in_single_images),
+        ):
             yield Form(
-                named(name, "signature", unit, "effect", found.names),
-                lambda r: found.strengths(r.pixels, r.fit.gnss, r.fit.control),
+                named(name, "signature", unit, "effect", effects), lambda r, of=of: of(score(r))
             )
-        single = of_single_images(replicator)
-        if single:
-            names = [name for name, *_ in single]
-            shares = [_share(replicator.system, pixels, gnss) for _, pixels, gnss in single]
-            yield Form(
-                named("signatures in single images", "signature", unit, "effect", names),
-                lambda r: np.array([share(r) for share in shares]),
-            )
-
-
-def _share(system, pixels: np.ndarray, gnss: np.ndarray):
-    """RMS over the images of what residuals share with a signature, in stated deviations."""
-    rows, image = system.image_rows, system.gnss.image
-    count = len(system.columns.images)
-    heavy = pixels / rows.sigma[:, None] ** 2
-    antenna = gnss / system.gnss.sigma**2
-    square = np.bincount(rows.image, (heavy * pixels).sum(axis=1), count)
-    square += np.bincount(image, (antenna * gnss).sum(axis=1), count)
-    touched = square > 1e-6 * square.max()
-    in_pixels, in_antenna = bool(np.any(pixels)), bool(np.any(gnss))
-
-    def share(r: Residuals) -> float:
-        total = np.zeros(count)
-        if in_pixels:
-            total += np.bincount(rows.image, (heavy * r.pixels).sum(axis=1), count)
-        if in_antenna:
-            total += np.bincount(image, (antenna * r.gnss).sum(axis=1), count)
-        return float(np.sqrt(np.mean(total[touched] ** 2 / square[touched])))
-
-    return share
