@@ -30,7 +30,7 @@ import numpy as np
 
 from benchmarks.diagnosis.truth import Hidden, Truth
 from corridor import adjustment
-from corridor.adjustment import Adjustment
+from corridor.adjustment import Adjustment, Model
 from corridor.block import Block
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
@@ -177,10 +177,8 @@ def _beside(evidence: Evidence, n: int, others: list[int]) -> np.ndarray:
 
 def _plain(block: Block, options: dict) -> Adjustment:
     """The believed model by plain least squares: what a difference is taken of must be linear."""
-    model = ReferenceModel.of(
-        block, options.get("camera"), options.get("effects", ()), None, None, None, 1
-    )
-    return adjustment.adjust(block, effects=model.effects, **model.options)
+    wanted = Model(options.get("camera"), options.get("effects", ()))
+    return adjustment.adjust(block, model=ReferenceModel.of(block, wanted).model)
 
 
 def _length(block: Block, twin: Block, options: dict) -> float | None:

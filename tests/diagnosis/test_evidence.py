@@ -7,13 +7,13 @@ import pytest
 from scipy.integrate import quad
 
 from corridor.adjustment import ImageRows
+from corridor.diagnosis.beside_noise import _probability
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence, Spectrum, averaged, effect_sizes
 from corridor.diagnosis.gnss_noise import GnssNoise, estimate
 from corridor.diagnosis.noise_model import NoiseModel
 from corridor.diagnosis.reduced import Reduced
 from corridor.diagnosis.robust import pseudo_residuals, scale_of
-from corridor.diagnosis.rounds import _beside_noise
 from corridor.diagnosis.search import search
 from corridor.diagnosis.threshold import largest_of_null
 
@@ -167,7 +167,7 @@ def odds_of_a_bias(bias, flights, rng):
     for _ in range(flights):
         noises = biased(rng, bias=bias)
         _, without = noises.given({})
-        out.append(_beside_noise(noises, {}, 0, 1.0)[0] - without)
+        out.append(_probability(noises, {}, 0, 1.0)[0] - without)
     return np.array(out)
 
 
