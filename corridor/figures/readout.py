@@ -34,7 +34,7 @@ def readout_picture(readout: Readout) -> Figure:
 
 def _turning(readout):
     drawing = readout.drawing
-    photos = drawing["photos"]
+    photos = drawing.photos
     height, width = photos[0][1].shape
     wide = (style.WIDTH - 2 * _MARGIN - _GAP) / 2
     tall = min(wide * height / width, 1.2 * wide)
@@ -53,32 +53,32 @@ def _turning(readout):
         what = "at rest, straight" if k == 0 and not smeared else "turning, bent"
         style.caption(axes, f"{short(name, 40)}: {what}")
         _photo(axes, grey)
-        used = drawing["weights"][k] > 0.1
-        axes.plot(*drawing["points"][k][used].T, **measured, markersize=1.6, zorder=2)
+        used = drawing.used & (drawing.which == k)
+        axes.plot(*drawing.points[used].T, **measured, markersize=1.6, zorder=2)
         axes.add_collection(
-            LineCollection(drawing["curves"][k], colors=style.DARK, linewidths=0.6, zorder=3)
+            LineCollection(drawing.curves[k], colors=style.DARK, linewidths=0.6, zorder=3)
         )
     # Rows of the sensor are columns of the picture where they follow each other along x.
-    along_y = drawing["axis"] == "y"
+    along_y = drawing.axis == "y"
     letter = "row" if along_y else "column"
     line = style.panel(figure, _MARGIN, lower, wide, 2.35)
-    rate, steps = drawing["rate_deg"], readout.rows - 1
+    rate, steps = drawing.rate_deg, readout.rows - 1
     style.caption(
         line, f"slope {abs(rate):.4g}\u00b0/px, times {steps} px: {abs(rate) * steps:.4g}\u00b0"
     )
-    used = drawing.get("line_weights", drawing["weights"][1]) > 0.1
-    row, turned = drawing["row"][used], drawing["turned_deg"][used]
+    used = drawing.used & drawing.moving
+    row, turned = drawing.row[used], drawing.turned_deg[used]
     line.plot(row, turned, **measured, markersize=2.5)
     ends = np.array([row.min(), row.max()])
     line.plot(ends, rate * ends, color=style.DARK, linewidth=0.9)
     style.label(line, f"{letter} from the axis (px)", "turn (degrees)")
     style.open_frame(line)
     rest = style.panel(figure, _MARGIN + wide + _GAP, lower, wide, 2.35)
-    used = drawing["weights"][1] > 0.1
-    left = drawing["residuals"][1][used]
+    used = drawing.used & (drawing.which == 1)
+    left = drawing.residuals[used]
     style.caption(rest, f"residuals, turning: RMS {np.sqrt(np.mean(left**2)):.2g} px")
     rest.axhline(0, color=style.FAINT, linewidth=0.8)
-    at = drawing["points"][1][used][:, 1 if along_y else 0]
+    at = drawing.points[used][:, 1 if along_y else 0]
     rest.plot(at, left, **measured, markersize=2.5)
     style.label(rest, f"{letter} (px)", "measured minus fitted (px)")
     style.open_frame(rest)
@@ -87,7 +87,7 @@ def _turning(readout):
 
 def _led(readout):
     drawing = readout.drawing
-    ((name, grey),) = drawing["photos"]
+    name, grey = drawing.photo
     height, width = grey.shape
     wide = 4.0
     tall = float(np.clip(wide * height / width, 2.6, 4.4))
@@ -103,7 +103,7 @@ def _led(readout):
     _photo(axes, grey, pale=False)
     left = _MARGIN + wide + _GAP + 0.15
     right = style.WIDTH - left - 0.25
-    signal, model = 100 * drawing["signal"], 100 * drawing["model"]
+    signal, model = 100 * drawing.signal, 100 * drawing.model
     rows = np.arange(len(signal))
     upper = style.panel(figure, left, top, right, 0.55 * tall)
     style.caption(upper, f"light of the rows: {readout.extra['stripes']:.2f} periods")
@@ -115,7 +115,7 @@ def _led(readout):
     lower = style.panel(figure, left, top + 0.68 * tall, right, 0.32 * tall)
     lower.axhline(0, color=style.FAINT, linewidth=0.8)
     lower.plot(rows, signal - model, color=style.DARK, linewidth=0.6)
-    letter = "row" if drawing["axis"] == "y" else "column"
+    letter = "row" if drawing.axis == "y" else "column"
     style.label(lower, f"{letter} (px)", "residual (%)")
     style.open_frame(lower)
     return figure

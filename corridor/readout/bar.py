@@ -15,15 +15,17 @@ Source of the measurement: Wallace, camfi (doi 10.5281/zenodo.4971144), who clic
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from corridor.geometry import robust_scale
-from corridor.readout.fitting import fit, sigma_of, single_threaded
+from corridor.readout.fitting import Fitted, fit, single_threaded
 from corridor.readout.lens import Unknown
 from corridor.readout.photograph import CannotMeasure
-from corridor.readout.result import Readout, of_turning
+from corridor.readout.result import Readout
+from corridor.readout.turning import Known, Turning, bent
 
 _SMALL = 1000  # px
 _CIRCLES = 60
@@ -78,83 +80,49 @@ def find_bar(first, second):
 
 
 @single_threaded
-def measure_bar(
-    first,
-    second,
-    turns_per_second: float,
-    *,
-    speed_sigma_percent: float = 0.0,
-    sense: str | None = None,
-    row_direction: str | None = None,
-    found=None,
-) -> Readout:
+def measure_bar(first, second, known: Known, found=None) -> Readout:
     """Readout time from two photographs of one bar turning, taken from one place.
 
-    found: what `find_bar` returned, None: looked for. Other arguments and errors as
-    `measure_star`.
+    found: what `find_bar` returned, None: looked for. Errors as `measure_star`.
     """
     found = found or find_bar(first, second)
     if found is None:
         raise CannotMeasure(f"{first.name} and {second.name} show no turning bar")
     axis, reach = found
-    lens = Unknown(first.width, first.height, first.focal_px)
     change = cv2.subtract(first.grey, second.grey, dtype=cv2.CV_32F) / 255
     change = cv2.GaussianBlur(change, (0, 0), max(1.0, reach / 150))
-    tried = []
+    bars = []
     for row in (1, 0):
-        if row_direction is not None and row != (row_direction in ("down", "up")):
-            continue
-        start = _start(change, axis, reach, row)
-        if start is None:
-            continue
-        centre, rate, edges, sharp = start
-        for wide in (0.14, 0.1, 0.07, 0.05):
-            points = _edges(change, centre, rate, edges, reach, row, wide)
-            if len(points["at"]) < 80:
-                break
-            fitted = _fit(points, centre, rate, edges, reach, row, lens)
-            centre, rate, edges = fitted["centre"], fitted["rate"], fitted["edges"]
-        else:
-            tried.append((sharp, row, fitted, points))
-    if not tried:
+        if known.row_direction is None or row == (known.row_direction in ("down", "up")):
+            bar = _Bar.measured(change, axis, reach, row, Unknown.of(first))
+            bars += [bar] if bar is not None else []
+    names = f"{first.name} and {second.name}"
+    if not bars:
+        raise CannotMeasure(f"{names} show no fans whose edges can be measured")
+    bar = max(bars, key=lambda one: one.sharp)
+    kept = float((bar.fitted.weights > 0.1).mean())
+    if robust_scale(bar.fitted.residuals) > 0.04 * reach or kept < 0.6:
+        raise CannotMeasure(f"the edges of the fans in {names} do not follow one turning bar")
+    sigma = math.hypot(bar.fitted.sigma(2, bar.cluster), _SYSTEMATIC * bar.rate)
+    if abs(bar.rate) < 8 * sigma:
         raise CannotMeasure(
-            f"{first.name} and {second.name} show no fans whose edges can be measured"
+            f"{names} show no wheel at rest, and the turn of a bar smeared in both cannot be "
+            "measured to an eighth"
         )
-    _, row, fitted, points = max(tried, key=lambda one: one[0])
-    scale = robust_scale(fitted["residuals"])
-    kept = float((fitted["weights"] > 0.1).mean())
-    if scale > 0.04 * reach or kept < 0.6:
-        raise CannotMeasure(
-            f"the edges of the fans in {first.name} and {second.name} do not follow one turning bar"
-        )
-    rows = (first.height, first.width)[1 - row]
-    rate = fitted["rate"]
-    sigma = sigma_of(fitted["influence"], fitted["residuals"], fitted["weights"], fitted["cluster"])
-    sigma = math.hypot(sigma, fitted["believed"], _SYSTEMATIC * rate)
-    letter = "y" if row else "x"
-    if abs(rate) < 8 * sigma:
-        raise CannotMeasure(
-            f"{first.name} and {second.name} show no wheel at rest, and the turn of a bar smeared "
-            "in both cannot be measured to an eighth"
-        )
-    exposure = 1e3 * fitted["width"] / (2 * math.pi * turns_per_second)
-    return of_turning(
-        letter,
-        rows,
-        rate,
-        sigma,
-        turns_per_second,
-        speed_sigma_percent,
-        sense,
-        row_direction,
-        target="wheel",
-        method=_METHOD,
-        warnings=(
+    points = bar.points
+    turning = Turning(
+        "wheel", (first, second), bar.row, bar.rate, sigma, bar.fitted, points.pixels,
+        points.edge // 2, np.ones(len(points.edge), bool), bar.centre, bar.curves(reach),
+    )  # fmt: skip
+    exposure = 1e3 * bar.width / (2 * math.pi * known.turns_per_second)
+    return turning.readout(
+        known,
+        _METHOD,
+        {"exposure_ms": exposure, "axis_px": [float(a) for a in bar.centre]},
+        (
             "both photographs are smeared: the edges of the smear took the place of a photograph "
             "at rest",
         ),
-        extra={"exposure_ms": exposure, "axis_px": [float(a) for a in fitted["centre"]]},
-        drawing=_drawing(fitted, points, (first, second), row, reach),
     )
 
 
@@ -219,115 +187,119 @@ def _fans(profile):
     return np.array([first, first + width, second, second + width]) * np.pi / bins
 
 
-def _edges(change, centre, rate, edges, reach, row, wide):
+@dataclass(frozen=True)
+class _Points:
     """Points on the edges of both fans: pixels (n, 2), edge (n,) 0 to 3, wing (n,) 0 or 1."""
-    at, number, wing = [], [], []
+
+    pixels: np.ndarray
+    edge: np.ndarray
+    wing: np.ndarray
+
+
+def _around(centre, radii):
+    """Pixels of directions about an axis at radii that broadcast against them."""
+
+    def place(angle):
+        return centre + radii[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+    return place
+
+
+def _edges(change, centre, rate, edges, reach, row, wide):
+    """Points on the edges of both fans, as centroids of their slopes within `wide` radians."""
+    found = []
     window = np.linspace(-wide, wide, 61)
     radii = np.linspace(*_REACH, _CIRCLES)[:, None] * reach
     for k, edge in enumerate(edges):
         # The light rises into the first fan and falls into the second.
         sign = (1 if k < 2 else -1) * (1 if k % 2 == 0 else -1)
         for side in (0, 1):
-            phi = edge + side * np.pi + window + np.zeros_like(radii)
-            for _ in range(12):
-                x, y = centre[0] + radii * np.cos(phi), centre[1] + radii * np.sin(phi)
-                ahead = (y if row else x) - centre[row]
-                phi = edge + side * np.pi + window + rate * ahead
-            light = cv2.remap(
-                change, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR, borderValue=0
-            )
+            rest = edge + side * np.pi + window + np.zeros_like(radii)
+            at, turned = bent(_around(centre, radii), rest, rate, row, centre[row])
+            at = at.astype(np.float32)
+            light = cv2.remap(change, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=0)
             slope = np.maximum(sign * np.gradient(light, axis=1), 0)
             slope[:, [0, -1]] = 0
             top = np.argmax(slope, axis=1)
             weight = slope**2 * (np.abs(np.arange(61) - top[:, None]) <= 9)
             total = weight.sum(axis=1)
             steep = slope.max(axis=1)
-            good = (steep > 0.3 * np.median(steep)) & (total > 0)
-            place = (weight * np.arange(61)).sum(axis=1)[good] / total[good]
+            circles = np.flatnonzero((steep > 0.3 * np.median(steep)) & (total > 0))
+            place = (weight * np.arange(61)).sum(axis=1)[circles] / total[circles]
             low = np.clip(place.astype(int), 0, 59)
-            share = place - low
-            circles = np.flatnonzero(good)
+            share, phi = place - low, rest + turned
             angle = phi[circles, low] * (1 - share) + phi[circles, low + 1] * share
-            r = radii[circles, 0]
-            at.append(centre + r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-            number.append(np.full(len(r), k))
-            wing.append(np.full(len(r), side))
-    return {"at": np.concatenate(at), "edge": np.concatenate(number), "wing": np.concatenate(wing)}
+            pixels = _around(centre, radii[circles, 0])(angle)
+            found.append((pixels, np.full(len(circles), k), np.full(len(circles), side)))
+    return _Points(*(np.concatenate(part) for part in zip(*found, strict=True)))
 
 
-def _fit(points, centre, rate, edges, reach, row, lens):
-    """Axis, rotation per row and the four edges; parameters: centre, rate, offset, edges, lens."""
-    at, edge, wing = points["at"], points["edge"], points["wing"]
-    start = np.concatenate([centre, [rate, 0.0], edges, np.zeros(len(lens.sigmas))])
-    side = np.where(wing == 0, 1.0, -1.0)
+@dataclass(frozen=True)
+class _Bar:
+    """A turning bar: axis (2,) px, radians a row, the four edges as on the row of the axis, the
+    width of the fans (radians), and how sharply both fans lie on top of each other."""
 
-    def model(v):
-        bent = v[8:]
-        away = lens.ideal(at, bent) - lens.ideal(v[None, :2], bent)
-        far = np.hypot(*away.T)
-        turned = np.arctan2(away[:, 1], away[:, 0]) - v[4 + edge]
-        turned -= v[2] * (at[:, row] - centre[row]) + side * v[3] / far
-        return ((turned + math.pi / 2) % math.pi - math.pi / 2) * far
+    row: int
+    sharp: float
+    centre: np.ndarray
+    rate: float
+    edges: np.ndarray
+    width: float
+    points: _Points
+    fitted: Fitted
 
-    def prior(v):
-        # The line on the bar was meant to pass the axis.
-        return np.concatenate(
-            [
-                [v[3] / (0.01 * reach)],
-                v[8:] / (_LENS * lens.sigmas),
-                (v[:2] - centre) / (0.1 * reach),
-            ]
-        )
+    @classmethod
+    def measured(cls, change, axis, reach, row, lens):
+        """The bar that the fans of a difference of two photographs show, or None."""
+        start = _start(change, axis, reach, row)
+        if start is None:
+            return None
+        centre, rate, edges, sharp = start
+        for wide in (0.14, 0.1, 0.07, 0.05):
+            points = _edges(change, centre, rate, edges, reach, row, wide)
+            if len(points.pixels) < 80:
+                return None
+            bar = cls._fitted(points, (centre, rate, edges, sharp), reach, row, lens)
+            centre, rate, edges = bar.centre, bar.rate, bar.edges
+        return bar
 
-    steps = np.concatenate([[0.1, 0.1, 1e-7, 1e-2], np.full(4, 1e-5), np.full(4, 1e-4)])
-    values, residuals, weights, influence, believed = fit(
-        model, start, steps, prior, iterations=15, floor=0.1
-    )
-    # The rate was against the row of the axis as it was; the edges are told against the new one.
-    edges = values[4:8] + values[2] * (values[row] - centre[row])
-    width = np.mean([(edges[1] - edges[0]) % math.pi, (edges[3] - edges[2]) % math.pi])
-    return {
-        "centre": values[:2],
-        "rate": float(values[2]),
-        "edges": edges,
-        "bend": values[8:],
-        "width": float(width),
-        "residuals": residuals,
-        "weights": weights,
-        "influence": influence[2],
-        "believed": float(believed[2]),
-        "cluster": 2 * edge + wing,
-    }
+    @classmethod
+    def _fitted(cls, points, start, reach, row, lens):
+        """Parameters: axis, rate, distance of the line on the bar from it, edges, lens."""
+        centre, rate, edges, sharp = start
+        at, edge = points.pixels, points.edge
+        side = np.where(points.wing == 0, 1.0, -1.0)
 
+        def model(v):
+            away = lens.ideal(at, v[8:]) - lens.ideal(v[None, :2], v[8:])
+            far = np.hypot(*away.T)
+            turned = np.arctan2(away[:, 1], away[:, 0]) - v[4 + edge]
+            turned -= v[2] * (at[:, row] - centre[row]) + side * v[3] / far
+            return ((turned + math.pi / 2) % math.pi - math.pi / 2) * far
 
-def _drawing(fitted, points, photos, row, reach):
-    """What `corridor.figures` shows of it."""
-    centre, rate = fitted["centre"], fitted["rate"]
-    at, edge = points["at"], points["edge"]
-    far = np.hypot(*(at - centre).T)
-    turned = rate * (at[:, row] - centre[row]) + fitted["residuals"] / far
-    radii = np.linspace(0.05, 1.0, 40) * reach
-    curves = []
-    for fan in (0, 1):
-        lines = []
-        for k in (2 * fan, 2 * fan + 1):
-            for side in (0, math.pi):
-                phi = np.full(radii.shape, fitted["edges"][k] + side)
-                for _ in range(20):
-                    place = centre + radii[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=1)
-                    phi = fitted["edges"][k] + side + rate * (place[:, row] - centre[row])
-                lines.append(place)
-        curves.append(lines)
-    first = edge < 2
-    return {
-        "photos": [(p.name, p.grey) for p in photos],
-        "curves": curves,
-        "points": [at[first], at[~first]],
-        "residuals": [fitted["residuals"][first], fitted["residuals"][~first]],
-        "weights": [fitted["weights"][first], fitted["weights"][~first]],
-        "row": at[:, row] - centre[row],
-        "turned_deg": np.degrees(turned),
-        "line_weights": fitted["weights"],
-        "rate_deg": math.degrees(rate),
-        "axis": "y" if row else "x",
-    }
+        def prior(v):
+            # The line on the bar was meant to pass the axis.
+            distance, moved = v[3:4] / (0.01 * reach), (v[:2] - centre) / (0.1 * reach)
+            return np.concatenate([distance, v[8:] / (_LENS * lens.sigmas), moved])
+
+        values = np.concatenate([centre, [rate, 0.0], edges, np.zeros(len(lens.sigmas))])
+        steps = np.concatenate([[0.1, 0.1, 1e-7, 1e-2], np.full(4, 1e-5), np.full(4, 1e-4)])
+        fitted = fit(model, values, steps, prior, floor=0.1)
+        values = fitted.values
+        # The rate was against the row of the axis as it was; the edges are told against the new.
+        edges = values[4:8] + values[2] * (values[row] - centre[row])
+        width = np.mean([(edges[1] - edges[0]) % math.pi, (edges[3] - edges[2]) % math.pi])
+        return cls(row, sharp, values[:2], float(values[2]), edges, float(width), points, fitted)
+
+    @property
+    def cluster(self):
+        """What errs together: points (n,) of one edge and wing."""
+        return 2 * self.points.edge + self.points.wing
+
+    def curves(self, reach):
+        """Lines of pixels along the edges of either fan, for the drawing."""
+        radii = np.linspace(0.05, 1.0, 40) * reach
+        both = self.edges[:, None, None] + np.array([0, math.pi])[:, None] + np.zeros(40)
+        place = _around(self.centre, radii)
+        lines = bent(place, both, self.rate, self.row, self.centre[self.row], 20)[0]
+        return [list(lines[k : k + 2].reshape(4, 40, 2)) for k in (0, 2)]

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from corridor.geometry import robust_scale
 
 _TUKEY = 4.685
+_ROUNDS = 4  # in which the scale of the residuals and the parameters settle
 
 
 @functools.lru_cache(maxsize=1)
@@ -31,97 +35,123 @@ def single_threaded(measure):
     return limited
 
 
-def tukey(residuals: np.ndarray, scale: float) -> np.ndarray:
-    """Weights 1 to 0 of residuals; 0 beyond 4.7 scales (Beaton and Tukey 1974)."""
-    share = np.clip(np.abs(residuals) / (_TUKEY * max(scale, 1e-12)), 0, 1)
-    return (1 - share**2) ** 2
+@dataclass(frozen=True)
+class Fitted:
+    """What a robust fit found.
+
+    values: (k,) parameters. residuals, weights: (n,), weights 1 to 0. influence: (k, n), takes a
+    small change of the residuals to that of the parameters. believed: (k,) what the priors' own
+    errors contribute to the sigma of each parameter.
+    """
+
+    values: np.ndarray
+    residuals: np.ndarray
+    weights: np.ndarray
+    influence: np.ndarray
+    believed: np.ndarray
+
+    def of(self, points: np.ndarray) -> Fitted:
+        """The fit with some of its residuals (indices) only."""
+        some = self.residuals[points], self.weights[points], self.influence[:, points]
+        return Fitted(self.values, *some, self.believed)
+
+    def sigma(self, parameter: int, cluster: np.ndarray, factor: float = 1.0) -> float:
+        """One sigma of a parameter when residuals of a cluster (n,) err together, times a factor,
+        with the priors' share."""
+        own = sigma_of(self.influence[parameter], self.residuals, self.weights, cluster)
+        return math.hypot(factor * own, self.believed[parameter])
 
 
 def fit(
     model: Callable[[np.ndarray], np.ndarray],
     start: np.ndarray,
     step: np.ndarray,
-    prior: Callable[[np.ndarray], np.ndarray] | None = None,
-    iterations: int = 20,
+    prior: Callable[[np.ndarray], np.ndarray] = lambda values: np.zeros(0),
+    *,
     floor: float = 0.0,
     groups: np.ndarray | None = None,
     own: tuple[np.ndarray, np.ndarray] | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Parameters that make the residuals small, outliers aside (Gauss-Newton, Tukey's weights).
+    rough: bool = False,
+) -> Fitted:
+    """Parameters that make the residuals small, outliers aside (Beaton and Tukey 1974).
 
     model: parameters -> residuals (n,), one unit. step: for the difference quotients.
     prior: parameters -> residuals in sigmas. floor: smallest scale of the residuals.
     groups: (n,) of 0, 1 ..: residuals with a scale of their own.
     own: (kinds, members) indices of parameters of which a residual knows one member each, and
     (n,) which member it is: -1 for none. They are differentiated together.
-    Returns the parameters, the residuals, their weights, the matrix (parameters, n) that takes a
-    small change of the residuals to that of the parameters, and what the priors' own errors
-    contribute to the sigma of each parameter.
+    rough: a few steps only, for points that will be looked for again.
     """
-    parameters = np.array(start, dtype=float)
-    residuals = model(parameters)
-    groups = np.zeros(len(residuals), dtype=int) if groups is None else groups
-    weights, scales = _weigh(residuals, groups, floor)
-    influence = np.zeros((len(parameters), len(residuals)))
-    believed = np.zeros(len(parameters))
-    for _ in range(iterations):
-        jacobian = _derivative(model, parameters, residuals, step, own)
-        weighted = jacobian * (weights / scales**2)[:, None]
-        normal = weighted.T @ jacobian
-        right = -weighted.T @ residuals
-        if prior is not None:
-            known = prior(parameters)
-            pull = np.empty((len(known), len(parameters)))
-            for k, size in enumerate(step):
-                moved = parameters.copy()
-                moved[k] += size
-                pull[:, k] = (prior(moved) - known) / size
-            normal += pull.T @ pull
-            right -= pull.T @ known
-        diagonal = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-        inverse = np.linalg.pinv(normal / np.outer(diagonal, diagonal), rcond=1e-13)
-        inverse /= np.outer(diagonal, diagonal)
-        change = inverse @ right
-        parameters = parameters + change
-        residuals = model(parameters)
-        influence = inverse @ weighted.T
-        if prior is not None:
-            believed = np.sqrt(((inverse @ pull.T) ** 2).sum(axis=1))
-        weights, scales = _weigh(residuals, groups, floor)
-        if np.all(np.abs(change) <= 0.02 * np.sqrt(np.maximum(np.diag(inverse), 0))):
+    values = np.array(start, dtype=float)
+    residuals = model(values)
+    count = len(residuals)
+    groups = np.zeros(count, dtype=int) if groups is None else groups
+    scales = _scales(residuals, groups, floor)
+    for _ in range(1 if rough else _ROUNDS):
+
+        def both(v, scales=scales):
+            return np.concatenate([model(v) / scales, prior(v)])
+
+        def slopes(v, scales=scales):
+            by_model = _derivative(model, v, step, own) / scales[:, None]
+            return np.concatenate([by_model, _derivative(prior, v, step)])
+
+        found = least_squares(
+            both, values, slopes, loss=functools.partial(_loss, count), x_scale="jac",
+            xtol=1e-9, ftol=1e-7, gtol=1e-12, max_nfev=5 if rough else 30,
+        )  # fmt: skip
+        values, before = found.x, scales
+        residuals = found.fun[:count] * before
+        scales = _scales(residuals, groups, floor)
+        if np.all(np.abs(scales / before - 1) < 0.01):
             break
-    return parameters, residuals, weights, influence, believed
+    weights = _tukey(residuals / scales)
+    jacobian, pull = _derivative(model, values, step, own), _derivative(prior, values, step)
+    weighted = jacobian * (weights / scales**2)[:, None]
+    normal = weighted.T @ jacobian + pull.T @ pull
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-13) / np.outer(size, size)
+    believed = np.sqrt(((inverse @ pull.T) ** 2).sum(axis=1))
+    return Fitted(values, residuals, weights, inverse @ weighted.T, believed)
 
 
-def _derivative(model, parameters, residuals, step, own):
-    jacobian = np.zeros((len(residuals), len(parameters)))
-    single = np.ones(len(parameters), dtype=bool)
-    if own is not None:
-        for kind in own[0]:
-            single[kind] = False
-            moved = parameters.copy()
-            moved[kind] += step[kind]
-            change = model(moved) - residuals
-            known = np.flatnonzero(own[1] >= 0)
-            column = kind[own[1][known]]
-            jacobian[known, column] = change[known] / step[column]
+def _derivative(model, values, step, own=None):
+    known = model(values)
+    jacobian = np.zeros((len(known), len(values)))
+    single = np.ones(len(values), dtype=bool)
+    for kind in () if own is None else own[0]:
+        single[kind] = False
+        moved = values.copy()
+        moved[kind] += step[kind]
+        row = np.flatnonzero(own[1] >= 0)
+        column = kind[own[1][row]]
+        jacobian[row, column] = (model(moved) - known)[row] / step[column]
     for k in np.flatnonzero(single):
-        moved = parameters.copy()
+        moved = values.copy()
         moved[k] += step[k]
-        jacobian[:, k] = (model(moved) - residuals) / step[k]
+        jacobian[:, k] = (model(moved) - known) / step[k]
     return jacobian
 
 
-def _weigh(residuals, groups, floor):
-    weights, scales = np.empty_like(residuals), np.empty_like(residuals)
-    for group in range(groups.max(initial=0) + 1):
-        own = groups == group
-        if not own.any():
-            continue
-        scale = max(robust_scale(residuals[own]), floor, 1e-9)
-        scales[own] = scale
-        weights[own] = tukey(residuals[own], scale)
-    return weights, scales
+def _scales(residuals, groups, floor):
+    """Usual size (n,) of the residuals of each one's group."""
+    each = [
+        robust_scale(residuals[groups == k], least=max(floor, 1e-9))
+        for k in range(groups.max(initial=0) + 1)
+    ]
+    return np.array(each)[groups]
+
+
+def _tukey(ratio):
+    return (1 - np.clip(np.abs(ratio) / _TUKEY, 0, 1) ** 2) ** 2
+
+
+def _loss(count, squares):
+    """Tukey's biweight of the first squares, as `least_squares` takes it; priors count fully."""
+    out = np.stack([squares, np.ones_like(squares), np.zeros_like(squares)])
+    rest = np.maximum(1 - squares[:count] / _TUKEY**2, 0)
+    out[:, :count] = _TUKEY**2 / 3 * (1 - rest**3), rest**2, -2 / _TUKEY**2 * rest
+    return out
 
 
 def sigma_of(
@@ -129,7 +159,7 @@ def sigma_of(
 ) -> float:
     """One sigma of one parameter when residuals of a cluster err together.
 
-    influence: (n,) row of `fit`'s matrix. The larger of the plain sigma and of the sum over
+    influence: (n,) row of `Fitted.influence`. The larger of the plain sigma and of the sum over
     clusters (Liang and Zeger 1986), which needs some ten of them.
     """
     moved = influence * residuals

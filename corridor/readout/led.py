@@ -14,6 +14,7 @@ What OpenDroneMap's users do by counting stripes.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -22,16 +23,22 @@ from corridor.errors import InputError
 from corridor.geometry import robust_scale
 from corridor.readout.fitting import sigma_of, single_threaded
 from corridor.readout.photograph import CannotMeasure, Photograph
-from corridor.readout.result import Readout, sigma_with_speed
+from corridor.readout.result import Readout, StripesDrawing, sigma_with_speed
 
 _BLOCKS = 32  # strips of the picture across the stripes
-_HARMONICS = 7
+_HARMONICS = 15
+# Degrees of the smooth background and of the envelopes, as shares of the stripes, and at most: a
+# polynomial of degree n has n / 2 waves, which must stay apart from the stripes.
+_BACKGROUND, _ENVELOPE = (1.0, 16), (0.5, 8)
+# Few stripes that are free to have any shape are in every picture: half of all that for them.
+_FEW = 10.0
+_HIGH = 5  # harmonics whose envelopes are free; those of higher ones are stiffer
 _FEWEST_STRIPES, _FEWEST_ROWS = 3.0, 3.0
 _SATURATED, _WHITE = 250, 0.93  # grey value; share of the picture above which nothing is left
 _ONE_PHASE = 0.8  # stripes go straight across the picture
 _GAIN = 3.0  # by which the stripes must shrink what a smooth light leaves over
 _METHOD = (
-    "frequency of the stripes in the mean light of the rows: up to seven harmonics with smooth "
+    "frequency of the stripes in the mean light of the rows: up to 15 harmonics with smooth "
     "envelopes by least squares"
 )
 
@@ -55,21 +62,17 @@ def measure_led(
     bright = float((photo.grey >= _SATURATED).mean())
     if bright > _WHITE:
         raise CannotMeasure(_why_not(photo, frequency_hz, bright))
-    best, fitted = None, None
-    for found in (one for axis in ("y", "x") for one in _search(light, axis)):
-        tried = _fit(found)
-        if tried and (fitted is None or tried["gain"] > fitted["gain"]):
-            best, fitted = found, tried
-    if fitted is None or fitted["gain"] < _GAIN * (1 if fitted["stripes"] > 8 else 10):
+    found = [_fit(one) for axis in ("y", "x") for one in _search(light, axis)]
+    fitted = max((one for one in found if one), key=lambda one: one.gain, default=None)
+    if fitted is None or fitted.gain < _GAIN * (1 if fitted.stripes > _FEW else 10):
         raise CannotMeasure(_why_not(photo, frequency_hz, bright))
-    signal, cycles = best["signal"], fitted["cycles"]
-    rows, stripes = len(signal), cycles * len(signal)
+    cycles, axis, rows = fitted.cycles, fitted.axis, len(fitted.signal)
+    stripes = cycles * rows
     if 1 / cycles < _FEWEST_ROWS:
         raise CannotMeasure(
             f"{photo.name}: a period of the light is {1 / cycles:.1f} rows, which is too short to "
             "measure: use a lower frequency"
         )
-    axis = best["axis"]
     if row_direction is not None and (row_direction in ("down", "up")) != (axis == "y"):
         raise InputError(
             f"--row-direction {row_direction} contradicts {photo.name}: its stripes say that rows "
@@ -83,7 +86,7 @@ def measure_led(
     if photo.exposure_s and abs(photo.exposure_s * frequency_hz - 1) < 0.05:
         warnings.append("the exposure is close to one period of the light: the stripes are weak")
     readout = 1e3 * (rows - 1) * cycles / frequency_hz
-    own = 1e3 * (rows - 1) * fitted["sigma"] / frequency_hz
+    own = 1e3 * (rows - 1) * fitted.sigma / frequency_hz
     return Readout(
         target="led",
         method=_METHOD,
@@ -99,13 +102,7 @@ def measure_led(
             "rows_per_period": 1 / cycles,
             "saturated_share": bright,
         },
-        drawing={
-            "photos": [(photo.name, photo.grey)],
-            "signal": signal,
-            "model": fitted["model"],
-            "cycles": cycles,
-            "axis": axis,
-        },
+        drawing=StripesDrawing((photo.name, photo.grey), axis, fitted.signal, fitted.model),
     )
 
 
@@ -125,6 +122,26 @@ def _why_not(photo, frequency, bright):
         f"{photo.name} shows no stripes: the light does not blink, or the exposure is a multiple "
         "of its period, at which stripes vanish; use a shorter exposure"
     )
+
+
+@dataclass(frozen=True)
+class _Stripes:
+    """Stripes across the rows' light (rows,): axis of the rows, cycles a row."""
+
+    axis: str
+    signal: np.ndarray
+    cycles: float
+
+
+@dataclass(frozen=True)
+class _Fitted(_Stripes):
+    """Stripes as fitted: sigma of the cycles, model (rows,), stripes they were looked for with, and
+    gain: by how much the squares that the background leaves are larger than what all leaves."""
+
+    sigma: float
+    model: np.ndarray
+    stripes: float
+    gain: float
 
 
 def _search(light, axis):
@@ -165,9 +182,7 @@ def _search(light, axis):
         lit = np.abs(at) > 0.2 * np.abs(at).max()
         if abs(at[lit].sum()) < _ONE_PHASE * np.abs(at[lit]).sum():
             continue
-        candidates.append(
-            {"axis": axis, "signal": blocks @ weight, "cycles": _vertex(power, best) / size}
-        )
+        candidates.append(_Stripes(axis, blocks @ weight, _vertex(power, best) / size))
     return candidates
 
 
@@ -206,65 +221,82 @@ def _vertex(power, peak):
     return peak + (0.5 * (a - c) / bend if bend < 0 else 0.0)
 
 
-def _fit(found):
-    """Frequency in cycles a row with its sigma, or None where the steps do not settle."""
-    signal, cycles = found["signal"], found["cycles"]
+def _fit(found: _Stripes) -> _Fitted | None:
+    """The stripes by least squares, or None where the steps do not settle."""
+    signal, cycles = found.signal, found.cycles
     rows = len(signal)
-    position = np.linspace(-1, 1, rows)
     row = np.arange(rows) - (rows - 1) / 2
     stripes = cycles * rows
-    background = chebyshev.chebvander(position, int(np.clip(stripes / 2, 1, 8)))
-    envelope = chebyshev.chebvander(position, int(np.clip(stripes / 4, 1, 6)))
-    orders = [h for h in range(1, _HARMONICS + 1) if h * cycles < 0.45]
-    phase = np.array([_phase(signal, background, row, h * cycles) for h in orders])
-    size = envelope.shape[1]
+    basis = _Basis(rows, cycles)
+    if stripes < _FEWEST_STRIPES:
+        return None
+    background = basis.background
+    flat = signal - background @ np.linalg.lstsq(background, signal, rcond=None)[0]
+    phase = np.array([_phase(flat, row, h * cycles) for h in basis.orders])
     weights = np.ones(rows)
     for step in range(25):
-        argument = 2 * np.pi * np.outer(row, orders) * cycles + phase
-        cosine, sine = np.cos(argument), np.sin(argument)
-        base = np.hstack([background] + [envelope * cosine[:, [k]] for k in range(len(orders))])
-        root = np.sqrt(weights)[:, None]
-        linear, *_ = np.linalg.lstsq(base * root, signal * root[:, 0], rcond=None)
-        shapes = np.stack(
-            [
-                envelope @ linear[background.shape[1] + k * size :][:size]
-                for k in range(len(orders))
-            ],
-            axis=1,
-        )
-        by_phase = -shapes * sine
-        by_cycles = by_phase @ (2 * np.pi * np.array(orders)) * row
-        design = np.hstack([by_cycles[:, None] * (2.0 / rows), by_phase, base])
+        root = np.sqrt(weights)
+        base, slopes = basis.linearised(signal, root, row, cycles, phase)
+        design = np.hstack([slopes, base]) * root[:, None]
+        # Harmonics that are not there have no phase: a little of a prior holds them.
         scale = np.linalg.norm(design, axis=0) + 1e-15
-        inverse = np.linalg.pinv(design / scale * root, rcond=1e-10) / scale[:, None]
-        solved = inverse @ ((signal - base @ linear) * root[:, 0])
+        normal = (design / scale).T @ (design / scale) + 1e-9 * np.eye(len(scale))
+        inverse = np.linalg.solve(normal, (design / scale).T) / scale[:, None]
+        solved = inverse @ (signal * root)
+        # The light itself is solved for anew; slopes lead from where the phases are.
         change = solved[0] * 2.0 / rows
         cycles += change
-        if abs(cycles - found["cycles"]) > 0.7 / rows or stripes < _FEWEST_STRIPES:
+        if abs(cycles - found.cycles) > 0.7 / rows:
             return None
-        phase = phase + np.clip(solved[1 : 1 + len(orders)], -0.5, 0.5)
-        residual = signal - base @ linear
-        scatter = robust_scale(residual)
+        phase = phase + np.clip(solved[1 : 1 + len(phase)], -0.5, 0.5)
+        model = (design @ solved) / root
+        residual = signal - model
         # Rows with a scratch or a lamp in them; edges of stripes are no outliers.
-        weights = 1 / np.maximum(1, np.abs(residual) / (5 * scatter + 1e-9))
+        weights = 1 / np.maximum(1, np.abs(residual) / (5 * robust_scale(residual) + 1e-9))
         if step > 3 and abs(change) < 1e-9:
             break
-    rest = signal - background @ np.linalg.lstsq(background, signal, rcond=None)[0]
-    influence = inverse[0] * root[:, 0] * 2.0 / rows
+    influence = inverse[0] * root * 2.0 / rows
     cluster = np.floor((row - row[0]) * cycles).astype(int)
     sigma = sigma_of(influence, residual, np.ones(rows), cluster)
     # What is left over repeats from stripe to stripe, which few clusters understate.
     sigma = math.hypot(1.3 * sigma, 1e-5 * cycles)
-    return {
-        "cycles": float(cycles),
-        "sigma": sigma,
-        "model": base @ linear,
-        "stripes": stripes,
-        "gain": float(rest @ rest) / float(residual @ residual + 1e-30),
-    }
+    gain = float(flat @ flat) / float(residual @ residual + 1e-30)
+    return _Fitted(found.axis, signal, float(cycles), sigma, model, stripes, gain)
 
 
-def _phase(signal, background, row, cycles):
-    flat = signal - background @ np.linalg.lstsq(background, signal, rcond=None)[0]
+class _Basis:
+    """Smooth background and harmonics with smooth envelopes over the rows."""
+
+    def __init__(self, rows, cycles):
+        position, stripes = np.linspace(-1, 1, rows), cycles * rows
+        freedom = 1.0 if stripes > _FEW else 0.5
+
+        def degree(share, most):
+            return int(np.clip(freedom * share * stripes, 1, most))
+
+        orders = range(1, int(freedom * _HARMONICS) + 1)
+        self.orders = np.array([h for h in orders if h * cycles < 0.45])
+        self.background = chebyshev.chebvander(position, degree(*_BACKGROUND))
+        free = chebyshev.chebvander(position, degree(*_ENVELOPE))
+        self.envelopes = [free if h <= _HIGH else free[:, :3] for h in self.orders]
+
+    def linearised(self, signal, root, row, cycles, phase):
+        """Columns (rows, m) of the light at some cycles and phases, and its slopes (rows, 1 + h)
+        by the cycles, times half the rows, and by the phases."""
+        argument = 2 * np.pi * np.outer(row, self.orders) * cycles + phase
+        waves = [shape * np.cos(argument[:, [k]]) for k, shape in enumerate(self.envelopes)]
+        base = np.hstack([self.background, *waves])
+        linear, *_ = np.linalg.lstsq(base * root[:, None], signal * root, rcond=None)
+        ends = np.cumsum([self.background.shape[1], *(one.shape[1] for one in self.envelopes)])
+        shapes = [
+            shape @ linear[first:last]
+            for shape, first, last in zip(self.envelopes, ends[:-1], ends[1:], strict=True)
+        ]
+        by_phase = -np.stack(shapes, axis=1) * np.sin(argument)
+        by_cycles = by_phase @ (2 * np.pi * self.orders) * row * (2.0 / len(row))
+        return base, np.hstack([by_cycles[:, None], by_phase])
+
+
+def _phase(flat, row, cycles):
     total = np.sum(flat * np.hanning(len(row)) * np.exp(-2j * np.pi * cycles * row))
     return np.angle(total)

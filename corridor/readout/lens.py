@@ -57,6 +57,11 @@ class Unknown:
         self.focal = focal_px or 0.85 * max(width, height)
         self.focal_sigma = 0.08 if focal_px else 0.35  # of its logarithm
 
+    @classmethod
+    def of(cls, photo) -> Unknown:
+        """The lens of a photograph."""
+        return cls(photo.width, photo.height, photo.focal_px)
+
     def ideal(self, pixels: np.ndarray, bend: np.ndarray) -> np.ndarray:
         """Ideal pixels (n, 2) of stored ones (n, 2)."""
         if not np.any(bend[:2]):
@@ -83,7 +88,7 @@ def lens_for(photo, camera):
     Raises InputError where the camera is of another picture size.
     """
     if camera is None:
-        return Unknown(photo.width, photo.height, photo.focal_px)
+        return Unknown.of(photo)
     if (camera.width, camera.height) != (photo.width, photo.height):
         raise InputError(
             f"camera {camera.name} has {camera.width} x {camera.height} pixels and {photo.name} "

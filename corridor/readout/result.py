@@ -4,19 +4,52 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from corridor.errors import InputError
 from corridor.readout.photograph import CannotMeasure
 from corridor.report import check_folder, listed_in, whole_folder, write_json
 
 _RESULT = "readout.json"
 SENSES = ("cw", "ccw")
+
+
+@dataclass(frozen=True, eq=False)
+class TurningDrawing:
+    """How a turn during the readout was measured.
+
+    photos: name and grey values of two. axis: of the rows. curves: for either photograph lines
+    (m, 2) px, as fitted. points: (n, 2) px, measured; which: (n,) photograph, 0 or 1; used: (n,)
+    no outlier; moving: (n,) on the turning target; residuals: (n,) px. row: (n,) px from the
+    target's axis; turned_deg: (n,) turn seen there; rate_deg: degrees a row, as fitted.
+    """
+
+    photos: tuple[tuple[str, np.ndarray], ...]
+    axis: str
+    curves: tuple[Sequence[np.ndarray], ...]
+    points: np.ndarray
+    which: np.ndarray
+    moving: np.ndarray
+    used: np.ndarray
+    residuals: np.ndarray
+    row: np.ndarray
+    turned_deg: np.ndarray
+    rate_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class StripesDrawing:
+    """How stripes were measured: photo (name, grey values), axis of the rows, and the rows' light
+    (rows,), measured and fitted, 0 to 1."""
+
+    photo: tuple[str, np.ndarray]
+    axis: str
+    signal: np.ndarray
+    model: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -27,7 +60,7 @@ class Readout:
     row_axis: "y" where rows follow each other along y, else "x". row_direction and
     rotation_sense ("cw" or "ccw" in the stored picture) are None where the pictures do not tell.
     rotation_deg: turn of the target during the readout; frequency_hz: of the LED.
-    drawing: arrays for `corridor.figures.readout_picture`; not saved.
+    drawing: what `corridor.figures.readout_picture` shows; not saved.
     """
 
     target: str
@@ -43,7 +76,7 @@ class Readout:
     frequency_hz: float | None = None
     warnings: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
-    drawing: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    drawing: TurningDrawing | StripesDrawing | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self):
         if not (math.isfinite(self.readout_ms) and self.readout_ms > 0):
@@ -114,82 +147,6 @@ def save_readout(
             (part / name).write_bytes(content)
         write_json(readout.as_dict() | {"pictures": names}, part / _RESULT)
     return [Path(folder) / name for name in (_RESULT, *names)]
-
-
-def of_turning(
-    axis: str,
-    rows: int,
-    rate: float,
-    sigma: float,
-    turns_per_second: float,
-    speed_sigma_percent: float,
-    sense: str | None,
-    row_direction: str | None,
-    *,
-    warnings: tuple[str, ...] = (),
-    **rest: Any,
-) -> Readout:
-    """The result from a target's rotation while the rows are read.
-
-    axis, rows: of the readout. rate, sigma: radians from a row to the next, as `directions` has it.
-    speed_sigma_percent: of the speed, which goes into the readout time one to one.
-    rest: target, method, extra, drawing. Raises as `directions` and `Readout` do.
-    """
-    direction, found, look_alike = directions(axis, rate, sense, row_direction)
-    omega = 2 * math.pi * turns_per_second
-    readout = 1e3 * abs(rate) * (rows - 1) / omega
-    return Readout(
-        readout_ms=readout,
-        sigma_ms=sigma_with_speed(readout, 1e3 * sigma * (rows - 1) / omega, speed_sigma_percent),
-        row_axis=axis,
-        row_direction=direction,
-        rows=rows,
-        rotation_sense=found,
-        angular_velocity_deg_s=math.degrees(omega),
-        rotation_deg=math.degrees(abs(rate)) * (rows - 1),
-        warnings=(*warnings, *look_alike),
-        **rest,
-    )
-
-
-def directions(
-    axis: str,
-    rate: float,
-    sense: str | None,
-    row_direction: str | None,
-) -> tuple[str | None, str | None, tuple[str, ...]]:
-    """Row direction, sense and warnings from the sign of the rotation per row.
-
-    axis: "y" or "x". rate: radians the target turns from a row to the next in the order of
-    growing y (x), clockwise positive. sense, row_direction: as given, or None.
-    Raises InputError where what is given contradicts itself or the pictures.
-    """
-    forward, backward = ("down", "up") if axis == "y" else ("right", "left")
-    if row_direction is not None and row_direction not in (forward, backward):
-        raise InputError(
-            f"--row-direction {row_direction} contradicts the pictures: their rows follow each "
-            f"other along {axis}, use {forward} or {backward}"
-        )
-    with_rows = "cw" if rate > 0 else "ccw"
-    against = "ccw" if rate > 0 else "cw"
-    if row_direction is None and sense is None:
-        return (
-            None,
-            None,
-            (
-                f"({forward}, {with_rows}) and ({backward}, {against}) look alike: give --sense "
-                "or --row-direction to know which",
-            ),
-        )
-    if row_direction is None:
-        return (forward if sense == with_rows else backward), sense, ()
-    found = with_rows if row_direction == forward else against
-    if sense is not None and sense != found:
-        raise InputError(
-            f"sense {sense} with row direction {row_direction} contradicts the pictures, in which "
-            f"rows {row_direction} go with {found}: correct one of the two"
-        )
-    return row_direction, found, ()
 
 
 def sigma_with_speed(readout_ms: float, own_ms: float, speed_sigma_percent: float) -> float:

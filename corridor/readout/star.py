@@ -18,16 +18,17 @@ Source: Zhou 2019, section 7.4.2.1.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from corridor.geometry import robust_scale
-from corridor.readout.fitting import fit, sigma_of, single_threaded
+from corridor.readout.fitting import Fitted, fit, single_threaded
 from corridor.readout.lens import lens_for
 from corridor.readout.photograph import CannotMeasure, Photograph, same_size
-from corridor.readout.result import Readout, of_turning
+from corridor.readout.result import Readout
+from corridor.readout.turning import Known, Turning, bent
 
 _SMALL = 900  # px, long side of the picture in which the star is looked for
 _CIRCLES = 120  # of which fewer are used where there are many sectors
@@ -35,6 +36,8 @@ _EDGES = 3200  # edges a picture, about
 _FEWEST = 5  # px of a sector along the innermost circle
 _FEWEST_SECTORS = 6  # two lines through one point fit any perspective
 _LIKELY = 0.5  # of the best share: what may become the best by moving the centre
+_FOLLOWED = 0.35  # least share of the light's variation that follows the sectors
+_STEEPEST = math.tan(math.radians(22.5)) ** 2  # size of (p, q) for a tilt of 45 degrees
 _CONTRAST = 0.7  # of an edge's own median, where nothing covers it
 _WITHIN = 0.96  # of the radius to the rim
 _METHOD = (
@@ -83,30 +86,22 @@ def measure_star(
             f"side it is seen: use one of {_FEWEST_SECTORS} sectors or more"
         )
     lights = static.light(), rotating.light()
-    still = _Seen(centre)
-    still.phase = _scan(lights[0], lens, still, count, reach, "y", [0.0])[2]
-    axis, start = _start(rotating, lights[1], lens, still, count, reach)
-    fitted = _fit(lights, lens, [still, start], count, reach, axis)
-    rate, sigma = _rate(fitted, (static, rotating), axis, count, lens)
-    return of_turning(
-        axis,
-        static.height if axis == "y" else static.width,
-        rate,
-        sigma,
-        turns_per_second,
-        speed_sigma_percent,
-        sense,
-        row_direction,
-        target="star",
-        method=_METHOD,
-        extra={
-            "sectors": count,
-            "residual_px": [
-                robust_scale(fitted["residuals"][fitted["which"] == k]) for k in range(2)
-            ],
-        },
-        drawing=_drawing(fitted, (static, rotating), axis, count, reach, lens),
-    )
+    still = _at_rest(lights[0], lens, centre, count, reach)
+    row, start = _start(rotating, lights[1], lens, still, count, reach)
+    stars = _Stars.measured(lights, lens, [still, start], count, reach, row)
+    rate, sigma = stars.rate((static, rotating))
+    turning = Turning(
+        "star", (static, rotating), row, rate, sigma, stars.fitted, stars.points, stars.which,
+        stars.which == 1, stars.seen[1].centre, stars.curves(reach),
+    )  # fmt: skip
+    turning.check_turns(0.15)
+    residuals = stars.fitted.residuals
+    extra = {
+        "sectors": count,
+        "residual_px": [robust_scale(residuals[stars.which == k]) for k in range(2)],
+    }
+    known = Known(turns_per_second, speed_sigma_percent, sense, row_direction)
+    return turning.readout(known, _METHOD, extra)
 
 
 # --- finding the star --------------------------------------------------------------------------
@@ -180,53 +175,53 @@ def _find(photo, sectors):
     small, factor = _shrunk(photo.grey)
     if np.ptp(small) < 20:
         raise CannotMeasure(f"{photo.name} shows no star: it has no contrast")
-    best = None
-    angles = np.arange(512) * 2 * np.pi / 512
-    for centre in meeting_points(small):
-        radii = np.arange(6.0, 0.75 * max(small.shape), 2.0)
-        values, inside = _circle_samples(small, centre, radii, angles)
-        whole = inside.mean(axis=1) > 0.97
-        if whole.sum() < 8:
-            continue
-        radii, values = radii[whole], values[whole]
-        values = values - values.mean(axis=1, keepdims=True)
-        waves = np.fft.rfft(values, axis=1)
-        power = np.abs(waves) ** 2
-        total = power[:, 1:].sum(axis=1) + 1e-6
-        share = np.zeros_like(power)
-        # A perspective spreads a harmonic to its neighbours of the second order.
-        for shift in (-2, -1, 0, 1, 2):
-            share += np.roll(power, shift, axis=1)
-        share = share / total[:, None]
-        strong = np.sqrt(total / 512**2) > 6
-        if sectors is None:
-            support = np.where(share > 0.55, 1.0, 0.0) * strong[:, None]
-            # Sectors keep their phase from circle to circle; what lies beside the star does not.
-            same = np.abs((waves * support / np.sqrt(total)[:, None]).sum(axis=0)) ** 2
-            held = sum(np.roll(same, shift) for shift in (-2, -1, 0, 1, 2))
-            held[:2] = held[120:] = 0
-            near = held >= 0.8 * held.max()
-            fundamental = int(np.argmax(np.where(near, same, 0)))
-        else:
-            fundamental = sectors // 2
-        flags = (share[:, fundamental] > 0.55) & strong & (radii * np.pi / fundamental > 3)
-        run = _longest(flags & _alike(waves[:, fundamental], flags))
-        if run is None:
-            continue
-        low, high = radii[run[0]], radii[run[1]]
-        score = (high - low) * share[run[0] : run[1] + 1, fundamental].mean()
-        if high / low > 1.6 and high - low > 12 and (best is None or score > best[0]):
-            best = (score, centre, fundamental, low, high)
-    if best is None:
+    found = [_star_about(small, centre, sectors) for centre in meeting_points(small)]
+    found = [one for one in found if one is not None]
+    if not found:
         wanted = f" of {sectors} sectors" if sectors else ""
         raise CannotMeasure(
             f"{photo.name} shows no star{wanted} at rest: no point around which black and white "
             "sectors alternate evenly was found"
         )
-    _, centre, fundamental, low, high = best
-    centre = (centre + 0.5) * factor - 0.5
-    inner = max(low * factor, _FEWEST * fundamental / math.pi)
-    return centre, 2 * fundamental, (inner, 0.97 * high * factor)
+    _, centre, order, low, high = max(found, key=lambda one: one[0])
+    inner = max(low * factor, _FEWEST * order / math.pi)
+    return (centre + 0.5) * factor - 0.5, 2 * order, (inner, 0.97 * high * factor)
+
+
+def _star_about(small, centre, sectors):
+    """Score, centre, half the sectors, innermost and outermost radius of a star, or None."""
+    angles = np.arange(512) * 2 * np.pi / 512
+    radii = np.arange(6.0, 0.75 * max(small.shape), 2.0)
+    values, inside = _circle_samples(small, centre, radii, angles)
+    whole = inside.mean(axis=1) > 0.97
+    if whole.sum() < 8:
+        return None
+    radii, values = radii[whole], values[whole]
+    waves = np.fft.rfft(values - values.mean(axis=1, keepdims=True), axis=1)
+    power = np.abs(waves) ** 2
+    total = power[:, 1:].sum(axis=1) + 1e-6
+    # A perspective spreads a harmonic to its neighbours of the second order.
+    share = sum(np.roll(power, shift, axis=1) for shift in range(-2, 3)) / total[:, None]
+    strong = np.sqrt(total / 512**2) > 6
+    if sectors is None:
+        support = np.where(share > 0.55, 1.0, 0.0) * strong[:, None]
+        # Sectors keep their phase from circle to circle; what lies beside the star does not.
+        same = np.abs((waves * support / np.sqrt(total)[:, None]).sum(axis=0)) ** 2
+        held = sum(np.roll(same, shift) for shift in range(-2, 3))
+        held[:2] = held[120:] = 0
+        order = int(np.argmax(np.where(held >= 0.8 * held.max(), same, 0)))
+    else:
+        order = sectors // 2
+    if order < 1:
+        return None
+    flags = (share[:, order] > 0.55) & strong & (radii * np.pi / order > 3)
+    run = _longest(flags & _alike(waves[:, order], flags))
+    if run is None:
+        return None
+    low, high = radii[run[0]], radii[run[1]]
+    if high / low <= 1.6 or high - low <= 12:
+        return None
+    return (high - low) * share[run[0] : run[1] + 1, order].mean(), centre, order, low, high
 
 
 def _alike(waves, flags):
@@ -256,52 +251,76 @@ def _longest(flags):
 def _angle(lens, bend, seen, pixels):
     """Angle on the star, without its rotation, of stored pixels (n, 2); radians."""
     away = lens.ideal(pixels, bend) - lens.ideal(seen.centre[None], bend)
-    # M^-1 but for its scale.
-    x = (1 - seen.p) * away[:, 0] - seen.q * away[:, 1]
-    y = (1 + seen.p) * away[:, 1] - seen.q * away[:, 0]
-    return np.arctan2(y, x)
+    return _star_angle(away, seen.p, seen.q)
 
 
-def _scan(light, lens, seen, count, reach, axis, rates, circles=24, turns=512):
-    """Best of some rates, and how well it explains the picture.
+def _star_angle(away, p, q):
+    """Angle on the star of places (n, 2) seen from its centre; M^-1 but for its scale."""
+    x, y = away.T
+    return np.arctan2((1 + p) * y - q * x, (1 - p) * x - q * y)
 
-    The share of the light's variation on circles that follows the star's first harmonic when the
-    rotation is undone. Returns the rate, its share and the phase of the first dark-to-bright edge.
+
+class _Circles:
+    """Light on circles about a centre, for looking how well sectors explain it."""
+
+    def __init__(self, light, lens, centre, count, reach, circles=24, turns=512):
+        self.order = count // 2
+        radii = np.linspace(reach[0], reach[1], circles)
+        angles = np.arange(turns) * 2 * np.pi / turns
+        values, inside = _circle_samples(light, centre, radii, angles)
+        values = values - values.mean(axis=1, keepdims=True)
+        values = values / (values.std(axis=1) + 1e-3)[:, None]
+        self.values = np.where(inside, values, 0).ravel()
+        away = radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        self.away, self.centre = away.reshape(-1, 2), centre
+        self.flat = lens.ideal(centre + self.away, np.zeros(len(lens.sigmas)))
+        self.flat = self.flat - lens.ideal(centre[None], np.zeros(len(lens.sigmas)))
+
+    def best(self, p, q, row=1, rates=(0.0,)):
+        """Share of the light's variation that follows the star's first harmonic when the rotation
+        is undone, the rate at which it is largest, and the phase of the first dark-to-bright edge.
+        """
+        order = self.order
+        carrier = self.values * np.exp(-1j * order * _star_angle(self.flat, p, q))
+        carrier = carrier.astype(np.complex64)
+        along = (1j * order * self.away[:, row]).astype(np.complex64)
+        across = self.away[:, 0] if row else -self.away[:, 1]
+        best = (-1.0, 0.0, 0.0)
+        for rate in rates:
+            # Equal steps on the star, not in the picture; folded parts count little.
+            stretch = np.clip(1 - rate * across, 0, None)
+            total = np.sum(carrier * stretch * np.exp(np.complex64(rate) * along))
+            share = abs(total) / len(self.values)
+            if share > best[0]:
+                best = share, rate, -np.angle(total) / order - math.pi / (2 * order)
+        return best
+
+
+def _at_rest(light, lens, centre, count, reach):
+    """The star at rest, its perspective to a fraction of a sector.
+
+    A tilt of 30 degrees moves edges by more than a sector where there are many.
     """
-    radii = np.linspace(reach[0], reach[1], circles)
-    angles = np.arange(turns) * 2 * np.pi / turns
-    values, inside = _circle_samples(light, seen.centre, radii, angles)
-    flat = np.stack(
-        [
-            (seen.centre[0] + radii[:, None] * np.cos(angles)).ravel(),
-            (seen.centre[1] + radii[:, None] * np.sin(angles)).ravel(),
-        ],
-        axis=1,
-    )
-    values = (values - values.mean(axis=1, keepdims=True)) / (values.std(axis=1) + 1e-3)[:, None]
-    values = np.where(inside, values, 0).ravel()
-    order = count // 2
-    carrier = (
-        values * np.exp(-1j * order * _angle(lens, np.zeros(len(lens.sigmas)), seen, flat))
-    ).astype(np.complex64)
-    along = flat[:, 1] - seen.centre[1] if axis == "y" else flat[:, 0] - seen.centre[0]
-    along = (1j * order * along).astype(np.complex64)
-    across = np.repeat(radii, angles.size) * np.tile(
-        np.cos(angles) if axis == "y" else -np.sin(angles), radii.size
-    )
-    best = (0.0, -1.0, 0.0)
-    for rate in rates:
-        # Equal steps on the star, not in the picture; folded parts count little.
-        stretch = np.clip(1 - rate * across, 0, None)
-        total = np.sum(carrier * stretch * np.exp(np.complex64(rate) * along))
-        share = abs(total) / values.size
-        if share > best[1]:
-            best = (rate, share, -np.angle(total) / order - math.pi / (2 * order))
-    return best
+    circles = _Circles(light, lens, centre, count, reach)
+    best, (p, q) = circles.best(0.0, 0.0), (0.0, 0.0)
+    step = 0.4 / circles.order
+    while step > 0.05 / circles.order:
+        size = _STEEPEST if step == 0.4 / circles.order else 2 * step
+        grid = np.arange(-math.ceil(size / step), math.ceil(size / step) + 1) * step
+        for one, other in [(p + a, q + b) for a in grid for b in grid]:
+            if math.hypot(one, other) <= _STEEPEST:
+                found = circles.best(one, other)
+                if found[0] > best[0]:
+                    best, (p, q) = found, (one, other)
+        step /= 3
+    return _Seen(centre, p, q, phase=best[2])
 
 
 def _start(photo, light, lens, still, count, reach):
-    """Axis of the rows and the bent star of the rotating picture, to a fraction of a sector."""
+    """Axis of the rows and the bent star of the rotating picture, to a fraction of a sector.
+
+    It is seen from where the star at rest was, but for a hand's movement.
+    """
     limit = 2 * math.pi / min(light.shape)
     step = 0.5 / (count / 2 * reach[1])
     rates = np.arange(-math.ceil(limit / step), math.ceil(limit / step) + 1) * step
@@ -313,28 +332,29 @@ def _start(photo, light, lens, still, count, reach):
         if np.hypot(*(centre - still.centre)) < 0.25 * reach[1]
     ][:1]
     tried = []
-    for axis in ("y", "x"):
-        for centre in centres:
-            rate, share, phase = _scan(light, lens, _Seen(centre), count, reach, axis, rates)
-            tried.append((share, axis, _Seen(centre, phase=phase, rate=rate)))
+    for centre in centres:
+        circles = _Circles(light, lens, centre, count, reach)
+        for row in (1, 0):
+            share, rate, phase = circles.best(still.p, still.q, row, rates)
+            tried.append((share, row, replace(still, centre=centre, phase=phase, rate=rate)))
     likely = _LIKELY * max(share for share, _, _ in tried)
     settled = [
-        _settled(light, lens, seen, count, reach, axis, step)
-        for share, axis, seen in tried
+        _settled(light, lens, seen, count, reach, row, step)
+        for share, row, seen in tried
         if share >= likely
     ]
-    share, axis, seen = max(settled, key=lambda one: one[0])
-    if share < 0.35:
+    share, row, seen = max(settled, key=lambda one: one[0])
+    if share < _FOLLOWED:
         raise CannotMeasure(
             f"{photo.name} does not show the star of the photograph at rest: its sectors cannot be "
             "followed from row to row"
         )
     # The rate is against the row of the centre here, against the picture's first row elsewhere.
-    seen.phase -= seen.rate * (seen.centre[1] if axis == "y" else seen.centre[0])
-    return axis, seen
+    seen.phase -= seen.rate * seen.centre[row]
+    return row, seen
 
 
-def _settled(light, lens, seen, count, reach, axis, step):
+def _settled(light, lens, seen, count, reach, row, step):
     """The centre moved and the rate changed until the rotation is undone best."""
     size = 0.15 * reach[0] + 0.02 * reach[1]
     moves = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
@@ -342,94 +362,109 @@ def _settled(light, lens, seen, count, reach, axis, step):
         near = seen.rate + np.array([-0.6, -0.2, 0.0, 0.2, 0.6]) * min(1.0, size / 4) * step
         best = None
         for move in moves * size:
-            moved = _Seen(seen.centre + move)
-            rate, found, phase = _scan(light, lens, moved, count, reach, axis, near, 12, 256)
-            if best is None or found > best[0] + 1e-6:
-                best = (found, _Seen(moved.centre, phase=phase, rate=rate), np.any(move))
+            centre = seen.centre + move
+            circles = _Circles(light, lens, centre, count, reach, 12, 256)
+            share, rate, phase = circles.best(seen.p, seen.q, row, near)
+            if best is None or share > best[0] + 1e-6:
+                found = replace(seen, centre=centre, phase=phase, rate=rate)
+                best = (share, found, np.any(move))
         if not best[2]:
             size *= 0.5
         share, seen = best[:2]
         if size < 0.3:
             break
-    return share, axis, seen
+    return share, row, seen
 
 
 # --- edges, and what they say ------------------------------------------------------------------
 
 
-def _edges(light, lens, bend, seen, count, radii, axis, smear):
+@dataclass
+class _Edges:
     """Edges on circles, as centroids of their steps.
 
-    smear: half width in radians beyond which a step is over, per circle, or None.
-    Returns pixels (n, 2), index of the edge (n,), polarity (n,), and the steps' widths (radians).
+    pixels: (n, 2). number: (n,) of the edge. sign: (n,) +1 from dark to bright. jump: (n,) of the
+    light. far: (n,) px, radius. widths: (circles,) of the steps, radians, NaN where there are none.
     """
+
+    pixels: np.ndarray
+    number: np.ndarray
+    sign: np.ndarray
+    jump: np.ndarray
+    far: np.ndarray
+    widths: np.ndarray
+
+    @classmethod
+    def found(cls, light, lens, bend, seen, count, radii, row, smear):
+        """Edges of a star where it is believed to be.
+
+        smear: half width in radians beyond which a step is over, per circle, or None.
+        """
+        widths, parts = [], []
+        for circle, r in enumerate(radii):
+            half = None if smear is None else smear[circle]
+            width, *part = _edges_on(light, lens, bend, seen, count, r, row, half)
+            widths.append(width)
+            if part:
+                parts.append(part)
+        if not parts:
+            parts = [[np.zeros((0, 2)), np.zeros(0, int), *np.zeros((3, 0))]]
+        pixels, number, *rest = (np.concatenate(part) for part in zip(*parts, strict=True))
+        on = _on_the_star(number, rest[1], rest[2], count)
+        return cls(pixels[on], number[on], *(part[on] for part in rest), np.array(widths))
+
+
+def _edges_on(light, lens, bend, seen, count, r, row, smear):
+    """Width of the steps on a circle, then pixels, numbers, signs, jumps and radii of its edges;
+    NaN alone where none can be measured."""
     period = 2 * math.pi / count
-    points, numbers, polarity, widths, jumps, far = [], [], [], [], [], []
+    phi = np.linspace(0, 2 * np.pi, max(720, int(2.5 * r)), endpoint=True)
+    at = seen.centre + r * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    turned = np.unwrap(_angle(lens, bend, seen, at)) - seen.rate * at[:, row] - seen.phase
+    if np.diff(turned).min() < 0.2 * (phi[1] - phi[0]):
+        return (np.nan,)
+    half = 0.47 * period if smear is None else min(0.47 * period, smear)
+    level = 0.47 * period if smear is None else min(0.47 * period, 1.7 * half + 3 / r)
+    steps = max(12, int(math.ceil(2 * level * r)))
+    window = (np.arange(2 * steps + 1) - steps) * level / steps
+    first = math.ceil((turned[0] + level) / period)
+    last = math.floor((turned[-1] - level) / period)
+    edges = np.arange(first, first + count)
+    wanted = edges[:, None] * period + window
+    # The circle closes: what lies beyond its end is at its beginning.
+    wanted = np.where(edges[:, None] > last, wanted - 2 * np.pi, wanted)
+    wanted = np.where(wanted < turned[0], wanted + 2 * np.pi, wanted)
+    angle = np.interp(wanted, turned, phi)
+    x = (seen.centre[0] + r * np.cos(angle)).astype(np.float32)
+    y = (seen.centre[1] + r * np.sin(angle)).astype(np.float32)
     height, width = light.shape
-    row = 1 if axis == "y" else 0
-    for circle, r in enumerate(radii):
-        phi = np.linspace(0, 2 * np.pi, max(720, int(2.5 * r)), endpoint=True)
-        at = seen.centre + r * np.stack([np.cos(phi), np.sin(phi)], axis=1)
-        turned = np.unwrap(_angle(lens, bend, seen, at)) - seen.rate * at[:, row] - seen.phase
-        slope = np.diff(turned)
-        widths.append(np.nan)
-        if slope.min() < 0.2 * (phi[1] - phi[0]):
-            continue
-        half = 0.47 * period if smear is None else min(0.47 * period, smear[circle])
-        level = 0.47 * period if smear is None else min(0.47 * period, 1.7 * half + 3 / r)
-        steps = max(12, int(math.ceil(2 * level * r)))
-        window = (np.arange(2 * steps + 1) - steps) * level / steps
-        first = math.ceil((turned[0] + level) / period)
-        last = math.floor((turned[-1] - level) / period)
-        edges = np.arange(first, first + count)
-        wanted = edges[:, None] * period + window
-        # The circle closes: what lies beyond its end is at its beginning.
-        wanted = np.where(edges[:, None] > last, wanted - 2 * np.pi, wanted)
-        wanted = np.where(wanted < turned[0], wanted + 2 * np.pi, wanted)
-        angle = np.interp(wanted, turned, phi)
-        x = (seen.centre[0] + r * np.cos(angle)).astype(np.float32)
-        y = (seen.centre[1] + r * np.sin(angle)).astype(np.float32)
-        inside = ((x > 1) & (y > 1) & (x < width - 2) & (y < height - 2)).all(axis=1)
-        step = cv2.remap(light, x, y, cv2.INTER_LINEAR)
-        sign = np.where(edges % 2 == 0, 1.0, -1.0)
-        core = np.abs(window) <= half
-        outer = ~core if smear is not None and (~core).sum() >= 6 else np.abs(window) > 0.8 * level
-        low = step[:, outer & (window < 0)].mean(axis=1)
-        high = step[:, outer & (window > 0)].mean(axis=1)
-        jump = (high - low) * sign
-        strong = inside & (jump > 0.35 * np.median(jump[inside])) if inside.any() else inside
-        if strong.sum() < 3 or np.median(jump[inside]) < 0.01:
-            continue
-        norm = (step - low[:, None]) / np.where(strong, high - low, 1.0)[:, None]
-        pitch = window[1] - window[0]
-        inner = int((half if smear is not None else level) / pitch + 0.5)
-        reach = inner * pitch
-        used = slice(steps - inner, steps + inner + 1)
-        # Where the step is, from the area under it: the centroid of its derivative.
-        offset = reach - norm[:, used].sum(axis=1) * pitch
-        offset += 0.5 * pitch * (norm[:, used][:, 0] + norm[:, used][:, -1])
-        mean = np.median(norm[strong], axis=0)
-        shift = np.median(offset[strong])
-        second = reach**2 - 2 * np.sum(window[used] * mean[used]) * pitch - shift**2
-        widths[-1] = math.sqrt(max(second, 0.0))
-        ok = strong & (np.abs(offset) < 0.8 * reach)
-        target = np.take_along_axis(wanted, np.full((count, 1), steps), 1)[:, 0] + offset
-        angle = np.interp(target, turned, phi)[ok]
-        points.append(seen.centre + r * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-        numbers.append(edges[ok] % count)
-        polarity.append(sign[ok])
-        jumps.append(jump[ok])
-        far.append(np.full(int(ok.sum()), r))
-    if not points:
-        return np.zeros((0, 2)), np.zeros(0, dtype=int), np.zeros(0), np.array(widths)
-    numbers = np.concatenate(numbers)
-    on = _on_the_star(numbers, np.concatenate(jumps), np.concatenate(far), count)
-    return (
-        np.concatenate(points)[on],
-        numbers[on],
-        np.concatenate(polarity)[on],
-        np.array(widths),
-    )
+    inside = ((x > 1) & (y > 1) & (x < width - 2) & (y < height - 2)).all(axis=1)
+    step = cv2.remap(light, x, y, cv2.INTER_LINEAR)
+    sign = np.where(edges % 2 == 0, 1.0, -1.0)
+    core = np.abs(window) <= half
+    outer = ~core if smear is not None and (~core).sum() >= 6 else np.abs(window) > 0.8 * level
+    low = step[:, outer & (window < 0)].mean(axis=1)
+    high = step[:, outer & (window > 0)].mean(axis=1)
+    jump = (high - low) * sign
+    strong = inside & (jump > 0.35 * np.median(jump[inside])) if inside.any() else inside
+    if strong.sum() < 3 or np.median(jump[inside]) < 0.01:
+        return (np.nan,)
+    norm = (step - low[:, None]) / np.where(strong, high - low, 1.0)[:, None]
+    pitch = window[1] - window[0]
+    inner = int((half if smear is not None else level) / pitch + 0.5)
+    reach = inner * pitch
+    used = slice(steps - inner, steps + inner + 1)
+    # Where the step is, from the area under it: the centroid of its derivative.
+    offset = reach - norm[:, used].sum(axis=1) * pitch
+    offset += 0.5 * pitch * (norm[:, used][:, 0] + norm[:, used][:, -1])
+    mean = np.median(norm[strong], axis=0)
+    shift = np.median(offset[strong])
+    second = reach**2 - 2 * np.sum(window[used] * mean[used]) * pitch - shift**2
+    ok = strong & (np.abs(offset) < 0.8 * reach)
+    angle = np.interp(wanted[:, steps] + offset, turned, phi)[ok]
+    pixels = seen.centre + r * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    far = np.full(len(pixels), r)
+    return math.sqrt(max(second, 0.0)), pixels, edges[ok] % count, sign[ok], jump[ok], far
 
 
 def _on_the_star(numbers, jumps, far, count):
@@ -468,21 +503,45 @@ def _half_widths(widths, radii, wanted):
 _STEP = np.array([1e-2, 1e-2, 1e-5, 1e-5, 1e-5, 1e-8, 1e-3])
 
 
-class _Model:
-    """Residuals of all measured edges of both pictures, px, and what is known beforehand.
+class _Stars:
+    """All measured edges of both pictures and the stars fitted to them.
 
     Parameters, for each picture: centre 2, p, q, phase, rate, bias of dark against bright; lens.
     """
 
     def __init__(self, lens, found, seen, count, row):
-        self.lens, self.row, self.period = lens, row, 2 * math.pi / count
-        self.points = np.concatenate([f[0] for f in found])
-        self.number = np.concatenate([f[1] for f in found])
-        self.sign = np.concatenate([f[2] for f in found])
-        self.which = np.repeat([0, 1], [len(f[0]) for f in found])
+        self.lens, self.row, self.count = lens, row, count
+        self.points = np.concatenate([edges.pixels for edges in found])
+        self.number = np.concatenate([edges.number for edges in found])
+        self.sign = np.concatenate([edges.sign for edges in found])
+        self.which = np.repeat([0, 1], [len(edges.pixels) for edges in found])
         # Rates are against the row of the centre, which keeps them apart from the phases.
         self.middle = [one.centre[row] for one in seen]
-        self.still = True  # the first picture is held at rest
+
+    @classmethod
+    def measured(cls, lights, lens, seen, count, reach, row):
+        """Edges looked for where the stars are believed to be, and the stars fitted, in turns."""
+        # Circles closer than a pixel see the same pixels.
+        most = np.clip(reach[1] - reach[0], 30, _CIRCLES)
+        radii = np.linspace(reach[0], reach[1], int(np.clip(_EDGES / count, 30, most)))
+        bend = np.zeros(len(lens.sigmas))
+        smear = [None, None]
+        for some in (radii[::3], radii, radii):
+            found = [
+                _Edges.found(light, lens, bend, one, count, some, row, wide)
+                for light, one, wide in zip(lights, seen, smear, strict=True)
+            ]
+            if min(len(edges.pixels) for edges in found) < 4 * count:
+                raise CannotMeasure(
+                    "too few edges of the star can be measured: let it fill more of the picture, "
+                    "turn more slowly or expose for a shorter time"
+                )
+            smear = [_half_widths(edges.widths, some, radii) for edges in found]
+            stars = cls(lens, found, seen, count, row)
+            stars.fitted = stars.fit(stars.start(seen, bend), still=True)
+            seen, bend = stars.stars(stars.fitted.values)
+        stars.seen, stars.bend = seen, bend
+        return stars
 
     def start(self, seen, bend):
         """Parameters of two stars and a lens."""
@@ -508,145 +567,62 @@ class _Model:
             own = self.which == k
             at = self.points[own]
             angle = _angle(self.lens, bend, one, at) - one.phase - one.rate * at[:, self.row]
-            angle = angle - self.number[own] * self.period
+            angle = angle - self.number[own] * 2 * math.pi / self.count
             angle = (angle + math.pi) % (2 * math.pi) - math.pi
             far = np.hypot(*(at - one.centre).T)
             out[own] = angle * far - values[7 * k + 6] * self.sign[own]
         return out
 
-    def prior(self, values):
-        """What is known beforehand, in sigmas: one camera pose, small biases, an ordinary lens."""
-        known = [
-            (values[9] - values[2]) / 0.002,
-            (values[10] - values[3]) / 0.002,
-            values[6] / 0.5,
-            values[13] / 0.5,
-        ]
-        if self.still:
-            known.append(values[5] / 1e-12)
-        return np.concatenate([known, values[14:] / self.lens.sigmas])
+    def fit(self, start, still) -> Fitted:
+        """Both stars and the lens. still: the first picture is held at rest."""
 
-    def fitted(self, start, iterations):
-        """What `fit` returns."""
-        steps = np.concatenate([_STEP, _STEP, np.full(len(self.lens.sigmas), 1e-4)])
-        return fit(
-            self.residuals, start, steps, self.prior, iterations, floor=0.01, groups=self.which
-        )
-
-
-def _fit(lights, lens, seen, count, reach, axis):
-    """All edges of both pictures at once."""
-    # Circles closer than a pixel see the same pixels.
-    most = np.clip(reach[1] - reach[0], 30, _CIRCLES)
-    radii = np.linspace(reach[0], reach[1], int(np.clip(_EDGES / count, 30, most)))
-    row = 1 if axis == "y" else 0
-    bend = np.zeros(len(lens.sigmas))
-    smear = [None, None]
-    for some in (radii[::3], radii, radii):
-        found = [
-            _edges(light, lens, bend, one, count, some, axis, wide)
-            for light, one, wide in zip(lights, seen, smear, strict=True)
-        ]
-        if min(len(f[0]) for f in found) < 4 * count:
-            raise CannotMeasure(
-                "too few edges of the star can be measured: let it fill more of the picture, turn "
-                "more slowly or expose for a shorter time"
+        def prior(values):
+            """In sigmas: one camera pose, small biases, an ordinary lens."""
+            pose = (values[9:11] - values[2:4]) / 0.002
+            rest = [values[5] / 1e-12] if still else []
+            return np.concatenate(
+                [pose, values[[6, 13]] / 0.5, rest, values[14:] / self.lens.sigmas]
             )
-        smear = [_half_widths(f[3], some, radii) for f in found]
-        model = _Model(lens, found, seen, count, row)
-        values, residuals, weights, influence, believed = model.fitted(model.start(seen, bend), 8)
-        seen, bend = model.stars(values)
-    return {
-        "seen": seen,
-        "bend": bend,
-        "model": model,
-        "points": model.points,
-        "number": model.number,
-        "which": model.which,
-        "values": values,
-        "residuals": residuals,
-        "weights": weights,
-        "influence": influence,
-        "believed": believed,
-    }
 
+        steps = np.concatenate([_STEP, _STEP, np.full(len(self.lens.sigmas), 1e-4)])
+        return fit(self.residuals, start, steps, prior, floor=0.01, groups=self.which)
 
-def _still_turns(fitted, rows):
-    """Rotation of the star "at rest" during the readout, degrees, and its sigma."""
-    model = fitted["model"]
-    model.still = False
-    values, residuals, weights, influence, believed = model.fitted(fitted["values"], 6)
-    cluster = fitted["number"] + 1000 * fitted["which"]
-    sigma = math.hypot(sigma_of(influence[5], residuals, weights, cluster), believed[5])
-    return math.degrees(values[5]) * (rows - 1), math.degrees(sigma) * (rows - 1)
+    def rate(self, photos):
+        """Rotation per row and its sigma, radians. Raises CannotMeasure where the edges do not
+        follow one star, or the first one turns as well."""
+        rows = photos[0].grey.shape[1 - self.row]
+        cluster = self.number + self.count * self.which
+        rate, sigma = float(self.fitted.values[12]), self.fitted.sigma(12, cluster)
+        kept = [float((self.fitted.weights[self.which == k] > 0.1).mean()) for k in range(2)]
+        if min(kept) < 0.6:
+            raise CannotMeasure(
+                f"the edges in {photos[int(np.argmin(kept))].name} do not follow one turning star"
+            )
+        loose = self.fit(self.fitted.values, still=False)
+        still, still_sigma = loose.values[5], loose.sigma(5, cluster)
+        if abs(still) > max(math.radians(0.3) / (rows - 1), 6 * still_sigma, 0.02 * abs(rate)):
+            raise CannotMeasure(
+                f"the star in {photos[0].name} is not at rest: it turns by "
+                f"{math.degrees(abs(still)) * (rows - 1):.2f} degrees during the readout; give a "
+                "photograph of the star standing still first"
+            )
+        # Sub-pixel effects that repeat from circle to circle; a lens known by its four numbers.
+        floor = 0.008 if len(self.lens.sigmas) else 0.005
+        return rate, math.hypot(sigma, math.radians(floor) / (rows - 1))
 
+    def curves(self, reach):
+        """Lines of pixels along every edge of either star, for the drawing."""
+        radii = np.linspace(*reach, 40)
+        found = []
+        for seen in self.seen:
 
-def _rate(fitted, photos, axis, count, lens):
-    """Rotation per row and its sigma, radians. Raises CannotMeasure where it says nothing."""
-    static, rotating = photos
-    rows = static.height if axis == "y" else static.width
-    which, residuals, weights = fitted["which"], fitted["residuals"], fitted["weights"]
-    rate = float(fitted["values"][12])
-    cluster = fitted["number"] + count * which
-    sigma = sigma_of(fitted["influence"][12], residuals, weights, cluster)
-    sigma = math.hypot(sigma, fitted["believed"][12])
-    turned, turned_sigma = (math.degrees(a) * (rows - 1) for a in (abs(rate), sigma))
-    kept = [float((weights[which == k] > 0.1).mean()) for k in range(2)]
-    if min(kept) < 0.6:
-        raise CannotMeasure(
-            f"the edges in {photos[int(np.argmin(kept))].name} do not follow one turning star"
-        )
-    still, still_sigma = _still_turns(fitted, rows)
-    if abs(still) > max(0.3, 6 * still_sigma, 0.02 * turned):
-        raise CannotMeasure(
-            f"the star in {static.name} is not at rest: it turns by {abs(still):.2f} degrees "
-            "during the readout; give a photograph of the star standing still first"
-        )
-    if turned < max(0.15, 5 * turned_sigma):
-        raise CannotMeasure(
-            f"the star in {rotating.name} does not turn: {turned:.3f} degrees during the readout, "
-            f"with a sigma of {turned_sigma:.3f}"
-        )
-    # Sub-pixel effects that repeat from circle to circle; a lens known only by its four numbers.
-    floor = 0.008 if len(lens.sigmas) else 0.005
-    return rate, math.hypot(sigma, math.radians(floor) / (rows - 1))
+            def place(angle, seen=seen):
+                x = (1 + seen.p) * np.cos(angle) + seen.q * np.sin(angle)
+                y = (1 - seen.p) * np.sin(angle) + seen.q * np.cos(angle)
+                away = np.stack([x, y], axis=-1) * (radii / np.hypot(x, y))[..., None]
+                return seen.centre + away
 
-
-def _drawing(fitted, photos, axis, count, reach, lens):
-    """What `corridor.figures` shows of it."""
-    row = 1 if axis == "y" else 0
-    moving = fitted["which"] == 1
-    one = fitted["seen"][1]
-    at = fitted["points"][moving]
-    period = 2 * math.pi / count
-    angle = _angle(lens, fitted["bend"], one, at) - one.phase - fitted["number"][moving] * period
-    angle -= one.rate * one.centre[row]
-    angle = (angle + math.pi) % (2 * math.pi) - math.pi
-    curves = []
-    for seen in fitted["seen"]:
-        radii = np.linspace(reach[0], reach[1], 40)
-        lines = []
-        for number in range(count):
-            phi = np.full(radii.shape, number * period + seen.phase)
-            for _ in range(30):
-                x, y = (
-                    (1 + seen.p) * np.cos(phi) + seen.q * np.sin(phi),
-                    (1 - seen.p) * np.sin(phi) + seen.q * np.cos(phi),
-                )
-                size = radii / np.hypot(x, y)
-                place = seen.centre + np.stack([x * size, y * size], axis=1)
-                new = number * period + seen.phase + seen.rate * place[:, row]
-                phi = phi + 0.7 * (new - phi)
-            lines.append(place)
-        curves.append(lines)
-    return {
-        "photos": [(p.name, p.grey) for p in photos],
-        "curves": curves,
-        "points": [fitted["points"][~moving], at],
-        "residuals": [fitted["residuals"][~moving], fitted["residuals"][moving]],
-        "weights": [fitted["weights"][~moving], fitted["weights"][moving]],
-        "row": at[:, row] - one.centre[row],
-        "turned_deg": np.degrees(angle),
-        "rate_deg": math.degrees(one.rate),
-        "axis": axis,
-    }
+            angle = 2 * math.pi / self.count * np.arange(self.count)[:, None] + seen.phase
+            angle = np.broadcast_to(angle, (self.count, len(radii)))
+            found.append(list(bent(place, angle, seen.rate, self.row, 0.0, 60)[0]))
+        return found

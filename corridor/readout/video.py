@@ -29,7 +29,8 @@ _FRAMES = 900  # at most, from the start
 _RINGS = np.linspace(0.3, 0.97, 12)
 _SAMPLES = 720
 _HARMONICS = 150
-_TURNS = 1.5  # fewer do not tell the speed from errors that repeat with every turn
+_ENOUGH = 1.5  # turns: fewer hardly tell the speed from errors that repeat with every turn
+_REPEATS = math.radians(1.5), math.radians(0.5)  # their usual size, once and twice a turn
 
 
 @dataclass(frozen=True)
@@ -68,16 +69,16 @@ def speed_from_video(
     angles, warnings = _which_spoke(waves, order, angles, path.name)
     time = photo_time if photo_time is not None else times[-1] / 2
     omega, sigma = _slope(times, angles, time)
-    # An axis or a tilt that is a little off shows as an error that repeats with every turn.
     turned = abs(angles[-1] - angles[0])
-    if math.radians(20) <= turned < 2 * math.pi * _TURNS:
-        raise CannotMeasure(
-            f"{path.name} shows {turned / (2 * math.pi):.1f} turns of the wheel, from which its "
-            "speed does not follow well enough: film two turns or more"
-        )
     sigma = math.hypot(sigma, math.radians(0.3) / max(turned, 1e-9) * abs(omega))
     if turned < math.radians(20) or abs(omega) < 5 * sigma:
         raise CannotMeasure(f"the wheel in {path.name} does not turn")
+    turns = turned / (2 * math.pi)
+    if turns < _ENOUGH:
+        warnings += (
+            f"{path.name} shows {turns:.1f} turns of the wheel, from which its speed follows to "
+            f"{100 * sigma / abs(omega):.1g} % only: film two turns or more",
+        )
     return Speed(
         abs(omega) / (2 * math.pi),
         sigma / (2 * math.pi),
@@ -277,27 +278,31 @@ def _which_spoke(waves, order, angles, name):
 
 
 def _slope(times, angles, at):
-    """Angular velocity at a time and its sigma, from a parabola or, where it is worth it, more."""
+    """Angular velocity at a time and its sigma, from a parabola or, where it is worth it, more.
+
+    Axis and tilt are a little off, which repeats with every turn: a film of few turns hardly tells
+    that from the speed, and what it does not tell goes into the sigma.
+    """
     best = None
     scale = max(times[-1] / 2, 1e-9)
     x = (times - at) / scale
+    waves = [wave(k * angles) for k in (1, 2) for wave in (np.cos, np.sin)]
+    usual = 1 / np.repeat(_REPEATS, 2) ** 2
     for degree in (1, 2, 3):
         if len(times) < 4 * degree + 8:
             break
-        # Axis and tilt are a little off: that repeats with every turn.
-        repeats = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        design = np.hstack([np.vander(x, degree + 1, increasing=True), repeats])
-        weights = np.ones(len(x))
-        for _ in range(5):
-            root = np.sqrt(weights)
-            found, *_ = np.linalg.lstsq(design * root[:, None], angles * root, rcond=None)
+        design = np.column_stack([np.vander(x, degree + 1, increasing=True), *waves])
+        weights, noise = np.ones(len(x)), math.radians(0.1)
+        for _ in range(6):
+            normal = design.T @ (design * weights[:, None]) / noise**2
+            normal[degree + 1 :, degree + 1 :] += np.diag(usual)
+            inverse = np.linalg.inv(normal)
+            found = inverse @ (design.T @ (weights * angles)) / noise**2
             rest = angles - design @ found
             weights = 1 / np.maximum(1, np.abs(rest) / (3 * robust_scale(rest) + 1e-9))
-        free = len(x) - degree - 3
-        # Errors repeat from turn to turn: a good part of them is common to neighbours.
-        sigma = 2 * np.sqrt((weights * rest**2).sum() / free)
-        cost = (weights * rest**2).sum() / free
+            cost = (weights * rest**2).sum() / (len(x) - degree - 3)
+            # Errors repeat from turn to turn: a good part of them is common to neighbours.
+            noise = max(2 * math.sqrt(cost), 1e-6)
         if best is None or cost < 0.8 * best[0]:
-            inverse = np.linalg.inv(design.T @ (design * weights[:, None]))
-            best = (cost, found[1] / scale, sigma * math.sqrt(inverse[1, 1]) / scale)
+            best = (cost, found[1] / scale, math.sqrt(inverse[1, 1]) / scale)
     return best[1], best[2]

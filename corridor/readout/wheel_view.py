@@ -59,11 +59,12 @@ def rays(pose, lens, bend, pixels):
     return camera, direction, -camera[2] / direction[:, 2]
 
 
-def find_rim(grey: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 2) on the rim of a wheel, px, and the middle of its spokes (2,).
+class NoWheel(CannotMeasure):
+    """A photograph shows no wheel at rest."""
 
-    Raises CannotMeasure where there is none.
-    """
+
+def find_rim(grey: np.ndarray, name: str) -> np.ndarray:
+    """Points (n, 2) on the rim of a wheel, px. Raises NoWheel where there is none."""
     factor = max(1.0, max(grey.shape) / _SMALL)
     size = (round(grey.shape[1] / factor), round(grey.shape[0] / factor))
     small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -72,13 +73,12 @@ def find_rim(grey: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     for centre in meeting_points(small, 8):
         found = rim_about(small, centre)
         if found is not None and (best is None or found[0] > best[0]):
-            best = (*found, centre)
+            best = found
     if best is None or best[1] < _COVER:
-        raise CannotMeasure(
+        raise NoWheel(
             f"{name} shows no wheel: no rim around a point at which spokes meet was found"
         )
-    _, _, points, centre = best
-    return (points + 0.5) * factor - 0.5, (centre + 0.5) * factor - 0.5
+    return (best[2] + 0.5) * factor - 0.5
 
 
 def rim_about(small, centre, angles=360, seed=0):
@@ -206,7 +206,7 @@ def poses_of(points: np.ndarray, lens) -> list[Pose]:
             hit = camera[:2] + depth[:, None] * direction[:, :2]
             return (np.hypot(*hit.T) - 1) * pose.size
 
-        values, *_ = fit(model, start, np.array([1e-4, 1e-4, 0.1, 0.1, 1e-4]), iterations=15)
+        values = fit(model, start, np.array([1e-4, 1e-4, 0.1, 0.1, 1e-4])).values
         found.append(Pose(tuple(values[:2]), tuple(values[2:4]), math.exp(values[4]), lens.focal))
     return found
 

@@ -3,6 +3,7 @@
 import json
 
 import cv2
+import independent
 import numpy as np
 import pytest
 
@@ -62,6 +63,27 @@ def test_stripes_are_counted_over_all_rows():
     """900 Hz x 30 ms = 27 periods between the first and the last of 900 rows."""
     found = measure_led(photo(900.0), 900.0)
     assert found.extra["stripes"] == pytest.approx(27 * 900 / 899, rel=1e-3)
+
+
+def test_faint_stripes_in_a_lamp_that_falls_off_within_the_picture():
+    """Contrast 0.2, portrait, 12.6 stripes: a stiff background leaves five times their error.
+
+    Within 0.02 %: rows of noise 0.005 / sqrt(480) allow a tenth of it, the rest is the lamp's.
+    """
+    errors = []
+    for phase, duty in ((0.1, 0.5), (0.35, 0.3), (0.6, 0.5), (0.85, 0.3)):
+        time = 12.6 * np.arange(640) / 639 + phase
+        late = 0.3 * (np.arange(400) / 400 - 0.5)
+        lit = ((time[:, None] + late) % 1 < duty).mean(axis=1)[:, None]
+        y, x = np.mgrid[:640, :480]
+        lamp = np.exp(-((x - 216) ** 2 + (y - 352) ** 2) / (2 * 120.0**2))
+        light = 0.5 * (0.8 + 0.4 * lit) * lamp + 0.02
+        noise = 0.005 * np.random.default_rng(1).standard_normal(light.shape)
+        found = measure_led(Photograph("faint", independent.encoded(light + noise)), 420.0)
+        errors.append(abs(found.readout_ms / 30 - 1))
+        assert abs(found.readout_ms - 30) < 4 * found.sigma_ms
+        assert found.sigma_ms < 30 * 2e-4
+    assert max(errors) < 2e-4
 
 
 def test_the_real_led_is_within_a_tenth_of_a_per_cent(real_data):

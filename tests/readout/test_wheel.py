@@ -17,6 +17,7 @@ from corridor.readout import (
     readout_from_wheel,
     render,
 )
+from corridor.readout.turning import Turning
 
 CAMERA = Camera.from_table("test", {"width": 900, "height": 600, "f": 860.0, "k1": -0.05})
 
@@ -52,6 +53,36 @@ def test_an_independent_photograph():
     assert found.readout_ms == pytest.approx(30.0, rel=0.012)
     assert abs(found.readout_ms - 30.0) < 4 * found.sigma_ms
     assert (found.row_direction, found.extra["spokes"]) == ("down", 32)
+
+
+def test_a_turn_that_is_badly_known_is_not_called_none():
+    """31.12 degrees during the readout with a sigma of 7: refused, and the sentence says why."""
+    photos = (Photograph("a", np.zeros((480, 640), np.uint8)),) * 2
+    nothing = np.zeros((0, 2))
+    rate, sigma = np.radians([31.12, 7.0]) / 479
+    turning = Turning(
+        "wheel", photos, 1, rate, sigma, None, nothing, nothing, nothing, np.zeros(2), []
+    )
+    with pytest.raises(CannotMeasure, match=r"31\.12 degrees .* sigma of 7\.00") as refused:
+        turning.check_turns(0.5)
+    assert "does not turn" not in str(refused.value)
+
+
+def test_a_wheel_that_turns_by_31_degrees_is_measured():
+    """Fits that had not come to rest were 0.3 per cent off and stated sigmas of 0.3."""
+    texture = independent.wheel_texture(28, 2)
+    common = dict(texture=texture, size=(640, 480), scale=190, tilt=(0.1, -0.15))
+    still = independent.photograph(centre=(330.0, 232.0), phase_deg=7.0, **common)
+    turns = -31.12 / 360 / 0.03
+    turning = independent.photograph(
+        centre=(332.0, 231.0), phase_deg=50.0, turns_per_second=turns, readout=0.03,
+        exposure=0.0006, instants=3, seed=1, **common,
+    )  # fmt: skip
+    found = measure_wheel(
+        Photograph("a", still), Photograph("b", turning), -turns, row_direction="down"
+    )
+    assert found.rotation_deg == pytest.approx(31.12, rel=0.002)
+    assert found.sigma_ms < 0.002 * 30.0 * 1.2
 
 
 @pytest.mark.parametrize(
