@@ -417,22 +417,32 @@ def from_image_to_ray(
             f"camera {camera.name}: its image-to-ray distortion folds inside the picture, "
             "no ray-to-image camera stands for it: check the direction of the coefficients"
         )
-    start = camera.interior.copy()
-    start[3:] = 0.0
+    undistorted = camera.interior.copy()
+    undistorted[3:] = 0.0
+    found = fitted(camera.with_interior(undistorted), pixels, rays, names)
+    worst = np.linalg.norm(pixels - project_rays(rays, found.interior), axis=1).max()
+    return found, float(worst)
+
+
+def fitted(camera: Camera, pixels: np.ndarray, rays: np.ndarray, names: Iterable[str]) -> Camera:
+    """The camera whose parameters `names` take rays (n, 2) best to pixels (n, 2).
+
+    camera: where to start; its other parameters are held.
+    """
     index = [INTERIOR.index(name) for name in names]
-    # Ray to image is linear in everything but f, cx, cy; three steps settle those too.
-    interior = start
-    for _ in range(6):
-        modelled = project_rays(rays, interior)
-        design = np.stack(
-            [interior_derivatives(rays, interior)[:, :, k].ravel() for k in index], axis=1
-        )
+    interior = camera.interior.copy()
+    # Ray to image is linear in everything but f, cx, cy; a few steps settle those too.
+    for _ in range(8):
+        design = interior_derivatives(rays, interior)[:, :, index].reshape(-1, len(index))
         scale = np.linalg.norm(design, axis=0)
-        step, *_ = np.linalg.lstsq(design / scale, (pixels - modelled).ravel(), rcond=None)
+        step, *_ = np.linalg.lstsq(
+            design / scale, (pixels - project_rays(rays, interior)).ravel(), rcond=1e-14
+        )
         interior = interior.copy()
         interior[index] += step / scale
-    worst = np.linalg.norm(pixels - project_rays(rays, interior), axis=1).max()
-    return camera.with_interior(interior), float(worst)
+        if np.abs(step).max() < 1e-12:
+            break
+    return camera.with_interior(interior)
 
 
 @compiled()

@@ -5,12 +5,12 @@ another formula says something else, the parameters are fitted over the picture 
 difference is told, never passed over.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from corridor.camera import INTERIOR, Camera, interior_derivatives, project_rays, undistort
+from corridor.camera import INTERIOR, Camera, fitted, project_rays, undistort
 from corridor.errors import InputError
 
 _PICTURE = 41  # nodes a side over the picture
@@ -147,25 +147,6 @@ def difference(
     return float(np.linalg.norm(project(rays) - project_rays(rays, camera.interior), axis=1).max())
 
 
-def fitted(
-    camera: Camera, target: np.ndarray, rays: np.ndarray, names: Iterable[str] = ALL
-) -> Camera:
-    """The camera whose parameters `names` take rays (n, 2) best to pixels; start: the camera."""
-    index = [INTERIOR.index(name) for name in names]
-    interior = camera.interior.copy()
-    for _ in range(8):
-        design = interior_derivatives(rays, interior)[:, :, index].reshape(-1, len(index))
-        scale = np.linalg.norm(design, axis=0)
-        step, *_ = np.linalg.lstsq(
-            design / scale, (target - project_rays(rays, interior)).ravel(), rcond=1e-14
-        )
-        interior = interior.copy()
-        interior[index] += step / scale
-        if np.abs(step).max() < 1e-12:
-            break
-    return camera.with_interior(interior)
-
-
 def standing_for(
     camera: Camera,
     project: Callable[[np.ndarray], np.ndarray],
@@ -183,7 +164,7 @@ def standing_for(
         if far <= TOLD_PX:
             return camera
         if far > enough_px:
-            camera = fitted(camera, project(rays), rays)
+            camera = fitted(camera, project(rays), rays, ALL)
             far = difference(camera, project, rays)
     if not far <= REFUSED_PX:
         raise InputError(
