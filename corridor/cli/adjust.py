@@ -22,19 +22,6 @@ import argparse
 from corridor.cli import _model
 from corridor.cli._options import add, announce_compilation, flag, option, say, wrote
 
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor adjust`."""
-    _model.configure(
-        parser,
-        camera="fraser8",
-        effect="estimate this effect too (may be repeated; `corridor effects` lists them)",
-        prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
-        threads=1,
-    )
-    add(parser, _OPTIONS)
-
-
 _OPTIONS = {
     "--loss": option(
         "squares (default), huber:2 or cauchy:2: from how many sigmas on residuals weigh less",
@@ -46,6 +33,18 @@ _OPTIONS = {
         "leave out antenna positions beyond five sigmas (false fixes) and adjust again"
     ),
 }
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `corridor adjust`."""
+    _model.configure(
+        parser,
+        camera="fraser8",
+        effect="estimate this effect too (may be repeated; `corridor effects` lists them)",
+        prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
+        threads=1,
+    )
+    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

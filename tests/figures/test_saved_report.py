@@ -3,8 +3,10 @@
 import json
 import re
 
+import pytest
 from made_up import adjustment, corridor
 
+from corridor import figures
 from corridor.figures import of_adjustment
 from corridor.report import CAPTIONS, save_adjustment
 
@@ -31,3 +33,10 @@ def test_the_same_adjustment_gives_the_same_page(tmp_path):
     one, two = ((tmp_path / name / "report.html").read_bytes() for name in ("a", "b"))
     assert one == two
     assert str(tmp_path).encode() not in one
+
+
+def test_the_old_name_writes_the_same_and_says_what_is_new(tmp_path):
+    made = adjustment(corridor(images=8))
+    with pytest.warns(DeprecationWarning, match="of_adjustment"):
+        written = figures.save_adjustment(made, tmp_path / "out")
+    assert {f"{name}.png" for name in CAPTIONS} <= {path.name for path in written}
