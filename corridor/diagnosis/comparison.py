@@ -111,10 +111,15 @@ class Comparison:
             worst = int(np.argmax(np.abs(one.z)))
             rows.append(
                 (
-                    one.statistic.name, one.statistic.kind, one.leaves, float(one.z[worst]),
-                    one.limit, one.excess, place_of(one.statistic, worst),
+                    one.statistic.name,
+                    one.statistic.kind,
+                    one.leaves,
+                    float(one.z[worst]),
+                    one.limit,
+                    one.excess,
+                    place_of(one.statistic, worst),
                 )
-            )  # fmt: skip
+            )
         columns = ["statistic", "kind", "leaves", "farthest", "limit", "excess", "where"]
         return pd.DataFrame(rows, columns=columns)
 
@@ -157,8 +162,11 @@ class Closing:
         columns = ["statistic", "kind", "leaves", "excess"]
         return self.before.table[columns].merge(
             self.after.table[columns],
-            on=["statistic", "kind"], how="outer", sort=False, suffixes=("_before", "_after"),
-        )  # fmt: skip
+            on=["statistic", "kind"],
+            how="outer",
+            sort=False,
+            suffixes=("_before", "_after"),
+        )
 
     def __str__(self) -> str:
         before, after = self.before, self.after
@@ -199,9 +207,16 @@ def _beside(statistic, measured, simulated, absorbed) -> Compared:
     beyond = np.maximum(np.abs(z) - limit, 0.0)
     chance = np.maximum(apart - limit, 0.0) if apart.size else np.zeros((n, 1))
     return Compared(
-        statistic, measured, middle, middle - width, middle + width, z, limit,
-        float(np.sum(beyond**2)), np.sum(chance**2, axis=1),
-    )  # fmt: skip
+        statistic,
+        measured,
+        middle,
+        middle - width,
+        middle + width,
+        z,
+        limit,
+        float(np.sum(beyond**2)),
+        np.sum(chance**2, axis=1),
+    )
 
 
 def _apart(values: np.ndarray) -> np.ndarray:

@@ -142,11 +142,16 @@ def _table(statistics: list[Statistic], values: np.ndarray) -> pd.DataFrame:
         parts.append(
             pd.DataFrame(
                 {
-                    "statistic": one.name, "kind": one.kind, "axis": one.axis, "x": at[:, 0],
-                    "y": at[:, 1], "label": one.labels or "",
-                    "value": values[first : first + len(one)], "unit": one.unit,
+                    "statistic": one.name,
+                    "kind": one.kind,
+                    "axis": one.axis,
+                    "x": at[:, 0],
+                    "y": at[:, 1],
+                    "label": one.labels or "",
+                    "value": values[first : first + len(one)],
+                    "unit": one.unit,
                 }
             )
-        )  # fmt: skip
+        )
         first += len(one)
     return pd.concat(parts, ignore_index=True)

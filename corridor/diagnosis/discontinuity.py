@@ -106,9 +106,13 @@ def _worst(ties: Ties) -> Line | None:
                     continue
                 px = (jump * ties.scale_px[other][:, None])[over]
                 best = Line(
-                    axis, float(lines[k]), int(mine[k]), int(every[k]), np.median(px, axis=0),
+                    axis,
+                    float(lines[k]),
+                    int(mine[k]),
+                    int(every[k]),
+                    np.median(px, axis=0),
                     float(log_p[k]),
-                )  # fmt: skip
+                )
     if best is None:
         return None
     best = replace(best, log_p=best.log_p + float(np.log(tested)))

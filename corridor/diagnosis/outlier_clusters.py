@@ -63,11 +63,12 @@ def _in_the_picture(ties: Ties) -> dict | None:
     box = [*(at * step).tolist(), *((at + side) * step).tolist()]
     rest = (far.sum() - k) / max(len(far) - n, 1)
     return _alarm(
-        log_p, k / n / far.mean(),
+        log_p,
+        k / n / far.mean(),
         f"wrong matches crowd between x = {box[0]:.0f} and {box[2]:.0f} px, y = {box[1]:.0f} and "
         f"{box[3]:.0f} px: {100 * k / n:.0f} % there, {100 * rest:.0f} % elsewhere",
         {"image": box},
-    )  # fmt: skip
+    )
 
 
 def _in_the_flight(every: list[Ties], images) -> dict | None:
@@ -105,10 +106,11 @@ def _in_the_flight(every: list[Ties], images) -> dict | None:
     rest = (wrong.sum() - k) / max(seen.sum() - n, 1)
     who = f"image {names[0]}" if length == 1 else f"the images from {names[0]} to {names[-1]}"
     return _alarm(
-        log_p, k / n / usual,
+        log_p,
+        k / n / usual,
         f"wrong matches crowd in {who}: {100 * k / n:.0f} % there, {100 * rest:.0f} % elsewhere",
         where,
-    )  # fmt: skip
+    )
 
 
 def _by_chance(k, n, usual: float, spread) -> np.ndarray:
@@ -133,6 +135,9 @@ def _squares(cells: np.ndarray, side: int) -> np.ndarray:
 def _alarm(log_p: float, ratio: float, where: str, location: dict) -> dict:
     z = float(norm.isf(np.exp(max(log_p, -600.0))))
     return {
-        "quantity": "wrong matches", "ratio": float(ratio), "z": z, "where": where,
+        "quantity": "wrong matches",
+        "ratio": float(ratio),
+        "z": z,
+        "where": where,
         "location": location,
-    }  # fmt: skip
+    }

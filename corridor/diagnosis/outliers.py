@@ -54,8 +54,12 @@ def ties_by_camera(adjustment: Adjustment) -> list[Ties]:
         k = camera == number
         out.append(
             Ties(
-                point[k], image[k], (xy - found)[k], (found / scale[:, None])[k], scale[k],
+                point[k],
+                image[k],
+                (xy - found)[k],
+                (found / scale[:, None])[k],
+                scale[k],
                 images.size[image[k][0]].astype(float),
             )
-        )  # fmt: skip
+        )
     return out

@@ -130,9 +130,16 @@ class Elimination:
         g = g + M @ here
         count = len(e.own)
         out = Reduced(
-            M, g, [None] * count, [None] * count, [None] * count, {}, e.groups, here,
+            M,
+            g,
+            [None] * count,
+            [None] * count,
+            [None] * count,
+            {},
+            e.groups,
+            here,
             [block.value for block in e.own],
-        )  # fmt: skip
+        )
         halves: dict[int, np.ndarray] = {}
         for n, (block, cross) in enumerate(zip(e.own, e.between, strict=True)):
             if n in but:

@@ -134,8 +134,10 @@ def _vibration(r, along, image, images, limit: float) -> dict | None:
         where["time_s"] = float(images.time[worst])
     many = int((total > 0).sum())
     return {
-        "quantity": "vibration", "ratio": ratio, "z": z,
+        "quantity": "vibration",
+        "ratio": ratio,
+        "z": z,
         "where": f"rows read together move together in {many} of {int((each > 0).sum())} images, "
         f"most in {name}",
         "location": where,
-    }  # fmt: skip
+    }

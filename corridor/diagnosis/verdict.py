@@ -132,9 +132,16 @@ def _estimates(one: Round, n: int, theta, spread) -> list[Estimate]:
 
     def estimate(rows, where):
         return Estimate(
-            group.slug, kind, found.evidence[n], [rows[k] for k in rows], slugs, separate, where,
-            group.key, [evidence.groups[k].key for k in alike],
-        )  # fmt: skip
+            group.slug,
+            kind,
+            found.evidence[n],
+            [rows[k] for k in rows],
+            slugs,
+            separate,
+            where,
+            group.key,
+            [evidence.groups[k].key for k in alike],
+        )
 
     if group.own is not None:
         rows = {}
@@ -145,9 +152,12 @@ def _estimates(one: Round, n: int, theta, spread) -> list[Estimate]:
             value = float(np.sqrt(np.mean(theta[mine] ** 2)))
             error = float(np.sqrt(np.mean(sigma[mine] ** 2) / max(mine.sum(), 1)))
             rows[name] = {
-                "name": name, "value": value, "sigma": error, "unit": unit,
+                "name": name,
+                "value": value,
+                "sigma": error,
+                "unit": unit,
                 "statistic": "root mean square over the images",
-            }  # fmt: skip
+            }
         made = estimate(rows, {})
         count = len(group) // len(names)
         # Labels are image by image.

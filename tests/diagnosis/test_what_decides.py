@@ -12,6 +12,7 @@ import corridor
 from corridor.diagnosis import diagnose, discontinuity
 from corridor.diagnosis.candidates import Group, with_points
 from corridor.diagnosis.location import _images
+from corridor.diagnosis.settings import SETTINGS, changed
 from corridor.diagnosis.verdict import refines
 from corridor.effects import Effect, add, find, take_out
 from corridor.effects.splines import surface
@@ -109,3 +110,12 @@ def test_a_block_without_any_noise_is_diagnosed():
     assert [one["slug"] for one in found.effects] == ["rolling_shutter"]
     assert found.effects[0]["parameters"][0]["value"] == pytest.approx(0.030, abs=3e-4)
     assert diagnose(block).verdict == "nothing"
+
+
+def test_settings_hold_for_a_while_and_no_longer():
+    before = SETTINGS.clear_evidence
+    with changed(clear_evidence=7.0) as settings:
+        assert settings is SETTINGS and SETTINGS.clear_evidence == 7.0
+    assert SETTINGS.clear_evidence == before
+    with pytest.raises(AttributeError), changed(jelly=1.0):
+        pass
