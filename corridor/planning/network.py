@@ -12,7 +12,7 @@ Source: Triggs et al. 2000, section 6 (elimination of points).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
@@ -21,10 +21,10 @@ import pandas as pd
 from scipy.linalg import block_diag
 from scipy.sparse import csr_array, vstack
 
-from corridor.adjustment import Covariance, LinearSystem, Singular, make_problem
+from corridor.adjustment import Covariance, LinearSystem, Model, Singular, make_problem
 from corridor.block import Block
 from corridor.camera import interior_derivatives, project_rays
-from corridor.effects import Effect, Images, find
+from corridor.effects import Images
 from corridor.errors import InputError
 from corridor.planning.surveyed import Surveyed, marks_of, on_the_ground, seen_by
 from corridor.simulation import Plan, perfect_block
@@ -90,38 +90,28 @@ class Quantities:
 class Network:
     """The normal equations of a plan without control, factorised at the truth.
 
-    camera, lever_arm, effects: as of `corridor.adjust`; effects act on the antenna.
-    priors: standard deviation by name. Raises InputError for what cannot be planned.
+    model: what is estimated; its effects act on the antenna, its control is left aside.
+    Raises InputError for what cannot be planned.
     """
 
     def __init__(
         self,
         plan: Plan,
         surveyed: Surveyed,
-        camera: str | Mapping[str, str] | None = None,
-        lever_arm: str = "free",
-        effects: Iterable[str | Effect] = (),
-        priors: Mapping[str, float] | None = None,
+        model: Model,
         carried: Carried | None = None,
         seed: int = 0,
     ):
         self.plan, self.seed = plan, seed
-        chosen = [effect if isinstance(effect, Effect) else find(effect) for effect in effects]
-        for effect in chosen:
+        for effect in model.effects:
             if effect.place != "antenna":
                 raise InputError(
                     f"effect {effect.slug} acts on {effect.place}: the planner estimates those of "
                     "the antenna; adjust simulated blocks for the others"
                 )
         self.block, self.surveyed, self.unseen = _block_of(plan, surveyed, seed)
-        problem = make_problem(
-            _loosely_known(self.block),
-            camera=camera,
-            effects=chosen,
-            control=list(self.surveyed.names),
-            priors={name: (0.0, sigma) for name, sigma in (priors or {}).items()},
-            lever_arm=lever_arm if plan.gnss else None,
-        )
+        model = replace(model, control=self.surveyed.names, check=None)
+        problem = make_problem(_loosely_known(self.block), model)
         system = LinearSystem(problem, problem.start)
         self.columns, self.images, self.gnss = system.columns, system.images, system.gnss
         self.unknowns = self.columns.shared

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from corridor.adjustment import Model
 from corridor.effects import Effect
 from corridor.errors import InputError
 from corridor.planning.conditioning import Moments
@@ -37,6 +38,7 @@ class Planner:
         (`Expected.carried`), as prior or held.
     effects, priors: estimated with the rest, of the antenna only: `["gnss_bias"]`,
         `{"gnss_bias.z": 0.05}` (standard deviations).
+    model: a `Model` in place of camera, lever_arm, effects and priors; control is asked for later.
     noise: the true errors of the GNSS, where they are not what the plan states.
     surveyed: candidates and check points; default: `Surveyed.grid(plan)`.
     seed: of the perfect block. seconds: what the set-up took.
@@ -53,6 +55,7 @@ class Planner:
         lever_arm: str = "free",
         effects: Iterable[str | Effect] = (),
         priors: Mapping[str, float] | None = None,
+        model: Model | None = None,
         carried: Carried | None = None,
         noise: GnssNoise | None = None,
         surveyed: Surveyed | None = None,
@@ -60,11 +63,14 @@ class Planner:
     ):
         began = time.perf_counter()
         self.plan = plan if isinstance(plan, Plan) else read_plan(plan)
-        self.network = Network(
-            self.plan, surveyed or Surveyed.grid(self.plan), camera, lever_arm, effects, priors,
-            carried, seed,
-        )  # fmt: skip
-        net = self.network
+        known = {name: (0.0, sigma) for name, sigma in (priors or {}).items()}
+        options = {"camera": camera, "effects": effects, "priors": known}
+        # Where nothing is said the arms are free; a model says what it means.
+        if model is None or lever_arm != "free":
+            options["lever_arm"] = lever_arm
+        model = Model.of(model, **options)
+        surveyed = surveyed or Surveyed.grid(self.plan)
+        self.network = net = Network(self.plan, surveyed, model, carried, seed)
         self.surveyed, self.block = net.surveyed, net.block
         self._noise = noise or GnssNoise()
         names = list(self.surveyed.names)

@@ -7,6 +7,7 @@ import pytest
 from small_plans import LOW_HIGH, NADIR, OBLIQUE, plan_of, quickest
 
 import corridor
+from corridor.adjustment import Model
 from corridor.errors import InputError
 from corridor.planning import GnssNoise, Planner, Surveyed
 
@@ -366,3 +367,15 @@ def test_a_control_point_is_moved_in_a_wink(small):
     small.expect([(20.0, 3.0)])
     assert quickest(lambda: small.expect([(31.0, -3.0)])) < 0.5
     assert quickest(lambda: small.expect(3)) < 0.005
+
+
+def test_a_model_says_the_same_as_its_options():
+    """One type for `adjust`, `diagnose` and the planner; giving both is refused."""
+    options = {"camera": "f,k1", "effects": ["gnss_bias"], "lever_arm": "fixed"}
+    prior = {f"gnss_bias.{axis}": 0.05 for axis in "xyz"}
+    told = Planner(plan_of(NADIR), **options, priors=prior).expect(2)
+    model = Model(**options, priors={name: (0.0, sigma) for name, sigma in prior.items()})
+    planner = Planner(plan_of(NADIR), model=model)
+    assert planner.expect(2).parameters.equals(told.parameters)
+    with pytest.raises(InputError):
+        Planner(plan_of(NADIR), model=model, camera="fixed")
