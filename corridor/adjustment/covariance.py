@@ -87,7 +87,7 @@ class Covariance:
 
     def poses(self, images: np.ndarray) -> np.ndarray:
         """Of some images together (k * d, k * d), k positions in the problem's order."""
-        p = self.normal.problem
+        p = self.system.problem
         rows = (np.asarray(images)[:, None] * p.d + np.arange(p.d)).ravel()
         right = np.zeros((p.image_count * p.d + p.shared_count, len(rows)))
         right[rows, np.arange(len(rows))] = 1.0
@@ -138,7 +138,7 @@ class Covariance:
     @cached_property
     def each_pose(self) -> np.ndarray:
         """Of every image (m, d, d)."""
-        p, blocks = self.normal.problem, self._system.blocks
+        p, blocks = self.system.problem, self._system.blocks
         d = p.d
         out = np.empty((p.image_count, d, d))
         for c in range(d):
@@ -152,7 +152,7 @@ class Covariance:
 
     @cached_property
     def _points(self) -> tuple[np.ndarray, np.ndarray]:
-        p, normal, blocks = self.normal.problem, self.normal, self._system.blocks
+        p, normal, blocks = self.system.problem, self.normal, self._system.blocks
         view = normal.view(self.state)
         count = len(p.ptr) - 1
         out, cross = np.empty((count, 6)), np.empty((count, 3, p.shared_count))

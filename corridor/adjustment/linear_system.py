@@ -349,7 +349,7 @@ class LinearSystem:
 
     def residuals(self) -> Residuals:
         """Measured minus modelled, effects that are only tested among the modelled."""
-        normal = Normal(self.problem, self.loss, storage="band")
+        normal = Normal(self.problem, self.loss, storage=self.storage)
         pixels, behind = normal.residuals(self.state)
         gnss = np.zeros((0, 3))
         if len(self.problem.gnss_image):
@@ -416,7 +416,7 @@ class LinearSystem:
                 seen = np.flatnonzero(np.bincount(group, minlength=groups))
                 jacobian = jacobian[:, (seen[:, None] * count + np.arange(count)).ravel()]
                 shared = [
-                    Unknown("effect", effect.slug, q.name, member.groups[g], q.unit, (g, number))
+                    Unknown(EFFECT, effect.slug, q.name, member.groups[g], q.unit, (g, number))
                     for g in seen.tolist()
                     for number, q in enumerate(member.parameters)
                 ]

@@ -13,6 +13,7 @@ from corridor.adjustment import kernels
 from corridor.adjustment.matrix import Band, Bordered, Sparse
 from corridor.adjustment.model import Loss
 from corridor.adjustment.problem import Problem, State
+from corridor.adjustment.unknowns import is_own, swap_own
 from corridor.camera import INTERIOR, radials_in_use
 from corridor.effects import ROW_REACH, Context, Images
 from corridor.geometry import rotation_from_vector
@@ -447,8 +448,8 @@ class Normal:
                 column = columns[:, k]
                 inside = column >= 0
                 shared[rows[inside], :, column[inside]] += source[inside, :, k]
-                mine = column <= -2
-                own[rows[mine], :, 4 - column[mine]] += source[mine, :, k]
+                mine = is_own(column)
+                own[rows[mine], :, swap_own(column[mine])] += source[mine, :, k]
         return predicted, own, shared
 
     def _add_gnss(self, state: State, images) -> float:
@@ -542,8 +543,8 @@ class Normal:
         p = self.problem
         camera = np.where(p.camera_column >= 0, shared[np.maximum(p.camera_column, 0)], 0.0)
         slots = np.where(p.slot_column >= 0, shared[np.maximum(p.slot_column, 0)], 0.0)
-        image, slot = np.nonzero(p.slot_column <= -2)
-        slots[image, slot] = step[image, 4 - p.slot_column[image, slot]]
+        image, slot = np.nonzero(is_own(p.slot_column))
+        slots[image, slot] = step[image, swap_own(p.slot_column[image, slot])]
         first = view.d_interior.shape[2]
         last = slots.shape[1] - view.d_motion.shape[1]
         return kernels.Step(

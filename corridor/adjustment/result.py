@@ -42,7 +42,7 @@ class Adjustment(Checked):
         notes: list[str],
     ):
         self.start, self.system = start, covariance.system
-        self.problem, self.normal = self.system.problem, covariance.normal
+        self.problem = self.system.problem
         self.state = solution.state
         self.converged, self.iterations = solution.converged, solution.iterations
         self.cost, self.history, self.seconds = solution.cost, solution.history, seconds
@@ -51,7 +51,7 @@ class Adjustment(Checked):
             self.problem.observation_count
             - self.problem.unknown_count
             + len(self.problem.idle)
-            + len(self.normal.pins)
+            + (0 if self.system.held is None else len(self.system.held))
         )
         # Without redundancy there is nothing to estimate sigma naught from.
         self.sigma0 = float(np.sqrt(2 * self.cost / self.redundancy)) if self.redundancy else 1.0
@@ -113,13 +113,13 @@ class Adjustment(Checked):
     def residuals(self) -> dict[str, pd.DataFrame]:
         """Measured minus modelled, by kind: `tie`, `mark` (px), `gnss`, `control` (m)."""
         p = self.problem
-        found, _ = self.normal.residuals(self.state)
+        left = self.system.residuals()
         pixels = np.full((len(p.block.tie_points) + len(p.block.marks), 2), np.nan)
-        pixels[p.row] = found
+        pixels[p.row] = left.pixels
         sigma = np.concatenate([p.block.tie_sigma(), p.block.mark_sigma()])
         length = np.hypot(*pixels.T) / sigma
         usual = robust_scale_of_lengths(length, least=1e-9)
-        loss = self.normal.loss
+        loss = self.system.loss
         weight = np.ones(len(length)) if loss.kind == 0 else _weights(loss, length)
         out = {}
         for kind, rows, span in (
@@ -135,23 +135,11 @@ class Adjustment(Checked):
                 gross=is_outlier(length[span], usual, GROSS),
             )
             out[kind] = frame[np.isfinite(frame["vx"])].reset_index(drop=True)
-        out["gnss"] = self._gnss()
-        names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
-        at = np.full(len(p.control_rows), -1)
-        used = np.flatnonzero(p.control >= 0)
-        at[p.control[used]] = used
-        residual = self.normal.view(self.state).control_residual
-        out["control"] = _metres(names, "point", p.control_given, residual, p.control_weight)
-        return out
-
-    def _gnss(self) -> pd.DataFrame:
-        p = self.problem
-        images = p.images.with_poses(self.state.centre, self.state.rotation)
-        if not len(p.gnss_image):
-            return _metres([], "image", *(np.zeros((0, 3)),) * 3)
-        predicted, *_ = self.normal.antenna(self.state, images)
         names = p.images.names[p.gnss_image]
-        return _metres(names, "image", p.gnss_given, p.gnss_given - predicted, p.gnss_weight)
+        out["gnss"] = _metres(names, "image", p.gnss_given, left.gnss, p.gnss_weight)
+        names = self.system.control_names
+        out["control"] = _metres(names, "point", p.control_given, left.control, p.control_weight)
+        return out
 
     @cached_property
     def observations(self) -> dict[str, dict]:

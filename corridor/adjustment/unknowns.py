@@ -43,14 +43,24 @@ class State:
     arms: np.ndarray
 
 
+def is_own(column: np.ndarray) -> np.ndarray:
+    """Where the code of a column stands for an unknown that an image has for itself."""
+    return column <= -2
+
+
+def swap_own(number):
+    """Code of a column from the number (6..) of an image's own unknown, and that from the code."""
+    return 4 - number
+
+
 @dataclass
 class Unknowns:
     """What images share, what each image has beside its pose, and the columns of both.
 
     own_unknowns: (slug, parameter) of the unknowns 6.. of an image, which are d in all. Columns of
-    an image (m, ...): >= 0 shared, -2 - n its own n-th, -1 none; camera_column by interior
-    parameter, slot_column by parameter of effects on camera, image and motion, antenna_column of
-    effects on the antenna, arm_column (m, 3); ground_column (c, ...) of a control point. low, high
+    an image (m, ...): >= 0 shared, -1 none, `is_own` its own; camera_column by interior parameter,
+    slot_column by parameter of effects on camera, image and motion, antenna_column of effects on
+    the antenna, arm_column (m, 3); ground_column (c, ...) of a control point. low, high
     (m,): whole panels that an image touches.
     """
 
@@ -171,7 +181,7 @@ def _effect_columns(
         for number, parameter in enumerate(member.parameters):
             if kind == "image":
                 held = wanted.holds(ParameterId(EFFECT, slug, parameter.name))
-                out.append(np.full(len(here), -1 if held else -2 - len(own)))
+                out.append(np.full(len(here), -1 if held else swap_own(6 + len(own))))
                 own += [] if held else [(slug, number)]
                 continue
             column = np.full(len(group_names(images, kind)), -1)

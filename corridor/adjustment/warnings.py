@@ -124,7 +124,7 @@ def _outliers(a):
             if found["gross"]
             else ""
         )
-        advice = ": a robust loss (huber:2) limits their weight" if a.normal.loss.kind == 0 else ""
+        advice = ": a robust loss (huber:2) limits their weight" if a.system.loss.kind == 0 else ""
         yield (
             f"{found['outliers']} of {found['count']} {what} observations ({share:.1f} %) lie "
             f"beyond 5 robust sigmas{gross}{advice}."

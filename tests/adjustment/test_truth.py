@@ -414,7 +414,7 @@ class TestTwoWaysToTheSameNumbers:
     def test_two_threads_give_what_one_gives(self, forty_images, effects):
         """Sums in another order: rounding of the normal equations, 1e-16 of their condition."""
         one, two = (corridor.adjust(forty_images, effects=effects, threads=n) for n in (1, 2))
-        assert two.normal.threads == 2
+        assert two.covariance.normal.threads == 2
         assert two.cost == pytest.approx(one.cost, rel=1e-10)
         assert two.state.centre == pytest.approx(one.state.centre, abs=1e-8)
         assert two.camera["sigma"].to_numpy() == pytest.approx(one.camera["sigma"].to_numpy())
