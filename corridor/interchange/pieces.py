@@ -126,6 +126,11 @@ class Pieces:
             self.notes.append(
                 f"{form} has no coordinates of tie points: they were intersected from the rays"
             )
+            lost = len(block.tie_points["point"].cat.categories) - len(block.points)
+            if lost:
+                self.warnings.append(
+                    f"{lost} tie points have no coordinates: their rays do not meet"
+                )
         return Project(form, source, block, notes=self.notes, warnings=self.warnings, **more)
 
     def _of_known_cameras(self, source: Path) -> Pieces:

@@ -129,6 +129,18 @@ def test_the_command_ends_with_status_2_and_writes_nothing(name, broken, tmp_pat
     assert not (tmp_path / "block").exists()
 
 
+def test_tie_points_whose_rays_do_not_meet_are_told(tmp_path):
+    """A blank within a number makes a pair with a weight, far outside the picture."""
+    from .small_projects import write_all
+
+    home = write_all(tmp_path)["micmac"]
+    file = next(iter((home / "Homol").glob("Pastis*0000*/*")))
+    first, rest = file.read_text().split("\n", 1)
+    word, others = first.split(" ", 1)
+    file.write_text(f"{word} 333228036 {others}\n{rest}")
+    assert any("their rays do not meet" in s for s in read_project(home).warnings)
+
+
 def test_damaged_files_give_no_traceback_and_no_silent_block():
     """120 random damages of ten formats; `slow` has the ten thousand."""
     outcomes = run(120, seed=7)
