@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -446,16 +447,52 @@ def fitted(camera: Camera, pixels: np.ndarray, rays: np.ndarray, names: Iterable
 
 
 @compiled()
-def _interior_derivatives(rays, interior):
-    out = np.empty((rays.shape[0], 30))
+def _derivatives(rays, interior, row):
+    out = np.empty((rays.shape[0], 34))
     for n in range(rays.shape[0]):
-        u, v = rays[n, 0], rays[n, 1]
-        a, b, _, _, _, _ = distort_normalised(u, v, interior, np.uint64(0), 8)
-        interior_derivatives_at(u, v, a, b, interior[0, 0], 8, out[n], np.uint64(0))
+        i = np.uint64(row[n])
+        u, v, f = rays[n, 0], rays[n, 1], interior[i, 0]
+        a, b, au, av, bu, bv = distort_normalised(u, v, interior, i, 8)
+        out[n, 30], out[n, 31], out[n, 32], out[n, 33] = f * au, f * av, f * bu, f * bv
+        interior_derivatives_at(u, v, a, b, f, 8, out[n], np.uint64(0))
     return out
 
 
-def interior_derivatives(rays: np.ndarray, interior: np.ndarray) -> np.ndarray:
-    """Derivative (n, 2, 15) of the pixels by the interior vector, at rays u, v (n, 2)."""
-    made = _interior_derivatives(np.ascontiguousarray(rays, dtype=float), np.atleast_2d(interior))
-    return made.reshape(-1, 15, 2).transpose(0, 2, 1)
+def interior_derivatives(
+    rays: np.ndarray, interior: np.ndarray, row: np.ndarray | None = None
+) -> np.ndarray:
+    """Derivative (n, 2, 15) of the pixels by the interior vector; arguments as `project_rays`."""
+    rays = np.ascontiguousarray(rays, dtype=float)
+    table, rows, _ = _rows(interior, row, len(rays))
+    return _derivatives(rays, table, rows)[:, :30].reshape(-1, 15, 2).transpose(0, 2, 1)
+
+
+class ProjectionDerivatives(NamedTuple):
+    """Of pixels: by the point (n, 2, 3), by the pose (n, 2, 6), centre in the world and turn about
+    the camera's axes, R <- Exp(turn) R, and by the interior vector (n, 2, 15)."""
+
+    by_point: np.ndarray
+    by_pose: np.ndarray
+    by_interior: np.ndarray
+
+
+def projection_derivatives(
+    points: np.ndarray,
+    centre: np.ndarray,
+    rotation: np.ndarray,
+    interior: np.ndarray,
+    row: np.ndarray | None = None,
+) -> ProjectionDerivatives:
+    """Derivatives of the pixels of ground points ahead of the camera; arguments as `project`."""
+    seen = np.einsum("...ij,...j->...i", rotation, np.asarray(points, dtype=float) - centre)
+    ray = seen[:, :2] / seen[:, 2:]
+    table, rows, _ = _rows(interior, row, len(ray))
+    made = _derivatives(np.ascontiguousarray(ray), table, rows)
+    by_ray = made[:, 30:].reshape(-1, 2, 2)
+    along = -np.einsum("nij,nj->ni", by_ray, ray)
+    by_seen = np.concatenate([by_ray, along[:, :, None]], axis=2) / seen[:, 2, None, None]
+    by_point = by_seen @ rotation
+    # d X / d turn = -[X]x, so that the row g becomes X x g.
+    by_pose = np.concatenate([-by_point, np.cross(seen[:, None], by_seen)], axis=2)
+    by_interior = made[:, :30].reshape(-1, 15, 2).transpose(0, 2, 1)
+    return ProjectionDerivatives(by_point, by_pose, by_interior)

@@ -19,6 +19,7 @@ from corridor.camera import (
     parameters_named,
     project,
     project_rays,
+    projection_derivatives,
     undistort,
 )
 from corridor.errors import InputError
@@ -303,3 +304,31 @@ class TestCameraTable:
         assert set(parameters_named("f, k2,cx")) == {"f", "cx", "k2"}
         with pytest.raises(InputError, match="camera parameter k9 is unknown"):
             parameters_named("f,k9")
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_derivatives_of_a_projection_are_its_differences(name):
+    """Steps of 1e-5 leave 1e-10 of a derivative's curve, and rounding of 4000 px / 1e-5 1e-7 px."""
+    lens = CAMERAS[name].interior
+    noise = np.random.default_rng(2)
+    points = noise.uniform([-20, -15, -2], [20, 15, 2], (30, 3))
+    centre, turn = np.array([1.0, 2.0, 60.0]), rotation_from_vector(np.array([3.1, 0.1, -0.05]))
+    found = projection_derivatives(points, centre, turn, lens)
+    h = 1e-5
+    for k, step in enumerate(h * np.eye(3)):
+        moves = {
+            "by_point": lambda s, d=step: project(points + s * d, centre, turn, lens),
+            "by_pose": lambda s, d=step: project(points, centre + s * d, turn, lens),
+            "turned": lambda s, d=step: project(
+                points, centre, rotation_from_vector(s * d) @ turn, lens
+            ),
+        }
+        for what, pixels in moves.items():
+            numeric = (pixels(1) - pixels(-1)) / (2 * h)
+            column = (
+                found.by_pose[:, :, 3 + k] if what == "turned" else getattr(found, what)[:, :, k]
+            )
+            assert column == pytest.approx(numeric, abs=1e-5, rel=1e-6)
+    seen = (points - centre) @ turn.T
+    inner = interior_derivatives(seen[:, :2] / seen[:, 2:], lens)
+    assert found.by_interior == pytest.approx(inner, abs=1e-12)

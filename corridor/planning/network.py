@@ -23,7 +23,7 @@ from scipy.sparse import csr_array, vstack
 
 from corridor.adjustment import Covariance, LinearSystem, Model, Singular, make_problem
 from corridor.block import Block
-from corridor.camera import interior_derivatives, project_rays
+from corridor.camera import projection_derivatives
 from corridor.effects import Images
 from corridor.errors import InputError
 from corridor.planning.surveyed import Surveyed, marks_of, on_the_ground, seen_by
@@ -235,38 +235,21 @@ class Network:
     def _mark_rows(self, point: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, csr_array]:
         """Derivatives of a point's marks in some images: by the point (2m, 3), and (2m, n)."""
         images = self.images
-        rotation, interior = images.rotation[rows], images.interior[rows]
-        seen = np.einsum("nij,nj->ni", rotation, point - images.centre[rows])
-        ray = seen[:, :2] / seen[:, 2:]
-        by_ray = np.empty((len(rows), 2, 2))
-        h = 1e-5  # of a ray: truncation and rounding stay below 1e-9
-        for k in range(2):
-            step = h * np.eye(2)[k]
-            each = np.arange(len(rows))
-            ahead, behind = (project_rays(ray + s * step, interior, each) for s in (1, -1))
-            by_ray[:, :, k] = (ahead - behind) / (2 * h)
-        by_seen = np.zeros((len(rows), 2, 3))
-        by_seen[:, 0, 0] = by_seen[:, 1, 1] = 1.0
-        by_seen[:, :, 2] = -ray
-        by_seen = by_ray @ by_seen / seen[:, 2, None, None]
-        by_point = by_seen @ rotation
-        turn = np.zeros((len(rows), 3, 3))
-        x, y, z = seen.T
-        turn[:, 0, 1], turn[:, 0, 2], turn[:, 1, 2] = z, -y, x
-        turn -= turn.transpose(0, 2, 1)
-        pose = np.concatenate([-by_point, by_seen @ turn], axis=2).reshape(-1, 6)
+        by = projection_derivatives(
+            np.broadcast_to(point, (len(rows), 3)), images.centre[rows], images.rotation[rows],
+            images.interior[rows], np.arange(len(rows)),
+        )  # fmt: skip
+        pose = by.by_pose.reshape(-1, 6)
         by_columns = np.zeros((2 * len(rows), len(self.columns)))
         at = np.repeat(self.columns.pose[rows], 2, axis=0)
         by_columns[np.arange(len(at))[:, None], at] = pose
         camera = np.repeat(images.camera[rows], 2)
-        change = np.concatenate(
-            [interior_derivatives(r, own)[0] for r, own in zip(ray[:, None], interior, strict=True)]
-        )
+        change = by.by_interior.reshape(-1, 15)
         for number, unknown in zip(self.columns.shared_at, self.unknowns, strict=True):
             if unknown.kind == "camera":
                 mine = camera == unknown.at[0]
                 by_columns[mine, number] = change[mine, unknown.at[1]]
-        return by_point.reshape(-1, 3), csr_array(by_columns)
+        return by.by_point.reshape(-1, 3), csr_array(by_columns)
 
     def _columns_of(self, carried: Carried | None) -> np.ndarray:
         if carried is None:

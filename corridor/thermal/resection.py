@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.camera import INTERIOR, interior_derivatives, project_rays
+from corridor.camera import INTERIOR, project, projection_derivatives
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion, rotation_from_vector
 
@@ -104,12 +104,12 @@ def _resected(place, seen, sigma, interior, centre, rotation, free, pose_free):
     interior, centre, rotation = interior.copy(), centre.copy(), rotation.copy()
     weight = np.repeat(1.0 / sigma, 2)
     for _ in range(30):
-        local = (place - centre) @ rotation.T
-        rays = local[:, :2] / local[:, 2:]
-        left = (seen - project_rays(rays, interior)).ravel()
-        design = interior_derivatives(rays, interior)[:, :, free].reshape(2 * len(rays), len(free))
+        left = (seen - project(place, centre, rotation, interior)).ravel()
+        derivatives = projection_derivatives(place, centre, rotation, interior)
+        design = derivatives.by_interior[:, :, free]
         if pose_free:
-            design = np.hstack([design, _pose_derivative(local, rotation, interior)])
+            design = np.concatenate([design, derivatives.by_pose], axis=2)
+        design = design.reshape(2 * len(place), -1)
         scaled = design * weight[:, None]
         size = np.linalg.norm(scaled, axis=0)
         inverse = np.linalg.inv((scaled / size).T @ (scaled / size)) / np.outer(size, size)
@@ -122,23 +122,6 @@ def _resected(place, seen, sigma, interior, centre, rotation, free, pose_free):
             break
     rms = float(np.sqrt(np.mean(left**2)))
     return (centre, rotation), interior, inverse, rms
-
-
-def _pose_derivative(local, rotation, interior):
-    """Derivative (2n, 6) of the pixels by centre (world, m) and rotation (camera, rad)."""
-    step = 1e-6
-    out = np.empty((2 * len(local), 6))
-
-    def pixels(points):
-        return project_rays(points[:, :2] / points[:, 2:], interior).ravel()
-
-    for k in range(3):
-        unit = np.zeros(3)
-        unit[k] = step
-        out[:, k] = (pixels(local - rotation @ unit) - pixels(local + rotation @ unit)) / (2 * step)
-        turn = rotation_from_vector(unit)
-        out[:, 3 + k] = (pixels(local @ turn.T) - pixels(local @ turn)) / (2 * step)
-    return out
 
 
 def _slopes(table):
