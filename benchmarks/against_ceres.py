@@ -50,8 +50,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from strips import corridor_block  # noqa: E402
 
-from corridor.adjustment import Covariance, LinearSystem, Loss, Normal, make_problem, solve
-from corridor.adjustment.normal import LOSSES
+from corridor.adjustment import (
+    LOSSES,
+    Covariance,
+    LinearSystem,
+    Loss,
+    Normal,
+    make_problem,
+    solve,
+)
 from corridor.block import Block
 from corridor.geometry import quaternion_from_rotation
 from corridor.simulation import CAMLIGHT, add_noise

@@ -32,6 +32,7 @@ from scipy.linalg.blas import dtbsv
 
 from corridor.camera import distort_normalised, interior_change, interior_derivatives_at
 from corridor.compiled import KERNEL, SCALAR, compiled
+from corridor.geometry import cross, dot, left_jacobian, rotated, sines
 
 SQUARES, HUBER, CAUCHY = 0, 1, 2
 # Shared unknowns are handled in panels of this many; their number is rounded up to it.
@@ -219,16 +220,6 @@ class Strided(NamedTuple):
 
 
 @njit(**SCALAR)
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(**SCALAR)
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(**SCALAR)
 def _less(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
@@ -298,40 +289,6 @@ def _robust(loss, s):
         length = np.sqrt(s)
         return 2.0 * loss.width * length - k2, np.sqrt(loss.width / length)
     return k2 * np.log1p(s / k2), 1.0 / np.sqrt(1.0 + s / k2)
-
-
-@njit(**SCALAR)
-def sines(t):
-    """sin(a) / a and (1 - cos(a)) / a^2 of the angle a = |t|."""
-    a2 = _dot(t, t)
-    if a2 > 0.01:
-        a = np.sqrt(a2)
-        h = np.sin(0.5 * a)
-        return np.sin(a) / a, 2.0 * h * h / a2
-    # Nearly always, and ten times faster; the next terms are below 1e-17.
-    s = 1.0 - a2 * (1 / 6 - a2 * (1 / 120 - a2 * (1 / 5040 - a2 * (1 / 362880))))
-    q = 0.5 - a2 * (1 / 24 - a2 * (1 / 720 - a2 * (1 / 40320 - a2 * (1 / 3628800))))
-    return s, q
-
-
-@njit(**SCALAR)
-def rotated(s, q, t, x):
-    """Exp(t) applied to x; s, q: `sines` of t."""
-    c = _cross(t, x)
-    e = _cross(t, c)
-    return x[0] + s * c[0] + q * e[0], x[1] + s * c[1] + q * e[1], x[2] + s * c[2] + q * e[2]
-
-
-@njit(**SCALAR)
-def _left(t, q):
-    """Left Jacobian of Exp(t), to second order, applied to q: Exp(t + q) = Exp(Left q) Exp(t)."""
-    e = _cross(t, q)
-    f = _cross(t, e)
-    return (
-        q[0] + 0.5 * e[0] + f[0] / 6.0,
-        q[1] + 0.5 * e[1] + f[1] / 6.0,
-        q[2] + 0.5 * e[2] + f[2] / 6.0,
-    )
 
 
 @njit(**SCALAR)
@@ -435,7 +392,7 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
             _set(seen, at, (x[0], x[1], x[2], row))
             _set(seen, at + U(16), (t[0], t[1], t[2], s))
             # Slope of X before its turn: -dc/ds + X x dtheta/ds.
-            slope = _less(_cross(x, dt), dc)
+            slope = _less(cross(x, dt), dc)
             sine, cosine = sines(t)
             _set(seen, at + U(24), (slope[0], slope[1], slope[2], sine))
             seen[at + U(28)] = cosine
@@ -485,7 +442,7 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
             slope, sine, cosine = _three(seen, at + U(24)), seen[at + U(27)], seen[at + U(28)]
             g, h = rotated(sine, cosine, (t0, t1, t2), g), rotated(sine, cosine, (t0, t1, t2), h)
             factor = row_of[i, U(1)]
-            slope_x, slope_y = factor * _dot(g, slope), factor * _dot(h, slope)
+            slope_x, slope_y = factor * dot(g, slope), factor * dot(h, slope)
             k00, k01, k10, k11 = 1.0, 0.0, 0.0, 1.0
             if row_of[i, U(0)] > 0.0:
                 k11 = 1.0 / (1.0 - slope_y)
@@ -577,7 +534,7 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
     g, h = _three(seen, at + U(8)), _three(seen, at + U(11))
     p, q = _before_rotation(cameras.pose, i, g), _before_rotation(cameras.pose, i, h)
     # g . (dr x X) = dr . (X x g)
-    by_turn, by_turn_y = _cross(x, g), _cross(x, h)
+    by_turn, by_turn_y = cross(x, g), cross(x, h)
     jc[to.j0], jc[to.j0 + U(1)], jc[to.j0 + U(2)] = -p[0], -p[1], -p[2]
     jc[to.j0 + U(3)], jc[to.j0 + U(4)], jc[to.j0 + U(5)] = by_turn
     jc[to.j1], jc[to.j1 + U(1)], jc[to.j1 + U(2)] = -q[0], -q[1], -q[2]
@@ -626,8 +583,8 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
         c, theta, _, _ = _motion(place, derivatives.motion, i, U(n))
         away = (-c[0], -c[1], -c[2])
         if theta[0] != 0.0 or theta[1] != 0.0 or theta[2] != 0.0:
-            away = _less(_cross(x, _left(t, theta)), c)
-        _put(columns.slot[i, slot], _dot(g, away), _dot(h, away), to)
+            away = _less(cross(x, left_jacobian(t, theta)), c)
+        _put(columns.slot[i, slot], dot(g, away), dot(h, away), to)
         slot += U(1)
 
 
@@ -945,8 +902,8 @@ def make_assemble(d):
                     _set(y, n, _two(a[0], f, b[0], g))
                     _set(y, n + n_y, _two(a[1], f, b[1], g))
                     _set(y, n + n_y + n_y, _two(a[2], f, b[2], g))
-                e0 = jc[j0 - U(1)] - _dot(a, right)
-                e1 = jc[j1 - U(1)] - _dot(b, right)
+                e0 = jc[j0 - U(1)] - dot(a, right)
+                e1 = jc[j1 - U(1)] - dot(b, right)
                 b0 = U(2 * k) * q
                 b1 = b0 + q
                 for x in range(lo, hi, PANEL):
@@ -972,7 +929,7 @@ def make_assemble(d):
                         a = (i0 * root, i1 * root, i3 * root)
                     elif axis == 1:
                         a = (0.0, i2 * root, i4 * root)
-                    e0 = res[U(axis)] - _dot(a, right)
+                    e0 = res[U(axis)] - dot(a, right)
                     b0 = U(2 * m + axis) * q
                     for x in range(lo, hi, PANEL):
                         n = U(x)
@@ -1111,14 +1068,14 @@ def make_substitute(d):
                 away = (0.0, 0.0, 0.0)
                 if moves:
                     away, theta, _, _ = _motion(seen[at + U(19)], step.motion, i, U(0))
-                    turn = _less(turn, _left(_three(seen, at + U(16)), theta))
-                away = _less(_cross(turn, x), away)
+                    turn = _less(turn, left_jacobian(_three(seen, at + U(16)), theta))
+                away = _less(cross(turn, x), away)
                 g, h = _three(seen, at + U(8)), _three(seen, at + U(11))
                 e0, e1 = seen[at + U(14)], seen[at + U(15)]
                 a0, a1, a2 = _before_rotation(scene.cameras.pose, i, g)
-                sx += _dot(g, away) - _dot((a0, a1, a2), shift)
+                sx += dot(g, away) - dot((a0, a1, a2), shift)
                 c0, c1, c2 = _before_rotation(scene.cameras.pose, i, h)
-                sy += _dot(h, away) - _dot((c0, c1, c2), shift)
+                sy += dot(h, away) - dot((c0, c1, c2), shift)
                 g0 += a0 * e0 + c0 * e1
                 g1 += a1 * e0 + c1 * e1
                 g2 += a2 * e0 + c2 * e1

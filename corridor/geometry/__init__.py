@@ -5,6 +5,7 @@ Rotations go from world to camera, X = R (P - C); the camera looks along z, x ri
 
 from corridor.geometry.helmert import Similarity, helmert_motions, relative_width, similarity
 from corridor.geometry.intersection import Rays, intersect, meeting_points
+from corridor.geometry.resection import closed_pose, refine_poses
 from corridor.geometry.robust import (
     CLIPPED,
     GROSS,
@@ -21,6 +22,7 @@ from corridor.geometry.rotations import (
     rotation_from_quaternion,
     rotation_from_vector,
 )
+from corridor.geometry.vectors import cross, dot, left_jacobian, rotated, sines
 
 __all__ = [
     "CLIPPED",
@@ -29,17 +31,24 @@ __all__ = [
     "UNUSABLE",
     "Rays",
     "Similarity",
+    "closed_pose",
+    "cross",
+    "dot",
     "helmert_motions",
     "intersect",
     "is_outlier",
+    "left_jacobian",
     "meeting_points",
     "nearest_rotation",
     "quaternion_from_rotation",
+    "refine_poses",
     "relative_width",
     "robust_scale",
     "robust_scale_of_lengths",
+    "rotated",
     "rotation_from_angles",
     "rotation_from_quaternion",
     "rotation_from_vector",
     "similarity",
+    "sines",
 ]

@@ -4,7 +4,7 @@ import numpy as np
 
 from corridor.adjustment.initial.network import AGREEING, Network
 from corridor.compiled import compiled
-from corridor.geometry import Rays, intersect
+from corridor.geometry import intersect
 
 # Rays that meet at less than this fix no distance to chain from, or none at all.
 CHAIN_ANGLE, _NO_ANGLE = np.radians(0.5), np.radians(0.05)
@@ -48,7 +48,7 @@ def intersect_all(network: Network) -> None:
 
 def _meet(network: Network, points: np.ndarray, depth: np.ndarray | None = None):
     centre = np.where(network.posed[:, None], network.centre, np.nan)
-    rays = Rays(network.image, network.ray, network.rotation, centre, network.pixel)
+    rays = network.rays._replace(centre=centre)
     return intersect(rays, network.point_start, network.by_point, points, network.gate, depth)
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.camera import undistort
-from corridor.geometry import rotation_from_quaternion
+from corridor.geometry import Rays, rotation_from_quaternion
 
 CENTRE = ["x", "y", "z"]
 POSE = [*CENTRE, "qw", "qx", "qy", "qz"]
@@ -125,6 +125,11 @@ class Network:
             setattr(submodel, name, np.full_like(getattr(self, name), np.nan))
         submodel._begin()
         return submodel
+
+    @property
+    def rays(self) -> Rays:
+        """All of them, with the poses as they stand, to be moved in place."""
+        return Rays(self.image, self.ray, self.rotation, self.centre, self.pixel)
 
     def rows(self, image: int) -> slice:
         """The observations of one image."""
