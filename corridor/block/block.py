@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -194,8 +194,7 @@ class Block:
 
     def copy(self) -> Block:
         """A block that shares nothing with this one."""
-        return replace(
-            self,
+        return self._with(
             **{table: getattr(self, table).copy() for table in LAYOUTS},
             cameras={
                 name: replace(
@@ -207,6 +206,11 @@ class Block:
             extra=copy.deepcopy(self.extra),
             _files=dict(self._files),
         )
+
+    def _with(self, **changes) -> Block:
+        """A block with other values of some fields, and no truth: that is of the old ones."""
+        values = {one.name: getattr(self, one.name) for one in fields(Block)}
+        return Block(**values | changes)
 
     def forget_folder(self) -> None:
         """What follows is no longer what stands in the files the block was read from."""
@@ -260,8 +264,7 @@ class Block:
                 frame = frame[frame["image"].isna() | here]
             kept[table] = frame
         unused = set(self.images["camera"]) - set(kept["images"]["camera"])
-        part = replace(
-            self,
+        part = self._with(
             **kept,
             cameras={name: c for name, c in self.cameras.items() if name not in unused},
             lever_arm={name: arm for name, arm in self.lever_arm.items() if name not in lost},

@@ -58,10 +58,9 @@ def counterpart(
     block.forget_folder()
     if effects:
         block = _with_effects(block, replicator, effects)
-    values = {name: getattr(block, name) for name in Block.__dataclass_fields__}
     truth = _truth(replicator, seed)
     truth["effects"] |= Values.of(block, effects).plain()
-    return Simulated(**values, truth=truth)
+    return Simulated.of(block, truth)
 
 
 def _with_effects(block: Block, replicator: Replicator, effects: Mapping[str, Mapping]) -> Block:

@@ -6,7 +6,7 @@ import json
 import numbers
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -43,14 +43,10 @@ class Simulated(Block):
 
     truth: dict = field(default_factory=dict, repr=False)
 
-    def copy(self) -> Block:
-        """A plain block that shares nothing with this one."""
-        values = {name: getattr(self, name) for name in Block.__dataclass_fields__}
-        return Block(**values).copy()
-
-    def select(self, *args, **options) -> Block:
-        """See `Block.select`."""
-        return self.copy().select(*args, **options)
+    @classmethod
+    def of(cls, block: Block, truth: dict) -> Simulated:
+        """The block with what is true of it."""
+        return cls(**{one.name: getattr(block, one.name) for one in fields(Block)}, truth=truth)
 
     def write(self, folder: str | os.PathLike, form: str = "csv") -> None:
         """Write the block folder, and the truth beside it to FOLDER.truth.json; both or neither.
@@ -106,8 +102,7 @@ def simulate(
     block = add_noise(block, **asdict(noise), seed=seed)
     block = _miss(block, start, np.random.default_rng([seed, 7]))
     say("adding noise", 1.0)
-    values = {name: getattr(block, name) for name in Block.__dataclass_fields__}
-    return Simulated(**values, truth=_truth(perfect, plan, seed, added, noise))
+    return Simulated.of(block, _truth(perfect, plan, seed, added, noise))
 
 
 def perfect_block(
