@@ -122,14 +122,19 @@ def test_check_points_choose_among_what_nothing_else_tells_apart():
 
 
 @pytest.mark.parametrize(
-    ("column", "slug"),
-    [("time_s", "focal_drift"), ("temperature_c", "thermal"), ("vx", "rolling_shutter")],
+    ("columns", "slug"),
+    [
+        (["time_s"], "focal_drift"),
+        (["temperature_c"], "thermal"),
+        # With times, velocities are derived.
+        (["vx", "time_s"], "rolling_shutter"),
+    ],
 )
-def test_a_missing_column_is_listed_and_stops_nothing(column, slug):
+def test_a_missing_column_is_listed_and_stops_nothing(columns, slug):
     block = made()
-    block.images = block.images.drop(columns=[column])
+    block.images = block.images.drop(columns=columns)
     result = diagnose(block, only=[slug, "sensor_unflatness"])
-    assert result.untestable == [{"slug": slug, "missing": f"images.{column}"}]
+    assert result.untestable == [{"slug": slug, "missing": f"images.{columns[0]}"}]
 
 
 @pytest.mark.slow
