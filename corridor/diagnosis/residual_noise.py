@@ -107,7 +107,7 @@ def antenna_noise(system: LinearSystem, tie_sigma: float) -> GnssNoise | None:
     """
     rows = system.image_rows
     sigma = np.where(rows.tie, tie_sigma * rows.sigma, rows.sigma)
-    loss = replace(system.loss, width=system.loss.width / tie_sigma)
+    loss = system.loss._replace(width=system.loss.width / tie_sigma)
     system = replace(system.measuring(sigma=sigma), loss=loss)
     noise, signals = stated_noise(system), _signals(system)
     gnss = system.gnss
