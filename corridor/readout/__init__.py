@@ -44,8 +44,8 @@ _HOME = {
     "level_ground": "corridor.readout.flight",
     "axis_assignments": "corridor.readout.flight",
     "cost_of": "corridor.readout.flight",
-    "readout_with_errors": "corridor.readout.support",
-    "supported": "corridor.readout.support",
+    "readout_with_errors": "corridor.readout.identifiability",
+    "supported": "corridor.readout.identifiability",
     "save_readout": "corridor.readout.result",
     "can_save_readout": "corridor.readout.result",
 }

@@ -1,0 +1,265 @@
+"""The sums through which deformation maps enter a thermal model.
+
+With weights 1 / sigma^2 and the monomials of the picture, each picture gives one small normal
+matrix, and every model, lag and left-out block is a solution of those.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from corridor.errors import AdjustmentFailed, InputError
+from corridor.thermal import temperature
+from corridor.thermal.maps import Maps
+from corridor.thermal.shapes import monomials, terms_of
+
+SCALE_C = 10.0
+_LEAST_PICTURES = 4
+_LEAST_FOR_PATTERN = 8  # pictures, to tell the reference's noise from theirs
+_LEAST_SPAN = 1.0  # C
+_LEAST_FOR_LAG = 8  # pictures
+_LEAST_TURN = 0.2  # of the range, met both while warming and while cooling
+_LEAST_SIGMA = 1e-4  # px: nothing is better known
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Amplitudes (powers + 1, k) of spatial terms (constant first), and what they leave.
+
+    power: (used, powers + 1) of the temperature of the optics from t0, in units of the model.
+    steps: used pictures from which on all are shifted by jump (steps, 2) px more. of_picture:
+    (used,) weighted squares left. offset: (used, 2) px, what is left of a picture's shift.
+    """
+
+    kind: str
+    power: np.ndarray
+    amplitude: np.ndarray
+    steps: tuple[int, ...]
+    jump: np.ndarray
+    inverse: np.ndarray
+    cost: float
+    of_picture: np.ndarray
+    offset: np.ndarray
+
+    @property
+    def powers(self) -> int:
+        """Of the temperature, beside the constant."""
+        return len(self.amplitude) - 1
+
+    def coefficients(self, terms: np.ndarray) -> np.ndarray:
+        """Polynomials (powers + 1, 2, order^2) of the powers of temperature."""
+        return np.einsum("mk,kxa->mxa", self.amplitude, terms)
+
+
+def _usable(maps: Maps) -> tuple[np.ndarray, list[str]]:
+    """Pictures that can be used, in the order of time, and what is to be said of the others."""
+    warm, notes = np.asarray(maps.temperature_c, dtype=float), []
+    if not np.isfinite(warm).any():
+        raise InputError(
+            "no picture has a temperature: fill temperature_c in series.csv and make the maps anew"
+        )
+    seen = maps.valid.any(axis=1)
+    unknown = seen & ~np.isfinite(warm)
+    if unknown.any():
+        names = [str(name) for name in maps.picture[unknown]]
+        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        notes.append(f"{len(names)} pictures without temperature are left out ({some})")
+    use = seen & np.isfinite(warm)
+    if np.count_nonzero(maps.reference) == 1:
+        # Against itself a picture says nothing.
+        use &= ~maps.reference
+    if np.count_nonzero(use) < _LEAST_PICTURES:
+        raise AdjustmentFailed(
+            f"{np.count_nonzero(use)} pictures with valid nodes and a temperature are too few for "
+            f"a thermal model: take {_LEAST_PICTURES} or more beside the reference"
+        )
+    rows = np.flatnonzero(use)
+    rows = rows[np.argsort(maps.time_s[rows], kind="stable")]
+    span = float(np.ptp(warm[rows]))
+    if span < _LEAST_SPAN:
+        raise AdjustmentFailed(
+            f"the temperatures of the usable pictures span {span:.1f} C: a thermal model needs "
+            f"{_LEAST_SPAN:g} C at least, and 25 C to be good"
+        )
+    return rows, notes
+
+
+class Sums:
+    """The sums of the usable pictures, in the order of time.
+
+    rows: of those pictures in the maps. warm: (P,) temperatures of the thermometer that are used.
+    pattern: (N, 2) px, the error of the reference at each node.
+    """
+
+    def __init__(self, maps: Maps, kind: str | None):
+        self.maps = maps
+        self.order = 5 if kind == "printed" else 4
+        self.rows, self.notes = _usable(maps)
+        self.warm = np.asarray(maps.temperature_c, dtype=float)
+        self.smooth_warm = temperature.smoothed(maps.time_s, self.warm)
+        self.scale_px = float(np.hypot(maps.width, maps.height)) / 2
+        self.middle = (maps.width - 1) / 2, (maps.height - 1) / 2
+        shapes = monomials(
+            (maps.x - self.middle[0]) / self.scale_px,
+            (maps.y - self.middle[1]) / self.scale_px,
+            self.order,
+        )
+        count = len(self.rows)
+        self.A = np.empty((count, shapes.shape[1], shapes.shape[1]))
+        self.b = np.empty((count, shapes.shape[1], 2))
+        self.squares, self.nodes = np.empty(count), np.empty(count)
+        self.weight = np.empty(count)
+        self.shapes = shapes
+        self.pattern = np.zeros((len(maps.x), 2))
+        self._sum_up()
+
+    def _sum_up(self):
+        for n, row in enumerate(self.rows):
+            valid = self.maps.valid[row]
+            weight = 1.0 / np.maximum(self.maps.sigma[row, valid], _LEAST_SIGMA) ** 2
+            inside, measured = self.shapes[valid], self.measured(row)[valid]
+            self.A[n] = inside.T @ (weight[:, None] * inside)
+            self.b[n] = inside.T @ (weight[:, None] * measured)
+            self.squares[n] = np.sum(weight[:, None] * measured**2)
+            self.nodes[n] = np.count_nonzero(valid)
+            self.weight[n] = weight.sum()
+        self._projected: dict[str, tuple] = {}
+
+    def measured(self, row):
+        """Shifts (nodes, 2) px of a picture less the reference's error; NaN where not valid."""
+        return np.stack([self.maps.dx[row], self.maps.dy[row]], axis=1) - self.pattern
+
+    def remove_error_of_reference(self, lag, steps):
+        """Take out what every picture has alike: the noise of the reference at each node.
+
+        It is the constant of the fullest model, and that of a straight line by temperature through
+        what it leaves at each node; what grows with temperature stays.
+        """
+        if len(self.rows) < _LEAST_FOR_PATTERN:
+            return
+        solved = self.solve("polynomial", self.most_powers(2), lag, steps)
+        left = np.full((len(self.rows), *self.pattern.shape), np.nan)
+        for n, part in enumerate(self.residual(solved)):
+            left[n, self.maps.valid[self.rows[n]]] = part
+        there = np.isfinite(left[:, :, 0]).astype(float)
+        left = np.nan_to_num(left)
+        t = solved.power[:, 1]
+        s0, s1, s2 = there.sum(axis=0), t @ there, (t**2) @ there
+        sum0, sum1 = left.sum(axis=0), np.einsum("n,nkx->kx", t, left)
+        det = s0 * s2 - s1**2
+        good = (s0 >= _LEAST_FOR_PATTERN) & (det > 1e-6 * s0 * s2)
+        constant = (s2[:, None] * sum0 - s1[:, None] * sum1)[good] / det[good, None]
+        terms = self.projected("polynomial")[0]
+        fitted = self.shapes @ np.einsum("k,kxa->xa", solved.amplitude[0], terms).T
+        self.pattern[good] += constant + fitted[good]
+        self._sum_up()
+
+    def projected(self, kind):
+        """Normal matrices (pictures, k, k) and right-hand sides (pictures, k) of a kind."""
+        if kind not in self._projected:
+            terms = terms_of(kind, self.order)  # (k, 2, order^2)
+            K = np.zeros((len(self.rows), len(terms), len(terms)))
+            r = np.zeros((len(self.rows), len(terms)))
+            for axis in range(2):
+                K += np.einsum("ka,nab,lb->nkl", terms[:, axis], self.A, terms[:, axis])
+                r += np.einsum("ka,na->nk", terms[:, axis], self.b[:, :, axis])
+            shift = np.zeros((2, 2, self.order**2))
+            shift[0, 0, 0] = shift[1, 1, 0] = 1.0
+            cross = np.zeros((len(self.rows), len(terms), 2))
+            for axis in range(2):
+                cross += np.einsum("ka,nab,lb->nkl", terms[:, axis], self.A, shift[:, axis])
+            self._projected[kind] = terms, K, r, cross
+        return self._projected[kind]
+
+    def optics(self, lag):
+        """Temperatures of the optics of every picture (P,), and t (used,) from t0."""
+        felt = temperature.optics(self.maps.time_s, self.warm, lag)
+        known = self.maps.reference & np.isfinite(felt)
+        if known.any():
+            t0 = float(felt[known].mean())
+        else:
+            # A reference without a temperature: that of the pictures around it in time.
+            order = np.argsort(self.maps.time_s)
+            have = order[np.isfinite(felt[order])]
+            t0 = float(np.mean(np.interp(
+                self.maps.time_s[self.maps.reference], self.maps.time_s[have], felt[have]
+            )))  # fmt: skip
+        return felt, t0, (felt[self.rows] - t0) / SCALE_C
+
+    def normal(self, kind, powers, lag, steps=(), use=None):
+        """Normal matrix, right-hand side and powers of t (used, powers + 1)."""
+        _, K, r, cross = self.projected(kind)
+        _, _, t = self.optics(lag)
+        power = t[:, None] ** np.arange(powers + 1)
+        mask = np.ones(len(t)) if use is None else use.astype(float)
+        k, wide = K.shape[1], (powers + 1) * K.shape[1]
+        weighted = power * mask[:, None]
+        N = np.einsum("nm,nq,nkl->mkql", weighted, power, K, optimize=True).reshape(wide, wide)
+        right = np.einsum("nm,nk->mk", weighted, r).ravel()
+        if len(steps):
+            after = (np.arange(len(t))[:, None] >= np.asarray(steps)) * mask[:, None]
+            C = np.einsum("nm,nkc,ns->mksc", power, cross, after, optimize=True)
+            C = C.reshape(wide, 2 * len(steps))
+            level = np.einsum("n,ns,nq->sq", self.weight * mask, after, after)
+            D = np.kron(level, np.eye(2))
+            N = np.block([[N, C], [C.T, D]])
+            right = np.concatenate([right, np.einsum("nc,ns->sc", self.b[:, 0], after).ravel()])
+        return N, right, power, k
+
+    def solve(self, kind, powers, lag, steps=(), use=None) -> Solved:
+        """Weighted least squares over the pictures that are used."""
+        N, right, power, k = self.normal(kind, powers, lag, steps, use)
+        size = np.sqrt(np.diag(N))
+        size[size == 0] = 1.0
+        # A jump that the used pictures do not show stays at zero.
+        scaled = N / np.outer(size, size) + 1e-12 * np.eye(len(N))
+        inverse = np.linalg.inv(scaled) / np.outer(size, size)
+        found = inverse @ right
+        cut = (powers + 1) * k
+        amplitude, jump = found[:cut].reshape(powers + 1, k), found[cut:].reshape(-1, 2)
+        spatial = self.spatial(kind, power, amplitude, steps, jump)
+        fitted = np.einsum("nab,nxb->nax", self.A, spatial)
+        left = self.squares - 2 * np.einsum("nax,nxa->n", self.b, spatial)
+        left = left + np.einsum("nxa,nax->n", spatial, fitted)
+        offset = (self.b[:, 0] - fitted[:, 0]) / self.weight[:, None]
+        mask = slice(None) if use is None else use
+        return Solved(
+            kind, power, amplitude, tuple(steps), jump, inverse, float(left[mask].sum()), left,
+            offset,
+        )  # fmt: skip
+
+    def most_powers(self, wanted):
+        """Powers of T that the temperatures can tell apart."""
+        different = len(np.unique(np.round(self.warm[self.rows], 1)))
+        return max(1, min(wanted, different - 2, len(self.rows) - 2))
+
+    def spatial(self, kind, power, amplitude, steps, jump):
+        """Fitted polynomials (used, 2, order^2) of the pictures, px."""
+        terms = self.projected(kind)[0]
+        fitted = np.einsum("nm,mk,kxa->nxa", power, amplitude, terms, optimize=True)
+        for step, size in zip(steps, jump, strict=True):
+            fitted[step:, :, 0] += size
+        return fitted
+
+    def residual(self, solved, jumps=True):
+        """Measured minus modelled (nodes, 2) px of each used picture; with or without its jumps."""
+        steps, jump = (solved.steps, solved.jump) if jumps else ((), ())
+        spatial = self.spatial(solved.kind, solved.power, solved.amplitude, steps, jump)
+        out = []
+        for n, row in enumerate(self.rows):
+            valid = self.maps.valid[row]
+            out.append(self.measured(row)[valid] - self.shapes[valid] @ spatial[n].T)
+        return out
+
+    @property
+    def longest_lag(self) -> float:
+        """Half of the series, s."""
+        return 0.5 * float(np.ptp(self.maps.time_s[self.rows]))
+
+    @property
+    def shows_lag(self) -> bool:
+        """Whether the series warms and cools through the same temperatures."""
+        share = temperature.turns(self.maps.time_s[self.rows], self.warm[self.rows])
+        return share >= _LEAST_TURN and len(self.rows) >= _LEAST_FOR_LAG
