@@ -57,10 +57,9 @@ class ParameterId:
     group: str = "block"
 
     def __str__(self) -> str:
-        if self.kind != EFFECT:
-            return f"{self.kind}.{self.owner}.{self.name}"
-        group = "" if self.group == "block" else f"{self.group}."
-        return f"{self.owner}.{group}{self.name}"
+        kind = "" if self.kind == EFFECT else self.kind
+        group = "" if self.group == "block" else self.group
+        return ".".join(part for part in (kind, self.owner, group, self.name) if part)
 
     @classmethod
     def parse(cls, text: str) -> ParameterId:

@@ -23,7 +23,7 @@ def name_of(block):
 
 @pytest.mark.parametrize(
     "text",
-    ["camera.P1.f", "camera.DJI.P1.k1", "lever_arm.F1.z", "lever_arm.z", "gnss_bias.F1.x"],
+    ["camera.P1.f", "camera.DJI.P1.k1", "lever_arm.F1.z", "lever_arm.z", "focal.F1.f", "thermal"],
 )
 def test_a_name_is_read_and_written(text):
     assert str(ParameterId.parse(text)) == text
