@@ -32,7 +32,8 @@ _FINEST = math.radians(0.25)  # turn of the wheel within which a spoke moves on 
 class Shutter:
     """A rolling shutter: seconds from the first row to the last, and their sense.
 
-    exposure_s: time for which each row is exposed. row_direction: as in `design`, section 2.
+    exposure_s: time for which each row is exposed. row_direction: down, up, right or left,
+    the way rows follow each other in the stored picture.
     Raises InputError where one of them makes no sense.
     """
 
