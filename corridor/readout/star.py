@@ -301,7 +301,7 @@ def _at_rest(light, lens, centre, count, reach):
 
     A tilt of 30 degrees moves edges by more than a sector where there are many.
     """
-    circles = _Circles(light, lens, centre, count, reach)
+    circles = _Circles(light, lens, centre, count, reach, 10)
     best, (p, q) = circles.best(0.0, 0.0), (0.0, 0.0)
     step = 0.4 / circles.order
     while step > 0.05 / circles.order:
