@@ -331,7 +331,9 @@ class Normal:
     def assemble(self, state: State, damping: float, near: Modelled | None = None) -> None:
         """Fill the reduced equations at a state."""
         view = self.assembled = self.view(state)
-        self.modelled = self._converge(view, None)[0] if near is None else near.copy()
+        if near is None and (self.has_image_effects or self.has_motion):
+            near = self._converge(view, None)[0]
+        self.modelled = self._start() if near is None else near.copy()
         for _ in range(PASSES):
             before = self.modelled.pixel[:, :2].copy()
             self._assemble(view, damping)
