@@ -20,6 +20,7 @@ from corridor.interchange.ground import in_frame, rows_by_name
 from corridor.interchange.project import POSE, Project, local_of, local_table
 from corridor.photographs import (
     Metadata,
+    of_picture,
     photographs_in,
     published_readouts,
     read_metadata,
@@ -78,7 +79,13 @@ def add_photographs(project: Project, folder: Path) -> tuple[Project, gnss.Expos
         )
     photos = {row: read_metadata(file) for row, file in sorted(mine.items())}
     project, exposures = _with_times(project, folder, photos)
-    for step in (_with_sizes_compared, _with_temperatures, _with_motion, _with_readout):
+    for step in (
+        _with_sizes_compared,
+        _with_resized_named,
+        _with_temperatures,
+        _with_motion,
+        _with_readout,
+    ):
         project = step(project, photos)
     return _with_positions(project, photos, exposures), exposures
 
@@ -137,6 +144,24 @@ def _with_sizes_compared(project, photos):
                 ]
             )
     return project
+
+
+def _with_resized_named(project, photos):
+    """Says so where pictures are smaller than they were taken: their rows are not the sensor's."""
+    small = [photo for photo in photos.values() if photo.resized]
+    if not small:
+        return project
+    first = small[0]
+    taken, stored = (
+        f"{width} x {height}"
+        for width, height in (first.taken_size, (first.width, first.height_px))
+    )
+    return project.having(
+        notes=[
+            f"{len(small)} of {len(photos)} photographs were made smaller after they were taken "
+            f"({first.name}: {taken} to {stored} px); row times count the rows as taken"
+        ]
+    )
 
 
 def _with_temperatures(project, photos):
@@ -199,7 +224,7 @@ def gyro_rates(photo: Metadata, time_s: float | None) -> pd.DataFrame | None:
         return None
     sample = photo.gyro["us"].astype(float) * 1e-6
     first_row = sample[0] + (photo.number("IMUTimeOffset") or 0.0) * 1e-9
-    middle = first_row + (photo.line_ns or 0.0) * 1e-9 * (photo.height_px - 1) / 2
+    middle = first_row + (photo.line_ns or 0.0) * 1e-9 * (photo.taken_size[1] - 1) / 2
     shift = 0.0 if time_s is None else time_s - middle
     x, y, z = (photo.gyro[axis].astype(float) for axis in "xyz")
     return pd.DataFrame({"time_s": sample + shift, "wx": y, "wy": -x, "wz": z, "image": photo.name})
@@ -230,21 +255,27 @@ def _with_readout(project, photos):
 def _readout(photo, camera) -> tuple[float | None, str]:
     """Seconds from the first to the last row and their source, or None and why, if anything."""
     if photo.line_ns and photo.tags.get("ModelType", "perspective") == "perspective":
+        rows = photo.taken_size[1]
         source = f"{photo.line_ns:g} ns a row by its photographs"
-        return photo.line_ns * 1e-9 * (camera.height - 1), source
+        source += f" of {rows} rows as they were taken" if photo.resized else ""
+        return photo.line_ns * 1e-9 * (rows - 1), source
     named = f"{photo.make} {photo.model}"
-    found = published_readouts(named) or published_readouts(photo.model)
-    values = [row.readout_ms for row in found]
-    if not values:
+    every = published_readouts(named) or published_readouts(photo.model)
+    if not every:
         return None, ""
+    found = of_picture(every, photo.taken_size)
+    values = [row.readout_ms for row in found]
     if max(values) > _SAME_MODE * min(values):
+        each = {f"{row.readout_ms:g} ms ({row.mode or 'mode not stated'})": 1 for row in found}
+        told = ", ".join([*each][:6]) + (", ..." if len(each) > 6 else "")
         return None, (
-            f"published readout times run from {min(values):g} to {max(values):g} ms by mode; none "
-            "was taken"
-        )
+            "several readout times are published and a picture of {} x {} px does not tell which "
+            "is its own: {}; none was taken, give readout_s in block.toml"
+        ).format(*photo.taken_size, told)
     # Published times count all rows, ours from the first to the last.
     readout = np.median(values) * 1e-3 * (camera.height - 1) / camera.height
-    return float(readout), f"published for {photo.model} ({found[0].source})"
+    mode = f", {found[0].mode}, the mode of its pictures" if len(found) < len(every) else ""
+    return float(readout), f"published for {photo.model}{mode} ({found[0].source})"
 
 
 # --- where -----------------------------------------------------------------------------------
@@ -258,6 +289,15 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
         project = project.having(notes=notes)
         back = {photo.name: project.block.images["image"].iloc[k] for k, photo in photos.items()}
         table["image"] = table["image"].map(back).astype("str")
+        if len(table) and not project.block.lever_arm:
+            project = project.having(
+                notes=[
+                    "lever arm: 0, held (fixed = true): the photographs' own positions are taken "
+                    "as those of the camera; state another in block.toml"
+                ],
+                lever_arm={"default": (0.0, 0.0, 0.0)},
+                lever_arm_fixed=True,
+            )
     if not len(table):
         return project.having(notes=["the photographs have no positions"])
     columns = [name for name in ("sx", "sy", "sz") if name in table]
@@ -381,6 +421,8 @@ def add_track(project: Project, exposures: gnss.Exposures | None, track: Track) 
         time = block.column("images", "time_s")
         table = pd.DataFrame({"image": block.images["image"], "time_s": time})
         exposures = gnss.Exposures(table, None, None, None, project.source)
+    # Positions of a receiver are those of its antenna, whatever the photographs' own were.
+    project = project.having(lever_arm={}, lever_arm_fixed=False)
     epochs = gnss.read_track(track.path)
     found = gnss.antenna(
         epochs,

@@ -1,7 +1,7 @@
 """What photographs say of themselves, and what is published of the cameras that took them.
 
-The one reader of EXIF and XMP; it knows no block. A new source (a maker's note) is a module beside
-`exif` and `xmp`, asked by `metadata`.
+The one reader of EXIF and XMP; it knows no block. A new source is a module beside `exif`, `xmp` and
+`maker_note`, asked by `metadata`.
 """
 
 from corridor.photographs.metadata import (
@@ -11,7 +11,12 @@ from corridor.photographs.metadata import (
     photographs_in,
     read_metadata,
 )
-from corridor.photographs.published import PublishedReadout, compared, published_readouts
+from corridor.photographs.published import (
+    PublishedReadout,
+    compared,
+    of_picture,
+    published_readouts,
+)
 
 __all__ = [
     "SUFFIXES",
@@ -19,6 +24,7 @@ __all__ = [
     "PublishedReadout",
     "Taken",
     "compared",
+    "of_picture",
     "photographs_in",
     "published_readouts",
     "read_metadata",

@@ -15,7 +15,7 @@ from PIL import Image
 _MAKE, _MODEL, _ORIENTATION, _XMP = 271, 272, 274, 700
 _GPS, _INNER = 0x8825, 0x8769
 _EXPOSURE, _FOCAL_MM, _FOCAL_35, _WIDTH, _HEIGHT = 33434, 37386, 41989, 40962, 40963
-_AMBIENT = 37888
+_AMBIENT, _MAKER_NOTE = 37888, 37500
 _ORIGINAL, _ORIGINAL_DECIMALS, _ORIGINAL_ZONE = 36867, 37521, 36881
 _CREATED, _CREATED_DECIMALS = 36868, 37522
 _MOMENT = re.compile(r"(\d{4})[:/-](\d{2})[:/-](\d{2})[ T](\d{2}):(\d{2}):(\d{2})")
@@ -92,6 +92,12 @@ class Exif:
         """Temperature about the camera."""
         value = _number(self._inner.get(_AMBIENT))
         return value if value is not None and -60 < value < 80 else None
+
+    @property
+    def maker_note(self) -> bytes | None:
+        """What the maker adds in a form of its own."""
+        value = self._inner.get(_MAKER_NOTE)
+        return value if isinstance(value, bytes) else None
 
     @property
     def taken(self) -> Taken | None:

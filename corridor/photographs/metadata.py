@@ -11,10 +11,13 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from corridor.errors import InputError
-from corridor.photographs import xmp
+from corridor.photographs import maker_note, xmp
 from corridor.photographs.exif import Exif, Taken
 
 SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png")
+# Pictures as a camera takes them, where a program that made them smaller struck EXIF's size.
+_TAKEN = {("Sequoia", "perspective"): (4608, 3456)}
+_SAME_SHAPE = 0.01
 # What Pillow raises on damaged files.
 _FAULTS = (
     UnidentifiedImageError, OSError, SyntaxError, ValueError, KeyError, TypeError, IndexError,
@@ -67,6 +70,26 @@ class Metadata:
         """File name."""
         return self.path.name
 
+    @property
+    def taken_size(self) -> tuple[int, int]:
+        """Width and height as the camera took it, px: of the sensor's rows, however it is stored.
+
+        Told by EXIF, or known of the model, where that has the shape of the stored picture and is
+        larger; else the stored size.
+        """
+        known = _TAKEN.get((self.model, self.tags.get("ModelType", "perspective")))
+        for size in (self.written_size, known):
+            if size is None or size[0] <= self.width:
+                continue
+            if abs(size[0] * self.height_px / (size[1] * self.width) - 1) < _SAME_SHAPE:
+                return size
+        return self.width, self.height_px
+
+    @property
+    def resized(self) -> bool:
+        """Whether the picture was made smaller after it was taken."""
+        return self.taken_size != (self.width, self.height_px)
+
     def number(self, *names: str) -> float | None:
         """The first finite number among the XMP entries of these names."""
         return xmp.number(self.tags, *names)
@@ -110,6 +133,11 @@ def read_metadata(path: Path, content: bytes | None = None) -> Metadata:
     if temperature is None and exif.ambient_c is not None:
         temperature, temperature_of = exif.ambient_c, "AmbientTemperature"
     velocity, velocity_of = xmp.velocity(tags)
+    noted = maker_note.floats_of(exif.maker_note) if "dji" in exif.make.lower() else {}
+    if velocity is None:
+        velocity, velocity_of = maker_note.velocity(noted)
+    if yaw is None:
+        yaw, pitch, roll = maker_note.attitude(noted)
     return Metadata(
         path=path,
         width=size[0],

@@ -14,6 +14,8 @@ from functools import lru_cache
 from importlib.resources import files
 
 _TABLE = "published_readout_times.csv"
+# A picture has the shape, the number of pixels of a mode within these.
+_SHAPE, _PIXELS = 0.02, 0.1
 _FAR = 0.2  # of the nearest published value: further off is worth a word
 
 
@@ -63,6 +65,41 @@ def published_readouts(camera: str) -> list[PublishedReadout]:
         if all(word in whole for word in words):
             found.append(row)
     return found
+
+
+def of_picture(rows: list[PublishedReadout], size: tuple[int, int]) -> list[PublishedReadout]:
+    """Those of one camera's published values whose mode can have given a picture of this size.
+
+    size: width, height as taken, px. A mode that names this very size comes first, then modes of
+    the same shape (16:9) or number of pixels (12 MP), then those that name neither; all of them
+    where none fits.
+    """
+    width, height = max(size), min(size)
+    ranked = {1: [], 2: [], 3: []}
+    for row in rows:
+        rank = _fit(row.mode, width, height)
+        if rank:
+            ranked[rank].append(row)
+    return next((found for found in ranked.values() if found), rows)
+
+
+def _fit(mode: str, width: int, height: int) -> int:
+    """1: this size, 2: this shape, 3: it may be any, 0: another."""
+    sizes = [(int(a), int(b)) for a, b in re.findall(r"(\d{3,5})x(\d{3,5})", mode)]
+    if (width, height) in sizes:
+        return 1
+    if re.search(r"video|\d[\d.]*p\b", mode):
+        lines = {"4K": 2160, "1080": 1080}
+        named = [lines[word] for word in lines if re.search(rf"\b{word}\b", mode)]
+        return 1 if not sizes and height in named and width / height > 1.7 else 0
+    shapes = [(int(a), int(b)) for a, b in re.findall(r"\b(\d{1,2}):(\d{1,2})\b", mode)]
+    if shapes or sizes:
+        near = any(abs(width * b / (height * a) - 1) < _SHAPE for a, b in [*shapes, *sizes])
+        return 2 if near else 0
+    pixels = [float(n) for n in re.findall(r"([\d.]+) ?MP\b", mode)]
+    if pixels:
+        return 2 if any(abs(width * height * 1e-6 / n - 1) < _PIXELS for n in pixels) else 0
+    return 3
 
 
 def compared(make: str, model: str, readout_ms: float) -> tuple[list[PublishedReadout], str | None]:

@@ -1,0 +1,49 @@
+"""DJI's maker note in EXIF: what the small drones (Mavic Mini and its kin) say nowhere else.
+
+Source: P. Harvey, ExifTool, "DJI Tags" (tags 3 to 11 are single floats).
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+_FLOAT, _MOST_ENTRIES = 11, 200
+_VELOCITY, _CAMERA = (3, 4, 5), (10, 9, 11)
+
+
+def floats_of(note: bytes | None) -> dict[int, float]:
+    """Single floats of a maker note by tag; empty where it is no list of tags.
+
+    note: a TIFF directory: count, then twelve bytes an entry. Single floats stand in the entry
+    itself, so it does not matter from where the note counts its offsets.
+    """
+    if not isinstance(note, bytes) or len(note) < 14:
+        return {}
+    for order in "<>":
+        (count,) = struct.unpack_from(f"{order}H", note)
+        if not 0 < count <= _MOST_ENTRIES or 2 + 12 * count > len(note):
+            continue
+        entries = struct.iter_unpack(f"{order}HHI4s", note[2 : 2 + 12 * count])
+        found = {
+            tag: struct.unpack(f"{order}f", value)[0]
+            for tag, kind, many, value in entries
+            if (kind, many) == (_FLOAT, 1)
+        }
+        if found:
+            return {tag: value for tag, value in found.items() if np.isfinite(value)}
+    return {}
+
+
+def velocity(tags: dict[int, float]) -> tuple[tuple[float, float, float] | None, str]:
+    """East, north, up, m/s (written north, east, down), and what says so."""
+    if not set(_VELOCITY) <= set(tags):
+        return None, ""
+    north, east, down = (tags[tag] for tag in _VELOCITY)
+    return (east, north, -down), "tags 3, 4, 5 of DJI's maker note"
+
+
+def attitude(tags: dict[int, float]) -> tuple[float | None, float | None, float | None]:
+    """Yaw, pitch, roll of the camera, degrees as written."""
+    return tuple(tags.get(tag) for tag in _CAMERA)
