@@ -75,7 +75,7 @@ class TestAdjust:
         words = (
             "--camera f,cx,cy --effect gnss_bias --effect rolling_shutter --control P1,P2 "
             "--check none --loss huber:2 --prior camera.P1.f=8190+-5 --prior gnss_bias.z=0±0.05 "
-            "--lever-arm fixed --threads 2 --reject-gnss"
+            "--lever-arm fixed --threads 2 --iterations 70 --reject-gnss"
         )
         main(["adjust", str(folder), *words.split()])
         called.pop("progress")
@@ -90,6 +90,7 @@ class TestAdjust:
             "lever_arm": "fixed",
             "parameters": {},
             "threads": 2,
+            "max_iterations": 70,
             "reject_gnss": True,
         }
 
@@ -149,6 +150,29 @@ class TestEndings:
         monkeypatch.setattr(corridor, "adjust", fails)
         last = self._ended(capsys, 1, "adjust", str(folder))
         assert last == "failed: the block falls apart between A and B."
+
+    @pytest.mark.parametrize("verb", ["adjust", "diagnose"])
+    def test_an_adjustment_that_does_not_converge_is_no_result(
+        self, folder, tmp_path, capsys, verb
+    ):
+        block = corridor.read(folder)
+        block.gnss.loc[0, "x"] += 3.0
+        block.write(tmp_path / "astray")
+        out = tmp_path / "out"
+        words = (verb, str(tmp_path / "astray"), "-o", str(out), "--iterations", "1")
+        assert main(list(words)) == 1
+        said = capsys.readouterr()
+        last = said.err.splitlines()[-1]
+        assert "did not converge in 1 iterations" in last and "--iterations" in last
+        assert not out.exists()
+        if verb == "adjust":
+            # What lies farthest off is named.
+            assert f"most at {block.gnss['image'].iloc[0]}" in said.out
+            assert "sigma naught" not in said.out.lower()
+
+    def test_in_python_it_is_returned_with_its_warning(self, folder):
+        found = corridor.adjust(corridor.read(folder), max_iterations=1)
+        assert not found.converged and "did not converge" in found.warnings[0]
 
     def test_ctrl_c_during_the_iterations(self, folder, tmp_path, capsys, monkeypatch):
         def pressed(step):
@@ -250,13 +274,19 @@ class TestHelp:
         assert process.stderr.strip() == ""
 
 
+class Report(str):
+    """What is printed of an adjustment that nobody made."""
+
+    converged = True
+
+
 def _stand_in(monkeypatch):
     """Put a recorder in the place of corridor.adjust; the dictionary of what it was given."""
     called = {}
 
     def record(block, **options):
         called.update(options)
-        return "a report"
+        return Report("a report")
 
     monkeypatch.setattr(corridor, "adjust", record)
     return called

@@ -10,6 +10,7 @@ import pandas as pd
 from corridor import report
 from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.covariance import Covariance
+from corridor.adjustment.misfit import start_misfit
 from corridor.adjustment.parameters import Parameters, parameters_of
 from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
@@ -72,6 +73,7 @@ class Adjustment(Checked):
 
     to_dict = report.adjustment_dict
     save = report.save_adjustment
+    start_misfit = start_misfit
 
     # --- the adjusted block ------------------------------------------------------------------
 

@@ -27,6 +27,7 @@ def configure(
             "--check": {},
             "--prior": option(prior, "NAME=VALUE+-SIGMA", _prior, action="append", default=[]),
             "--threads": {"default": threads},
+            "--iterations": {},
         },
     )
 

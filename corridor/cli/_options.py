@@ -123,6 +123,11 @@ SHARED = {
     "--threads": option(
         "threads to use (default %(default)s)", "N", whole("number of threads", 1), default=1
     ),
+    "--iterations": option(
+        "iterations within which the adjustment has to converge (default 50)",
+        "N",
+        whole("number of iterations", 1),
+    ),
     "--seed": option("of everything drawn (default 0)", "N", whole("seed", 0), default=0),
     "--jobs": option("processes (default 1)", "N", whole("number of processes", 1), default=1),
     "--cluster": option("Dask scheduler that does the work", "ADDRESS"),

@@ -14,13 +14,15 @@ examples:
 
 OUT holds report.html (tables and pictures on one page), adjustment.json (every number), block/
 (the adjusted block, readable as any other) and the pictures. It appears when all of it is
-written, or not at all; an earlier result in OUT is replaced.
+written, or not at all; an earlier result in OUT is replaced. An adjustment that did not converge
+is none: status 1, nothing written, and what lies far from the start values is printed.
 """
 
 import argparse
 
 from corridor.cli import _model
 from corridor.cli._options import add, announce_compilation, flag, option, say, wrote
+from corridor.errors import AdjustmentFailed
 
 _OPTIONS = {
     "--loss": option(
@@ -57,8 +59,11 @@ def run(options: argparse.Namespace) -> None:
         model=_model.of_options(options),
         threads=options.threads,
         progress=_progress,
+        max_iterations=options.iterations or 50,
         reject_gnss=options.reject_gnss,
     )
+    if not adjustment.converged:
+        _end(adjustment)
     print(adjustment)
     if options.output is None:
         print(
@@ -67,6 +72,18 @@ def run(options: argparse.Namespace) -> None:
         return
     pictures = corridor.figures.of_adjustment(adjustment)
     wrote(*adjustment.save(options.output, pictures))
+
+
+def _end(adjustment):
+    """Say what helps to find the cause; numbers that are no result are not written."""
+    print("What measurements and start values say of each other:")
+    for sentence in adjustment.start_misfit():
+        print(f"  {sentence}")
+    raise AdjustmentFailed(
+        f"the adjustment of {adjustment.start.name} did not converge in {adjustment.iterations} "
+        "iterations, so there is no result and nothing was written: check the axes, units and "
+        "names of what lies farthest off above, or allow more with --iterations"
+    )
 
 
 def _progress(step):

@@ -70,6 +70,7 @@ def run(options: argparse.Namespace) -> None:
         level=options.level,
         seed=options.seed,
         progress=_progress,
+        max_iterations=options.iterations,
     )
     print(diagnosis)
     if options.output is None:

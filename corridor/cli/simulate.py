@@ -105,10 +105,16 @@ def _check(options, believed):
 def _like(options, believed, added, bars):
     """The counterpart of a measured block, with effects on top of it where values are given."""
     import corridor
+    from corridor.errors import AdjustmentFailed
 
     bars("adjusting", 0.0)
     measured = corridor.read(options.like)
     adjustment = corridor.adjust(measured, camera=options.camera, effects=believed)
+    if not adjustment.converged:
+        raise AdjustmentFailed(
+            f"the adjustment of {measured.name} did not converge: `corridor adjust` prints what "
+            "lies far from the start values"
+        )
     bars("adjusting", 1.0)
     bars("simulating", 0.0)
     block = corridor.diagnosis.counterpart(adjustment, options.seed, added)

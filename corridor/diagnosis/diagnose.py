@@ -112,6 +112,7 @@ def diagnose(
     progress: Callable[[dict], None] | None = None,
     threads: int = 1,
     model: Model | None = None,
+    max_iterations: int | None = None,
 ) -> Diagnosis:
     """What is missing from the believed model of a measured block.
 
@@ -124,9 +125,11 @@ def diagnose(
     seed: of the simulated threshold and the choice of held-out observations.
     progress: called with a dictionary that holds a message.
     model: a `Model` in place of camera, effects, control, check and priors.
+    max_iterations: of an adjustment; default: as many as `corridor.adjust` has.
 
     Columns that are missing never stop it: see `untestable`.
-    Raises InputError where the block cannot be adjusted as asked or a slug is unknown.
+    Raises InputError where the block cannot be adjusted as asked or a slug is unknown,
+    AdjustmentFailed where the believed model does not converge.
     """
     began = time.perf_counter()
     if not 0.0 < level < 1.0:
@@ -137,7 +140,7 @@ def diagnose(
     model = Model.of(
         model, camera=camera, effects=effects, control=control, check=check, priors=priors
     )
-    believed = ReferenceModel.of(block, model, threads)
+    believed = ReferenceModel.of(block, model, threads, max_iterations)
     # Matrices are many and small: threads would wait for each other.
     with threadpool_limits(1):
         course = run(believed, only, list(without), level, seed, progress)

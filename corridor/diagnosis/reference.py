@@ -9,10 +9,12 @@ import numpy as np
 
 from corridor import adjustment
 from corridor.adjustment import REFERENCE_CAMERA, Adjustment, Model, camera_of
+from corridor.adjustment.solve import ROUGH
 from corridor.block import Block
 from corridor.diagnosis.robust import scale_of
 from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import Effect
+from corridor.errors import AdjustmentFailed
 
 
 @dataclass
@@ -22,6 +24,7 @@ class ReferenceModel:
     model: what the user believes in; its priors are also of candidates. begun: where poses, points
     and cameras were left by an adjustment: the next one starts from there, its robust loss anew.
     scale: of Student's t in stated standard deviations, as that adjustment's tie points have it.
+    max_iterations: of an adjustment; None: as the settings say.
     """
 
     block: Block
@@ -29,12 +32,16 @@ class ReferenceModel:
     threads: int = 1
     begun: Block | None = None
     scale: float = 1.0
+    max_iterations: int | None = None
 
     @classmethod
-    def of(cls, block: Block, model: Model, threads: int = 1) -> ReferenceModel:
+    def of(
+        cls, block: Block, model: Model, threads: int = 1, max_iterations: int | None = None
+    ) -> ReferenceModel:
         """The believed model with the camera of a diagnosis where it has no other."""
         camera = camera_of(block, REFERENCE_CAMERA) if model.camera is None else model.camera
-        return cls(block, replace(model, camera=camera), max(threads, 1))
+        model = replace(model, camera=camera)
+        return cls(block, model, max(threads, 1), max_iterations=max_iterations)
 
     @property
     def effects(self) -> list[Effect]:
@@ -58,6 +65,12 @@ class ReferenceModel:
                 which = replace(which, name=first)
             out[str(which)] = wish.prior
         return out
+
+    def _enough(self, effects: list[Effect]) -> int:
+        """Iterations: shapes with a hundred parameters creep to an end that they need not reach."""
+        if any(effect.generic for effect in effects):
+            return SETTINGS.iterations_of_shapes
+        return SETTINGS.iterations if self.max_iterations is None else self.max_iterations
 
     def adjust(self, more: Iterable[Effect] = (), block: Block | None = None) -> Adjustment:
         """The robust adjustment with more effects.
@@ -87,13 +100,26 @@ class ReferenceModel:
             effects=[*self.effects, *more],
             loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
         )
-        result = adjustment.adjust(
-            block, model=model, threads=self.threads, max_iterations=_enough(more)
-        )
+        most = self._enough(more)
+        result = adjustment.adjust(block, model=model, threads=self.threads, max_iterations=most)
         if self.begun is not None:
             return result
+        # The weights of a robust loss may creep; far from rest there is nothing to go on from.
+        if not result.converged and result.history[-1]["step"] > ROUGH:
+            raise _not_converged(result)
         self.begun, self.scale = result.block, _scale(result)
-        return self.adjust(more)
+        result = self.adjust(more)
+        if not result.converged:
+            raise _not_converged(result)
+        return result
+
+
+def _not_converged(result: Adjustment) -> AdjustmentFailed:
+    return AdjustmentFailed(
+        f"the adjustment of {result.start.name} did not converge in {result.iterations} "
+        "iterations, and what is missing cannot be told from it: `corridor adjust` prints what "
+        "lies far from the start values; --iterations allows more"
+    )
 
 
 def _scale(adjustment: Adjustment) -> float:
@@ -102,9 +128,3 @@ def _scale(adjustment: Adjustment) -> float:
     square = (system.residuals().pixels ** 2).sum(axis=1) / system.image_rows.sigma**2
     square = square[system.image_rows.tie & np.isfinite(square)]
     return float(np.clip(scale_of(square), *SETTINGS.stated_sigma_range)) if len(square) else 1.0
-
-
-def _enough(effects: list[Effect]) -> int:
-    """Iterations: shapes with a hundred parameters creep to their end, and need not reach it."""
-    shapes = any(effect.generic for effect in effects)
-    return SETTINGS.iterations_of_shapes if shapes else SETTINGS.iterations
