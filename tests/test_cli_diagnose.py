@@ -98,6 +98,7 @@ class TestDiagnose:
             "level": 0.05,
             "seed": 7,
             "threads": 1,
+            "max_iterations": None,
         }
 
 

@@ -9,12 +9,14 @@ import numpy as np
 
 from corridor import adjustment
 from corridor.adjustment import REFERENCE_CAMERA, Adjustment, Model, camera_of
-from corridor.adjustment.solve import ROUGH
 from corridor.block import Block
 from corridor.diagnosis.robust import scale_of
 from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed
+
+# Step, in standard deviations, below which only weights are still on their way.
+CREEPING = 0.1
 
 
 @dataclass
@@ -104,18 +106,22 @@ class ReferenceModel:
         result = adjustment.adjust(block, model=model, threads=self.threads, max_iterations=most)
         if self.begun is not None:
             return result
-        # The weights of a robust loss may creep; far from rest there is nothing to go on from.
-        if not result.converged and result.history[-1]["step"] > ROUGH:
-            raise _not_converged(result)
+        _refuse_astray(result)
         self.begun, self.scale = result.block, _scale(result)
         result = self.adjust(more)
-        if not result.converged:
-            raise _not_converged(result)
+        _refuse_astray(result)
         return result
 
 
-def _not_converged(result: Adjustment) -> AdjustmentFailed:
-    return AdjustmentFailed(
+def _refuse_astray(result: Adjustment) -> None:
+    """Raises AdjustmentFailed where the iterations are nowhere near their end.
+
+    The weights of a robust loss may creep for long, in small steps that need no damping.
+    """
+    last = result.history[-1]
+    if result.converged or (last["damping"] == 0.0 and last["step"] < CREEPING):
+        return
+    raise AdjustmentFailed(
         f"the adjustment of {result.start.name} did not converge in {result.iterations} "
         "iterations, and what is missing cannot be told from it: `corridor adjust` prints what "
         "lies far from the start values; --iterations allows more"
