@@ -248,7 +248,10 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
         for parameter, value in values.items():
             for number in value.values() if isinstance(value, Mapping) else [value]:
                 _check_number(f"effects: {slug}: {parameter}", number)
-        if effect.group in ("image", "point"):
+        if effect.generic:
+            # How many parameters a shape has depends on the block.
+            tried[slug] = {}
+        elif effect.group in ("image", "point"):
             # Images and points have no names yet.
             tried[slug] = dict.fromkeys(values, 0.0)
     names = [flight.name for flight in plan.flights]
@@ -260,6 +263,9 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
         cameras={flight.camera: plan.camera(flight) for flight in plan.flights},
         images=pd.DataFrame(
             {**pose, "flight": names, "camera": [flight.camera for flight in plan.flights]}
+        ),
+        ground=pd.DataFrame(
+            {"point": ["G"], **dict.fromkeys("xyz", zero[:1]), "role": ["control"]}
         ),
         gnss=pd.DataFrame({key: pose[key] for key in ("image", *"xyz")})[: len(names) * plan.gnss],
     )

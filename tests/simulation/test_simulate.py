@@ -185,6 +185,23 @@ def test_a_rolling_shutter_of_50_ms_at_3_m_s_moves_image_points_by_8_px():
     assert np.abs(moved[:, 0]).max() < 0.05 * np.abs(moved[:, 1]).max()
 
 
+@pytest.mark.parametrize(
+    ("slug", "values"),
+    [
+        ("control_datum", {"z": 0.1}),
+        ("control_blunder", {"z": 0.1}),
+        ("earth_curvature", {"fraction": 1.0}),
+        ("ground_motion", {"z_3": 0.02}),
+    ],
+)
+def test_the_ground_moves_by_an_effect_of_the_ground(slug, values):
+    plan = Plan("p", (Flight("a", 50.0),))
+    still, moved = simulate(plan), simulate(plan, {slug: values})
+    control = still.ground["role"] == "control"
+    difference = moved.ground["z"] - still.ground["z"]
+    assert (difference[control].abs() > 0).any() and (difference[~control] == 0).all()
+
+
 def test_effects_of_the_plan_are_there_and_those_given_go_before_them():
     plan = read_plan("thesis_viabon_n90")
     assert simulate(plan).truth["effects"] == {"rolling_shutter": {"readout": 0.0564}}
