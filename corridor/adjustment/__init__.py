@@ -20,6 +20,7 @@ from corridor.adjustment.model import (
     Model,
     ParameterId,
     camera_of,
+    listed,
 )
 from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import make_problem
@@ -48,6 +49,7 @@ __all__ = [
     "check_table",
     "complete",
     "lay_on_control",
+    "listed",
     "make_problem",
     "one_step",
     "similarity",

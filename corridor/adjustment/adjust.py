@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import Problem, State, make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
-from corridor.block import Block
+from corridor.block import Block, read
 from corridor.effects import Effect, check_needs
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.preparation import Prepared, prepare
@@ -27,11 +28,11 @@ START_LENS = {"k1": 0.1, "k2": 0.1}
 
 
 def adjust(
-    block: Block,
-    camera: str | Mapping[str, str] | None = None,
-    effects: Iterable[str | Effect] = (),
-    control: Iterable[str] | None = None,
-    check: Iterable[str] | None = None,
+    block: Block | str | os.PathLike,
+    camera: str | Iterable[str] | Mapping[str, str] | None = None,
+    effects: str | Effect | Iterable[str | Effect] = (),
+    control: str | Iterable[str] | None = None,
+    check: str | Iterable[str] | None = None,
     loss: str = "squares",
     priors: Mapping[str, tuple[float, float]] | None = None,
     lever_arm: str | None = None,
@@ -43,8 +44,10 @@ def adjust(
 ) -> Adjustment:
     """Least-squares adjustment of tie points, marks, ground control and GNSS.
 
-    camera: free interior parameters, `fixed`, `fraser8`, `fraser10` or `f,cx,cy,k1`; a mapping
-        gives each camera its own. Default: eight, or none where the camera is calibrated.
+    block: as read, or its folder.
+    camera: free interior parameters, `fixed`, `fraser8`, `fraser10`, `f,cx,cy,k1` or a list of
+        names; a mapping gives each camera its own. Default: eight, or none where the camera is
+        calibrated.
     effects: slugs of effects to estimate with the rest; `slug@flight` for one set a flight.
     control, check: ground points with that role, in place of the roles in ground.csv.
     loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
@@ -65,7 +68,7 @@ def adjust(
     """
     if threads < 1:
         raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
-    prepared = prepare(block)
+    prepared = prepare(read(block))
     block = prepared.block
     model = Model.of(
         model,

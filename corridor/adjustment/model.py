@@ -105,31 +105,44 @@ class Settings(dict):
 class Model:
     """What is estimated, and what is known of it beforehand.
 
-    camera: free interior parameters, `fixed`, `fraser8`, `fraser10` or `f,cx,cy,k1`; a mapping
-        gives each camera its own. Default: eight, or none where the camera is calibrated.
+    camera: free interior parameters, `fixed`, `fraser8`, `fraser10`, `f,cx,cy,k1` or a list of
+        names; a mapping gives each camera its own. Default: eight, or none where the camera is
+        calibrated.
     effects: slugs of effects to estimate with the rest (`slug@flight` for one set a flight), or
-        effects.
-    control, check: ground points with that role, in place of the roles in ground.csv.
+        effects; one alone needs no list.
+    control, check: ground points with that role, in place of the roles in ground.csv: names, or
+        one text with commas between them.
     priors: value and standard deviation by name: `{"camera.P1.f": (8190.0, 5.0)}`.
     lever_arm: `free` or `fixed`; default: free unless block.toml fixes it.
     loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
     parameters: what is wanted of single ones: `model.parameters["camera.P1.k3"].vary = False`.
     """
 
-    camera: str | Mapping[str, str] | None = None
-    effects: Iterable[str | Effect] = ()
-    control: Iterable[str] | None = None
-    check: Iterable[str] | None = None
+    camera: str | Iterable[str] | Mapping[str, str] | None = None
+    effects: str | Effect | Iterable[str | Effect] = ()
+    control: str | Iterable[str] | None = None
+    check: str | Iterable[str] | None = None
     priors: Mapping[str, tuple[float, float]] | None = None
     lever_arm: str | None = None
     loss: str = "squares"
     parameters: Settings = field(default_factory=Settings)
 
     def __post_init__(self):
-        self.effects = [e if isinstance(e, Effect) else find(e) for e in self.effects]
-        self.control = None if self.control is None else list(self.control)
-        self.check = None if self.check is None else list(self.check)
+        if isinstance(self.camera, Mapping):
+            self.camera = {name: _joined(free) for name, free in self.camera.items()}
+        elif self.camera is not None:
+            self.camera = _joined(self.camera)
+        effects = [self.effects] if isinstance(self.effects, Effect) else listed(self.effects)
+        self.effects = [e if isinstance(e, Effect) else find(e) for e in effects]
+        self.control = None if self.control is None else listed(self.control)
+        self.check = None if self.check is None else listed(self.check)
         self.priors = dict(self.priors or {})
+        for name, prior in self.priors.items():
+            if np.shape(prior) != (2,):
+                raise InputError(
+                    f"prior {name} is {prior!r}: give a value and its standard deviation, as in "
+                    f"{{{name!r}: (8190.0, 5.0)}}"
+                )
         if not isinstance(self.parameters, Settings):
             self.parameters = Settings(self.parameters)
         if self.lever_arm not in (None, "free", "fixed"):
@@ -236,6 +249,17 @@ class Model:
         if both:
             raise InputError(f"{', '.join(sorted(both))} cannot be control and check point at once")
         return roles
+
+
+def listed(names: str | Iterable) -> list:
+    """Names as a list; of a text, what its commas part."""
+    if isinstance(names, str):
+        return [name.strip() for name in names.split(",") if name.strip()]
+    return list(names)
+
+
+def _joined(free: str | Iterable[str]) -> str:
+    return free if isinstance(free, str) else ",".join(free) or "fixed"
 
 
 def camera_of(block: Block, free: str) -> dict[str, str]:

@@ -322,13 +322,17 @@ class Block:
 
 
 @frugal()
-def read(folder: str | os.PathLike) -> Block:
-    """Block of a folder, checked.
+def read(folder: str | os.PathLike | Block) -> Block:
+    """Block of a folder, checked; a block that has been read is itself.
 
     Raises InputError, one sentence naming file, row and remedy, where the folder, a file or a
     column is missing, or a file holds what a block must not.
     """
+    if isinstance(folder, Block):
+        return folder
     folder = Path(folder)
+    if folder.is_file():
+        raise InputError(f"{folder} is a file; give the folder of a block")
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder; give the folder of a block")
     for needed in (FILE, "images.csv"):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from threadpoolctl import threadpool_limits
 
-from corridor.adjustment import Adjustment, Model
-from corridor.block import Block
+from corridor.adjustment import Adjustment, Model, listed
+from corridor.block import Block, read
 from corridor.diagnosis.beside import beside
 from corridor.diagnosis.discontinuity import broken_picture, shows_as
 from corridor.diagnosis.findings import Findings
@@ -99,14 +100,14 @@ class Diagnosis:
 
 
 def diagnose(
-    block: Block,
-    camera: str | Mapping[str, str] | None = None,
-    effects: Iterable[str | Effect] = (),
-    control: Iterable[str] | None = None,
-    check: Iterable[str] | None = None,
+    block: Block | str | os.PathLike,
+    camera: str | Iterable[str] | Mapping[str, str] | None = None,
+    effects: str | Effect | Iterable[str | Effect] = (),
+    control: str | Iterable[str] | None = None,
+    check: str | Iterable[str] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
-    only: Iterable[str] | None = None,
-    without: Iterable[str] = (),
+    only: str | Iterable[str] | None = None,
+    without: str | Iterable[str] = (),
     level: float = 0.01,
     seed: int = 0,
     progress: Callable[[dict], None] | None = None,
@@ -116,6 +117,7 @@ def diagnose(
 ) -> Diagnosis:
     """What is missing from the believed model of a measured block.
 
+    block: as read, or its folder.
     camera, effects, control, check: the believed model, as given to `corridor.adjust`; default:
         Fraser's ten parameters free, or fixed where block.toml says `calibrated = true`.
     priors: value and standard deviation of camera and effect parameters by name; also of
@@ -134,8 +136,8 @@ def diagnose(
     began = time.perf_counter()
     if not 0.0 < level < 1.0:
         raise InputError(f"level {level} is no probability: use a number between 0 and 1")
-    only = None if only is None else list(only)
-    block, found, notes = prepare(block)
+    only = None if only is None else listed(only)
+    block, found, notes = prepare(read(block))
     notes = [*(one.sentence for one in found if one.column == "gnss"), *notes]
     model = Model.of(
         model, camera=camera, effects=effects, control=control, check=check, priors=priors
@@ -143,7 +145,7 @@ def diagnose(
     believed = ReferenceModel.of(block, model, threads, max_iterations)
     # Matrices are many and small: threads would wait for each other.
     with threadpool_limits(1):
-        course = run(believed, only, list(without), level, seed, progress)
+        course = run(believed, only, listed(without), level, seed, progress)
     if progress:
         progress({"message": "measuring the gap"})
     held = Verification(believed, course, findings(course), seed)

@@ -14,7 +14,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from corridor.effects.contract import Effect
-from corridor.errors import InputError
+from corridor.errors import InputError, did_you_mean
 
 ENTRY_POINTS = "corridor.effects"
 _registered: dict[str, Effect] = {}
@@ -33,9 +33,11 @@ def find(name: str) -> Effect:
     slug, _, group = name.partition("@")
     known = _known()
     if slug not in known:
+        near = did_you_mean(slug, known)
+        physical = ", ".join(slug for slug in sorted(known) if not known[slug].generic)
         raise InputError(
-            f"effect {slug!r} is unknown: `corridor effects` lists them all, the physical ones are "
-            f"{', '.join(slug for slug in sorted(known) if not known[slug].generic)}"
+            f"effect {slug!r} is unknown{near}: `corridor effects` lists them all"
+            + ("" if near else f", the physical ones are {physical}")
         )
     return known[slug].per(group) if group else copy(known[slug])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import numbers
 import os
 import tomllib
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.camera import Camera
-from corridor.errors import InputError
+from corridor.errors import InputError, did_you_mean
 from corridor.simulation.axis import Axis
 from corridor.simulation.cameras import cameras
 
@@ -294,7 +293,7 @@ class Plan:
         if flight.camera not in known:
             raise InputError(
                 f"flight {flight.name}: no camera {flight.camera!r} is known"
-                f"{_nearest(flight.camera, known)}: use {', '.join(known)}, or add a table "
+                f"{did_you_mean(flight.camera, known)}: use {', '.join(known)}, or add a table "
                 f"[camera.{flight.camera}]"
             )
         return known[flight.camera]
@@ -331,8 +330,9 @@ def read_plan(plan: str | os.PathLike) -> Plan:
     known, joined = ready_made(), None
     for name in text.split("+"):
         if name not in known:
+            near = did_you_mean(name, known)
             raise InputError(
-                f"no plan {name!r} comes with corridor{_nearest(name, known)}: give a .toml file, "
+                f"no plan {name!r} comes with corridor{near}: give a .toml file, "
                 f"or one of {', '.join(known)}"
             )
         part = _read(known[name])
@@ -388,7 +388,7 @@ def build(kind: type, table: dict, where: str):
     for key, value in table.items():
         if key not in known:
             raise InputError(
-                f"{where} has no key {key!r}{_nearest(key, known)}: leave it out or correct it"
+                f"{where} has no key {key!r}{did_you_mean(key, known)}: leave it out or correct it"
             )
         sort = known[key]
         if isinstance(sort, type) and issubclass(
@@ -440,11 +440,6 @@ def _value(value, sort, where: str):
     word = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
     wanted = word.get(sort, "a list of numbers" if origin is tuple else "a table")
     raise InputError(f"{where} = {value!r} is not {wanted}")
-
-
-def _nearest(word: str, known) -> str:
-    near = difflib.get_close_matches(word, list(known), 1)
-    return f" (did you mean {near[0]}?)" if near else ""
 
 
 class _Checker:

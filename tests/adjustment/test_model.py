@@ -34,6 +34,45 @@ def test_lever_arm_is_a_kind_and_an_effect():
     assert ParameterId.parse("lever_arm.z") == ParameterId("effect", "lever_arm", "z")
 
 
+class TestWhatOneTypesFirst:
+    def test_a_folder_in_place_of_a_block(self, block, tmp_path):
+        block.write(tmp_path / "flown")
+        of_folder = corridor.adjust(str(tmp_path / "flown"), camera="fixed")
+        assert of_folder.sigma0 == pytest.approx(corridor.adjust(block, camera="fixed").sigma0)
+
+    def test_a_folder_is_diagnosed(self, tmp_path):
+        with pytest.raises(corridor.InputError, match="no such folder"):
+            corridor.diagnose(tmp_path / "nowhere")
+
+    def test_a_block_that_was_read_is_itself(self, block):
+        assert corridor.read(block) is block
+
+    def test_a_file_is_no_folder(self, tmp_path):
+        (tmp_path / "tie_points.csv").touch()
+        with pytest.raises(corridor.InputError, match="is a file; give the folder"):
+            corridor.read(tmp_path / "tie_points.csv")
+
+    def test_one_name_needs_no_list(self):
+        model = Model(effects="gnss_bias", control="G01", check="G02, G03", camera=["f", "cx"])
+        assert [effect.slug for effect in model.effects] == ["gnss_bias"]
+        assert (model.control, model.check) == (["G01"], ["G02", "G03"])
+        assert model.camera == "f,cx"
+        assert Model(camera={"P1": ["f", "k1"], "P2": []}).camera == {"P1": "f,k1", "P2": "fixed"}
+
+    def test_an_effect_needs_no_list(self):
+        effect = corridor.effects.find("gnss_bias")
+        assert Model(effects=effect).effects == [effect]
+
+    def test_a_prior_needs_its_standard_deviation(self):
+        with pytest.raises(corridor.InputError, match=r"camera.P1.f is 5490: .* standard dev"):
+            Model(priors={"camera.P1.f": 5490})
+
+    @pytest.mark.parametrize("typed", ["roling_shutter", "rolling-shutter", "Rolling Shutter"])
+    def test_the_nearest_effect_is_named(self, typed):
+        with pytest.raises(corridor.InputError, match=r"did you mean rolling_shutter\?"):
+            Model(effects=typed)
+
+
 class TestOneModelForEveryEntrance:
     def test_a_model_is_what_its_options_are(self, block):
         options = {"camera": "fixed", "effects": ["rolling_shutter"], "lever_arm": "fixed"}
