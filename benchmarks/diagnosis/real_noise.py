@@ -1,0 +1,426 @@
+"""Real blocks with a known effect put into their measurements: real noise, known truth.
+
+    python -m benchmarks.diagnosis.real_noise FOLDER       writes NAME, NAME_twin, NAME.truth.json
+    corridor benchmark-diagnosis --blocks FOLDER -o OUT    diagnoses and scores them
+
+A measured block is adjusted once; at its adjusted poses, points and camera every measurement is
+moved by what the effect does to it there, so residuals, outliers and the lens stay those of the
+flight. The projection is written here once more, with numpy alone: nothing of the package's effects
+or derivatives is used. Amplitudes are multiples of the standard deviation with which the block
+itself could estimate the effect, bounded by what cameras and receivers do (`LARGEST`).
+
+The blocks are those of ../shared/data, or of the folder that CORRIDOR_DATA names.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import corridor
+from corridor import Adjustment, Block
+from corridor.errors import InputError
+
+DATA = Path(os.environ.get("CORRIDOR_DATA", Path(__file__).parents[3] / "shared" / "data"))
+# What is still believed of a drone: beyond it, an amplitude tests nothing that happens.
+LARGEST = {
+    "rolling_shutter": 0.080,  # s, the slowest of 1,223 published readout times
+    "clock_offset": 0.5,  # s
+    "focal_drift": 0.052,  # px/s: 31 px in ten minutes, which is what such a flight can see
+    "principal_point_drift": 0.052,  # px/s
+    "gnss_drift": 1.7e-3,  # m/s: 1 m in ten minutes
+    "lever_arm": 0.6,  # m
+    "control_blunder": 2.0,  # m
+    "thermal": 1.2,  # px/C at the end of the long side
+}
+
+
+@dataclass
+class World:
+    """What an effect changes, by image: px, m and s; the ground by the name of a point, m."""
+
+    focal: np.ndarray
+    principal: np.ndarray
+    antenna: np.ndarray
+    stretch: np.ndarray
+    readout: float = 0.0
+    ground: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An adjusted real block as plain arrays, images in the order of images.csv.
+
+    centre (m, 3) m; rotation (m, 3, 3) world to camera; velocity (m, 3) m/s and time (m,) s from
+    the middle of the flight; temperature (m,) degrees from its middle, of optics that warm up.
+    """
+
+    block: Block
+    names: list[str]
+    centre: np.ndarray
+    rotation: np.ndarray
+    velocity: np.ndarray
+    time: np.ndarray
+    temperature: np.ndarray
+
+    def world(self) -> World:
+        """Nothing is changed."""
+        count = len(self.names)
+        return World(
+            np.zeros(count), np.zeros((count, 2)), np.zeros((count, 3)), np.zeros((count, 3))
+        )
+
+
+def scene_of(adjustment: Adjustment) -> Scene:
+    """The scene of an adjusted block; speeds by differences of its positions within a strip."""
+    block = adjustment.block
+    images = block.images
+    w, x, y, z = images[["qw", "qx", "qy", "qz"]].to_numpy(float).T
+    rotation = np.moveaxis(
+        np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        ),
+        2,
+        0,
+    )
+    centre = images[["x", "y", "z"]].to_numpy(float)
+    time = images["time_s"].to_numpy(float)
+    if {"vx", "vy", "vz"} <= set(images):
+        velocity = images[["vx", "vy", "vz"]].to_numpy(float)
+    else:
+        velocity = _velocities(centre, time, images.get("strip"))
+    middle = (time.min() + time.max()) / 2
+    # Optics of 40 degrees that approach it within eight minutes, as a camera after take-off.
+    warm = 15.0 * (1.0 - np.exp(-(time - time.min()) / 480.0))
+    return Scene(
+        block, images["image"].astype(str).tolist(), centre, rotation,
+        np.nan_to_num(velocity), time - middle, warm - (warm.min() + warm.max()) / 2,
+    )  # fmt: skip
+
+
+def _velocities(centre, time, strip) -> np.ndarray:
+    strip = np.zeros(len(time)) if strip is None else pd.factorize(strip)[0]
+    out = np.zeros_like(centre)
+    for one in np.unique(strip):
+        rows = np.flatnonzero(strip == one)
+        rows = rows[np.argsort(time[rows])]
+        if len(rows) > 2:
+            out[rows] = np.gradient(centre[rows], time[rows], axis=0)
+    return out
+
+
+def observed(scene: Scene, table: str, world: World) -> np.ndarray:
+    """Image points (rows, 2), px, of tie_points or marks in a world."""
+    block = scene.block
+    rows = getattr(block, table)
+    image = pd.Index(scene.names).get_indexer(rows["image"].astype(str))
+    known = block.points if table == "tie_points" else _ground(block)
+    place = known.set_index(known["point"].astype(str))[["x", "y", "z"]]
+    point = place.reindex(rows["point"].astype(str)).to_numpy(float)
+    out = np.full((len(rows), 2), np.nan)
+    for name, camera in block.cameras.items():
+        mine = np.flatnonzero((block.images["camera"] == name).to_numpy()[image])
+        out[mine] = _photograph(scene, world, camera, point[mine], image[mine])
+    return out
+
+
+def _ground(block: Block) -> pd.DataFrame:
+    """Ground points as adjusted where they were, as surveyed where not."""
+    both = pd.concat([block.points, block.ground])[["point", "x", "y", "z"]]
+    return both.drop_duplicates("point")
+
+
+def _photograph(scene, world, camera, point, image) -> np.ndarray:
+    """Fraser's camera (1997) at the moment that the row of each point is read."""
+    c = {key: camera[key] for key in ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2", "b1", "b2")}
+    down = camera.row_direction in ("down", "up")
+    sign = 1.0 if camera.row_direction in ("down", "right") else -1.0
+    lines = camera.height if down else camera.width
+    half = max(camera.width, camera.height) / 2
+    late = np.zeros(len(point))
+    for _ in range(4 if world.readout else 1):
+        centre = scene.centre[image] + scene.velocity[image] * late[:, None]
+        x, y, z = np.einsum("nij,nj->in", scene.rotation[image], point - centre)
+        u, v = x / z, y / z
+        r2 = u * u + v * v
+        radial = 1 + r2 * (c["k1"] + r2 * (c["k2"] + r2 * c["k3"]))
+        f = c["f"] + world.focal[image]
+        px = u * radial + c["p1"] * (r2 + 2 * u * u) + 2 * c["p2"] * u * v
+        px = c["cx"] + world.principal[image, 0] + f * (px + c["b1"] * u + c["b2"] * v)
+        py = v * radial + c["p2"] * (r2 + 2 * v * v) + 2 * c["p1"] * u * v
+        py = c["cy"] + world.principal[image, 1] + f * py
+        p, q = (px - (camera.width - 1) / 2) / half, (py - (camera.height - 1) / 2) / half
+        scale, right, lower = world.stretch[image].T
+        px, py = px + scale * p + right, py + scale * q + lower
+        late = world.readout * sign * ((py if down else px) / (lines - 1) - 0.5)
+    return np.stack([px, py], axis=1)
+
+
+# --- the effects -------------------------------------------------------------------------------
+
+EFFECTS: dict[str, Callable] = {}
+
+
+def effect(function):
+    """Enter a function (scene, world, amplitude, rng) -> entries of the truth."""
+    EFFECTS[function.__name__] = function
+    return function
+
+
+def _entry(slug, unit, values, **where) -> dict:
+    parameters = [{"name": k, "value": float(v), "unit": unit} for k, v in values.items()]
+    return {"slug": slug, **where, "parameters": parameters}
+
+
+@effect
+def rolling_shutter(scene, world, amplitude, rng):
+    """amplitude: readout, s."""
+    world.readout = amplitude
+    return [_entry("rolling_shutter", "s", {"readout": amplitude})]
+
+
+@effect
+def clock_offset(scene, world, amplitude, rng):
+    """The camera was exposed later than its stamp: the antenna had gone on. amplitude: s."""
+    world.antenna += scene.velocity * amplitude
+    return [_entry("clock_offset", "s", {"offset": amplitude})]
+
+
+@effect
+def focal_drift(scene, world, amplitude, rng):
+    """amplitude: px/s."""
+    world.focal += amplitude * scene.time
+    return [_entry("focal_drift", "px/s", {"rate": amplitude})]
+
+
+@effect
+def principal_point_drift(scene, world, amplitude, rng):
+    """amplitude: px/s, in a random direction."""
+    way = rng.uniform(0, 2 * np.pi)
+    rate = amplitude * np.array([np.cos(way), np.sin(way)])
+    world.principal += scene.time[:, None] * rate
+    return [_entry("principal_point_drift", "px/s", {"x_rate": rate[0], "y_rate": rate[1]})]
+
+
+@effect
+def gnss_drift(scene, world, amplitude, rng):
+    """amplitude: m/s, along one axis."""
+    rate = amplitude * np.eye(3)[rng.integers(3)]
+    world.antenna += scene.time[:, None] * rate
+    return [_entry("gnss_drift", "m/s", dict(zip("xyz", rate, strict=True)))]
+
+
+@effect
+def lever_arm(scene, world, amplitude, rng):
+    """amplitude: m, in the plane of the sensor, to be added to the stated arm."""
+    way = rng.uniform(0, 2 * np.pi)
+    arm = amplitude * np.array([np.cos(way), np.sin(way), 0.0])
+    world.antenna += np.einsum("nji,j->ni", scene.rotation, arm)
+    return [_entry("lever_arm", "m", dict(zip("xyz", arm, strict=True)))]
+
+
+@effect
+def control_blunder(scene, world, amplitude, rng):
+    """One control point is given too high or too low. amplitude: m."""
+    return [_blunder(scene, world, rng.choice([-1.0, 1.0]) * amplitude, rng)]
+
+
+@effect
+def two_blunders(scene, world, amplitude, rng):
+    """Two control points are given too low, and hide each other. amplitude: m."""
+    return [_blunder(scene, world, -amplitude, rng) for _ in range(2)]
+
+
+def _blunder(scene, world, size, rng) -> dict:
+    ground = scene.block.ground
+    free = [p for p in ground.loc[ground["role"] == "control", "point"] if p not in world.ground]
+    point = str(rng.choice(sorted(free)))
+    world.ground[point] = np.array([0.0, 0.0, size])
+    return _entry("control_blunder", "m", {"x": 0.0, "y": 0.0, "z": size}, point=point)
+
+
+@effect
+def thermal(scene, world, amplitude, rng):
+    """The image plane grows with the temperature. amplitude: px a degree at its long side's end."""
+    world.stretch += amplitude * scene.temperature[:, None] * np.array([1.0, 0.3, 0.2])
+    values = {"scale": amplitude, "cubic": 0.0, "x": 0.3 * amplitude, "y": 0.2 * amplitude}
+    return [_entry("thermal", "px/C", values)]
+
+
+# --- blocks ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Case:
+    """One block of the bench: a part of a survey, effects and their sizes in sigmas."""
+
+    name: str
+    part: str
+    effects: dict[str, float]
+    seed: int = 0
+
+
+def sigma_of(scene: Scene, slug: str) -> float:
+    """Standard deviation with which the untouched block could estimate an amplitude."""
+    block = with_columns(scene)
+    if slug in ("control_blunder", "two_blunders"):
+        return float(np.median(block.ground["sz"]))
+    table = corridor.adjust(block, effects=[slug]).effects
+    return float(table["sigma"].iloc[0])
+
+
+def with_columns(scene: Scene) -> Block:
+    """The block with the velocities and the temperatures that its effects go by."""
+    block = scene.block.copy()
+    velocity = dict(zip(("vx", "vy", "vz"), scene.velocity.T, strict=True))
+    block.images = block.images.assign(temperature_c=25.0 + scene.temperature, **velocity)
+    return block
+
+
+def inject(block: Block, scene: Scene, effects: dict[str, float], seed: int) -> tuple[Block, dict]:
+    """The measured block with effects of given amplitudes in it, and the truth."""
+    world, entries = scene.world(), []
+    for slug, amplitude in effects.items():
+        rng = np.random.default_rng([seed, *slug.encode()])
+        entries += EFFECTS[slug](scene, world, amplitude, rng)
+    out, plain = block.copy(), scene.world()
+    for table in ("tie_points", "marks"):
+        rows = getattr(block, table)
+        if len(rows):
+            moved = observed(scene, table, world) - observed(scene, table, plain)
+            xy = rows[["x", "y"]].to_numpy(float) + np.nan_to_num(moved)
+            setattr(out, table, rows.assign(x=xy[:, 0], y=xy[:, 1]))
+    if len(block.gnss):
+        at = pd.Index(scene.names).get_indexer(block.gnss["image"].astype(str))
+        xyz = block.gnss[["x", "y", "z"]].to_numpy(float) + world.antenna[at]
+        out.gnss = block.gnss.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
+    for point, shift in world.ground.items():
+        row = out.ground["point"] == point
+        out.ground.loc[row, ["x", "y", "z"]] += shift
+    if "thermal" in effects:
+        out.images = out.images.assign(temperature_c=25.0 + scene.temperature)
+    return out, {"seed": seed, "effects": entries}
+
+
+def surveys() -> dict[str, Callable[[], Block]]:
+    """The real blocks, whole and in parts of a few strips each, by name."""
+    flight2 = DATA / "saraburi" / "flight2"
+
+    def strips(*names: str) -> Callable[[], Block]:
+        return lambda: _with_rays(corridor.read(flight2), set(names))
+
+    return {
+        "flight2": lambda: corridor.read(flight2),
+        "s10_s11_s12": strips("S10", "S11", "S12"),
+        "s11_s12_s13": strips("S11", "S12", "S13"),
+        "s12_s13_s14": strips("S12", "S13", "S14"),
+        "s10_s11": strips("S10", "S11"),
+        "s11_s12": strips("S11", "S12"),
+        "s12_s13": strips("S12", "S13"),
+        "s13_s14": strips("S13", "S14"),
+        "pair": lambda: corridor.read(DATA / "saraburi" / "block"),
+        "special": _special,
+    }
+
+
+def _with_rays(block: Block, strips: set[str]) -> Block:
+    """The images of some strips, with the points that two of them see at least."""
+    images = block.images.loc[block.images["strip"].isin(strips), "image"].astype(str)
+    part = block.select(images=images.tolist())
+    rays = part.tie_points.groupby("point", observed=True)["image"].transform("size")
+    part.tie_points = part.tie_points[rays > 1].reset_index(drop=True)
+    part.tie_points["point"] = part.tie_points["point"].cat.remove_unused_categories()
+    seen = part.marks.groupby("point", observed=True)["image"].size()
+    single = part.ground["point"].astype(str).map(seen.to_dict()).fillna(0) < 2
+    part.ground.loc[single, "role"] = "unused"
+    if (part.ground["role"] == "control").sum() < 2:
+        part.ground.loc[part.ground["role"] == "check", "role"] = "control"
+    return part
+
+
+def _special() -> Block:
+    """The rolling-shutter survey with the speeds its photographs state: a real effect of 33 ms."""
+    block = corridor.read(DATA / "special_plot" / "block")
+    stated = pd.read_csv(DATA / "special_plot" / "metadata.csv").set_index("image")
+    speed = stated.reindex(block.images["image"].astype(str))
+    block.images = block.images.assign(
+        vx=speed["speed_east"].to_numpy(),
+        vy=speed["speed_north"].to_numpy(),
+        vz=-speed["speed_down"].to_numpy(),
+    )
+    return block
+
+
+PARTS = ("s10_s11_s12", "s11_s12_s13", "s12_s13_s14", "flight2")
+SINGLES = ("rolling_shutter", "clock_offset", "focal_drift", "gnss_drift", "lever_arm", "thermal",
+           "principal_point_drift")  # fmt: skip
+
+
+def cases(short: bool = False) -> Iterator[Case]:
+    """Untouched parts, singles of 10 and 20 sigmas, blunders of 6 and 12, and pairs."""
+    for part in [name for name in surveys() if name not in ("special",)]:
+        yield Case(f"{part}_untouched", part, {})
+    for n, part in enumerate(PARTS[: 1 if short else None]):
+        for slug in SINGLES:
+            for ratio in (20.0,) if short else (10.0, 20.0):
+                yield Case(f"{part}_{slug}_{ratio:.0f}", part, {slug: ratio}, 10 + n)
+        for ratio in (6.0, 12.0):
+            yield Case(f"{part}_control_blunder_{ratio:.0f}", part, {"control_blunder": ratio}, n)
+        yield Case(f"{part}_two_blunders", part, {"two_blunders": 6.0}, n)
+        both = {"rolling_shutter": 20.0, "control_blunder": 12.0}
+        yield Case(f"{part}_shutter_and_blunder", part, both, n)
+
+
+def write(folder: Path, short: bool = False) -> list[str]:
+    """Write every case with its twin and truth; names of those left out, and why."""
+    left, scenes, sigmas = [], {}, {}
+    known = surveys()
+    for case in cases(short):
+        if case.part not in scenes:
+            block = known[case.part]()
+            scenes[case.part] = block, scene_of(corridor.adjust(block))
+        block, scene = scenes[case.part]
+        amounts = {}
+        for slug, ratio in case.effects.items():
+            if (case.part, slug) not in sigmas:
+                sigmas[case.part, slug] = sigma_of(scene, slug)
+            amounts[slug] = ratio * sigmas[case.part, slug]
+        beyond = [slug for slug, size in amounts.items() if size > LARGEST.get(slug, np.inf)]
+        if beyond:
+            left.append(f"{case.name}: {beyond[0]} would be {amounts[beyond[0]]:.3g}")
+            continue
+        made, truth = inject(block, scene, amounts, case.seed)
+        made.write(folder / case.name)
+        if amounts:
+            block.write(folder / f"{case.name}_twin")
+        text = json.dumps({"ratio": case.effects, **truth}, indent=1)
+        (folder / f"{case.name}.truth.json").write_text(text + "\n", encoding="utf-8")
+    return left
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Write the blocks of the bench into a folder."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.diagnosis.real_noise")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--short", action="store_true", help="one part of the survey only")
+    options = parser.parse_args(arguments)
+    if not (DATA / "saraburi").is_dir():
+        raise InputError(f"{DATA} holds no real blocks: let CORRIDOR_DATA name their folder")
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for line in write(options.folder, options.short):
+        print("left out,", line)
+
+
+if __name__ == "__main__":
+    main()
