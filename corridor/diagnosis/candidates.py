@@ -26,7 +26,8 @@ class Group:
     key: the slug, and for one control point `slug.point`. own: None where the columns lie in the
     core; else the number of the block of per-image columns. columns: (p,) in there. scale: (p,)
     prior standard deviations of the parameters. labels: (p,) of (name of group, parameter, unit).
-    mean: (p,) prior mean in standard deviations. known: the prior comes from the user.
+    mean: (p,) prior mean in standard deviations. known: the prior comes from the user. most: (p,)
+    sizes beyond which the cause is another one, None of values for each image.
     """
 
     key: str
@@ -39,6 +40,7 @@ class Group:
     point: str | None = None
     mean: np.ndarray | None = None
     known: bool = False
+    most: np.ndarray | None = None
 
     @property
     def slug(self) -> str:
@@ -169,7 +171,8 @@ def make_groups(
             log_prior = -np.log(controls) if part is not None else 0.0
             scale = np.array([parameters[k].scale for *_, k in mine])
             at = np.array([column for column, *_ in mine])
-            out.append(Group(key, effect, None, at, scale, labels, log_prior, part))
+            most = np.array([parameters[k].most for *_, k in mine])
+            out.append(Group(key, effect, None, at, scale, labels, log_prior, part, most=most))
     for group in out:
         group.log_prior += (
             SETTINGS.log_prior_generic * group.generic

@@ -169,7 +169,7 @@ def diagnose(
         detection_limits=detection_limits(last),
         untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
         alarms=[*variance_alarms(last.equations), *outlier_clusters(last.adjustment)],
-        notes=[*course.notes, *notes, *held.notes],
+        notes=[*course.notes, *course.impossible.values(), *notes, *held.notes],
         seconds=time.perf_counter() - began,
         used=used,
         rivals=held.rivals,

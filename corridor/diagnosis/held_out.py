@@ -1,8 +1,9 @@
 """Does what was found help where the fit has not looked?
 
 Some tie observations are given no weight, one of a point of four rays or more, in all fits; the
-check points never have any. Of what the fit cannot tell apart these data choose, and a shape
-stays only if they are predicted better with it. GNSS residuals are those of the fits.
+check points never have any. Of what the fit cannot tell apart these data choose, a shape stays
+only if they are predicted better with it, and no effect stays that does harm to check points.
+GNSS residuals are those of the fits.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
+import pandas as pd
 
 from corridor.adjustment import Adjustment
 from corridor.block import Block
@@ -51,6 +53,7 @@ class Verification:
         self._keep_shapes()
         self._choose_effects()
         self._choose_shapes()
+        self._drop_harmful()
 
     def _fit(self, keys: list[str], said: str) -> Adjustment | None:
         try:
@@ -138,6 +141,53 @@ class Verification:
             )
             self.findings = in_place_of(self.findings, self._last, key, numbers[best])
             self._go_on(instead(best), fits[best])
+
+    def _drop_harmful(self) -> None:
+        """Say no effect for sure that takes the check points away from where they were surveyed."""
+        while True:
+            keys = dict.fromkeys(
+                one.key for one in self.findings.effects if one.kind != "suspected"
+            )
+            for key in [key for key in keys if key in self.used][::-1]:
+                others = [k for k in self.used if k != key]
+                bare = self._fit(others, f"The fit without {key} failed") if others else self._first
+                if bare is None or not harms(bare, self._now):
+                    continue
+                self.notes.append(
+                    f"{key} explains what was measured, but {_told(bare)} of check points become "
+                    f"{_told(self._now)} with it, which their sigmas do not allow: it is not taken "
+                    "for sure, and not added."
+                )
+                for one in self.findings.effects:
+                    if one.key == key:
+                        one.kind = "suspected"
+                self._go_on(others, bare)
+                break
+            else:
+                return
+
+
+def harms(without: Adjustment, with_it: Adjustment) -> bool:
+    """Whether check points contradict what an adjustment has more than another.
+
+    They move by s when it is added. If it is true, they end at zero but for their noise, so the
+    differences d afterwards do not point along s more often than that noise lets them. What common
+    errors do to all of them alike is allowed for by taking each axis as one number.
+    """
+    before, after = (one.check_points.set_index("point") for one in (without, with_it))
+    if not len(before) or not with_it.check_rms.d3 > without.check_rms.d3:
+        return False
+    d = after[["dx", "dy", "dz"]].to_numpy()
+    s = d - before.loc[after.index, ["dx", "dy", "dz"]].to_numpy()
+    rows = pd.Index(without.block.ground["point"].astype(str)).get_indexer(after.index.astype(str))
+    survey = without.block.ground_sigma()[rows]
+    sigma = np.hypot(before.loc[after.index, ["sx", "sy", "sz"]].to_numpy(), survey)
+    noise = np.sqrt(((np.abs(s) * sigma).sum(axis=0) ** 2).sum())
+    return bool((d * s).sum() > SETTINGS.harm_sigma * noise)
+
+
+def _told(adjustment: Adjustment) -> str:
+    return f"{1000 * adjustment.check_rms.d3:.0f} mm"
 
 
 def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:

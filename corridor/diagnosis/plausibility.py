@@ -1,6 +1,8 @@
-"""Which of what explains the data is there for its own sake."""
+"""Which of what explains the data is there for its own sake, and of a size that happens."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.search import Found, contributions, tuned
@@ -17,12 +19,55 @@ def plausible(evidence: Evidence, found: Found, model: list[str], threshold: flo
     return _without_parts(evidence, found)
 
 
+def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
+    """Groups of a model that would need a size which does not happen: key -> sentence.
+
+    In a flight that cannot tell two things apart each fits as well with a huge value, made good by
+    the other: nobody's lens barrel or lever arm.
+    """
+    free = {
+        n: 1.0
+        if evidence.groups[n].known
+        else (k if len(evidence.groups[n]) > SETTINGS.most_free else SETTINGS.free_size)
+        for n, k in found.chosen.items()
+    }
+    if not any(_bounded(evidence.groups[n]) for n in free):
+        return {}
+    theta, covariance = evidence.solution(free)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    out: dict[str, str] = {}
+    at = 0
+    for n in free:
+        group = evidence.groups[n]
+        mine = slice(at, at + len(group))
+        at = mine.stop
+        if not _bounded(group):
+            continue
+        value, doubt = theta[mine] * group.scale, sigma[mine] * group.scale
+        beyond = (np.abs(value) - SETTINGS.implausible_sigma * doubt) / group.most
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > 1.0:
+            _, name, unit = group.labels[worst]
+            unit = "" if unit == "1" else f" {unit}"
+            out[group.key] = (
+                f"{group.effect.called[0].upper()}{group.effect.called[1:]} would fit, but with "
+                f"{name} {value[worst]:.3g}{unit}, and more than {group.most[worst]:.3g}{unit} "
+                "does not happen: it is not taken for the cause."
+            )
+    return out
+
+
+def _bounded(group) -> bool:
+    return group.most is not None and bool(np.isfinite(group.most).any()) and not group.known
+
+
 def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
     """The model that is in place, where another of its size is hardly better.
 
     Look-alikes would take turns for ever; that they are look-alikes is said in the verdict.
     """
-    numbers = [evidence.number[key] for key in model if key in evidence.number]
+    there = [key for key in model if key in evidence.number and key not in evidence.barred]
+    numbers = [evidence.number[key] for key in there]
     if not numbers or len(numbers) != len(found.chosen) or set(numbers) == set(found.chosen):
         return found
     mine = tuned(evidence, dict.fromkeys(numbers, 1.0))
@@ -63,8 +108,9 @@ def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
 def _without_parts(evidence: Evidence, found: Found) -> Found:
     """The model without named effects that are part of an unknown one, or what it leaves.
 
-    Where a generic shape explains more than a named effect of the same side, the named one is
-    not the cause, and makes up for what the shape is too coarse for.
+    Where a generic shape explains more than a named effect that shows in the same way, the named
+    one is not the cause, and makes up for what the shape is too coarse for. Every lens leaves a
+    shape that all pictures share; what goes with the speed of each picture is no part of that.
     """
     groups = evidence.groups
     generic = [n for n in found.chosen if groups[n].generic]
@@ -72,7 +118,7 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
         n: kappa
         for n, kappa in found.chosen.items()
         if not any(
-            _side(groups[n]) == _side(groups[k])
+            _shows(groups[n]) == _shows(groups[k])
             and (
                 found.evidence[n] < SETTINGS.share_beside_generic * found.evidence[k]
                 or (kappa >= SETTINGS.implausible_size and not groups[n].generic)
@@ -87,6 +133,8 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
     return Found(chosen, each, evidence.model(chosen)[0])
 
 
-def _side(group) -> str:
-    """Image, antenna or ground: where an effect shows."""
-    return group.effect.place if group.effect.place in ("antenna", "ground") else "image"
+def _shows(group) -> str:
+    """How an effect shows: in the antenna, on the ground, by the rows of a moving camera, or in
+    the picture.
+    """
+    return "image" if group.effect.place == "camera" else group.effect.place

@@ -17,7 +17,7 @@ from corridor.diagnosis.equations import Equations, equations
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.gnss_noise import GnssNoise
 from corridor.diagnosis.noise_model import NoiseModel
-from corridor.diagnosis.plausibility import plausible
+from corridor.diagnosis.plausibility import impossible, plausible
 from corridor.diagnosis.reduced import Elimination
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.search import Found, search
@@ -53,12 +53,16 @@ class Round:
 
 @dataclass
 class Course:
-    """All rounds. first: the adjustment of the believed model; candidates: what was tested."""
+    """All rounds. first: the adjustment of the believed model; candidates: what was tested.
+
+    impossible: keys of groups that would need a size which does not happen, and a sentence each.
+    """
 
     first: Adjustment
     rounds: list[Round]
     candidates: Candidates
     notes: list[str] = field(default_factory=list)
+    impossible: dict[str, str] = field(default_factory=dict)
 
     @property
     def last(self) -> Round:
@@ -89,7 +93,7 @@ def run(
     model: list[str] = []
     for number in range(1 + SETTINGS.most_refits):
         say({"message": f"searching, round {number + 1}"})
-        one = _round(adjustment, believed, chosen.effects, model, threshold, level, seed)
+        one = _round(course, adjustment, believed, model, threshold, level, seed)
         threshold = one.threshold
         course.rounds.append(one)
         if set(one.keys) == set(model) or number == SETTINGS.most_refits:
@@ -104,7 +108,7 @@ def run(
         one.shed()
         if any(set(model) == set(before.keys) for before in course.rounds[:-1]):
             # Two models take turns: what the later refit says of itself decides.
-            again = _round(adjustment, believed, chosen.effects, model, threshold, level, seed)
+            again = _round(course, adjustment, believed, model, threshold, level, seed)
             course.rounds.append(again)
             break
     return course
@@ -119,7 +123,8 @@ def members(names: dict[str, Effect], keys: list[str]) -> list[Effect]:
     return [with_points(names[slug], chosen) for slug, chosen in points.items()]
 
 
-def _round(adjustment, believed, effects, model, threshold, level, seed) -> Round:
+def _round(course, adjustment, believed, model, threshold, level, seed) -> Round:
+    effects, barred = course.candidates.effects, course.impossible
     e = equations(adjustment, effects, believed.priors_of(effects))
     stated = Elimination(e, None)
     # The stated noise is asked about what the antenna feels and what is in the model: no more.
@@ -130,27 +135,39 @@ def _round(adjustment, believed, effects, model, threshold, level, seed) -> Roun
         if group.own is not None and len(group) > images and group.key not in model
     }
     plain = Evidence(stated.reduce(but=several))
+    plain.barred |= set(barred)
     noises = NoiseModel(e.system, stated, plain)
     # A third of a gigabyte with a thousand images, and no longer needed.
     del stated
     start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
     noise, _ = noises.given(start)
-    evidence = Evidence(Elimination(e, noise).reduce())
+    evidence = Evidence(Elimination(e, noise).reduce(), barred)
     if threshold is None:
         threshold = thresholds(evidence, level, np.random.default_rng(seed))
-    found = search(evidence, threshold["suspected"], model)
+    found = _searched(evidence, threshold["suspected"], model, barred)
     log = {"model": list(model), "sigma_px": float(np.median(e.scales.of_observation))}
     more = through_noise(noises, plain, evidence, found, threshold, model)
     if more:
         noise, _ = noises.given(more)
-        evidence = Evidence(Elimination(e, noise).reduce())
-        found = search(evidence, threshold["suspected"], model)
+        evidence = Evidence(Elimination(e, noise).reduce(), barred)
+        found = _searched(evidence, threshold["suspected"], model, barred)
         log["through_noise"] = [plain.groups[n].key for n in more]
     found = plausible(evidence, found, model, threshold["suspected"])
     found = beyond_noise(noises, found, threshold["suspected"])
     log["found"] = {evidence.groups[n].key: float(v) for n, v in found.evidence.items()}
     keys = [evidence.groups[n].key for n in found.chosen]
     return Round(adjustment, e, noise, noises, evidence, threshold, found, keys, log)
+
+
+def _searched(evidence: Evidence, threshold: float, model: list[str], barred: dict) -> Found:
+    """The search without what would need an impossible size; barred grows by that."""
+    while True:
+        found = search(evidence, threshold, model)
+        beyond = impossible(evidence, found)
+        if not beyond:
+            return found
+        barred |= beyond
+        evidence.barred |= set(beyond)
 
 
 def _kappa(evidence: Evidence, key: str) -> float:

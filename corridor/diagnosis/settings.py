@@ -85,6 +85,8 @@ class Settings:
     # nearly cancel, and no cause. Tuned.
     share_beside_generic: float = 0.5
     implausible_size: float = 100.0
+    # Standard deviations by which an effect has to be larger than it can be, to be ruled out.
+    implausible_sigma: float = 2.0
     # Images from which on earlier rounds keep no matrices.
     large_block: int = 400
 
@@ -136,6 +138,9 @@ class Settings:
     held_out_sigma: float = 1e4
     # Fewest tie observations of which some can be spared.
     fewest_ties: int = 200
+    # Standard deviations by which check points have to contradict an effect: one in twenty of the
+    # true ones may.
+    harm_sigma: float = 1.645
     # Check points from which on they decide. Ratios of errors that are more than chance: one in two
     # hundred of ties; of check points, which are few and each shift of the datum moves, more; a
     # shape has more parameters than an effect, and no cause that anyone knows.

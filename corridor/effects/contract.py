@@ -27,7 +27,8 @@ class Parameter:
     """One unknown of an effect.
 
     start: value it starts from; scale: standard deviation one would expect before looking. text:
-    what it is, where the name does not say it.
+    what it is, where the name does not say it. most: size beyond which the cause is another one;
+    the effect's file says where it comes from.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Parameter:
     scale: float
     start: float = 0.0
     text: str = ""
+    most: float = np.inf
 
 
 @dataclass(frozen=True)

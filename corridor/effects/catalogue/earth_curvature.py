@@ -25,7 +25,7 @@ class EarthCurvature(LinearEffect):
     )
 
     def parameters(self, block):
-        return [Parameter("fraction", "1", scale=1.0, text="1: nobody has allowed for it")]
+        return [Parameter("fraction", "1", 1.0, text="1: nobody has allowed for it", most=4.0)]
 
     def derivative(self, context):
         """Given heights rise by fraction d^2 / 2R, d the distance in plan from the middle."""

@@ -4,7 +4,9 @@ Source: Luhmann, Fraser and Maas 2016, "Sensor modelling and camera calibration 
 photogrammetry" (focal length against height in flat blocks).
 """
 
-from corridor.effects.contract import LinearEffect, Parameter, Variant, of_interior
+import numpy as np
+
+from corridor.effects.contract import LinearEffect, Parameter, Variant, edge_of, of_interior
 
 _PER_FLIGHT = Variant(
     slug="focal_per_flight",
@@ -54,7 +56,12 @@ class Focal(LinearEffect):
     )
 
     def parameters(self, block):
-        return [Parameter("f", "px", scale=2.0 if self.group == "image" else 10.0)]
+        if self.group == "image":
+            return [Parameter("f", "px", scale=2.0)]
+        # Twenty degrees between two flights change f by 3e-4 (Zhou 2019: 13.7e-6 a degree); a lens
+        # that is refocused by hand by some times that.
+        most = 1.5e-3 * edge_of(block)[0] if self.group == "flight" else np.inf
+        return [Parameter("f", "px", scale=10.0, most=most)]
 
     def derivative(self, context):
         """f moves by the value itself."""

@@ -27,7 +27,7 @@ class Refraction(LinearEffect):
     )
 
     def parameters(self, block):
-        return [Parameter("fraction", "1", scale=1.0, text="1: nobody has allowed for it")]
+        return [Parameter("fraction", "1", 1.0, text="1: nobody has allowed for it", most=4.0)]
 
     def derivative(self, context):
         """f times the change of the ray that leans away from the nadir by fraction delta.
