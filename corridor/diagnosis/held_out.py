@@ -241,6 +241,8 @@ def improves(without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> bool
     if len(with_it.check_points) >= SETTINGS.enough_checks:
         if SETTINGS.clear_ratio_checks * with_it.check_rms.d3 > without.check_rms.d3:
             return False
+    if harms(without, with_it):
+        return False
     found = tie_gap(without, with_it, rows)
     return bool(found["after"] < found["before"])
 

@@ -203,7 +203,8 @@ def _effect_of_adding(d: Diagnosed, number: int, what: str = "") -> str:
     text = (
         f"{adding} leaves {name} at {after}"
         if change == "leaves"
-        else f"{adding} raises {name} from {before} to {after}"
+        # What takes check points further away than their noise is never added (see `harms`).
+        else f"{adding} leaves {name} within its noise, at {after} after {before}"
     )
     if len(told) > 1 and told[1][0] == "lowers":
         _, gap, name, factor, unit = told[1]

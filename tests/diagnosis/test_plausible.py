@@ -1,0 +1,156 @@
+"""Nothing is named that does not happen, or that takes check points away from their places."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import corridor
+from benchmarks.diagnosis.real_noise import inject, scene_of, surveys
+from corridor.diagnosis.candidates import Group
+from corridor.diagnosis.evidence import Evidence, gain_of
+from corridor.diagnosis.held_out import harms
+from corridor.diagnosis.plausibility import impossible
+from corridor.diagnosis.search import Found
+from corridor.effects import find
+
+
+def one_group(slug, M, g, point=None):
+    """Evidence of one group of an effect's parameters, with M and g in prior sigmas."""
+    effect = find(slug)
+    parameters = effect.parameters(None)
+    group = Group(
+        slug if point is None else f"{slug}.{point}",
+        effect,
+        None,
+        np.arange(len(parameters)),
+        np.array([p.scale for p in parameters]),
+        [("block", p.name, p.unit) for p in parameters],
+        point=point,
+        most=np.array([p.most for p in parameters]),
+    )
+    reduced = SimpleNamespace(groups=[group], M=M, g=g, own_g=[], own_matrix=[])
+    return Evidence(reduced), group
+
+
+class TestASizeThatDoesNotHappen:
+    @pytest.mark.parametrize("fraction, ruled_out", [(1.0, False), (3.0, False), (90.0, True)])
+    def test_ninety_earths_are_no_curvature(self, fraction, ruled_out):
+        """M of a sigma of 0.1 of the prior's; a Gauss-Newton step leads to `fraction`."""
+        M = np.array([[100.0]])
+        evidence, group = one_group("earth_curvature", M, M @ [fraction])
+        found = impossible(evidence, Found({0: 100.0}, {0: 50.0}, 50.0))
+        assert bool(found) is ruled_out
+        if ruled_out:
+            assert "more than 4 does not happen" in found[group.key]
+
+    def test_what_is_not_known_to_two_sigmas_is_not_ruled_out(self):
+        M = np.array([[1e-4]])
+        evidence, _ = one_group("earth_curvature", M, M @ [90.0])
+        assert not impossible(evidence, Found({0: 1000.0}, {0: 5.0}, 5.0))
+
+    def test_a_group_that_is_ruled_out_is_never_offered_again(self):
+        M = np.array([[100.0]])
+        evidence, group = one_group("earth_curvature", M, M @ [90.0])
+        assert evidence.given({})[0].evidence > 100
+        evidence.barred.add(group.key)
+        assert evidence.given({})[0].evidence == -np.inf
+
+
+class TestAnErrorInTheHeightOfOnePoint:
+    def test_is_not_hidden_by_plan_coordinates_that_are_right(self):
+        """An error of five sigmas in z: chi square 25, three parameters against one."""
+        M = np.diag([4.0, 4.0, 4.0])
+        evidence, group = one_group("control_blunder", M, np.array([0.0, 0.0, 10.0]), "P1")
+        whole = gain_of(group, M, np.array([0.0, 0.0, 10.0]))
+        assert evidence.given({})[0].evidence > whole.evidence
+
+    def test_costs_at_most_the_choice_among_three(self):
+        """Where nothing is wrong, looking at parts brings no more than a third of it each."""
+        M = np.diag([4.0, 4.0, 4.0])
+        evidence, group = one_group("control_blunder", M, np.zeros(3), "P1")
+        assert evidence.given({})[0].evidence < 0.0
+
+
+def checked(differences, sigma=0.01):
+    """An adjustment of which these are the check points, m."""
+    d = np.asarray(differences, dtype=float)
+    names = [f"P{k}" for k in range(len(d))]
+    table = pd.DataFrame({"point": names})
+    table[["dx", "dy", "dz"]] = d
+    table[["sx", "sy", "sz"]] = sigma
+    block = SimpleNamespace(
+        ground=pd.DataFrame({"point": names}),
+        ground_sigma=lambda: np.full((len(d), 3), sigma),
+    )
+    rms = SimpleNamespace(d3=float(np.sqrt((d**2).sum(axis=1).mean())))
+    return SimpleNamespace(check_points=table, check_rms=rms, block=block)
+
+
+class TestCheckPointsHaveTheLastWord:
+    def test_half_a_metre_away_from_them_is_harm(self):
+        """As the real survey of 376 images had it: 86 mm before, 502 mm after."""
+        before = checked([[0.02, 0.01, 0.08], [-0.01, 0.02, 0.09]])
+        after = checked([[0.02, 0.01, -0.49], [-0.01, 0.02, -0.51]])
+        assert harms(before, after)
+        assert not harms(after, before)
+
+    def test_a_millimetre_within_their_noise_is_none(self):
+        before = checked([[0.002, 0.001, 0.008], [-0.001, 0.002, 0.009]])
+        after = checked([[0.002, 0.001, 0.009], [-0.001, 0.002, 0.010]])
+        assert not harms(before, after)
+
+    def test_without_any_nothing_is_said(self):
+        none = checked(np.zeros((1, 3)))
+        none.check_points = none.check_points[:0]
+        assert not harms(none, none)
+
+    def test_a_true_effect_is_harm_in_one_of_twenty_at_most(self):
+        """Differences that the effect brings to zero but for noise of the stated size."""
+        rng = np.random.default_rng(5)
+        lost = 0
+        for _ in range(400):
+            noise = rng.normal(size=(4, 3)) * 0.01 * np.sqrt(2)
+            moved = rng.normal(size=3) * 0.02 + np.zeros((4, 3))
+            lost += harms(checked(noise - moved), checked(noise))
+        assert lost <= 0.05 * 400 + 3 * np.sqrt(0.05 * 0.95 * 400)
+
+
+class TestKnownEffectsInMeasuredBlocks:
+    """The bench of real noise, held to the package's own estimates."""
+
+    @pytest.fixture
+    def dike(self):
+        block = corridor.read("data_synthetic/dike")
+        return block, scene_of(corridor.adjust(block))
+
+    @pytest.mark.parametrize(
+        "slug, parameter, size, close",
+        [("rolling_shutter", "readout", 0.030, 2e-4), ("gnss_drift", None, 2e-4, 1e-6)],
+    )
+    def test_what_is_put_in_is_what_an_adjustment_finds_more(
+        self, dike, slug, parameter, size, close
+    ):
+        """The noise is the same with and without, so the estimates differ by what was put in."""
+        block, scene = dike
+        made, truth = inject(block, scene, {slug: size}, seed=3)
+        velocity = dict(zip(("vx", "vy", "vz"), scene.velocity.T, strict=True))
+        told = {p["name"]: p["value"] for p in truth["effects"][0]["parameters"]}
+        tables = []
+        for one in (made, block):
+            one = one.copy()
+            # The bench knows of speeds only: real projects have no angular rates.
+            one.images = one.images.drop(columns=["wx", "wy", "wz"]).assign(**velocity)
+            tables.append(corridor.adjust(one, effects=[slug]).effects.set_index("parameter"))
+        gained = tables[0]["value"] - tables[1]["value"]
+        for name in [parameter] if parameter else told:
+            assert gained[name] == pytest.approx(told[name], abs=close)
+
+    @pytest.mark.slow
+    def test_a_real_rolling_shutter_is_named_beside_the_lens(self, real_data):
+        """Published readout of the FC330: 33 ms; 1.6 ms is the jackknife over its strips."""
+        found = corridor.diagnose(surveys()["special"]())
+        named = {one["slug"]: one for one in found.effects if one["class"] == "named"}
+        readout = named["rolling_shutter"]["parameters"][0]["value"]
+        assert readout == pytest.approx(0.033, abs=2 * 0.0016)
