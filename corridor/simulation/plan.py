@@ -342,7 +342,7 @@ def read_plan(plan: str | os.PathLike) -> Plan:
 
 def _read(path: Path) -> Plan:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}): give a plan") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

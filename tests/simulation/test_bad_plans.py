@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from corridor.errors import InputError
-from corridor.simulation import Flight, Noise, Plan, simulate
+from corridor.simulation import Flight, Noise, Plan, read_plan, simulate
 
 FLIGHT = '[[flight]]\nname = "a"\nheight_m = 50\n'
 # What is written into PLAN.toml, and what the sentence says.
@@ -278,3 +278,9 @@ def test_numbers_of_numpy_are_numbers():
             noise={"tie_px": np.int64(1), "gnss_m": np.array([0.01, 0.02, 0.03])},
             start={"camera": {"f": np.int64(50)}},
         )
+
+
+def test_a_byte_order_mark_at_the_head_is_no_fault(tmp_path):
+    """Windows' editor writes one."""
+    (tmp_path / "plan.toml").write_text(FLIGHT, encoding="utf-8-sig")
+    assert read_plan(tmp_path / "plan.toml").flights[0].height_m == 50.0
