@@ -1,8 +1,22 @@
-"""`python -m corridor` is the command `corridor`."""
+"""The command `corridor`, and `python -m corridor`."""
 
+import signal
 import sys
 
-from corridor.cli import main
+
+def main() -> int:
+    """Run the command line; Ctrl-C ends it with one line, also before it and after it."""
+    try:
+        from corridor import cli
+
+        status = cli.main()
+    except KeyboardInterrupt:
+        print("interrupted: nothing was written.", file=sys.stderr)
+        status = 130
+    # What is left is the end of Python: a traceback from there would be about nothing.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return status
+
 
 if __name__ == "__main__":
     sys.exit(main())

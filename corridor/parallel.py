@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -18,11 +20,16 @@ def parallel(
 
     jobs: processes. cluster: address of a Dask scheduler (extra `cluster`) whose workers have
     corridor, used in their place. ordered: results in the order of the calls, else the first ready
-    first. Raises InputError where Dask is not installed or no scheduler answers.
+    first. Raises InputError for no process, where Dask is not installed or no scheduler answers.
     """
     come = "generator" if ordered else "generator_unordered"
     if cluster is None:
-        yield joblib.Parallel(n_jobs=jobs, return_as=come)
+        if jobs == 0:
+            raise InputError("0 processes do no work: use 1 or more")
+        if jobs != 1:
+            _start(jobs)
+        with joblib.Parallel(n_jobs=jobs, return_as=come) as share_out:
+            yield share_out
         return
     try:
         from dask.distributed import Client
@@ -34,3 +41,20 @@ def parallel(
         raise InputError(f"no Dask scheduler answers at {cluster} ({error}): start one") from None
     with client, joblib.parallel_config("dask", client=client):
         yield joblib.Parallel(n_jobs=-1, return_as=come)
+
+
+def _start(jobs: int) -> None:
+    """Start the processes such that Ctrl-C reaches us alone, who then end them.
+
+    Interrupted while they load libraries, each would print a traceback of its own.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
+    # Processes inherit what is ignored; they are there as soon as the calls are dispatched.
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        work = joblib.Parallel(n_jobs=jobs, return_as="generator")
+        begun = work(joblib.delayed(int)() for _ in range(2 * jobs))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    list(begun)

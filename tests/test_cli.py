@@ -2,15 +2,19 @@
 
 import errno
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import joblib
 import pytest
 
 import corridor
 from corridor.cli import main
 from corridor.errors import AdjustmentFailed
+from corridor.parallel import parallel
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +187,58 @@ class TestEndings:
         last = self._ended(capsys, 130, "adjust", str(folder), "-o", str(out))
         assert last == "interrupted: nothing was written."
         assert list(tmp_path.iterdir()) == []
+
+    def test_ctrl_c_that_a_library_makes_an_error_of_while_it_loads(self, capsys, monkeypatch):
+        def load(_):
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                raise ImportError("the C-extensions failed") from None
+
+        monkeypatch.setattr("corridor.cli.effects.run", load)
+        assert self._ended(capsys, 130, "effects") == "interrupted: nothing was written."
+
+    @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+    def test_ctrl_c_in_a_callback_that_cannot_raise(self, capsys, monkeypatch):
+        class Lock:
+            def __del__(self):
+                signal.raise_signal(signal.SIGINT)
+
+        def load(_):
+            Lock()
+            time.sleep(5)
+
+        monkeypatch.setattr("corridor.cli.effects.run", load)
+        assert main(["effects"]) == 130
+        assert capsys.readouterr().err == "interrupted: nothing was written.\n"
+
+    def test_ctrl_c_before_there_is_a_command(self, monkeypatch, capsys):
+        from corridor import __main__ as command
+
+        def pressed(*_):
+            raise KeyboardInterrupt
+
+        before = signal.getsignal(signal.SIGINT)
+        monkeypatch.setattr("corridor.cli.main", pressed)
+        try:
+            assert command.main() == 130
+        finally:
+            signal.signal(signal.SIGINT, before)
+        assert capsys.readouterr().err == "interrupted: nothing was written.\n"
+
+    def test_ctrl_c_reaches_no_worker(self):
+        with parallel(2) as work:
+            told = list(work(joblib.delayed(signal.getsignal)(signal.SIGINT) for _ in range(4)))
+        assert told == [signal.SIG_IGN] * 4
+
+    def test_no_process_does_no_work(self):
+        with pytest.raises(corridor.InputError, match="use 1 or more"), parallel(0):
+            pass
+
+    def test_a_value_may_begin_with_a_minus(self, capsys):
+        words = ["plan", "no_such_plan", "--bias", "-0.05,0,0.07", "--gnss-sigma", "-.1,1,1"]
+        last = self._ended(capsys, 2, *words, "--seed", "3")
+        assert "no plan 'no_such_plan'" in last or "sigma" in last
 
     @pytest.mark.parametrize("ending", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
     def test_ctrl_c_or_a_full_disk_during_writing(

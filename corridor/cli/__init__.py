@@ -6,10 +6,16 @@ It has a docstring (the verb's help: first line in the list of verbs, the rest u
 package and prints what came of it.
 """
 
+import _thread
 import argparse
 import importlib
 import pkgutil
+import re
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from corridor.errors import AdjustmentFailed, InputError
 
@@ -38,26 +44,79 @@ def main(arguments: list[str] | None = None) -> int:
         # A console that knows no Greek letters must not end an adjustment.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
-    options = _parser().parse_args(arguments)
-    try:
-        options.run(options)
-        sys.stdout.flush()
-        return 0
-    except InputError as error:
+    with _interruptions() as came:
+        try:
+            options = _parser().parse_args(_with_signs(arguments))
+            options.run(options)
+            sys.stdout.flush()
+            return 0
+        except (Exception, KeyboardInterrupt) as error:
+            # What is interrupted while it loads raises what it likes.
+            stopped = isinstance(error, KeyboardInterrupt)
+            if came and not stopped:
+                error, stopped = KeyboardInterrupt(), True
+            if stopped:
+                return _end(130, f"interrupted: {str(error) or 'nothing was written'}.")
+            return _failed(error)
+
+
+def _failed(error: Exception) -> int:
+    """One sentence on what went wrong, and its status; faults of ours are raised again."""
+    if isinstance(error, InputError):
         return _end(2, f"error: {error}")
-    except AdjustmentFailed as error:
+    if isinstance(error, AdjustmentFailed):
         return _end(1, f"failed: {error}")
-    except KeyboardInterrupt as stop:
-        return _end(130, f"interrupted: {str(stop) or 'nothing was written'}.")
-    except BrokenPipeError:
+    if isinstance(error, BrokenPipeError):
         # The reader of our output (`| head`) has seen enough; nothing more can be said to it.
         sys.stdout = None
         return 0
-    except OSError as error:
+    if isinstance(error, OSError):
         what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
         return _end(1, f"failed: {what}; nothing was written.")
-    except MemoryError:
+    if isinstance(error, MemoryError):
         return _end(1, "failed: not enough memory for this block; nothing was written.")
+    raise error
+
+
+@contextmanager
+def _interruptions() -> Iterator[list]:
+    """A list that is no longer empty once Ctrl-C was pressed, even where a library hides it."""
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+
+    def interrupted(number, _):
+        came.append(number)
+        raise KeyboardInterrupt
+
+    def unraisable(lost):
+        if lost.exc_type is not KeyboardInterrupt:
+            return hook(lost)
+        # It fell into a callback that may not raise (the import system has some): once more, soon.
+        threading.Timer(0.05, _thread.interrupt_main).start()
+
+    hook, sys.unraisablehook = sys.unraisablehook, unraisable
+    before = signal.signal(signal.SIGINT, interrupted)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = hook
+
+
+def _with_signs(words: list[str] | None) -> list[str]:
+    """The words of a command, values that begin with a minus joined to their options.
+
+    argparse takes `--bias -0.05,0,0.07` for two options.
+    """
+    out: list[str] = []
+    for word in sys.argv[1:] if words is None else words:
+        if out and re.fullmatch(r"--[a-z-]+", out[-1]) and re.match(r"-\.?\d", word):
+            out[-1] = f"{out[-1]}={word}"
+        else:
+            out.append(word)
+    return out
 
 
 def _end(status, sentence):
