@@ -206,7 +206,8 @@ class TestEndings:
 
         def load(_):
             Lock()
-            time.sleep(5)
+            for _ in range(500):
+                time.sleep(0.01)
 
         monkeypatch.setattr("corridor.cli.effects.run", load)
         assert main(["effects"]) == 130
