@@ -15,6 +15,8 @@ INSEPARABLE = 0.995
 # Residuals that follow the rows of single images: share of their squares, and length in sigmas.
 ROW_SHARE, ROW_SIGMAS = 0.15, 0.5
 _ROW_DEGREE = 4
+# An estimated readout this far from the stated one, in sigmas and as a share, is told.
+FAR_SIGMAS, FAR_SHARE = 3.0, 0.15
 
 
 def warnings_of(adjustment: Adjustment) -> list[str]:
@@ -23,6 +25,7 @@ def warnings_of(adjustment: Adjustment) -> list[str]:
         *_convergence(adjustment),
         *_inseparable(adjustment),
         *_motion(adjustment),
+        *_readout(adjustment),
         *_fit(adjustment),
         *_outliers(adjustment),
         *_insignificant(adjustment),
@@ -98,6 +101,30 @@ def _motion(a):
             "values are those of a wrong model: the camera moved otherwise during the readout "
             "(rates that change within it, as a gyroscope records them in rates.csv)."
         )
+
+
+def _readout(a):
+    """A readout that no shutter has, or that is far from the stated one."""
+    table, cameras = a.effects, a.problem.block.cameras
+    for row in table[table["parameter"] == "readout"].itertuples(index=False):
+        found = f"{1000 * row.value:.1f} +- {1000 * row.sigma:.1f} ms"
+        mine = [cameras[row.group]] if row.group in cameras else cameras.values()
+        stated = {camera.readout_s for camera in mine} - {None}
+        if row.value < 0:
+            yield (
+                f"A readout of {found} is negative: the rows run the other way (row_direction in "
+                "block.toml), or this is no measurement, because speed and flight direction vary "
+                "too little in the pictures."
+            )
+        elif len(stated) == 1 and row.sigma > 0:
+            (known,) = stated
+            off = abs(row.value - known)
+            if off > FAR_SIGMAS * row.sigma and off > FAR_SHARE * known:
+                yield (
+                    f"A readout of {found} was estimated where block.toml states "
+                    f"{1000 * known:.1f} ms: the velocities are wrong, the flight does not tell "
+                    "the readout, or the camera was in another mode."
+                )
 
 
 def _fit(a):

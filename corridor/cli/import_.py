@@ -12,6 +12,8 @@ examples:
       points.txt: name x y z a line; also gcp_list.txt, ground.csv, XML of MicMac or Metashape
   corridor import photos FOLDER -o BLOCK
       from photographs alone (needs the extra `images`); goes on where it was interrupted
+  corridor import photos FOLDER -o BLOCK --size 1200 --share 2
+      the same cheaply: smaller pictures, every second one
 
 Every import ends with a proof: the imported points through the imported poses and camera. Where
 the median is above 2 px, or a usual mistake of convention (origin, p1 and p2, sense of rotation, y
@@ -23,13 +25,19 @@ import argparse
 import re
 from pathlib import Path
 
-from corridor.cli._options import add, flag, option, say, wrote
+from corridor.cli._options import add, flag, option, say, whole, wrote
+from corridor.errors import InputError
 
 
 def _size(text):
+    if text.isdecimal() and int(text) >= 100:
+        return int(text)
     match = re.fullmatch(r"(\d+)[xX](\d+)", text)
     if not match or min(map(int, match.groups())) < 2:
-        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, for example 4000x3000")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is neither WIDTHxHEIGHT, as 4000x3000, nor the PIXELS of the long side of "
+            "photographs, as 2000"
+        )
     return int(match[1]), int(match[2])
 
 
@@ -41,7 +49,13 @@ _OPTIONS = {
     "--track": option("the receiver's track, as for `corridor gnss`", "FILE", Path),
     "--ground": option("ground points, with their marks if it has them", "FILE", Path),
     "--crs": option("system of the project's coordinates, as EPSG:32647", "CRS"),
-    "--size": option("picture size, for formats that have none", "WxH", _size),
+    "--size": option(
+        "picture size WxH, for formats that have none; photos: make larger pictures smaller, to "
+        "so many PIXELS of the long side, which is quicker",
+        "SIZE",
+        _size,
+    ),
+    "--share": option("photos: take every N-th photograph only", "N", whole("share", 1), default=1),
     "--track-system": option(
         "time system of the track, where the file does not say: GPST, UTC, UTC+hh:mm"
     ),
@@ -67,6 +81,10 @@ def run(options: argparse.Namespace) -> None:
     """Import, prove, write, and say what came of it."""
     from corridor import interchange
 
+    alone = options.form == "photos"
+    if isinstance(options.size, int) != alone and options.size is not None:
+        wanted = "PIXELS of the long side, as 2000" if alone else "WIDTHxHEIGHT, as 4000x3000"
+        raise InputError(f"--size {options.size}: give {wanted}")
     made = interchange.import_project(
         options.project,
         options.form,
@@ -76,7 +94,9 @@ def run(options: argparse.Namespace) -> None:
             track=options.track,
             ground=options.ground,
             crs=options.crs,
-            size=options.size,
+            size=None if alone else options.size,
+            long_side=options.size if alone else None,
+            share=options.share,
             track_system=options.track_system,
             images_system=options.images_system,
         ),

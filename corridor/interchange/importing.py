@@ -10,7 +10,7 @@ from corridor.block import Block
 from corridor.errors import InputError
 from corridor.interchange.faults import blaming
 from corridor.interchange.ground import add_ground
-from corridor.interchange.mapping import forget, from_photographs
+from corridor.interchange.mapping import Cheaply, forget, from_photographs, is_whole
 from corridor.interchange.placing import Track, add_photographs, add_track, picture_size
 from corridor.interchange.project import Project
 from corridor.interchange.proof import Proof, demand, prove
@@ -49,7 +49,8 @@ class Additions:
 
     photos: folder of its photographs. track: file of the receiver. ground: file of ground points.
     crs: of the project's coordinates. size: of the pictures, px. track_system, images_system: time
-    systems, where the files do not state them.
+    systems, where the files do not state them. long_side, share: of `mapping.Cheaply`, where the
+    project is made from photographs.
     """
 
     photos: Path | None = None
@@ -59,6 +60,8 @@ class Additions:
     size: tuple[int, int] | None = None
     track_system: str | None = None
     images_system: str | None = None
+    long_side: int | None = None
+    share: int = 1
 
 
 def _silent(what: str) -> None:
@@ -87,7 +90,8 @@ def import_project(
         raise InputError(f"{output} is a file; name a folder to write to")
     path, added = Path(path), added or Additions(**more)
     if form == "photos":
-        project = from_photographs(path, Path(output), progress)
+        cheaply = Cheaply(added.long_side, added.share)
+        project = from_photographs(path, Path(output), progress, cheaply, force)
         added = replace(added, photos=added.photos or path)
     else:
         size = added.size
@@ -112,7 +116,7 @@ def import_project(
     block.source = block.source or f"imported from {project.form}: {path.name}"
     progress(f"writing {output}")
     block.write(output, table_form, observed=False)
-    if form == "photos":
+    if form == "photos" and is_whole(project, Path(output)):
         forget(Path(output))
     return Imported(project, proof)
 

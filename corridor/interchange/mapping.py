@@ -10,26 +10,46 @@ Source: Schönberger and Frahm 2016, "Structure-from-motion revisited" (COLMAP).
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.gnss import Local
 from corridor.interchange.formats import colmap
+from corridor.interchange.joining import why_lost
 from corridor.interchange.project import Project
-from corridor.photographs import Metadata, photographs_in, read_metadata
+from corridor.photographs import Metadata, photographs_in, read_metadata, stated_focal
 from corridor.report import whole_folder
 
 # Neighbours by position, all with all up to so many images, along the sequence beyond.
 _NEIGHBOURS, _ALL, _SEQUENCE = 20, 60, 12
-_BATCH_IMAGES, _BATCH_PAIRS = 10, 200
+_BATCH_PAIRS = 40
+# A focal length further from the stated one than this is of a model that bends, or of a wrong
+# statement: the stated one is held unless the other fits so much better.
+_FOCAL_RANGE, _FITS_BETTER = 0.10, 0.7
+# A model of less than this share of the photographs is refused, of less than this kept to go on.
+_REFUSED, _KEPT = 0.5, 0.9
 _MODEL = "RADIAL"
 _LEAST = 3
+
+
+@dataclass(frozen=True)
+class Cheaply:
+    """How much of the photographs is used.
+
+    size: long side of the pictures, px; larger ones are made smaller first, and the block is of
+    the smaller ones. share: every so many-th photograph.
+    """
+
+    size: int | None = None
+    share: int = 1
 
 
 def workplace(output: Path) -> Path:
@@ -39,36 +59,99 @@ def workplace(output: Path) -> Path:
 
 
 def from_photographs(
-    folder: Path, output: Path, progress: Callable[[str], None] = lambda what: None
+    folder: Path,
+    output: Path,
+    progress: Callable[[str], None] = lambda what: None,
+    cheaply: Cheaply | None = None,
+    force: bool = False,
 ) -> Project:
     """A free reconstruction of the photographs of a folder, as a project.
 
-    output: the block to be written; the work is kept beside it.
+    output: the block to be written; the work is kept beside it. force: also of few photographs.
     Raises InputError without pycolmap or without enough photographs, AdjustmentFailed where they
-    do not make one model.
+    do not make one model of at least half of them.
     """
-    pycolmap = _pycolmap()
-    files = photographs_in(folder)
+    pycolmap, cheaply = _pycolmap(), cheaply or Cheaply()
+    every = photographs_in(folder)
+    files = every[:: cheaply.share]
     if len(files) < _LEAST:
         raise InputError(f"{folder} holds {len(files)} photographs; a block needs {_LEAST} or more")
     photos = [read_metadata(file) for file in files]
     names = [file.relative_to(folder).as_posix() for file in files]
     place = workplace(output)
-    _same_photos(place, folder, files, names)
+    _same_photos(place, folder, files, names, cheaply)
+    pictures = _pictures(folder, place, names, photos, cheaply, progress)
     database = place / "database.db"
-    for done in _features(pycolmap, database, folder, names, photos):
+    for done in _features(pycolmap, database, pictures, names, photos, cheaply):
         progress(f"features: {done} of {len(names)} photographs")
     pairs = _pairs(photos)
     for done in _matches(pycolmap, database, place, names, pairs):
         progress(f"matches: {done} of {len(pairs)} pairs")
     model = place / "model"
     if not (model / "images.bin").is_file():
-        _map(pycolmap, database, folder, model, len(names), progress)
+        stated = all(stated_focal(photo) for photo in photos)
+        _map(pycolmap, database, pictures, model, photos, stated, progress)
     project = colmap.read(model)
-    left = len(names) - len(project.block.images)
-    lost = f"{left} of {len(names)} photographs could not be connected to the others"
-    project = project.having(warnings=[lost] if left else [], name=folder.resolve().name)
+    project = _with_lost_named(project, place, names, photos, force)
+    project = _with_focal_compared(project, names, photos)
+    if len(files) < len(every):
+        project = project.having(notes=[f"{len(files)} of {len(every)} photographs were used"])
+    project = project.having(name=folder.resolve().name)
     return replace(project, form="photos", source=folder)
+
+
+def _with_lost_named(project, place, names, photos, force):
+    """Says which photographs are not in the model and why. Raises where they are most."""
+    there = set(project.block.images["image"])
+    joined = {row for row, name in enumerate(names) if name in there}
+    left = len(names) - len(joined)
+    if not left:
+        return project
+    said = (
+        f"{left} of {len(names)} photographs could not be connected to the others: "
+        f"{why_lost(photos, joined)}"
+    )
+    if len(joined) < _KEPT * len(names):
+        said += f"; features and matches are kept in {place}, the same command goes on from there"
+    if len(joined) < _REFUSED * len(names) and not force:
+        raise AdjustmentFailed(
+            f"only {len(joined)} of {len(names)} photographs make one model, which is no block. "
+            f"{said[0].upper()}{said[1:]}; --force writes the block of those that are joined"
+        )
+    return project.having(warnings=[said])
+
+
+def _with_focal_compared(project, names, photos):
+    """Says so where a focal length is far from what the photographs state."""
+    row = {name: k for k, name in enumerate(names)}
+    for name, camera in project.block.cameras.items():
+        mine = project.block.images["image"][project.block.images["camera"] == name]
+        photo = next((photos[row[image]] for image in mine if image in row), None)
+        stated = photo and stated_focal(photo, max(camera.width, camera.height))
+        if not stated:
+            continue
+        off = camera["f"] / stated.px - 1
+        said = (
+            f"camera {name}: f {camera['f']:.0f} px; stated {stated.px:.0f} px ({stated.of}), "
+            f"{abs(100 * off):.0f} % {'longer' if off > 0 else 'shorter'}"
+        )
+        if abs(off) > _FOCAL_RANGE:
+            project = project.having(
+                warnings=[
+                    f"{said}: heights and focal length may have exchanged, pictures may be turned "
+                    "or cropped, or the statement is wrong; check it before you trust heights"
+                ]
+            )
+        else:
+            said = said.partition("), ")[0] + ")"
+            project = project.having(notes=[f"{said}, the start of the import"])
+    return project
+
+
+def is_whole(project: Project, output: Path) -> bool:
+    """Whether nearly all photographs are in the model: the kept work is of no more use."""
+    stamp = _read_stamp(workplace(output))
+    return len(project.block.images) >= _KEPT * len(stamp["photographs"]) if stamp else True
 
 
 def forget(output: Path) -> None:
@@ -88,49 +171,99 @@ def _pycolmap():
     return pycolmap
 
 
-def _same_photos(place: Path, folder: Path, files: list[Path], names: list[str]) -> None:
-    """Start anew where the kept work is of other photographs."""
-    stamp = place / "photographs.json"
+def _read_stamp(place: Path) -> dict | None:
+    try:
+        return json.loads((place / "photographs.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def _same_photos(
+    place: Path, folder: Path, files: list[Path], names: list[str], cheaply: Cheaply
+) -> None:
+    """Start anew where the kept work is of other photographs, or of another size."""
     wanted = {
         "folder": str(folder.resolve()),
+        "size": cheaply.size,
         "photographs": {
             name: [file.stat().st_size, file.stat().st_mtime_ns]
             for name, file in zip(names, files, strict=True)
         },
     }
-    try:
-        known = json.loads(stamp.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        known = None
-    if known != wanted:
+    if _read_stamp(place) != wanted:
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir(parents=True)
-        stamp.write_text(json.dumps(wanted), encoding="utf-8")
+        (place / "photographs.json").write_text(json.dumps(wanted), encoding="utf-8")
 
 
-def _features(pycolmap, database, folder, names, photos) -> Iterator[int]:
-    """Extract in batches; yields how many are done. Those that are done are skipped."""
-    alike = {(photo.model, photo.width, photo.height_px) for photo in photos}
-    mode = pycolmap.CameraMode.SINGLE if len(alike) == 1 else pycolmap.CameraMode.AUTO
-    options = pycolmap.ImageReaderOptions()
-    options.camera_model = _MODEL
-    for first in range(0, len(names), _BATCH_IMAGES):
-        batch = names[first : first + _BATCH_IMAGES]
-        options.existing_camera_id = _camera_id(pycolmap, database) if len(alike) == 1 else -1
-        pycolmap.extract_features(
-            database, folder, image_names=batch, camera_mode=mode, reader_options=options,
-            device=pycolmap.Device.cpu,
-        )  # fmt: skip
-        yield first + len(batch)
+def _pictures(folder, place, names, photos, cheaply, progress) -> Path:
+    """The folder of the pictures: the photographs, or all of them made smaller."""
+    size = cheaply.size
+    if size is None or all(max(p.width, p.height_px) <= size for p in photos):
+        return folder
+    smaller = place / "pictures"
+    for done, (name, photo) in enumerate(zip(names, photos, strict=True), 1):
+        to = smaller / name
+        if to.is_file():
+            continue
+        to.parent.mkdir(parents=True, exist_ok=True)
+        with Image.open(photo.path) as picture:
+            # A JPEG is decoded at a half or a quarter where that is enough, which is quick.
+            picture.draft("L", (2 * size, 2 * size))
+            grey = picture.convert("L")
+            grey.thumbnail((size, size), Image.Resampling.LANCZOS, reducing_gap=3.0)
+            part = to.with_name(f".{to.name}")
+            grey.save(part, format=picture.format, quality=95)
+        part.replace(to)
+        progress(f"pictures made smaller: {done} of {len(names)}")
+    return smaller
 
 
-def _camera_id(pycolmap, database):
-    """The one camera of earlier batches: each batch would make its own."""
+def _features(pycolmap, database, folder, names, photos, cheaply) -> Iterator[int]:
+    """Extract in batches, one camera for pictures alike; yields how many are done.
+
+    Those that are done are skipped.
+    """
+    alike: dict[tuple, list[int]] = {}
+    for row, photo in enumerate(photos):
+        key = (photo.model, photo.width, photo.height_px, photo.focal_mm)
+        alike.setdefault(key, []).append(row)
+    done, step = 0, max(os.cpu_count() or 1, 1)
+    for rows in alike.values():
+        options = pycolmap.ImageReaderOptions()
+        options.camera_model = _MODEL
+        first = photos[rows[0]]
+        size = _size_of(first, cheaply)
+        stated = stated_focal(first, max(size))
+        if stated:
+            options.camera_params = f"{stated.px}, {size[0] / 2}, {size[1] / 2}, 0, 0"
+        for start in range(0, len(rows), step):
+            batch = [names[row] for row in rows[start : start + step]]
+            options.existing_camera_id = _camera_id(pycolmap, database, names[rows[0]])
+            pycolmap.extract_features(
+                database, folder, image_names=batch, camera_mode=pycolmap.CameraMode.SINGLE,
+                reader_options=options, device=pycolmap.Device.cpu,
+            )  # fmt: skip
+            done += len(batch)
+            yield done
+
+
+def _size_of(photo, cheaply):
+    """Width and height of the picture that features are taken from."""
+    size = photo.width, photo.height_px
+    if cheaply.size is None or max(size) <= cheaply.size:
+        return size
+    return tuple(round(side * cheaply.size / max(size)) for side in size)
+
+
+def _camera_id(pycolmap, database, name):
+    """The camera that an earlier batch made of this image: each batch would make its own."""
     if not database.is_file():
         return -1
     with pycolmap.Database.open(database) as base:
-        cameras = base.read_all_cameras()
-    return cameras[0].camera_id if cameras else -1
+        if not base.exists_image(name):
+            return -1
+        return base.read_image_with_name(name).camera_id
 
 
 def _pairs(photos: list[Metadata]) -> list[tuple[int, int]]:
@@ -164,27 +297,71 @@ def _matches(pycolmap, database, place, names, pairs) -> Iterator[int]:
         yield first + len(batch)
 
 
-def _map(pycolmap, database, folder, model, count, progress) -> None:
+def _map(pycolmap, database, folder, model, photos, stated, progress) -> None:
+    """The model of most photographs, written to `model`.
+
+    stated: all photographs state a focal length: it is held while the model grows, and let go at
+    the end, where it may move within a tenth.
+    """
+    best = _grown(pycolmap, database, folder, len(photos), progress, held=stated)
+    if stated and (best is None or best.num_reg_images() < _KEPT * len(photos)):
+        progress("mapping again: the stated focal length let go")
+        other = _grown(pycolmap, database, folder, len(photos), progress, held=False)
+        least = best.num_reg_images() if best is not None else 0
+        if other is not None and other.num_reg_images() > 1.2 * least:
+            best, stated = other, False
+    if best is None:
+        raise AdjustmentFailed(
+            f"the photographs do not make a model: {why_lost(photos, set())}; features and matches "
+            f"are kept in {model.parent}, the same command goes on from there"
+        )
+    if stated:
+        best = _focal_let_go(pycolmap, best)
+    with whole_folder(model, "images.bin") as part:
+        best.write_binary(part)
+
+
+def _grown(pycolmap, database, folder, count, progress, held):
+    """The largest model; None without one. held: the focal length stays as it is stated."""
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = _LEAST
     options.random_seed = 0
+    options.ba_refine_focal_length = not held
+    options.mapper.abs_pose_refine_focal_length = not held
     done = 2
 
     def registered():
         nonlocal done
         done += 1
-        if done % 10 == 0 or done == count:
-            progress(f"mapping: {done} of {count} photographs")
+        progress(f"mapping: {min(done, count)} of {count} photographs")
 
     progress(f"mapping {count} photographs")
     with tempfile.TemporaryDirectory(prefix="corridor-") as work:
         found = pycolmap.incremental_mapping(
             database, folder, work, options=options, next_image_callback=registered
         )
-    if not found:
-        raise AdjustmentFailed(
-            f"the photographs of {folder} do not make a model: too little overlap or texture"
-        )
-    best = max(found.values(), key=lambda reconstruction: reconstruction.num_reg_images())
-    with whole_folder(model, "images.bin") as part:
-        best.write_binary(part)
+    return max(found.values(), key=lambda model: model.num_reg_images()) if found else None
+
+
+def _focal_let_go(pycolmap, held):
+    """The model with its focal length adjusted, where that stays near the stated one.
+
+    Beyond, the stated one stays held: over flat ground f and height exchange, and a bent model
+    takes an absurd f; unless the other fits decisively better.
+    """
+    free = pycolmap.Reconstruction(held)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    images = pycolmap.BundleAdjustmentConfig()
+    for image in free.reg_image_ids():
+        images.add_image(image)
+    images.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, images, free).solve()
+    before, after = (model.cameras[next(iter(model.cameras))] for model in (held, free))
+    off = abs(after.mean_focal_length() / before.mean_focal_length() - 1)
+    for one in (held, free):
+        one.update_point_3d_errors()
+    better = free.compute_mean_reprojection_error() < (
+        _FITS_BETTER * held.compute_mean_reprojection_error()
+    )
+    return free if off <= _FOCAL_RANGE or better else held

@@ -18,6 +18,7 @@ from corridor.geometry import (
 from corridor.gnss import Local
 from corridor.interchange.ground import in_frame, rows_by_name
 from corridor.interchange.project import POSE, Project, local_of, local_table
+from corridor.interchange.turned import name_turned
 from corridor.photographs import (
     Metadata,
     of_picture,
@@ -87,7 +88,8 @@ def add_photographs(project: Project, folder: Path) -> tuple[Project, gnss.Expos
         _with_readout,
     ):
         project = step(project, photos)
-    return _with_positions(project, photos, exposures), exposures
+    project = _with_positions(project, photos, exposures)
+    return name_turned(project, photos), exposures
 
 
 def _with_times(project, folder, photos):
@@ -135,6 +137,13 @@ def _with_sizes_compared(project, photos):
     for row, photo in photos.items():
         image, name = block.images[["image", "camera"]].iloc[row]
         camera = block.cameras[name]
+        if project.form == "photos" and photo.width > camera.width:
+            return project.having(
+                notes=[
+                    f"the block is of pictures made smaller: {camera.width} x {camera.height} px "
+                    f"in place of {photo.width} x {photo.height_px}"
+                ]
+            )
         if (photo.width, photo.height_px) != (camera.width, camera.height):
             return project.having(
                 warnings=[
@@ -241,7 +250,7 @@ def _with_readout(project, photos):
         ]
         if not mine or camera.readout_s is not None:
             continue
-        readout, source = _readout(mine[0], camera)
+        readout, source = readout_of(mine[0], camera.height)
         if readout is None:
             notes += [f"camera {name} ({mine[0].model}): {source}"] if source else []
             continue
@@ -252,8 +261,11 @@ def _with_readout(project, photos):
     return project.having(notes=notes, cameras=cameras)
 
 
-def _readout(photo, camera) -> tuple[float | None, str]:
-    """Seconds from the first to the last row and their source, or None and why, if anything."""
+def readout_of(photo: Metadata, height: int) -> tuple[float | None, str]:
+    """Seconds from the first to the last row and their source, or None and why, if anything.
+
+    height: of the pictures in question, px.
+    """
     if photo.line_ns and photo.tags.get("ModelType", "perspective") == "perspective":
         rows = photo.taken_size[1]
         source = f"{photo.line_ns:g} ns a row by its photographs"
@@ -273,7 +285,7 @@ def _readout(photo, camera) -> tuple[float | None, str]:
             "is its own: {}; none was taken, give readout_s in block.toml"
         ).format(*photo.taken_size, told)
     # Published times count all rows, ours from the first to the last.
-    readout = np.median(values) * 1e-3 * (camera.height - 1) / camera.height
+    readout = np.median(values) * 1e-3 * (height - 1) / height
     mode = f", {found[0].mode}, the mode of its pictures" if len(found) < len(every) else ""
     return float(readout), f"published for {photo.model}{mode} ({found[0].source})"
 

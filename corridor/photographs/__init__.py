@@ -4,6 +4,7 @@ The one reader of EXIF and XMP; it knows no block. A new source is a module besi
 `maker_note`, asked by `metadata`.
 """
 
+from corridor.photographs.focal import StatedFocal, stated_focal
 from corridor.photographs.metadata import (
     SUFFIXES,
     Metadata,
@@ -22,10 +23,12 @@ __all__ = [
     "SUFFIXES",
     "Metadata",
     "PublishedReadout",
+    "StatedFocal",
     "Taken",
     "compared",
     "of_picture",
     "photographs_in",
     "published_readouts",
     "read_metadata",
+    "stated_focal",
 ]

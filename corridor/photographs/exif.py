@@ -16,6 +16,7 @@ _MAKE, _MODEL, _ORIENTATION, _XMP = 271, 272, 274, 700
 _GPS, _INNER = 0x8825, 0x8769
 _EXPOSURE, _FOCAL_MM, _FOCAL_35, _WIDTH, _HEIGHT = 33434, 37386, 41989, 40962, 40963
 _AMBIENT, _MAKER_NOTE = 37888, 37500
+_PLANE, _PLANE_UNIT, _MM = 41486, 41488, {2: 25.4, 3: 10.0, 4: 1.0}
 _ORIGINAL, _ORIGINAL_DECIMALS, _ORIGINAL_ZONE = 36867, 37521, 36881
 _CREATED, _CREATED_DECIMALS = 36868, 37522
 _MOMENT = re.compile(r"(\d{4})[:/-](\d{2})[:/-](\d{2})[ T](\d{2}):(\d{2}):(\d{2})")
@@ -80,6 +81,12 @@ class Exif:
     def focal_35_mm(self) -> float | None:
         """Focal length of the same view on 35 mm film."""
         return _positive(self._inner.get(_FOCAL_35))
+
+    @property
+    def pixels_per_mm(self) -> float | None:
+        """Pixels a millimetre of the sensor, across."""
+        number, unit = _positive(self._inner.get(_PLANE)), self._inner.get(_PLANE_UNIT, 2)
+        return number / _MM[unit] if number and unit in _MM else None
 
     @property
     def written_size(self) -> tuple[int, int] | None:

@@ -29,7 +29,8 @@ _FAULTS = (
 class Metadata:
     """One photograph's metadata; None where it does not say.
 
-    width, height_px: of the stored picture; written_size: what the camera wrote. taken: by the
+    width, height_px: of the stored picture; written_size: what the camera wrote. pixels_per_mm: of
+    the sensor, in pixels as taken. taken: by the
     camera's clock. lat_deg, lon_deg (WGS 84), height (m, as written: of the ellipsoid or the sea).
     sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
     camera, as written. temperature_c and what it is of. velocity: east, north, up, m/s, and what
@@ -47,6 +48,7 @@ class Metadata:
     exposure_s: float | None = None
     focal_mm: float | None = None
     focal_35_mm: float | None = None
+    pixels_per_mm: float | None = None
     taken: Taken | None = None
     lat_deg: float | None = None
     lon_deg: float | None = None
@@ -149,6 +151,7 @@ def read_metadata(path: Path, content: bytes | None = None) -> Metadata:
         exposure_s=exif.exposure_s,
         focal_mm=exif.focal_mm,
         focal_35_mm=exif.focal_35_mm,
+        pixels_per_mm=exif.pixels_per_mm,
         taken=exif.taken,
         lat_deg=lat,
         lon_deg=lon,

@@ -330,8 +330,25 @@ def _effects(adjustment: Adjusted) -> Table | None:
             found = rounded(row.value, row.sigma)
             ratio = abs(row.value) / row.sigma if row.sigma > 0 else math.nan
             rows.append((slug, parameter, short(row.group, 16), *found, unit, times(ratio)))
+    notes += _readouts(adjustment)
     header = ("effect", "parameter", "of", "value", "sigma", "unit", "value/sigma")
     return Table("Effects", header, tuple(rows), "lllrrlr", tuple(notes))
+
+
+def _readouts(adjustment: Adjusted) -> list[str]:
+    """What block.toml states of a camera's readout beside what was estimated of it."""
+    frame, cameras = adjustment.effects, adjustment.block.cameras
+    notes = []
+    for row in frame[frame["parameter"] == "readout"].itertuples(index=False):
+        mine = [cameras[row.group]] if row.group in cameras else cameras.values()
+        stated = {camera.readout_s for camera in mine} - {None}
+        if len(stated) == 1 and math.isfinite(row.sigma) and row.sigma > 0:
+            value, sigma = rounded(1000 * row.value, 1000 * row.sigma)
+            of = f" of {short(row.group, 16)}" if row.group in cameras else ""
+            notes.append(
+                f"readout{of}: stated {1000 * stated.pop():.1f} ms, estimated {value} +- {sigma} ms"
+            )
+    return notes
 
 
 def _lever_arms(adjustment: Adjusted) -> Table | None:

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from made_up import adjustment, corridor
 from matplotlib.figure import Figure
+from strips import corridor_block
 
 import corridor as package
 from corridor import report
@@ -379,3 +380,25 @@ class TestSave:
             report.save_adjustment(adjustment(block), out, {"plan": figure})
         assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
         assert earlier or not (tmp_path / "deep").exists()
+
+
+@pytest.mark.parametrize(
+    ("true", "stated", "said"),
+    [
+        (0.030, 0.033, None),
+        (0.030, 0.060, "states 60.0 ms"),
+        (-0.030, 0.033, "the rows run the other way"),
+    ],
+)
+def test_the_estimated_readout_is_set_beside_the_stated_one(true, stated, said):
+    truth = corridor_block(images=24, strips=4, turned=True, velocity_jitter=0.5)
+    block = package.effects.add(truth, {"rolling_shutter": {"readout": true}})
+    for name, camera in block.cameras.items():
+        block.cameras[name] = dataclasses.replace(camera, readout_s=stated)
+    rng = np.random.default_rng(0)
+    block.tie_points[["x", "y"]] += rng.normal(0, 0.3, (len(block.tie_points), 2))
+    adjusted = package.adjust(block, camera="fixed", effects=["rolling_shutter"])
+    assert f"readout: stated {1000 * stated:.1f} ms, estimated " in text_of(adjusted)
+    mine = [sentence for sentence in adjusted.warnings if sentence.startswith("A readout of")]
+    assert len(mine) == bool(said)
+    assert said is None or said in mine[0]

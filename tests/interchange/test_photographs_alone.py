@@ -48,6 +48,7 @@ def photographs(tmp_path_factory):
         lon, lat, up = PLACE.to_geographic(centre[None])[0]
         exif = Image.Exif()
         exif[271], exif[272] = "DJI", "made"
+        exif.get_ifd(0x8769)[41989] = 31  # mm of 35 mm film: 421 px
         exif.get_ifd(0x8769)[36867] = f"2024:06:24 10:20:{2 * k:02d}"
         gps = exif.get_ifd(0x8825)
         for n, value, letter in ((1, lat, "N"), (3, lon, "E")):

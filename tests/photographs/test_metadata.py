@@ -10,7 +10,7 @@ from PIL import Image
 import corridor
 from corridor.errors import InputError
 from corridor.interchange import Project
-from corridor.interchange.placing import _readout, add_photographs, gyro_rates
+from corridor.interchange.placing import add_photographs, gyro_rates, readout_of
 from corridor.photographs import of_picture, published_readouts, read_metadata
 
 
@@ -156,8 +156,7 @@ def test_garfield_was_made_smaller_and_says_its_own_readout(real_data):
     """47,500 ns a row of 3456, the maker's; the pictures are stored with 864."""
     photo = read_metadata(sorted((real_data / "garfield" / "photos").iterdir())[3])
     assert (photo.width, photo.height_px) == (1152, 864)
-    camera = corridor.Camera.from_table("P1", {"width": 1152, "height": 864, "f": 900.0})
-    readout, source = _readout(photo, camera)
+    readout, source = readout_of(photo, 864)
     assert 1000 * readout == pytest.approx(164.1, abs=0.05)
     assert "3456 rows as they were taken" in source
     rates = gyro_rates(photo, 100.0)
