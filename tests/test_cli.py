@@ -79,7 +79,7 @@ class TestAdjust:
         words = (
             "--camera f,cx,cy --effect gnss_bias --effect rolling_shutter --control P1,P2 "
             "--check none --loss huber:2 --prior camera.P1.f=8190+-5 --prior gnss_bias.z=0±0.05 "
-            "--lever-arm fixed --threads 2 --iterations 70 --reject-gnss"
+            "--lever-arm fixed --threads 2 --iterations 70 --reject-gnss --strict"
         )
         main(["adjust", str(folder), *words.split()])
         called.pop("progress")
@@ -96,6 +96,7 @@ class TestAdjust:
             "threads": 2,
             "max_iterations": 70,
             "reject_gnss": True,
+            "strict": True,
         }
 
     def test_what_is_not_asked_for_is_left_to_the_block(self, folder, monkeypatch):

@@ -99,6 +99,7 @@ class TestDiagnose:
             "seed": 7,
             "threads": 1,
             "max_iterations": None,
+            "strict": False,
         }
 
 

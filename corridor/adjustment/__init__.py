@@ -11,6 +11,7 @@ from corridor.adjustment.adjust import adjust, complete
 from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
+from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.model import (
@@ -54,4 +55,5 @@ __all__ = [
     "one_step",
     "similarity",
     "solve",
+    "sound_part",
 ]

@@ -11,6 +11,7 @@ import numpy as np
 
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import explain, free_network, laid_on
+from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.model import Loss, Model
@@ -41,6 +42,7 @@ def adjust(
     max_iterations: int = 50,
     reject_gnss: bool = False,
     model: Model | None = None,
+    strict: bool = False,
 ) -> Adjustment:
     """Least-squares adjustment of tie points, marks, ground control and GNSS.
 
@@ -59,6 +61,8 @@ def adjust(
     progress: called with a dictionary: after each iteration iteration, cost, damping, step and
         accepted; while start values are made, message.
     model: a `Model` in place of camera, effects, control, check, loss, priors and lever_arm.
+    strict: refuse points that one image alone shows, and images with fewer than three points,
+        which are left out and named in `warnings` otherwise.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
@@ -81,6 +85,7 @@ def adjust(
         lever_arm=lever_arm,
     )
     check_needs(block, model.effects)
+    block, left_out = (block, []) if strict else sound_part(block, model)
     run = Run(min(threads, 2), progress, max_iterations)
 
     def again(part: Block) -> Adjustment:
@@ -96,7 +101,7 @@ def adjust(
 
     result = again(block)
     result = _without_false_fixes(result, again) if reject_gnss else result
-    for note in _used(prepared, model.effects):
+    for note in (*_used(prepared, model.effects), *reversed(left_out)):
         result.add_note(note)
     return result
 
@@ -207,6 +212,7 @@ def _interim(part: Block) -> Block | None:
                 for term, sigma in START_LENS.items()
             },
             max_iterations=10,
+            strict=True,
         ).block
     except (InputError, AdjustmentFailed):
         return None

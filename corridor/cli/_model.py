@@ -3,7 +3,7 @@
 import argparse
 import re
 
-from corridor.cli._options import SHARED, add, option
+from corridor.cli._options import SHARED, add, flag, option
 
 _PRIOR = re.compile(r"(?P<name>[^=\s]+)=(?P<value>[^=]+?)(?:\+-|\+/-|±)(?P<sigma>[^=]+)")
 
@@ -28,6 +28,10 @@ def configure(
             "--prior": option(prior, "NAME=VALUE+-SIGMA", _prior, action="append", default=[]),
             "--threads": {"default": threads},
             "--iterations": {},
+            "--strict": flag(
+                "refuse points seen in one image only and images with fewer than 3 points "
+                "(default: leave them out and say so)"
+            ),
         },
     )
 

@@ -61,6 +61,7 @@ def run(options: argparse.Namespace) -> None:
         progress=_progress,
         max_iterations=options.iterations or 50,
         reject_gnss=options.reject_gnss,
+        strict=options.strict,
     )
     if not adjustment.converged:
         _end(adjustment)

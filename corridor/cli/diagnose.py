@@ -71,6 +71,7 @@ def run(options: argparse.Namespace) -> None:
         seed=options.seed,
         progress=_progress,
         max_iterations=options.iterations,
+        strict=options.strict,
     )
     print(diagnosis)
     if options.output is None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from threadpoolctl import threadpool_limits
 
-from corridor.adjustment import Adjustment, Model, listed
+from corridor.adjustment import Adjustment, Model, listed, sound_part
 from corridor.block import Block, read
 from corridor.diagnosis.beside import beside
 from corridor.diagnosis.discontinuity import broken_picture, shows_as
@@ -114,6 +114,7 @@ def diagnose(
     threads: int = 1,
     model: Model | None = None,
     max_iterations: int | None = None,
+    strict: bool = False,
 ) -> Diagnosis:
     """What is missing from the believed model of a measured block.
 
@@ -127,7 +128,7 @@ def diagnose(
     seed: of the simulated threshold and the choice of held-out observations.
     progress: called with a dictionary that holds a message.
     model: a `Model` in place of camera, effects, control, check and priors.
-    max_iterations: of an adjustment; default: as many as `corridor.adjust` has.
+    max_iterations, strict: of an adjustment, as `corridor.adjust` has them.
 
     Columns that are missing never stop it: see `untestable`.
     Raises InputError where the block cannot be adjusted as asked or a slug is unknown,
@@ -142,6 +143,9 @@ def diagnose(
     model = Model.of(
         model, camera=camera, effects=effects, control=control, check=check, priors=priors
     )
+    if not strict:
+        block, left_out = sound_part(block, model)
+        notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, threads, max_iterations)
     # Matrices are many and small: threads would wait for each other.
     with threadpool_limits(1):

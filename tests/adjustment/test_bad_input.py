@@ -67,14 +67,21 @@ class TestTooFewMeasurements:
         name = block.tie_points["point"].iloc[0]
         again = block.tie_points["point"].duplicated()
         kept(block, "tie_points", (block.tie_points["point"] != name) | ~again)
-        refused(block, "tie_points.csv, row 2", f"point {name}", "one image only", "remove the row")
+        words = ("tie_points.csv, row 2", f"point {name}", "one image only", "remove the row")
+        refused(block, *words, strict=True)
+        adjusted = corridor.adjust(block)
+        assert adjusted.converged and name not in set(adjusted.points["point"])
+        assert adjusted.warnings[0] == f"1 tie point seen in one image only left out: {name}."
 
     def test_a_check_point_seen_once(self, block):
         name = block.ground.loc[block.ground["role"] == "check", "point"].iloc[0]
         rows = block.marks["point"] == name
         kept(block, "marks", ~rows | ~block.marks["point"].duplicated())
         row = np.flatnonzero(block.marks["point"] == name)[0] + 2
-        refused(block, f"marks.csv, row {row}", f"point {name}", "one image only")
+        refused(block, f"marks.csv, row {row}", f"point {name}", "one image only", strict=True)
+        adjusted = corridor.adjust(block)
+        assert name not in set(adjusted.check_points["point"])
+        assert f"1 check point seen in one image only left out: {name}." in adjusted.warnings
 
     def test_a_control_point_seen_once_is_welcome(self, block):
         """Its coordinates carry it (Strasbourg has one)."""
@@ -90,7 +97,12 @@ class TestTooFewMeasurements:
         kept(block, "tie_points", (block.tie_points["image"] != name) | (number < 2))
         kept(block, "marks", block.marks["image"] != name)
         points_twice(block)
-        sentence = refused(block, "images.csv, row 6", name, "a pose needs 3", "remove the image")
+        words = ("images.csv, row 6", name, "a pose needs 3", "remove the image")
+        sentence = refused(block, *words, strict=True)
+        adjusted = corridor.adjust(block)
+        assert adjusted.converged and name not in set(adjusted.poses["image"])
+        assert len(adjusted.poses) == len(block.images) - 1
+        assert any("1 image with fewer than 3 points" in w and name in w for w in adjusted.warnings)
         assert "has 2 measured points" in sentence or "has 1 measured points" in sentence
 
     def test_images_without_any_point(self, block):

@@ -1,0 +1,83 @@
+"""What cannot be adjusted and is left out: points that one image sees, images that see hardly any.
+
+Every real project has some; the rest of the block is none the worse for it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corridor.adjustment.model import Model
+from corridor.block import Block
+
+# Points that a pose needs.
+LEAST_POINTS = 3
+_NAMED = 10
+
+
+def sound_part(block: Block, model: Model) -> tuple[Block, list[str]]:
+    """The block without what cannot be adjusted, and a sentence on each kind of what was left out.
+
+    Tie points and check points that one image alone sees; images with fewer than three points.
+    A block of which not even half of the images would be left comes back as it is: there,
+    something else is wrong, and the adjustment says what.
+    """
+    roles = model.roles(block)
+    ground = block.ground["point"].to_numpy(dtype=object)
+    ties, marks = (getattr(block, table)["point"].cat for table in ("tie_points", "marks"))
+    names = np.concatenate([c.categories.to_numpy(dtype=object) for c in (ties, marks)])
+    is_mark = np.arange(len(names)) >= len(ties.categories)
+    held, unused = (is_mark & np.isin(names, ground[roles == r]) for r in ("control", "unused"))
+    point = np.concatenate([ties.codes, marks.codes.astype(np.int32) + len(ties.categories)])
+    image = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
+
+    counts = ~unused[point]
+    keep, there = counts.copy(), np.ones(len(block.images), dtype=bool)
+    alone, few = np.zeros(len(names), dtype=bool), {}
+    while True:
+        single = (np.bincount(point[keep], minlength=len(names)) == 1) & ~held
+        keep &= ~single[point]
+        seen = np.bincount(image[keep], minlength=len(there))
+        scarce = np.flatnonzero(there & (seen < LEAST_POINTS))
+        if not single.any() and not len(scarce):
+            break
+        alone |= single
+        few |= {block.images["image"].iloc[k]: seen[k] for k in scarce}
+        there[scarce] = False
+        keep &= there[image]
+    if 2 * there.sum() < len(there) or not (alone.any() or few):
+        return block, []
+    notes = [
+        _told(names[alone & (is_mark == marked)], what)
+        for marked, what in ((False, "tie point"), (True, "check point"))
+    ]
+    if few:
+        shown = [f"{name} with {number}" for name, number in few.items()]
+        notes.append(
+            f"{len(few)} image{'s' * (len(few) > 1)} with fewer than {LEAST_POINTS} points that "
+            f"another image shows, which a pose needs, left out: {_listed(shown)}."
+        )
+    return _without(block, keep | ~counts, there), [note for note in notes if note]
+
+
+def _without(block: Block, keep: np.ndarray, there: np.ndarray) -> Block:
+    """The block with these rows of its tie points and marks, and with these images."""
+    block, first = block.copy(), len(block.tie_points)
+    for table, rows in (("tie_points", keep[:first]), ("marks", keep[first:])):
+        frame = getattr(block, table)[rows].reset_index(drop=True)
+        frame["point"] = frame["point"].cat.remove_unused_categories()
+        setattr(block, table, frame)
+    return block if there.all() else block.select(images=block.images["image"][there])
+
+
+def _told(names: np.ndarray, what: str) -> str:
+    if not len(names):
+        return ""
+    return (
+        f"{len(names)} {what}{'s' * (len(names) > 1)} seen in one image only left out: "
+        f"{_listed(names)}."
+    )
+
+
+def _listed(names) -> str:
+    return ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
