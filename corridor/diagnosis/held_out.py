@@ -41,18 +41,22 @@ class Verification:
         self.notes: list[str] = []
         self._believed, self._last = believed, course.last
         self._effects = {effect.slug: effect for effect in course.candidates.effects}
-        if len(believed.block.tie_points) <= SETTINGS.fewest_ties:
-            return
-        self._block, self._rows = hold_out(believed.block, np.random.default_rng(seed))
+        few = len(believed.block.tie_points) <= SETTINGS.fewest_ties
+        self._block, self._rows = (
+            (believed.block, np.zeros(0, dtype=np.int64))
+            if few
+            else hold_out(believed.block, np.random.default_rng(seed))
+        )
         said = "Held-out observations could not be compared"
         self._first = self._fit([], said)
         self._now = self._fit(self.used, said) if self.used and self._first else self._first
         if self._now is None:
             return
         self._go_on(self.used, self._now)
-        self._keep_shapes()
-        self._choose_effects()
-        self._choose_shapes()
+        if not few:
+            self._keep_shapes()
+            self._choose_effects()
+            self._choose_shapes()
         self._drop_harmful()
 
     def _fit(self, keys: list[str], said: str) -> Adjustment | None:

@@ -317,7 +317,11 @@ class TestSentence:
         ("check", "tie", "words"),
         [
             ((0.010, 0.0101), (0.30, 0.30), "leaves the check-point error at 10.1 mm."),
-            ((0.010, 0.015), (0.30, 0.30), "raises the check-point error from 10.0 to 15.0 mm."),
+            (
+                (0.010, 0.015),
+                (0.30, 0.30),
+                "changes the check-point error from 10.0 to 15.0 mm, which is within its noise.",
+            ),
             ((0.010, 0.010), (0.42, 0.34), "and lowers the error of image points held out"),
             (None, (0.42, 0.34), "lowers the error of image points held out from 0.420 to 0.340"),
             (None, (None, None), "could not be measured"),

@@ -200,12 +200,12 @@ def _effect_of_adding(d: Diagnosed, number: int, what: str = "") -> str:
     before, after = falls(gap["before"], gap["after"], factor, unit)
     if change == "lowers":
         return f"{adding} lowers {name} from {before} to {after}."
-    text = (
-        f"{adding} leaves {name} at {after}"
-        if change == "leaves"
-        # What takes check points further away than their noise is never added (see `harms`).
-        else f"{adding} leaves {name} within its noise, at {after} after {before}"
-    )
+    text = f"{adding} leaves {name} at {after}"
+    if change == "raises":
+        text = f"{adding} raises {name} from {before} to {after}"
+        if gap is check:
+            # What takes check points further away than their noise is never added (see `harms`).
+            text = f"{adding} changes {name} from {before} to {after}, which is within its noise"
     if len(told) > 1 and told[1][0] == "lowers":
         _, gap, name, factor, unit = told[1]
         before, after = falls(gap["before"], gap["after"], factor, unit)
