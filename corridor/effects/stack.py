@@ -9,7 +9,7 @@ import numpy as np
 from corridor.block import Block
 from corridor.effects.context import Context, Images, group_names
 from corridor.effects.contract import PLACES, Effect, Parameter
-from corridor.errors import InputError
+from corridor.errors import AdjustmentFailed, InputError
 
 # Slug -> (groups, parameters), as the equations have the values of effects.
 Arrays = dict[str, np.ndarray]
@@ -114,16 +114,24 @@ class Stack:
             rows = np.broadcast_to(mine, (len(context), mine.shape[1]))
         else:
             rows = mine[context.group(effect.group)]
-        shift, derivative = effect.shift(context, rows)
+        # Points far outside their picture lead beyond all numbers; that is told below.
+        with np.errstate(over="ignore", invalid="ignore"):
+            shift, derivative = effect.shift(context, rows)
+            total = derivative.sum()
         # One reduction tells of any NaN; looking for the row is worth it only then.
-        if np.isnan(derivative.sum()):
-            bad = np.flatnonzero(np.isnan(derivative).any(axis=(1, 2)))[0]
-            name = context.images.names[context.image[bad]] if context.image is not None else bad
-            raise InputError(
-                f"images.csv: image {name} lacks one of {', '.join(effect.needs)}, which effect "
-                f"{effect.slug} needs: fill the cell or leave the effect out"
+        bad = np.flatnonzero(np.isnan(derivative).any(axis=(1, 2))) if np.isnan(total) else []
+        if not len(bad):
+            return shift, derivative
+        name = context.images.names[context.image[bad[0]]] if context.image is not None else bad[0]
+        if not effect.needs:
+            raise AdjustmentFailed(
+                f"effect {effect.slug} is no number at image {name}: points lie far outside "
+                "their picture, so poses, camera or image coordinates are wrong (y pointing up?)"
             )
-        return shift, derivative
+        raise InputError(
+            f"images.csv: image {name} lacks one of {', '.join(effect.needs)}, which effect "
+            f"{effect.slug} needs: fill the cell or leave the effect out"
+        )
 
     def names(self, place: str) -> list[tuple[str, str]]:
         """(slug, parameter) of the columns of a derivative at a place."""

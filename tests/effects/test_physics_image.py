@@ -6,7 +6,8 @@ from hovering import HEIGHT, F, hovering, seen
 from numpy.polynomial.legendre import Legendre
 
 from corridor.block import Block
-from corridor.effects import Context, Images, find, predict
+from corridor.effects import Context, Images, Stack, find, predict
+from corridor.errors import AdjustmentFailed
 
 ACROSS, DOWN = 2000.0, 1500.0  # px from the middle of the picture to its edges
 
@@ -23,6 +24,25 @@ def over_the_picture(slug, values, places):
     pixel = half + half * np.asarray(places, float)
     look = Context(images, np.zeros(len(pixel), int), pixel=pixel, ray=(pixel - half) / F)
     return find(slug).shift(look, np.atleast_2d(values))[0]
+
+
+class TestBeyondAllNumbers:
+    """Image points with y pointing up drive an adjustment there."""
+
+    @staticmethod
+    def evaluate(pixel):
+        block = hovering()
+        stack = Stack(block, [find("row_polynomial")])
+        look = Context(Images.of(block), np.zeros(1, int), pixel=np.array([pixel]))
+        return stack.evaluate("image", look, stack.start())
+
+    @pytest.mark.filterwarnings("error")
+    def test_no_warning_is_printed(self):
+        assert np.isinf(self.evaluate([0.0, 1e200])[1]).any()
+
+    def test_no_cell_is_said_to_be_missing_of_an_effect_that_needs_none(self):
+        with pytest.raises(AdjustmentFailed, match="far outside their picture"):
+            self.evaluate([0.0, np.nan])
 
 
 class TestHeat:
