@@ -7,8 +7,8 @@ python run.py test               style, import contract, tests and the first not
 python run.py test --all         the long tests and every notebook as well
 
 The first run makes the folder .venv beside this file and installs into it the versions
-named in constraints.txt; later runs use it again until those or pyproject.toml change.
-To start afresh, delete .venv.
+named in constraints.txt; later runs use it again, whatever Python starts them, and install
+anew when those or pyproject.toml change. To start afresh, delete .venv: nothing else does.
 """
 
 import hashlib
@@ -24,6 +24,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 STAMP = VENV / "corridor-installed.json"
+# There only until the environment is whole: what holds it was interrupted, and is made again.
+UNFINISHED = VENV / "corridor-unfinished"
 SHIPPED_BLOCK = ROOT / "data_synthetic" / "dike"
 OLDEST = (3, 11)
 NBVAL = ("--nbval", "--nbval-current-env", "--nbval-cell-timeout", "1800")
@@ -74,59 +76,91 @@ def fingerprint(root=ROOT):
     digest = hashlib.sha256()
     for name in ("pyproject.toml", "constraints.txt"):
         digest.update((root / name).read_bytes().replace(b"\r\n", b"\n"))
-    digest.update(f"{root} {platform.python_version()} {platform.machine()}".encode())
+    digest.update(f"{root} {platform.machine()}".encode())
     return digest.hexdigest()
+
+
+def recorded(stamp=STAMP):
+    """What was written when corridor was installed; empty where nothing can be read."""
+    try:
+        found = json.loads(stamp.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def installed_extras(stamp=STAMP, root=ROOT):
     """Extras that .venv holds in today's versions; None if it has to be installed."""
-    try:
-        found = json.loads(stamp.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    found = recorded(stamp)
+    if found.get("fingerprint") != fingerprint(root):
         return None
-    return set(found["extras"]) if found.get("fingerprint") == fingerprint(root) else None
+    return set(found.get("extras", ()))
+
+
+def record(extras, stamp=STAMP, mark=""):
+    """Write which extras .venv has; mark: the fingerprint once they are installed."""
+    content = {"fingerprint": mark, "extras": sorted(extras)}
+    stamp.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
 
 def works(python):
-    """Whether .venv has an interpreter of this very version with pip."""
+    """Whether .venv has an interpreter that is new enough, with pip."""
     try:
         answer = subprocess.run(
-            [str(python), "-c", "import pip, platform; print(platform.python_version())"],
+            [str(python), "-c", "import pip, sys; print(*sys.version_info[:2])"],
             capture_output=True,
             text=True,
             env=environment(),
         )
     except OSError:
         return False
-    return answer.stdout.strip() == platform.python_version()
+    version = answer.stdout.split()
+    return len(version) == 2 and tuple(map(int, version)) >= OLDEST
+
+
+def make_environment():
+    """Make .venv where there is none, or finish it; raises CannotRun for one that does not work.
+
+    What is installed in a folder is never deleted without a word.
+    """
+    if VENV.exists() and any(VENV.iterdir()) and not UNFINISHED.exists():
+        extras = recorded(STAMP).get("extras")
+        held = f" It held corridor with the extras {', '.join(extras)}." if extras else ""
+        raise CannotRun(
+            f"The environment {VENV} does not work any more: the Python it was made with was "
+            f"removed or replaced, or is too old.{held} Delete that folder and run this again: "
+            f"it is made anew with Python {platform.python_version()}."
+        )
+    say(f"Making the environment {VENV}")
+    VENV.mkdir(exist_ok=True)
+    UNFINISHED.touch()
+    made = subprocess.run(
+        [sys.executable, "-m", "venv", str(VENV)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=environment(),
+    )
+    if made.returncode:
+        raise CannotRun(f"The environment could not be made:\n{made.stdout.strip()}")
+    UNFINISHED.unlink()
 
 
 def set_up(extras=()):
     """Make .venv if needed, install corridor with extras into it; path of its Python."""
     python = python_of(VENV)
-    have = installed_extras()
+    have = installed_extras(STAMP)
     if have is not None and have >= set(extras) and works(python):
         return python
     started = time.monotonic()
-    if not works(python):
-        say(f"Making the environment {VENV}")
-        made = subprocess.run(
-            [sys.executable, "-m", "venv", "--clear", str(VENV)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env=environment(),
-        )
-        if made.returncode:
-            raise CannotRun(f"The environment could not be made:\n{made.stdout.strip()}")
-    wanted = sorted(set(extras) | (have or set()))
-    STAMP.unlink(missing_ok=True)
+    if UNFINISHED.exists() or not works(python):
+        make_environment()
+    wanted = sorted(set(extras) | set(recorded(STAMP).get("extras", ())))
+    record(wanted, STAMP)
     target = f"{ROOT}[{','.join(wanted)}]" if wanted else str(ROOT)
     say("Installing corridor and what it needs (the first time this downloads some 200 MB)")
     install(python, ["--constraint", str(ROOT / "constraints.txt"), "--editable", target])
-    STAMP.write_text(
-        json.dumps({"fingerprint": fingerprint(), "extras": wanted}) + "\n", encoding="utf-8"
-    )
+    record(wanted, STAMP, fingerprint())
     say(f"Installed in {time.monotonic() - started:.0f} s\n")
     return python
 

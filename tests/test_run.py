@@ -19,6 +19,7 @@ def run(monkeypatch, tmp_path):
     specification.loader.exec_module(module)
     monkeypatch.setattr(module, "VENV", tmp_path / ".venv")
     monkeypatch.setattr(module, "STAMP", tmp_path / ".venv" / "corridor-installed.json")
+    monkeypatch.setattr(module, "UNFINISHED", tmp_path / ".venv" / "corridor-unfinished")
     return module
 
 
@@ -113,3 +114,54 @@ def test_the_exit_status_is_that_of_the_adjustment(run, monkeypatch):
         run.subprocess, "run", lambda command, **_: subprocess.CompletedProcess(command, 2)
     )
     assert run.main(["no_such_block"]) == 2
+
+
+class TestAnotherPython:
+    """A patch update of the system is one; what was installed is used again, or asked for."""
+
+    @pytest.fixture
+    def installed(self, run, monkeypatch):
+        """A .venv with dev, and the list of what run.py installs into it."""
+        done = []
+        venv = run.VENV
+        run.python_of(venv).parent.mkdir(parents=True)
+        (venv / "mine.txt").touch()
+        run.record(["dev"], run.STAMP, run.fingerprint())
+        monkeypatch.setattr(run, "install", lambda python, words: done.append(words))
+        return done
+
+    @staticmethod
+    def answers(run, monkeypatch, version):
+        """The interpreter of .venv says that it has this version; None: it does not start."""
+
+        def start(command, **_):
+            if version is None:
+                raise OSError
+            return subprocess.CompletedProcess(command, 0, stdout=version)
+
+        monkeypatch.setattr(run.subprocess, "run", start)
+
+    def test_it_is_used_again(self, run, installed, monkeypatch):
+        self.answers(run, monkeypatch, "3 11\n")
+        monkeypatch.setattr(run.platform, "python_version", lambda: "3.13.2")
+        assert run.set_up() == run.python_of(run.VENV)
+        assert installed == []
+
+    def test_one_that_does_not_start_is_kept_and_told(self, run, installed, monkeypatch):
+        self.answers(run, monkeypatch, None)
+        with pytest.raises(run.CannotRun, match="extras dev. Delete that folder"):
+            run.set_up()
+        assert (run.VENV / "mine.txt").exists() and installed == []
+
+    def test_extras_are_not_forgotten_when_versions_change(self, run, installed, monkeypatch):
+        self.answers(run, monkeypatch, "3 12\n")
+        run.record(["dev"], run.STAMP, "of other versions")
+        run.set_up()
+        assert installed[0][-1].endswith("[dev]")
+        assert run.installed_extras(run.STAMP) == {"dev"}
+
+    def test_one_whose_making_was_interrupted_is_made(self, run, installed, monkeypatch):
+        self.answers(run, monkeypatch, "")
+        run.UNFINISHED.touch()
+        run.set_up(["dev"])
+        assert not run.UNFINISHED.exists() and len(installed) == 1
