@@ -7,10 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from corridor.block import Block
-from corridor.errors import InputError
+from corridor.errors import AdjustmentFailed, InputError
 from corridor.interchange.faults import blaming
 from corridor.interchange.ground import add_ground
-from corridor.interchange.mapping import Cheaply, forget, from_photographs, is_whole
+from corridor.interchange.joining import bent
+from corridor.interchange.mapping import (
+    Cheaply,
+    forget,
+    from_photographs,
+    is_whole,
+    workplace,
+)
 from corridor.interchange.placing import Track, add_photographs, add_track, picture_size
 from corridor.interchange.project import Project
 from corridor.interchange.proof import Proof, demand, prove
@@ -100,6 +107,8 @@ def import_project(
         progress(f"reading {path}")
         project = read_project(path, form, size)
     project = complete(project, added, progress)
+    if form == "photos":
+        project = _straight(project, Path(output), force)
     progress("proving by reprojection")
     with blaming(path, "a whole project"):
         proof = prove(project)
@@ -116,9 +125,23 @@ def import_project(
     block.source = block.source or f"imported from {project.form}: {path.name}"
     progress(f"writing {output}")
     block.write(output, table_form, observed=False)
-    if form == "photos" and is_whole(project, Path(output)):
+    if form == "photos" and is_whole(project, Path(output)) and not bent(project.block):
         forget(Path(output))
     return Imported(project, proof)
+
+
+def _straight(project: Project, output: Path, force: bool) -> Project:
+    """Raises AdjustmentFailed where a model contradicts the positions, unless nobody minds."""
+    said = bent(project.block)
+    if said is None:
+        return project
+    if not force:
+        others = "".join(f"{sentence}. " for sentence in project.warnings)
+        raise AdjustmentFailed(
+            f"{others}{said[0].upper()}{said[1:]}; features and matches are kept in "
+            f"{workplace(output)}; --force writes the block as it is"
+        )
+    return project.having(warnings=[said])
 
 
 def complete(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from corridor.block import Block
 from corridor.gnss import Local
 from corridor.interchange.placing import readout_of
 from corridor.photographs import Metadata, stated_focal
@@ -13,6 +14,8 @@ _BENT_PX, _BLURRED_PX = 8.0, 1.5
 # Where the height above ground is not known: 8 px of 4 cm.
 _BENT_M = 0.3
 _LEAST_OVERLAP, _FARTHER = 0.5, 1.5
+# Centres this many sigmas of GNSS from the positions, and this share of the block's extent.
+_BENT_SIGMAS, _BENT_SHARE = 5.0, 0.03
 
 
 def why_lost(photos: list[Metadata], joined: set[int]) -> str:
@@ -24,6 +27,41 @@ def why_lost(photos: list[Metadata], joined: set[int]) -> str:
     return "; ".join(reasons) or (
         "overlap or texture is too little, or the pictures are blurred: look at them"
     )
+
+
+def bent(block: Block) -> str | None:
+    """Why the poses are no block's: they contradict the positions; None where they do not.
+
+    A model that grew over pictures that do not fit reprojects well and is bent all the same.
+    """
+    if not len(block.gnss):
+        return None
+    rows = block.image_rows("gnss")
+    there = rows >= 0
+    centre = block.images[["x", "y", "z"]].to_numpy(float)[rows[there]]
+    given, sigma = block.gnss[["x", "y", "z"]].to_numpy(float)[there], block.gnss_sigma()[there]
+    away = np.linalg.norm(centre - given, axis=1)
+    known = np.isfinite(away)
+    if known.sum() < 4:
+        return None
+    typical = float(np.median(away[known]))
+    stated = float(np.median(np.sqrt(np.mean(sigma[known] ** 2, axis=1))))
+    extent = float(np.linalg.norm(np.ptp(given[known], axis=0)))
+    if typical < _BENT_SIGMAS * stated or typical < _BENT_SHARE * extent:
+        return None
+    said = (
+        f"the reconstruction is bent: its camera centres lie {typical:.0f} m (median) from the "
+        f"positions of the photographs, which are stated to {stated:.1f} m"
+    )
+    speed = np.linalg.norm([block.column("images", axis) for axis in ("vx", "vy", "vz")], axis=0)
+    readout = max((camera.readout_s or 0.0 for camera in block.cameras.values()), default=0.0)
+    moved = float(np.nanmedian(speed)) * readout if np.isfinite(speed).any() else 0.0
+    if moved > _BENT_M:
+        said += (
+            f"; the drone moved {moved:.1f} m (median) while one picture was read out "
+            f"({1000 * readout:.0f} ms), which bends every picture otherwise"
+        )
+    return said
 
 
 def _motion(photos):

@@ -4,12 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from corridor.errors import AdjustmentFailed
 from corridor.gnss import Local
 from corridor.interchange import Project, mapping
-from corridor.interchange.joining import why_lost
+from corridor.interchange.importing import _straight
+from corridor.interchange.joining import bent, why_lost
 from corridor.photographs import Metadata, photographs_in, read_metadata, stated_focal
 
 from .conftest import exact_block
@@ -125,3 +127,25 @@ def test_pictures_are_made_smaller_once(real_data, tmp_path):
     mapping._pictures(folder, tmp_path, names, photos, cheaply, said.append)
     assert len(said) == 2
     assert mapping._pictures(folder, tmp_path, names, photos, mapping.Cheaply(), print) == folder
+
+
+def test_a_model_that_contradicts_its_positions_is_bent():
+    """Centres 30 m off in the median where GNSS states 3 m and the block has 120 m."""
+    block = exact_block()
+    place = block.images[["x", "y", "z"]].to_numpy(float)
+    block.gnss = pd.DataFrame({"image": block.images["image"]})
+    block.gnss[["x", "y", "z"]] = place
+    block.gnss[["sx", "sy", "sz"]] = 3.0
+    assert bent(block) is None
+    off = np.random.default_rng(3).normal(0, 25.0, (len(place), 2))
+    block.gnss[["x", "y"]] += off
+    block.images[["vx", "vy", "vz"]] = [12.0, 0.0, 0.0]
+    name, camera = next(iter(block.cameras.items()))
+    block.cameras[name] = replace(camera, readout_s=0.164)
+    said = bent(block)
+    assert said.startswith("the reconstruction is bent") and "stated to 3.0 m" in said
+    assert "moved 2.0 m (median) while one picture was read out (164 ms)" in said
+    project = Project("photos", Path("photos"), block)
+    with pytest.raises(AdjustmentFailed, match=r"kept in .*--force"):
+        _straight(project, Path("block"), force=False)
+    assert _straight(project, Path("block"), force=True).warnings == [said]
