@@ -62,6 +62,29 @@ def test_effects_are_added_and_are_part_of_the_truth(plan, tmp_path):
     }
 
 
+def test_a_plan_without_noise_is_flown_with_ordinary_noise(plan, tmp_path, capsys):
+    assert main(["simulate", str(plan), "-o", str(tmp_path / "flown")]) == 0
+    assert "tie points 0.5 px" in capsys.readouterr().out
+    truth = json.loads((tmp_path / "flown.truth.json").read_text(encoding="utf-8"))
+    assert truth["noise"]["tie_px"] == 0.5 and truth["noise"]["gnss_m"] == [0.02, 0.02, 0.04]
+    adjusted = corridor.adjust(tmp_path / "flown")
+    # The noise is as large as the block states.
+    assert adjusted.sigma0 == pytest.approx(1.0, abs=5 / (2 * adjusted.redundancy) ** 0.5)
+
+
+def test_a_perfect_block_is_there_for_the_asking(plan, tmp_path, capsys):
+    assert main(["simulate", str(plan), "-o", str(tmp_path / "flown"), "--noise", "none"]) == 0
+    assert "noise: none" in capsys.readouterr().out
+    here, python = corridor.read(tmp_path / "flown"), corridor.simulate(plan)
+    assert here.tie_points["x"].tolist() == python.tie_points["x"].tolist()
+
+
+def test_noise_of_the_plan_goes_before(plan, capsys):
+    plan.write_text(f"{PLAN}\n[noise]\ntie_px = 0.3\n", encoding="utf-8")
+    assert main(["simulate", str(plan)]) == 0
+    assert "tie points 0.3 px, marks 0 px" in capsys.readouterr().out
+
+
 def test_without_an_output_it_says_that_nothing_was_written(plan, capsys):
     assert main(["simulate", str(plan)]) == 0
     assert "Nothing was written" in capsys.readouterr().out
@@ -85,6 +108,7 @@ def test_without_a_plan_it_lists_those_that_come_with_the_package(capsys):
         (["thesis_50vt", "--effect", "rolling_shutter:readout"], "SLUG:PARAMETER=VALUE"),
         (["thesis_50vt", "--camera", "fraser8"], "goes with --like"),
         (["thesis_50vt", "--like", "somewhere"], "give one of them"),
+        (["--like", "somewhere", "--noise", "none"], "noise of the measured block"),
         (["--like", "nowhere"], "there is no such folder"),
         (["thesis_50vt", "--effect", "rolling_shutter:speed=1"], "no parameter 'speed'"),
         (["thesis_50vt", "--seed", "-1"], "whole number"),

@@ -4,7 +4,9 @@ examples:
   corridor simulate
       the plans that come with corridor
   corridor simulate thesis_50vt -o out/flown
-      one of them: 42 nadir images of a dike, free of error
+      one of them: 42 nadir images of a dike, with ordinary noise
+  corridor simulate thesis_50vt -o out/perfect --noise none
+      the same free of error: all rays of a point meet in it
   corridor simulate thesis_50vt+thesis_50ob -o out/both --seed 3
       two of them, flown one after the other over the same ground
   corridor simulate PLAN.toml -o out/flown
@@ -16,6 +18,8 @@ examples:
 
 BLOCK is a folder like that of a measured block, with start values that miss the truth. What is
 true is written beside it, to BLOCK.truth.json. The same plan and seed give the same bytes.
+A plan without a table [noise] is flown with ordinary noise; `corridor.simulate` in Python adds
+none that it is not told of.
 
 With --like, the block is adjusted with the model given (as to `corridor adjust`), and every
 measurement is made anew: same images, points, gaps and control, noise as large and of the kinds
@@ -42,6 +46,11 @@ _OPTIONS = {
     "--camera": option(
         "with --like: free camera parameters of the model, as for `corridor adjust`"
     ),
+    "--noise": option(
+        "ordinary, or none for a block free of error (default: as the plan's [noise] says, "
+        "ordinary where it has none)",
+        choices=("ordinary", "none"),
+    ),
     "--seed": {},
 }
 
@@ -66,7 +75,9 @@ def run(options: argparse.Namespace) -> None:
         if options.like is None:
             import corridor
 
-            block = corridor.simulate(options.plan, added, options.seed, progress=bars)
+            plan = corridor.simulation.read_plan(options.plan)
+            noise, why = _noise(options.noise, plan)
+            block = corridor.simulate(plan, added, options.seed, noise=noise, progress=bars)
         else:
             block = _like(options, believed, added, bars)
         rays = len(block.tie_points) / max(len(block.points), 1)
@@ -76,6 +87,8 @@ def run(options: argparse.Namespace) -> None:
             f"({rays:.1f} images a point), {len(block.ground):,} ground points, "
             f"{len(block.gnss)} GNSS positions"
         )
+        if options.like is None:
+            print(_told(noise, why))
         for slug, values in block.truth["effects"].items():
             print(f"with {slug}: " + ", ".join(f"{k} = {v}" for k, v in values.items()))
         if options.output is None:
@@ -98,8 +111,36 @@ def _check(options, believed):
             )
         if options.camera is not None:
             raise InputError("--camera says what is adjusted: it goes with --like BLOCK")
+    elif options.noise is not None:
+        raise InputError("--noise is of a plan: a counterpart has the noise of the measured block")
     elif options.plan is not None:
         raise InputError(f"a plan ({options.plan}) and --like {options.like}: give one of them")
+
+
+def _noise(wanted, plan):
+    """The errors of measurement of a flight, and why these."""
+    from corridor.simulation import ORDINARY_NOISE, Noise
+
+    if wanted == "none":
+        return Noise(), ""
+    if wanted == "ordinary" or plan.noise == Noise():
+        return ORDINARY_NOISE, "ordinary; --noise none for a block free of error"
+    return plan.noise, "as the plan says"
+
+
+def _told(noise, why):
+    from corridor.simulation import Noise
+
+    if noise == Noise():
+        return "noise: none, all rays of a point meet in it"
+    metres = [
+        "/".join(f"{v:g}" for v in (m if isinstance(m, tuple) else (m,)))
+        for m in (noise.gnss_m, noise.control_m)
+    ]
+    return (
+        f"noise: tie points {noise.tie_px:g} px, marks {noise.mark_px:g} px, GNSS {metres[0]} m, "
+        f"ground points {metres[1]} m ({why})"
+    )
 
 
 def _like(options, believed, added, bars):

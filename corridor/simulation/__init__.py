@@ -4,6 +4,7 @@ from corridor.simulation.cameras import CAMLIGHT, cameras
 from corridor.simulation.fly import reach
 from corridor.simulation.noise import add_noise
 from corridor.simulation.plan import (
+    ORDINARY_NOISE,
     Flight,
     Ground,
     Noise,
@@ -23,6 +24,7 @@ __all__ = [
     "Flight",
     "Ground",
     "Noise",
+    "ORDINARY_NOISE",
     "Plan",
     "Simulated",
     "Start",

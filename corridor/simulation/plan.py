@@ -460,3 +460,7 @@ class _Checker:
         value = getattr(self.values, key)
         if value not in words:
             self.fail(f"{key} = {value!r} is unknown: use {' or '.join(words)}")
+
+
+# What a plan of the command is flown with that states none: ordinary images, RTK, a careful survey.
+ORDINARY_NOISE = Noise(tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), control_m=0.01)
