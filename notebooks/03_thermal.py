@@ -37,6 +37,8 @@ import numpy as np
 import pandas as pd
 from kit import rivals
 from kit.published import Draws, compare
+from kit.ring import ring_block
+from kit.static import static_block
 
 import corridor
 from corridor import figures, thermal
@@ -46,8 +48,6 @@ from corridor.simulation import (
     add_noise,
     perfect_block,
     read_plan,
-    ring_block,
-    static_block,
 )
 from corridor.thermal import render
 
