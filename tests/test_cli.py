@@ -77,14 +77,18 @@ class TestAdjust:
     def test_options_reach_the_call(self, folder, monkeypatch):
         called = _stand_in(monkeypatch)
         words = (
-            "--camera f,cx,cy --effect gnss_bias --effect rolling_shutter --control P1,P2 "
+            "--camera f,cx,cy --effect gnss_bias,rolling_shutter --effect thermal --control P1,P2 "
             "--check none --loss huber:2 --prior camera.P1.f=8190+-5 --prior gnss_bias.z=0±0.05 "
             "--lever-arm fixed --threads 2 --iterations 70 --reject-gnss --strict"
         )
         main(["adjust", str(folder), *words.split()])
         called.pop("progress")
         told = vars(called.pop("model"))
-        assert [effect.slug for effect in told.pop("effects")] == ["gnss_bias", "rolling_shutter"]
+        assert [effect.slug for effect in told.pop("effects")] == [
+            "gnss_bias",
+            "rolling_shutter",
+            "thermal",
+        ]
         assert {**called, **told} == {
             "camera": "f,cx,cy",
             "control": ["P1", "P2"],
@@ -138,6 +142,10 @@ class TestEndings:
         last = self._ended(capsys, 2, verb, str(nowhere), "-o", str(out))
         assert "nowhere" in last
         assert not out.exists()
+
+    def test_the_result_of_an_adjustment_names_its_block(self, done, capsys):
+        last = self._ended(capsys, 2, "summary", str(done[0]))
+        assert f"{done[0] / 'block'}: give that" in last
 
     def test_an_effect_that_is_not_there(self, folder, tmp_path, capsys):
         out = tmp_path / "out"

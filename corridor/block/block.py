@@ -335,6 +335,8 @@ def read(folder: str | os.PathLike | Block) -> Block:
         raise InputError(f"{folder} is a file; give the folder of a block")
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder; give the folder of a block")
+    if not (folder / FILE).is_file() and (folder / "block" / FILE).is_file():
+        raise InputError(f"{folder} is a result; the block in it is {folder / 'block'}: give that")
     for needed in (FILE, "images.csv"):
         if not (folder / needed).is_file() and not (
             needed == "images.csv" and (folder / "images.parquet").is_file()

@@ -67,11 +67,12 @@ def names(what: str) -> Callable[[str], list[str]]:
     return of
 
 
-def slug(text: str) -> str:
-    """A type of option: the slug of an effect."""
-    if not text or any(mark in text for mark in ":=, "):
+def slugs(text: str) -> list[str]:
+    """A type of option: slugs of effects with commas between them."""
+    found = [word.strip() for word in text.split(",")]
+    if not all(found) or any(mark in text for mark in ":="):
         raise argparse.ArgumentTypeError(f"{text!r} is not a SLUG of `corridor effects`")
-    return text
+    return found
 
 
 def effect(text: str) -> tuple[str, dict[str, float] | None]:
@@ -111,10 +112,10 @@ SHARED = {
         "free camera parameters: fixed, a list such as f,cx,cy,k1,k2, fraser8 or fraser10", "WHAT"
     ),
     "--effect": option(
-        "estimate this effect too (may be repeated; `corridor effects` lists them)",
+        "estimate this effect too (commas, may be repeated; `corridor effects` lists them)",
         "SLUG",
-        slug,
-        action="append",
+        slugs,
+        action="extend",
         default=[],
     ),
     "--control": _POINTS

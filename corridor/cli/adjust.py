@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _model.configure(
         parser,
         camera="fraser8",
-        effect="estimate this effect too (may be repeated; `corridor effects` lists them)",
+        effect="estimate this effect too (commas, may be repeated; `corridor effects` lists them)",
         prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
         threads=1,
     )

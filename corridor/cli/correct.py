@@ -29,6 +29,7 @@ _OPTIONS = {
         "states or --from holds (may be repeated)",
         "SLUG[:PARAMETER=VALUE]",
         effect,
+        action="append",
         required=True,
     ),
     "--from": option(

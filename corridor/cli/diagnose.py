@@ -45,8 +45,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _model.configure(
         parser,
         camera="fraser10",
-        effect="part of the model that is believed in (may be repeated; `corridor effects` lists "
-        "them)",
+        effect="part of the model that is believed in (commas, may be repeated; "
+        "`corridor effects` lists them)",
         prior="what is known of camera.NAME.f, of SLUG.parameter, or of a candidate SLUG by its "
         "first parameter (may be repeated)",
         threads=min(2, os.cpu_count() or 1),

@@ -29,6 +29,7 @@ _OPTIONS = {
         "an effect that is in the measurements (may be repeated)",
         "SLUG:PARAMETER=VALUE",
         valued_effect,
+        action="append",
     ),
 }
 _LOSSES = {

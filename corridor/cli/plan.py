@@ -95,7 +95,7 @@ _MODEL = {
         choices=("block", "flight"),
         default="block",
     ),
-    "--effect": option("estimate this effect of the antenna too (may be repeated)"),
+    "--effect": option("estimate this effect of the antenna too (commas, may be repeated)"),
     "--prior": option(
         "what is known of a parameter, as in gnss_bias.z=0.05 (may be repeated)",
         "NAME=SIGMA",

@@ -42,6 +42,7 @@ _OPTIONS = {
         "a SLUG alone is part of the model and estimated",
         "SLUG:PARAMETER=VALUE",
         effect,
+        action="append",
     ),
     "--camera": option(
         "with --like: free camera parameters of the model, as for `corridor adjust`"
