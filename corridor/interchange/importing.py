@@ -22,6 +22,8 @@ from corridor.interchange.placing import Track, add_photographs, add_track, pict
 from corridor.interchange.project import Project
 from corridor.interchange.proof import Proof, demand, prove
 from corridor.interchange.reading import read_project
+from corridor.interchange.starting import can_start
+from corridor.photographs import photographs_in, read_metadata
 
 
 @dataclass
@@ -108,6 +110,10 @@ def import_project(
         project = read_project(path, form, size)
     project = complete(project, added, progress)
     if form == "photos":
+        if bent(project.block) and _can_start(path, added):
+            again = from_photographs(path, Path(output), progress, cheaply, force, started=True)
+            again = complete(again, added, progress)
+            project = again if bent(again.block) is None else project
         project = _straight(project, Path(output), force)
     progress("proving by reprojection")
     with blaming(path, "a whole project"):
@@ -128,6 +134,11 @@ def import_project(
     if form == "photos" and is_whole(project, Path(output)) and not bent(project.block):
         forget(Path(output))
     return Imported(project, proof)
+
+
+def _can_start(folder: Path, added: Additions) -> bool:
+    files = photographs_in(folder)[:: added.share]
+    return can_start([read_metadata(file) for file in files])
 
 
 def _straight(project: Project, output: Path, force: bool) -> Project:

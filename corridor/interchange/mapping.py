@@ -25,6 +25,7 @@ from corridor.gnss import Local
 from corridor.interchange.formats import colmap
 from corridor.interchange.joining import why_lost
 from corridor.interchange.project import Project
+from corridor.interchange.starting import from_attitudes
 from corridor.photographs import Metadata, photographs_in, read_metadata, stated_focal
 from corridor.report import whole_folder
 
@@ -64,10 +65,12 @@ def from_photographs(
     progress: Callable[[str], None] = lambda what: None,
     cheaply: Cheaply | None = None,
     force: bool = False,
+    started: bool = False,
 ) -> Project:
     """A free reconstruction of the photographs of a folder, as a project.
 
     output: the block to be written; the work is kept beside it. force: also of few photographs.
+    started: from the photographs' positions and attitudes, all at once.
     Raises InputError without pycolmap or without enough photographs, AdjustmentFailed where they
     do not make one model of at least half of them.
     """
@@ -87,7 +90,12 @@ def from_photographs(
     pairs = _pairs(photos)
     for done in _matches(pycolmap, database, place, names, pairs):
         progress(f"matches: {done} of {len(pairs)} pairs")
-    model = place / "model"
+    model = place / ("started" if started else "model")
+    if started and not (model / "images.bin").is_file():
+        progress("starting from positions and attitudes")
+        known = dict(zip(names, photos, strict=True))
+        with whole_folder(model, "images.bin") as part:
+            from_attitudes(pycolmap, database, pictures, known).write_binary(part)
     if not (model / "images.bin").is_file():
         stated = all(stated_focal(photo) for photo in photos)
         _map(pycolmap, database, pictures, model, photos, stated, progress)

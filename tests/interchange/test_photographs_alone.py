@@ -120,3 +120,27 @@ def test_interrupted_work_is_kept_and_gone_on_with(photographs, tmp_path, monkey
     assert cli.main(["import", "photos", str(folder), "-o", str(tmp_path / "block")]) == 0
     assert not kept.exists()
     assert len(corridor.read(tmp_path / "block").images) == 12
+
+
+@pytest.mark.slow
+def test_a_start_from_positions_and_attitudes_ends_where_they_were_taken(
+    photographs, tmp_path, monkeypatch
+):
+    """The pictures are tilted by up to 6 degrees where their metadata say straight down."""
+    from dataclasses import replace
+
+    from corridor.interchange import mapping
+    from corridor.interchange.starting import can_start
+
+    folder, true = photographs
+    read = mapping.read_metadata
+    monkeypatch.setattr(
+        mapping, "read_metadata",
+        lambda path: replace(read(path), yaw=0.0, pitch=-90.0, roll=0.0),
+    )  # fmt: skip
+    assert can_start([mapping.read_metadata(next(folder.iterdir()))])
+    project = mapping.from_photographs(folder, tmp_path / "block", started=True)
+    images = project.block.images.sort_values("image")
+    found = images[["x", "y", "z"]].to_numpy(float)
+    assert len(found) == 12
+    assert np.abs((found - np.median(found, 0)) - (true - np.median(true, 0))).max() < 0.5

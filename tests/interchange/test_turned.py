@@ -1,13 +1,16 @@
 """Photographs that a viewer has turned are named."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from corridor.geometry import quaternion_from_rotation, rotation_from_vector
 from corridor.interchange import Project
 from corridor.interchange.project import POSE
+from corridor.interchange.starting import can_start, rotation_of
 from corridor.interchange.turned import name_turned, said_yaw, upside_down, yaw_of
-from corridor.photographs import photographs_in, read_metadata
+from corridor.photographs import Metadata, photographs_in, read_metadata
 
 from .conftest import exact_block
 
@@ -67,3 +70,15 @@ def test_brighton_names_the_six_that_a_viewer_turned(real_data):
 
 def test_pictures_that_stand_as_they_say_give_no_warning(real_data):
     assert name_turned(*brighton(real_data, ())).warnings == []
+
+
+@pytest.mark.parametrize(
+    ("maker", "pitch", "tags"),
+    [("DJI", -90.0, {"GimbalYawDegree": "30"}), ("Parrot", 0.0, {})],
+)
+def test_a_camera_that_looks_down_starts_so(maker, pitch, tags):
+    photo = Metadata(
+        Path("a.jpg"), 4000, 3000, make=maker, yaw=30.0, pitch=pitch, roll=0.0, tags=tags
+    )
+    assert rotation_of(photo) == pytest.approx(looking_down(np.array([30.0]))[0], abs=1e-12)
+    assert not can_start([photo])
