@@ -103,7 +103,10 @@ class ReferenceModel:
             loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
         )
         most = self._enough(more)
-        result = adjustment.adjust(block, model=model, threads=self.threads, max_iterations=most)
+        # What is held out must not take images with it: the block is sound, or refused.
+        result = adjustment.adjust(
+            block, model=model, threads=self.threads, max_iterations=most, strict=True
+        )
         if self.begun is not None:
             return result
         _refuse_astray(result)
