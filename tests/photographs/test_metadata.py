@@ -11,7 +11,8 @@ import corridor
 from corridor.errors import InputError
 from corridor.interchange import Project
 from corridor.interchange.placing import add_photographs, gyro_rates, readout_of
-from corridor.photographs import of_picture, published_readouts, read_metadata
+from corridor.photographs import maker_note, of_picture, published_readouts, read_metadata
+from corridor.photographs.exif import Exif
 
 
 def saved(path, tags=(), inner=(), xmp=""):
@@ -176,3 +177,16 @@ def test_positions_of_photographs_hold_a_lever_arm_of_naught(real_data, tmp_path
     assert any("made smaller" in note and "4000 x 3000" in note for note in project.notes)
     project.block.write(tmp_path / "block", observed=False)
     assert corridor.read(tmp_path / "block").lever_arm_fixed
+
+
+def test_the_maker_note_says_what_xmp_says(real_data):
+    """A Phantom 4 writes speed and yaw in both: an independent check of the tags."""
+    files = sorted((real_data / "special_plot" / "photos").iterdir())
+    differ = []
+    for file in files:
+        photo = read_metadata(file)
+        with Image.open(file) as picture:
+            noted = maker_note.floats_of(Exif(picture).maker_note)
+        east_north_up, _ = maker_note.velocity(noted)
+        differ.append([*np.subtract(east_north_up, photo.velocity), noted[10] - photo.yaw])
+    assert len(files) == 76 and np.abs(differ).max() < 1e-4
