@@ -3,22 +3,36 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from corridor.diagnosis import held_out
 
 
 def fit(tie, check, points=8):
-    """An adjustment of 400 held-out residuals of this size, px, and check points, m."""
+    """An adjustment of 400 held-out residuals of this size, px, and check points, m.
+
+    The check points are all off by as much, in one direction, and known to 3 cm an axis.
+    """
     rng = np.random.default_rng(1)
     residual = tie * rng.standard_normal((400, 2))
-    block = SimpleNamespace(tie_points=np.zeros(400), marks=np.zeros(0))
+    names = [f"P{k}" for k in range(points)]
+    block = SimpleNamespace(
+        tie_points=np.zeros(400),
+        marks=np.zeros(0),
+        ground=pd.DataFrame({"point": names}),
+        ground_sigma=lambda: np.zeros((points, 3)),
+    )
+    checks = pd.DataFrame({"point": names}).assign(
+        **dict.fromkeys(("dx", "dy", "dz"), check / np.sqrt(3)),
+        **dict.fromkeys(("sx", "sy", "sz"), 0.03),
+    )
     return SimpleNamespace(
         system=SimpleNamespace(
             block=block, image_rows=SimpleNamespace(row=np.arange(400)),
             residuals=lambda: SimpleNamespace(pixels=residual),
         ),
-        check_points=np.zeros(points), check_rms=SimpleNamespace(d3=check),
+        check_points=checks, check_rms=SimpleNamespace(d3=check), block=block,
     )  # fmt: skip
 
 
