@@ -111,11 +111,9 @@ def _missing(block: Block, effect: Effect, free, control) -> str | None:
         return "gnss.x"
     if effect.place == "ground" and not control:
         return "ground.role"
-    # What stands in for parameters shared as it is itself is those parameters and no more; of a
-    # picture, it is what a lens leaves that no calibration describes, which generic shapes tell.
+    # What stands in for parameters shared as it is itself is those parameters and no more.
     held = {name: set(effect.stands_in_for) - set(names) for name, names in free.items()}
-    alike = effect.place in ("camera", "image") and effect.group == "camera"
-    if alike and not effect.generic and effect.stands_in_for:
+    if effect.place == "camera" and effect.group == "camera" and effect.stands_in_for:
         for name, parameters in held.items():
             if not parameters:
                 return f"camera.{name}.calibrated"

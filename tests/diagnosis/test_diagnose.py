@@ -133,7 +133,7 @@ def test_check_points_choose_among_what_nothing_else_tells_apart():
 def test_a_missing_column_is_listed_and_stops_nothing(columns, slug):
     block = made()
     block.images = block.images.drop(columns=columns)
-    result = diagnose(block, only=[slug, "image_deformation"])
+    result = diagnose(block, only=[slug, "sensor_unflatness"])
     assert result.untestable == [{"slug": slug, "missing": f"images.{columns[0]}"}]
 
 
