@@ -332,9 +332,16 @@ def test_nothing_else_in_the_package_knows_an_effect_by_name():
         assert not strings & slugs, f"{path.name} knows {strings & slugs}"
 
 
-@pytest.mark.parametrize("name", ["rolling_shuter", "", "lever_arm "])
-def test_an_unknown_effect_is_refused_with_the_list(name):
-    with pytest.raises(InputError, match="is unknown.*rolling_shutter"):
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("rolling_shuter", "did you mean rolling_shutter"),
+        ("", "rolling_shutter"),
+        ("lever_arm ", "did you mean lever_arm"),
+    ],
+)
+def test_an_unknown_effect_is_refused_with_the_nearest_or_the_list(name, words):
+    with pytest.raises(InputError, match=f"is unknown.*{words}"):
         find(name)
 
 

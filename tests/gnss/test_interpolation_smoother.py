@@ -64,7 +64,7 @@ def test_position_and_sigma_are_those_of_the_conditioned_process(scene, share):
     time, z = scene
     z = z - z[0]
     at = np.array([0.0, 0.4, 1.0, 1.5, 2.1, 3.3, 4.9, 7.05, 7.1])
-    position, sigma, _ = smooth(*(lambda e, m: (e, at, m))(*made(time, z, 0.05, share)))
+    position, sigma, *_ = smooth(*(lambda e, m: (e, at, m))(*made(time, z, 0.05, share)))
     mean, spread = conditioned(time, z, 0.05, share, at)
     # The dense matrices hold numbers from 1e-3 to 1e6: ten digits are left of sixteen.
     assert position == pytest.approx(np.repeat(mean[:, None], 3, axis=1), abs=2e-5)
@@ -75,9 +75,9 @@ def test_the_velocity_is_the_derivative_of_the_position(scene):
     time, z = scene
     epochs, model = made(time, z - z[0], 0.05, 0.3)
     at, h = np.array([0.5, 1.7, 3.0, 5.5]), 1e-4
-    after, _, _ = smooth(epochs, at + h, model)
-    before, _, _ = smooth(epochs, at - h, model)
-    _, _, velocity = smooth(epochs, at, model)
+    after, *_ = smooth(epochs, at + h, model)
+    before, *_ = smooth(epochs, at - h, model)
+    _, _, velocity, _ = smooth(epochs, at, model)
     assert velocity == pytest.approx((after - before) / (2 * h), abs=1e-5)
 
 
@@ -85,7 +85,7 @@ def test_the_sigma_is_smallest_at_epochs_and_largest_between(scene):
     time, z = scene
     epochs, model = made(time, z, 0.01, 0.0)
     at = np.linspace(2.2, 4.5, 21)
-    _, sigma, _ = smooth(epochs, at, model)
+    _, sigma, *_ = smooth(epochs, at, model)
     assert np.argmax(sigma[:, 0]) in (9, 10, 11)
     assert sigma[0, 0] < 0.01 and sigma[10, 0] > 5 * sigma[0, 0]
 
@@ -117,7 +117,7 @@ class TestTheSlowError:
         n = len(time)
         epochs, model = made(time, np.zeros(n), 0.01, 0.98)
         model = model._replace(gusts=np.zeros((n, 3)), jerks=np.full((n, 3), 1e-12))
-        _, sigma, _ = smooth(epochs, np.array([60.0]), model)
+        _, sigma, *_ = smooth(epochs, np.array([60.0]), model)
         # Mean of a Gauss-Markov process over T = 6 correlation times:
         # variance 2/6 - 2/36 (1 - exp(-6)) = 0.278; the fitted curve knows less than the mean.
         assert sigma[0, 0] > np.sqrt(0.278 * 0.98) * 0.01
