@@ -131,9 +131,10 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
                 normal.assemble(trial, relaxed, trial_near)
                 reached, behind = normal.cost, normal.behind
             gain = cost - reached
-            # Rounding of the cost, or effects that look one step behind, may hide the gain of a
-            # last, tiny step.
-            better = gain >= -1e-12 * cost or length < max(tolerance, TINY)
+            # Rounding of the cost may hide the gain of a last, tiny step. Effects look one step
+            # behind: the cost knew less of them before than it does now, which hides more.
+            hidden = 1e-8 if normal.has_image_effects else 1e-12
+            better = gain >= -hidden * cost or length < max(tolerance, TINY)
             accepted = bool(behind == 0 and np.isfinite(reached) and better)
             entry = {
                 "iteration": iteration,
