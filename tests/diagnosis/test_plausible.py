@@ -150,7 +150,7 @@ class TestKnownEffectsInMeasuredBlocks:
     @pytest.mark.slow
     def test_a_real_rolling_shutter_is_named_beside_the_lens(self, real_data):
         """Published readout of the FC330: 33 ms; 1.6 ms is the jackknife over its strips."""
-        found = corridor.diagnose(surveys()["special"]())
+        found = corridor.diagnose(surveys()["special"](), max_iterations=200)
         named = {one["slug"]: one for one in found.effects if one["class"] == "named"}
         readout = named["rolling_shutter"]["parameters"][0]["value"]
         assert readout == pytest.approx(0.033, abs=2 * 0.0016)
