@@ -22,8 +22,8 @@ def plausible(evidence: Evidence, found: Found, model: list[str], threshold: flo
 def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
     """Groups of a model that would need a size which does not happen: key -> sentence.
 
-    In a flight that cannot tell two things apart each fits as well with a huge value, made good by
-    the other: nobody's lens barrel or lever arm.
+    In a flight that cannot tell two effects apart each fits as well with a huge value, made good by
+    a huge value of the other.
     """
     free = {
         n: 1.0

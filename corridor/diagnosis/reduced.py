@@ -31,8 +31,7 @@ class Reduced:
     between: of each block with the core; mutual: (i, j) -> of two blocks, i < j.
 
     g is that of no effect at all: where candidates stand at a value, their part has been put
-    back. here: (c,) values of the core's parameters at the linearisation, in prior sigmas;
-    own_here: of the per-image blocks. Blocks that were left out are None.
+    back. Blocks that were left out are None.
     """
 
     M: np.ndarray
@@ -42,8 +41,6 @@ class Reduced:
     between: list[np.ndarray | None]
     mutual: dict[tuple[int, int], np.ndarray]
     groups: list[Group]
-    here: np.ndarray
-    own_here: list[np.ndarray]
 
 
 class Elimination:
@@ -137,8 +134,6 @@ class Elimination:
             [None] * count,
             {},
             e.groups,
-            here,
-            [block.value for block in e.own],
         )
         halves: dict[int, np.ndarray] = {}
         for n, (block, cross) in enumerate(zip(e.own, e.between, strict=True)):

@@ -27,7 +27,7 @@ def system(columns, g, sizes):
         labels = [("block", f"p{k}", "px") for k in range(size)]
         groups.append(Group(f"e{n}", effect, None, np.arange(at, at + size), np.ones(size), labels))
         at += size
-    return Evidence(Reduced(M, g, [], [], [], {}, groups, np.zeros(at), []))
+    return Evidence(Reduced(M, g, [], [], [], {}, groups))
 
 
 def test_the_log_bayes_factor_is_the_integral_over_the_prior():
