@@ -90,12 +90,15 @@ def whole_folder(
 def check_folder(folder: str | os.PathLike, mark: str) -> None:
     """Raises InputError where `whole_folder` would refuse a folder: to be told before long work."""
     target = Path(folder).resolve()
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{folder} is a file; name a folder to write to")
-    if target.exists() and any(target.iterdir()) and not (target / mark).is_file():
-        raise InputError(
-            f"{folder} is a folder without {mark}, so it is not replaced; name a new folder"
-        )
+    if not target.exists():
+        return
+    with _alone_in(target.parent):  # else another run may take it away between two looks
+        if target.exists() and not target.is_dir():
+            raise InputError(f"{folder} is a file; name a folder to write to")
+        if target.exists() and any(target.iterdir()) and not (target / mark).is_file():
+            raise InputError(
+                f"{folder} is a folder without {mark}, so it is not replaced; name a new folder"
+            )
 
 
 def listed_in(folder: str | os.PathLike, mark: str, key: str = "files") -> Callable[[str], bool]:

@@ -151,6 +151,7 @@ def served(tmp_path_factory):
         [sys.executable, "-m", "voila", str(path), "--no-browser", f"--port={port}",
          "--Voila.ip=127.0.0.1", "--show_tracebacks=True"],
         stdout=log, stderr=subprocess.STDOUT, cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(NOTEBOOK.parent), *sys.path])},
     )  # fmt: skip
     address = f"http://127.0.0.1:{port}/"
     try:
@@ -232,7 +233,7 @@ class TestInABrowser:
 
     def test_no_code_and_no_error_is_shown(self, page):
         text = page.locator("body").inner_text()
-        assert "import lesson" not in text
+        assert "import lesson" not in text and "from kit" not in text
         assert "Traceback" not in text and "Error" not in text
         assert "Guess first" in text and "Your own photo" in text
 
