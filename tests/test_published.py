@@ -14,6 +14,7 @@ REGISTER = """
 source = "A. Author 2020"
 where = "table 2"
 chapter = "00_quickstart"
+kind = "prediction"
 
 [alpha.height]
 row = "height"
@@ -65,8 +66,11 @@ class TestRegister:
         ("old", "new", "named"),
         [
             ('row = "height"\n', "", "lacks row"),
+            ('kind = "prediction"\n', "", "lacks kind"),
+            ('kind = "prediction"', 'kind = "guess"', "kind one of"),
             ('unit = "m"', 'unit = "m"\nunits = "m"', "unknown units"),
             ("value = 0.040", 'value = "small"', "value is a number"),
+            ("tolerance = 0.002", "tolerance = [0.002, 0.1]", "one of these a value"),
             ('tolerance = "1 %"', 'tolerance = "1 px"', "tolerance a number"),
             ('unit = "m"', 'unit = "m"\nbound = "about"', "bound"),
         ],
@@ -77,6 +81,11 @@ class TestRegister:
         with pytest.raises(InputError, match=named) as error:
             published.read(path)
         assert "[alpha." in str(error.value)
+
+    def test_numbers_that_belong_together_may_have_a_tolerance_each(self, tmp_path):
+        text = REGISTER.replace('tolerance = "1 %"', 'tolerance = ["1 %", 0.3, "2 %"]')
+        allowed = published.read(_written(tmp_path, text))["alpha.shift"].allowed
+        np.testing.assert_allclose(allowed, [0.01, 0.3, 0.07])
 
     def test_a_missing_register_is_wrong_input(self, tmp_path):
         with pytest.raises(InputError, match=r"nowhere\.toml"):
@@ -145,10 +154,19 @@ class TestVerdicts:
         assert 0.042 - 0.040 > 0.002
         assert published.compare({"alpha.height": 0.042}, register=register).hold
 
-    def test_beyond_it_the_row_says_by_how_much_and_the_registered_reason(self, register):
+    def test_beyond_it_the_row_shows_the_ratio_and_the_registered_reason(self, register):
         verdict = published.compare({"alpha.height": 0.0441}, register=register)["alpha.height"]
         assert verdict.word == "does not hold"
-        assert verdict.why == "differs by 0.0041 m, allowed 0.002 m; their scale is another"
+        assert verdict.cells()["ours / published"] == "1.10"
+        assert verdict.why == "their scale is another"
+
+    def test_by_draws_a_published_value_holds_within_their_range(self, tmp_path):
+        """0.040 is printed to 0.0005, so that draws from 0.0404 reach it and from 0.0406 do not."""
+        text = REGISTER.replace("tolerance = 0.002", 'tolerance = "draws"')
+        register = published.read(_written(tmp_path, text))
+        for lowest, holds in ((0.0404, True), (0.0406, False)):
+            draws = published.Draws(np.array([0.060, lowest, 0.051]))
+            assert published.compare({"alpha.height": draws}, register=register).hold == holds
 
     def test_one_of_three_numbers_off_is_enough(self, register):
         good = published.compare({"alpha.shift": [1.009, -2.0, 3.5]}, register=register)
@@ -215,7 +233,22 @@ class TestVerdicts:
         html, text = verdicts._repr_html_(), str(verdicts)
         for word in cells.values():
             assert word in text and word in html
-        assert text.endswith("1 holds, 0 does not hold, 1 cannot tell.")
+        assert text.endswith("1 of 1 predictions hold; 1 cannot be told.")
+
+    def test_what_was_put_in_or_tuned_is_not_counted_as_a_prediction(self, tmp_path):
+        text = REGISTER.replace('row = "shift"', 'row = "shift"\nkind = "tuned"')
+        register = published.read(_written(tmp_path, text))
+        verdicts = published.compare(
+            {"alpha.height": 0.01, "alpha.shift": [1.0, -2.0, 3.5]}, register=register
+        )
+        assert str(verdicts).endswith("0 of 1 predictions hold. Not counted: 1 of 1 tuned.")
+
+    def test_of_a_long_table_the_rows_that_hold_are_folded(self, register):
+        good = published.compare({"alpha.height": 0.041}, register=register)
+        bad = published.compare({"alpha.height": 0.05}, register=register)
+        long = sum([good] * 12, bad)._repr_html_()
+        assert "12 rows hold" in long
+        assert long.index("does not hold") < long.index("<details>")
 
     def test_a_table_says_nothing_of_time_or_memory(self, register):
         """Notebook outputs are compared word by word."""
@@ -232,9 +265,20 @@ class TestPage:
         _notebook(tmp_path / "06_other.ipynb", {"text/plain": "nothing to compare"})
         text = published.page(tmp_path)
         assert "[05_thing](05_thing.ipynb)" in text and "06_other" not in text
-        row = "| height | A. Author 2020, table 2 | 0.040 m | 0.041 m | holds |  |"
-        assert row in text.splitlines()
-        assert "1 holds, 1 does not hold, 0 cannot tell." in text
+        row = "| height | A. Author 2020, table 2 | prediction | 0.040 m | 0.041 m | 1.02 | holds |"
+        assert f"{row}  |" in text.splitlines()
+        assert "**1 of 2 predictions hold.**" in text
+
+    def test_no_row_that_does_not_hold_lacks_a_reason(self):
+        rows = [
+            row for path in published.NOTEBOOKS.glob("*.ipynb") for row in published._shown(path)
+        ]
+        assert rows
+        assert not [
+            row["statement"]
+            for row in rows
+            if row["verdict"] == published.FAILS and not row["why"].strip()
+        ]
 
     def test_the_committed_page_is_current(self):
         """If this fails: python -m kit.published"""

@@ -2,8 +2,9 @@
 
 The register `notebooks/published.toml` lists every figure of another work that a chapter or a
 test compares itself with. `compare` sets our numbers beside it and says of each: holds, does
-not hold, cannot tell. `python -m kit.published` gathers the verdict tables shown in the
-executed notebooks into one page, `notebooks/verdicts.md`.
+not hold, cannot tell. Only predictions are counted as confirmations: what was put in, tuned or
+compared with itself could not have come out otherwise. `python -m kit.published` gathers the
+verdict tables shown in the executed notebooks into one page, `notebooks/verdicts.md`.
 """
 
 import argparse
@@ -27,21 +28,32 @@ from corridor.errors import InputError
 NOTEBOOKS = Path(__file__).resolve().parents[1]
 HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "cannot tell"
 MIME = "application/vnd.corridor.verdicts+json"
-COLUMNS = ("statement", "source", "published", "ours", "verdict", "why")
+COLUMNS = ("statement", "source", "kind", "published", "ours", "ours / published", "verdict", "why")
 
-_NEEDED = ("source", "where", "row", "value", "unit", "tolerance", "chapter")
-_OPTIONAL = ("note", "bound")
+KINDS = {
+    "prediction": "a number that could have come out otherwise",
+    "statement": "a sentence of the source, put as a bound or a ratio",
+    "tuned": "a free choice of ours was made with it",
+    "input": "we put it in",
+    "consistency": "the source against itself, or a program against itself",
+}
+_NEEDED = ("source", "where", "row", "value", "unit", "tolerance", "chapter", "kind")
+_OPTIONAL = ("note", "bound", "basis")
+# More rows than these are folded, but for those that do not hold.
+_FOLDED = 12
 BOUNDS = ("", "at most", "at least")
+BY_DRAWS = "draws"
 
 
 @dataclass(frozen=True)
 class Published:
     """One published figure: a number, or a few that belong together (x, y, z).
 
-    `where` is the table, figure or file section in `source`, `row` the line of it. `tolerance`
-    has the unit of the value, or is a share of it where `relative`. `digits` are the decimals
-    worth showing: those printed, or those of the tolerance if it is finer. `bound`: `at most` or
-    `at least` where the statement is that ours lies on that side of the value.
+    `where` is the table, figure or file section in `source`, `row` the line of it. `kind`: one of
+    `KINDS`. `tolerances`: one a value, in its unit; `by_draws`: it holds as well where it
+    lies within the range of our draws. `digits` are the decimals worth showing: those printed, or
+    those of the tolerance if it is finer. `basis` says where the tolerance comes from. `bound`:
+    `at most` or `at least` where the statement is that ours lies on that side of the value.
     """
 
     id: str
@@ -50,12 +62,14 @@ class Published:
     row: str
     values: tuple[float, ...]
     unit: str
-    tolerance: float
-    relative: bool
+    kind: str
+    tolerances: tuple[float, ...]
+    by_draws: bool
     digits: int
     chapter: str
     note: str = ""
     bound: str = ""
+    basis: str = ""
 
     @property
     def value(self) -> float | np.ndarray:
@@ -65,8 +79,7 @@ class Published:
     @property
     def allowed(self) -> np.ndarray:
         """Largest difference that still holds, for each value."""
-        share = np.abs(self.values) if self.relative else np.ones(len(self.values))
-        return self.tolerance * share
+        return np.array(self.tolerances)
 
     def text(self, values: Iterable[float]) -> str:
         """Values as a person writes them: the same decimals, the unit once."""
@@ -119,11 +132,23 @@ class Verdict:
         return {
             "statement": entry.row,
             "source": f"{entry.source}, {entry.where}",
+            "kind": entry.kind,
             "published": f"{entry.bound} {entry.text(entry.values)}".strip(),
             "ours": self._ours(),
+            "ours / published": self._ratio(),
             "verdict": self.word,
             "why": self.why,
         }
+
+    def _ratio(self) -> str:
+        entry = self.published
+        if self.ours is None or entry.bound or not any(entry.values):
+            return ""
+        # Of the numbers as they are shown, so that a reader finds the same.
+        return ", ".join(
+            f"{float(_fixed(mine, entry.digits)) / theirs:.2f}" if theirs else "-"
+            for mine, theirs in zip(self.ours, entry.values, strict=True)
+        )
 
     def _ours(self) -> str:
         entry = self.published
@@ -165,10 +190,9 @@ class Verdicts:
         return all(verdict.word == HOLDS for verdict in self.verdicts)
 
     @property
-    def counts(self) -> dict[str, int]:
-        """How many hold, do not hold, cannot be told."""
-        words = [verdict.word for verdict in self.verdicts]
-        return {word: words.count(word) for word in (HOLDS, FAILS, UNKNOWN)}
+    def counts(self) -> dict[str, dict[str, int]]:
+        """Of each kind: how many hold, do not hold, cannot be told."""
+        return _counts(v.cells() for v in self.verdicts)
 
     @property
     def table(self) -> pd.DataFrame:
@@ -179,7 +203,7 @@ class Verdicts:
         # Sources are long and the same for many rows: they head their rows.
         lines, source = [], None
         rows = [v.cells() for v in self.verdicts]
-        shown = ("statement", "published", "ours", "verdict")
+        shown = COLUMNS[0], *COLUMNS[2:-1]
         wide = {c: max([len(c), *(len(r[c]) for r in rows)]) for c in shown}
         lines.append("  ".join(c.ljust(wide[c]) for c in shown) + "  why")
         for row in rows:
@@ -194,12 +218,14 @@ class Verdicts:
     __repr__ = __str__
 
     def _repr_html_(self):
-        head = "".join(f"<th>{c}</th>" for c in COLUMNS)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(v.cells()[c])}</td>" for c in COLUMNS) + "</tr>"
-            for v in self.verdicts
-        )
-        return f"<table><tr>{head}</tr>{body}</table><p>{_sentence(self.counts)}</p>"
+        rows = [v.cells() for v in self.verdicts]
+        words = f"<p>{html.escape(_sentence(self.counts))}</p>"
+        if len(rows) <= _FOLDED:
+            return words + _html_table(rows)
+        open_rows = [row for row in rows if row["verdict"] != HOLDS]
+        rest = [row for row in rows if row["verdict"] == HOLDS]
+        folded = f"<details><summary>{len(rest)} rows hold</summary>{_html_table(rest)}</details>"
+        return words + (_html_table(open_rows) if open_rows else "") + folded
 
     def _repr_mimebundle_(self, include=None, exclude=None):
         # What `page` gathers: the notebook itself is the record of what it found.
@@ -255,23 +281,26 @@ def compare(
 def page(notebooks: str | os.PathLike | None = None) -> str:
     """Markdown page of every verdict shown in the executed notebooks of a folder."""
     folder = NOTEBOOKS if notebooks is None else Path(notebooks)
-    parts, totals = [], dict.fromkeys((HOLDS, FAILS, UNKNOWN), 0)
-    for path in sorted(folder.glob("*.ipynb")):
-        rows = _shown(path)
-        if not rows:
-            continue
-        counts = {word: sum(r["verdict"] == word for r in rows) for word in totals}
-        totals = {word: totals[word] + counts[word] for word in totals}
-        parts += [f"\n## [{path.stem}]({path.name})\n", f"{_sentence(counts)}\n"]
-        parts.append("| " + " | ".join(COLUMNS) + " |")
-        parts.append("|" + " --- |" * len(COLUMNS))
-        parts += ["| " + " | ".join(_cell(row[c]) for c in COLUMNS) + " |" for row in rows]
+    shown = {path: _shown(path) for path in sorted(folder.glob("*.ipynb"))}
+    every = [row for rows in shown.values() for row in rows]
     head = [
         "# What holds\n",
         "Every published number that a notebook compares itself with, as the executed notebooks",
         "show it. Made by `python -m kit.published`; do not edit.\n",
-        _sentence(totals),
+        f"**{_headline(_counts(every))}**\n",
+        "| kind | what it is | hold | do not hold | cannot tell |",
+        "| --- | --- | --- | --- | --- |",
     ]
+    for kind, counts in _counts(every).items():
+        numbers = " | ".join(str(counts[word]) for word in (HOLDS, FAILS, UNKNOWN))
+        head.append(f"| {kind} | {KINDS[kind]} | {numbers} |")
+    parts = []
+    for path, rows in shown.items():
+        if rows:
+            parts += [f"\n## [{path.stem}]({path.name})\n", f"{_sentence(_counts(rows))}\n"]
+            parts.append("| " + " | ".join(COLUMNS) + " |")
+            parts.append("|" + " --- |" * len(COLUMNS))
+            parts += ["| " + " | ".join(_cell(row[c]) for c in COLUMNS) + " |" for row in rows]
     return "\n".join([*head, *parts]) + "\n"
 
 
@@ -315,29 +344,51 @@ def _entry(identifier, fields, path):
             f"{', '.join(_OPTIONAL)}."
         )
     values = fields["value"] if isinstance(fields["value"], list) else [fields["value"]]
-    tolerance, relative = fields["tolerance"], False
     try:
-        if isinstance(tolerance, str):
-            number, sign = tolerance.split()
-            tolerance, relative = Decimal(number) / 100, sign == "%"
-            if not relative:
-                raise ValueError
-        digits = max([_decimals(v) for v in values] + ([] if relative else [_decimals(tolerance)]))
+        if fields["kind"] not in KINDS:
+            raise ValueError
+        allowed, digits = _tolerances(fields["tolerance"], values)
         return Published(
             id=identifier,
             values=tuple(float(v) for v in values),
-            tolerance=float(tolerance),
-            relative=relative,
+            tolerances=allowed,
+            by_draws=str(fields["tolerance"]).startswith(BY_DRAWS),
             digits=digits,
-            **{k: str(fields[k]) for k in ("source", "where", "row", "unit", "chapter")},
-            note=str(fields.get("note", "")),
+            **{k: str(fields[k]) for k in ("source", "where", "row", "unit", "chapter", "kind")},
+            **{k: str(fields.get(k, "")) for k in ("note", "basis")},
             bound=_bound(fields.get("bound", "")),
         )
     except (ValueError, ArithmeticError, TypeError) as error:
         raise InputError(
-            f"{path}, [{identifier}]: value is a number or a list of numbers, tolerance a number "
-            'or a percentage such as "1 %", bound "at most" or "at least".'
+            f"{path}, [{identifier}]: value is a number or a list of numbers, tolerance a number, "
+            'a percentage such as "1 %", a list with one of these a value, "draws" or '
+            '"draws or 5 %", bound '
+            f'"at most" or "at least", kind one of {", ".join(KINDS)}.'
         ) from error
+
+
+def _tolerances(given, values):
+    """Allowed difference of each value, and the decimals worth showing."""
+    printed = max(_decimals(v) for v in values)
+    rounding = 0.5 * 10.0**-printed
+    by_draws = isinstance(given, str) and given.startswith(BY_DRAWS)
+    if by_draws:
+        given = given.removeprefix(BY_DRAWS).removeprefix(" or ") or "0 %"
+    several = given if isinstance(given, list) else [given] * len(values)
+    if len(several) != len(values):
+        raise ValueError
+    allowed, digits = [], printed
+    for one, value in zip(several, values, strict=True):
+        if isinstance(one, str):
+            number, sign = one.split()
+            if sign != "%":
+                raise ValueError
+            share = float(Decimal(number) / 100 * abs(Decimal(value)))
+            allowed.append(max(share, rounding) if by_draws or not share else share)
+        else:
+            allowed.append(float(one))
+            digits = max(digits, _decimals(one))
+    return tuple(allowed), digits
 
 
 def _bound(word):
@@ -365,16 +416,14 @@ def _judge(entry, ours, why, absent):
     off = np.array(values) - np.array(entry.values)
     off = {"": np.abs(off), "at most": off, "at least": -off}[entry.bound]
     # A difference that is written like the tolerance must not fail on binary rounding.
-    if np.all(off <= entry.allowed * (1 + 1e-9) + 1e-12):
+    good = off <= entry.allowed * (1 + 1e-9) + 1e-12
+    if entry.by_draws and spread:
+        low, high = np.array(spread)
+        theirs, half = np.array(entry.values), entry.allowed
+        good |= (low - half <= theirs) & (theirs <= high + half)
+    if good.all():
         return Verdict(entry, values, HOLDS, why or "", *spread)
-    worst = int(np.argmax(off - entry.allowed))
-    unit = f" {entry.unit}" if entry.unit else ""
-    difference = (
-        f"differs by {_significant(off[worst])}{unit}, "
-        f"allowed {_significant(entry.allowed[worst])}{unit}"
-    )
-    reason = why or "; ".join(filter(None, (difference, entry.note)))
-    return Verdict(entry, values, FAILS, reason, *spread)
+    return Verdict(entry, values, FAILS, why or entry.note, *spread)
 
 
 def _decimals(number):
@@ -387,12 +436,41 @@ def _fixed(value, digits):
     return text.lstrip("-") if float(text) == 0 else text
 
 
-def _significant(value):
-    return f"{value:.2g}"
+def _counts(rows):
+    """Kind -> verdict -> rows, of the kinds that there are."""
+    counts = {kind: dict.fromkeys((HOLDS, FAILS, UNKNOWN), 0) for kind in KINDS}
+    for row in rows:
+        counts[row["kind"]][row["verdict"]] += 1
+    return {kind: words for kind, words in counts.items() if any(words.values())}
+
+
+def _headline(counts):
+    """Predictions alone."""
+    words = counts.get("prediction")
+    if words is None:
+        return "No prediction is compared."
+    told = words[HOLDS] + words[FAILS]
+    open_rows = f"; {words[UNKNOWN]} cannot be told" if words[UNKNOWN] else ""
+    return f"{words[HOLDS]} of {told} predictions hold{open_rows}."
 
 
 def _sentence(counts):
-    return ", ".join(f"{counts[word]} {word}" for word in (HOLDS, FAILS, UNKNOWN)) + "."
+    """Predictions first; what is no confirmation is named, not added."""
+    rest = [
+        f"{words[HOLDS]} of {words[HOLDS] + words[FAILS]} {kind}"
+        for kind, words in counts.items()
+        if kind != "prediction"
+    ]
+    return _headline(counts) + (f" Not counted: {', '.join(rest)}." if rest else "")
+
+
+def _html_table(rows):
+    head = "".join(f"<th>{c}</th>" for c in COLUMNS)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(row[c])}</td>" for c in COLUMNS) + "</tr>"
+        for row in rows
+    )
+    return f"<table><tr>{head}</tr>{body}</table>"
 
 
 def _cell(text):
