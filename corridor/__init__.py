@@ -1,8 +1,10 @@
 """Corridor flights: what the camera did that the model does not know.
 
-block = corridor.read("data_synthetic/dike")
-adjustment = corridor.adjust(block)
+adjustment = corridor.adjust("data_synthetic/dike")
 print(adjustment)
+print(corridor.diagnose("data_synthetic/dike").sentence)
+
+A function for each command, and Python's rooms for those of several steps: `dir(corridor)`.
 
 Everything named in `__all__` is loaded at its first use, so that `import corridor`
 (and `corridor --help`) do not wait for the numerical libraries.
@@ -21,43 +23,45 @@ if TYPE_CHECKING:
     from corridor.camera import Camera as Camera
     from corridor.diagnosis import Diagnosis as Diagnosis
     from corridor.diagnosis import diagnose as diagnose
+    from corridor.effects import correct as correct
     from corridor.effects import every_effect as catalogue  # noqa: F401
+    from corridor.effects import summary as summary
     from corridor.errors import AdjustmentFailed as AdjustmentFailed
     from corridor.errors import InputError as InputError
+    from corridor.interchange import export_project as export  # noqa: F401
+    from corridor.interchange import import_project as import_project
+    from corridor.planning import plan as plan
     from corridor.preparation import prepare as prepare
     from corridor.simulation import simulate as simulate
 
 __version__ = "0.1.0"
 
 # Public names that are called otherwise at home, where a folder bears the name.
-_AT_HOME = {"catalogue": "every_effect"}
+_AT_HOME = {"catalogue": "every_effect", "export": "export_project"}
 _HOME = {
     "read": "corridor.block",
-    "Block": "corridor.block",
-    "Camera": "corridor.camera",
+    "summary": "corridor.effects",
     "prepare": "corridor.preparation",
     "adjust": "corridor.adjustment",
-    "Adjustment": "corridor.adjustment",
-    "Model": "corridor.adjustment",
-    "catalogue": "corridor.effects",
-    "simulate": "corridor.simulation",
     "diagnose": "corridor.diagnosis",
+    "simulate": "corridor.simulation",
+    "plan": "corridor.planning",
+    "correct": "corridor.effects",
+    "import_project": "corridor.interchange",
+    "export": "corridor.interchange",
+    "catalogue": "corridor.effects",
+    "Block": "corridor.block",
+    "Camera": "corridor.camera",
+    "Model": "corridor.adjustment",
+    "Adjustment": "corridor.adjustment",
     "Diagnosis": "corridor.diagnosis",
     "InputError": "corridor.errors",
     "AdjustmentFailed": "corridor.errors",
 }
-_ROOMS = (
-    "diagnosis",
-    "effects",
-    "figures",
-    "gnss",
-    "interchange",
-    "planning",
-    "preparation",
-    "readout",
-    "simulation",
-    "thermal",
-)
+# Commands of several functions (`corridor.thermal.fit`), and what draws.
+_ROOMS = ("effects", "figures", "gnss", "readout", "thermal")
+# What stands behind a function above; there when asked for.
+_BEHIND = ("diagnosis", "interchange", "planning", "preparation", "simulation")
 
 __all__ = [*_HOME, *_ROOMS]
 
@@ -73,7 +77,7 @@ def __getattr__(name):
             stacklevel=2,
         )
         return import_module("corridor.readout")
-    elif name in _ROOMS:
+    elif name in (*_ROOMS, *_BEHIND):
         value = import_module(f"corridor.{name}")
     else:
         raise AttributeError(f"module 'corridor' has no attribute {name!r}")
@@ -82,4 +86,4 @@ def __getattr__(name):
 
 
 def __dir__():
-    return sorted([*globals(), *__all__])
+    return sorted([*__all__, "__version__"])

@@ -37,6 +37,7 @@ class Camera:
     """One camera of a block.
 
     interior: (15,) float64 in the order of `INTERIOR`; f, cx, cy in pixels, the rest without unit.
+        `Camera.from_table("P1", {"width": 6000, "height": 4000, "f": 8190})` fills it.
     readout_s: seconds from the first to the last row, None where unknown.
     calibrated: the values are a calibration and stay fixed unless asked otherwise.
     extra: keys of the table in block.toml that the package does not know; passed on.
@@ -51,6 +52,14 @@ class Camera:
     row_direction: str = "down"
     calibrated: bool = False
     extra: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        if np.shape(self.interior) != (len(INTERIOR),):
+            raise InputError(
+                f"camera {self.name}: interior is {self.interior!r}, not {len(INTERIOR)} numbers "
+                f"({', '.join(INTERIOR)}): write Camera.from_table({self.name!r}, "
+                f'{{"width": {self.width}, "height": {self.height}, "f": ...}})'
+            )
 
     @classmethod
     def from_table(cls, name: str, table: Mapping) -> Camera:

@@ -330,6 +330,8 @@ def read(folder: str | os.PathLike | Block) -> Block:
     """
     if isinstance(folder, Block):
         return folder
+    if not isinstance(folder, str | os.PathLike):
+        raise InputError(f"a block is a folder, or what `read` makes of one, not {folder!r}")
     folder = Path(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder of a block")

@@ -60,33 +60,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Find velocities and values, take the effect out, say what was done and write the block."""
+    """Take the effect out, say what was done and write the block."""
     import corridor
-    from corridor.effects import Values, correct, find
 
     block = corridor.read(options.block)
     if options.model is not None:
         _by_model(block, options)
         return
-    values, looked_at = {}, set()
-    for name, given in options.effect:
-        if given is None and options.source is not None:
-            (given,) = Values.read(options.source, block, [name]).values()
-        values[name] = given
-        effect = find(name).form(block)
-        looked_at |= {*effect.needs, *effect.takes}
-    notes = []
-    if "images.wx" in looked_at and options.turning == "neighbours":
-        block = corridor.readout.rates_from_neighbours(block)
-        notes.append("angular rates: from the attitudes of the images before and after")
-    if "images.vx" in looked_at:
-        found = corridor.readout.velocities(block, options.velocity)
-        block = found.on(block)
-        notes += str(found).splitlines()
-        if "images.wx" in looked_at and not block.has("images.wx"):
-            notes.append("No angular rates are known: the camera is taken not to have turned.")
-    corrected = correct(block, values, notes)
-    for note in notes:
+    values = dict(options.effect)
+    corrected = corridor.correct(
+        block,
+        values,
+        source=options.source,
+        velocity=options.velocity,
+        turning=options.turning,
+    )
+    for note in corrected.extra["corrected"].get("notes", ()):
         print(note)
     _tell(block, corrected, values)
     corrected.write(options.output)

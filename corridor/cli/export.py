@@ -46,14 +46,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Export, and say what the target holds and what not."""
-    from corridor import interchange
+    import corridor
 
-    block, found = interchange.read_adjusted(options.block)
-    effects = dict(found)
+    effects: dict[str, dict] = {}
     for slug, values in options.effect:
-        effects[slug] = {**effects.get(slug, {}), **values}
-    made = interchange.export_project(
-        block,
+        effects.setdefault(slug, {}).update(values)
+    made = corridor.export(
+        options.block,
         options.form,
         options.output,
         effects=effects,

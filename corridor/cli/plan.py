@@ -14,13 +14,12 @@ examples:
   corridor plan thesis_s1_n50 --carry-over thesis_s2_n50+thesis_s2_o50 --mounted s1-n50=s2-n50
       camera and lever arm of another flight set taken over, its own adjustment with --carry-control
 
-Sigmas are those of the plan's table [noise]. Nothing is drawn at random but the ground and the
-small unrest of the flight (--seed). OUT holds plan.csv and plan.json (metres), accuracy.png and
-advice.txt.
+Sigmas are those of the plan's table [noise], and are printed. Nothing is drawn at random but the
+ground and the small unrest of the flight (--seed). OUT holds advice.txt, control.csv and
+control.png (where control is to be), plan.csv and plan.json (metres) and accuracy.png.
 """
 
 import argparse
-import textwrap
 
 from corridor.cli._options import add, flag, number, option, say, several, whole, wrote
 
@@ -138,7 +137,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Plan, print the table and the advice, save what was asked for."""
+    """Plan, print the advice and the tables, save what was asked for."""
+    import corridor
     from corridor import planning
 
     noise = planning.GnssNoise(
@@ -160,27 +160,26 @@ def run(options: argparse.Namespace) -> None:
     if options.carry_over is not None:
         other = planning.Planner(options.carry_over, **known).expect(options.carry_control)
         carried = other.carried(dict(options.mounted), held=options.held)
-    table = planning.sweep(
-        planning.flight_sets(options.plans, options.combined),
+    planned = corridor.plan(
+        options.plans,
         sorted(set(options.control)),
         options.place,
-        options.jobs,
-        options.cluster,
+        options.goal,
+        options.combined,
         progress=_progress,
+        jobs=options.jobs,
+        cluster=options.cluster,
         camera=options.camera,
         carried=carried,
         **known,
     )
-    said = planning.advice(table, options.goal)
-    print(planning.as_text(table))
-    print("", *textwrap.wrap(said, 99), sep="\n")
+    print(planned)
     if options.output is None:
-        print("\nNothing was written: -o OUT saves the table, the picture and the advice.")
+        print("\nNothing was written: -o OUT saves the tables, the map and the advice.")
         return
     aside = ("run", "output", "jobs", "cluster")
-    settings = {key: value for key, value in vars(options).items() if key not in aside}
-    written = planning.save(table, said, options.output, settings)
-    wrote(*written)
+    planned.settings = {key: value for key, value in vars(options).items() if key not in aside}
+    wrote(*planned.save(options.output))
 
 
 def _progress(done, of):

@@ -21,7 +21,7 @@ def run(options: argparse.Namespace) -> None:
     from corridor import report
 
     block = corridor.read(options.block)
-    print(block.summary(needs={effect.slug: effect.needs for effect in corridor.catalogue()}))
+    print(corridor.summary(block))
     if options.output is not None:
         path = options.output / "first_look.png"
         with report.whole_file(path) as part:

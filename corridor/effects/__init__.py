@@ -24,7 +24,7 @@ from corridor.effects.forward import (
     stated_lever_arms,
     take_out,
 )
-from corridor.effects.registry import every_effect, find, forget, register
+from corridor.effects.registry import every_effect, find, forget, register, summary
 from corridor.effects.stack import ROW_REACH, Arrays, Stack, check_needs
 from corridor.effects.values import EffectValues, Values, effect_of, parse_word
 
@@ -57,5 +57,6 @@ __all__ = [
     "predict",
     "register",
     "stated_lever_arms",
+    "summary",
     "take_out",
 ]

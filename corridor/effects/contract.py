@@ -97,6 +97,10 @@ class Effect(ABC):
         if group is not None:
             self.group = self.per(group).group
 
+    def __repr__(self) -> str:
+        group = "" if self.group == type(self).group else f" of each {self.group}"
+        return f"Effect {self.slug}{group}: {self.title}"
+
     def per(self, group: str) -> Effect:
         """The same effect with another kind of groups: one set of values for each of them."""
         if group not in GROUPS:

@@ -7,12 +7,14 @@ names a class; who tries one out in a notebook calls `register`.
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
 import warnings
 from copy import copy
 from functools import cache
 from importlib.metadata import entry_points
 
+from corridor.block import Block, Summary, read
 from corridor.effects.contract import Effect
 from corridor.errors import InputError, did_you_mean
 
@@ -40,6 +42,11 @@ def find(name: str) -> Effect:
             + ("" if near else f", the physical ones are {physical}")
         )
     return known[slug].per(group) if group else copy(known[slug])
+
+
+def summary(block: Block | str | os.PathLike) -> Summary:
+    """First look at a block (or its folder), and the effects that lack a column in it."""
+    return read(block).summary(needs={effect.slug: effect.needs for effect in every_effect()})
 
 
 def register(effect: Effect | type[Effect]) -> Effect:

@@ -11,7 +11,7 @@ from corridor.figures.detection import naming_rates
 from corridor.figures.diagnosis import evidence_bars
 from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
-from corridor.figures.planning import accuracy_by_control
+from corridor.figures.planning import accuracy_by_control, control_map
 from corridor.figures.readout import readout_picture
 from corridor.figures.report import of_adjustment, save_adjustment
 from corridor.figures.residual_vectors import residual_vectors
@@ -30,6 +30,7 @@ __all__ = [
     "check_points",
     "compare_check_points",
     "confusion_matrix",
+    "control_map",
     "correlation_matrix",
     "counterpart",
     "counterpart_axes",

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from corridor.figures import style
+from corridor.block import Block
+from corridor.figures import maps, style
 from corridor.report import readable, short
 
 _DASHES = ("-", (0, (5, 2)), (0, (1, 1.6)), (0, (5, 1.5, 1, 1.5)))
@@ -59,6 +60,24 @@ def accuracy_by_control(
         axes.set_xlim(counts.min() - 0.06 * span, counts.max() + 0.06 * span)
         for name, (count, *both) in series.items():
             axes.plot(count, 100 * np.asarray(both[k]), zorder=4, **looks[name])
+    return figure
+
+
+def control_map(block: Block, title: str) -> Figure:
+    """Where a planned flight takes its images, and where its control and check points lie.
+
+    block: images with poses, ground points with roles. Metres, of the plan.
+    """
+    frame = maps.frame_of(block)
+    limits = maps.extent(
+        frame.place(maps.centres(block)), frame.place(maps.columns(block.ground)), margin=0.06
+    )
+    height = maps.map_height(limits, 8.5, 6.0)
+    note = "where to survey; check points are those that the expected errors are about"
+    figure = style.sheet(1.15 + height + 0.7, title, note)
+    axes = maps.map_panel(figure, frame, limits, 0.8, 1.15, 8.5, height)
+    keys = maps.draw_cameras(axes, frame, block)
+    style.legend(figure, 0.87, [*keys, *maps.draw_ground(axes, frame, block)])
     return figure
 
 

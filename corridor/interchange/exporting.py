@@ -56,7 +56,7 @@ def read_adjusted(folder: str | Path) -> tuple[Block, Values]:
 
 
 def export_project(
-    block: Block,
+    block: Block | str | Path,
     form: str,
     folder: str | Path,
     *,
@@ -67,9 +67,11 @@ def export_project(
 ) -> Exported:
     """Write the block as a project of another program, whole or not at all.
 
-    form: a name of `export_names()`. effects: values that are in the measurements, as `take_out`
-    takes them; with `corrected` they are taken out, and the measurements moved to a camera that the
-    target holds. lossy: parameters and effects the target cannot hold are dropped instead.
+    block: as read, or its folder, or the result of `corridor adjust`, whose effects are in the
+    measurements too. form: a name of `export_names()`. effects: values that are in the
+    measurements, as `take_out` takes them; with `corrected` they are taken out, and the
+    measurements moved to a camera that the target holds. lossy: parameters and effects the target
+    cannot hold are dropped instead.
     Raises InputError where the target cannot hold the block and neither is allowed.
     """
     if form not in writers():
@@ -77,6 +79,9 @@ def export_project(
     if corrected and lossy:
         raise InputError("--corrected and --lossy contradict each other: give one of them")
     target = writers()[form]
+    if not isinstance(block, Block):
+        block, found = read_adjusted(block)
+        effects = {**found, **{s: {**found.get(s, {}), **v} for s, v in (effects or {}).items()}}
     effects = Values.of(block, effects or {})
     unheld = {name: list(target.HOLDS.unheld(camera)) for name, camera in block.cameras.items()}
     unheld = {name: names for name, names in unheld.items() if names}

@@ -1,15 +1,15 @@
 """The accuracy of a flight from covariances alone, before it is flown.
 
-`Planner(plan).expect(control)` answers for one flight set; `sweep` for many, with `advice` in
-sentences, `as_text`, `picture` and `save` for its table.
+`plan(PLAN)` (`corridor.plan`) answers in sentences, with tables and pictures; `Planner(plan)` asks
+one flight set for `expect(control)`, `sweep` many.
 """
 
 from corridor.planning.advice import advice
 from corridor.planning.expected import Accuracy, Expected
 from corridor.planning.network import Carried
 from corridor.planning.noise import GnssNoise
+from corridor.planning.plan import Planned, plan
 from corridor.planning.planner import Planner, subset
-from corridor.planning.report import as_text, picture, save
 from corridor.planning.surveyed import Surveyed
 from corridor.planning.sweep import flight_sets, sweep
 
@@ -18,13 +18,12 @@ __all__ = [
     "Carried",
     "Expected",
     "GnssNoise",
+    "Planned",
     "Planner",
     "Surveyed",
     "advice",
-    "as_text",
     "flight_sets",
-    "picture",
-    "save",
+    "plan",
     "subset",
     "sweep",
 ]

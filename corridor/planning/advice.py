@@ -23,13 +23,11 @@ def advice(table: pd.DataFrame, goals: Sequence[float] = (0.01, 0.03)) -> str:
     reached: dict[object, list[str]] = {}
     missed = []
     for goal in sorted(goals):
-        enough = solid[solid["d3"] <= goal]
-        if not len(enough):
+        row = _first_within(solid, goal)
+        if row is None:
             missed.append(_goal(goal))
-            continue
-        flights = enough["nadir"] + enough["oblique"]
-        cheapest = enough.assign(_flights=flights).sort_values(["_flights", "control", "d3"])
-        reached.setdefault(cheapest.index[0], []).append(_goal(goal))
+        else:
+            reached.setdefault(row.name, []).append(_goal(goal))
     said = []
     if missed:
         row = solid.loc[solid["d3"].idxmin()]
@@ -43,6 +41,26 @@ def advice(table: pd.DataFrame, goals: Sequence[float] = (0.01, 0.03)) -> str:
             f"For {' and '.join(names)}: {_what(row, solid)}: {_cm(row['d3'])}{_gnss(row, solid)}"
         )
     return ". ".join(said) + "."
+
+
+def cheapest(table: pd.DataFrame, goals: Sequence[float]) -> pd.Series | None:
+    """The row of the strictest goal that is reached, else the nearest; None where none is solid."""
+    solid = table[table["open"] == ""]
+    if not len(solid):
+        return None
+    rows = (_first_within(solid, goal) for goal in sorted(goals))
+    return next((row for row in rows if row is not None), solid.loc[solid["d3"].idxmin()])
+
+
+def _first_within(solid: pd.DataFrame, goal: float) -> pd.Series | None:
+    """The row with fewest flights, then fewest control points, that reaches a goal."""
+    enough = solid[solid["d3"] <= goal]
+    if not len(enough):
+        return None
+    flights = enough["nadir"] + enough["oblique"]
+    return enough.loc[
+        enough.assign(_flights=flights).sort_values(["_flights", "control", "d3"]).index[0]
+    ]
 
 
 def _what(row: pd.Series, table: pd.DataFrame) -> str:

@@ -1,55 +1,115 @@
-"""A table of expected accuracies for a terminal, and as a folder."""
+"""Expected accuracies for a terminal, a notebook, and as a folder: the advice first."""
 
 from __future__ import annotations
 
 import os
-import textwrap
-from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from corridor.figures import accuracy_by_control
-from corridor.report import whole_folder, write_json, write_picture
-
-_RESULT = "plan.json"
-_FILES = (_RESULT, "plan.csv", "advice.txt", "accuracy.png")
-_COLUMNS = (
-    ("control", "control", 1, "d"),
-    ("xy cm", "xy", 100, ".2f"),
-    ("z cm", "z", 100, ".2f"),
-    ("3D cm", "d3", 100, ".2f"),
-    ("f px", "sigma_f", 1, ".2f"),
-    ("arm mm", "sigma_arm_z", 1000, ".1f"),
-    ("arm,f", "arm_f", 1, ".2f"),
-    ("h,arm", "height_arm", 1, ".2f"),
-    ("h,f", "height_f", 1, ".2f"),
-    ("bias xy", "transfer_xy", 1, ".2f"),
-    ("bias z", "transfer_z", 1, ".2f"),
+from corridor.figures import accuracy_by_control, control_map
+from corridor.report import (
+    DASH,
+    Report,
+    Table,
+    counted,
+    whole_folder,
+    write_csv,
+    write_json,
+    write_picture,
 )
-_KEY = """\
-xy, z, 3D: expected RMS of check points. f, arm: sigmas of focal length and lever arm z; arm,f and
-so on: correlations of both and of the camera height h, nadir flights; a dash where they are held.
-bias: share of a constant error of the GNSS that is on the ground."""
+
+if TYPE_CHECKING:
+    from corridor.planning.plan import Planned
+
+RESULT = "plan.json"
+_FILES = (RESULT, "plan.csv", "control.csv", "advice.txt", "accuracy.png", "control.png")
+_MOST_POINTS = 12
+_ACCURACY = (
+    ("in plan", "xy", 100, ".1f"),
+    ("in height", "z", 100, ".1f"),
+    ("3D", "d3", 100, ".1f"),
+    ("GNSS in plan", "transfer_xy", 100, ".0f"),
+    ("GNSS in height", "transfer_z", 100, ".0f"),
+)
+_KNOWN = (
+    ("f (px)", "sigma_f", 1, ".2f"),
+    ("arm z (mm)", "sigma_arm_z", 1000, ".1f"),
+    ("arm with f", "arm_f", 1, ".2f"),
+    ("height with arm", "height_arm", 1, ".2f"),
+    ("height with f", "height_f", 1, ".2f"),
+)
 
 
-def as_text(table: pd.DataFrame) -> str:
-    """The table of `sweep` for a terminal, 99 columns; a dash where a parameter is held."""
-    table = table.assign(transfer_xy=np.maximum(table["transfer_x"], table["transfer_y"]))
-    lines = ["".join(f"  {head:>7}" for head, *_ in _COLUMNS)]
-    for name, rows in table.groupby("flights", sort=False):
-        lines.append(str(name))
-        for row in rows.to_dict("records"):
-            cells = (_cell(row[key], factor, form) for _, key, factor, form in _COLUMNS)
-            lines.append("".join(f"  {cell:>7}" for cell in cells))
-    for text in dict.fromkeys(table.loc[table["open"] != "", "open"]):
-        lines += textwrap.wrap(f"! {text}.", 99, subsequent_indent="  ")
-    return "\n".join([*lines, "", _KEY])
+def report_of(planned: Planned) -> Report:
+    """The advice, where control goes, the accuracies, and what can be told apart."""
+    table = planned.table.assign(
+        transfer_xy=np.maximum(planned.table["transfer_x"], planned.table["transfer_y"])
+    )
+    accuracy = (
+        "cm, RMS of check points; GNSS: per cent of a constant error of it that is on the ground"
+    )
+    known = (
+        "standard deviations of focal length and lever arm, and their correlations with each other "
+        "and with the height of the camera; nadir flights; a dash where one is held"
+    )
+    made = [
+        _control(planned),
+        _of(table, _ACCURACY, "Expected errors", (accuracy, planned.sigmas)),
+        _of(table, _KNOWN, "What the flights can tell apart", (known,)),
+    ]
+    holes = dict.fromkeys(table.loc[table["open"] != "", "open"])
+    names = ", ".join(dict.fromkeys(table["flights"]))
+    return Report(
+        title=f"Plan of {names}",
+        opening=planned.advice,
+        warnings=[f"{hole}." for hole in holes],
+        tables=[one for one in made if one is not None],
+    )
 
 
-def picture(table: pd.DataFrame) -> Figure:
+def as_text(planned: Planned) -> str:
+    """The report for a terminal."""
+    return str(report_of(planned))
+
+
+def as_html(planned: Planned) -> str:
+    """The same report, for a notebook."""
+    return report_of(planned).html()
+
+
+def save(planned: Planned, folder: str | os.PathLike) -> list[Path]:
+    """Writes a plan's report into a folder: see `Planned.save`."""
+    folder, table = Path(folder), planned.table
+    with whole_folder(folder, RESULT, lambda name: name in _FILES) as part:
+        table.to_csv(part / "plan.csv", index=False, float_format="%.6g", lineterminator="\n")
+        said = planned.advice
+        (part / "advice.txt").write_text(said + "\n", encoding="utf-8", newline="\n")
+        content = {
+            "advice": said,
+            "assumed": planned.sigmas,
+            "settings": planned.settings,
+            "control": planned.control.to_dict("records"),
+            "rows": table.to_dict("records"),
+        }
+        write_json(content, part / RESULT)
+        write_picture(_picture(table), part / "accuracy.png")
+        if planned.chosen is not None:
+            write_csv(planned.control, part / "control.csv")
+            block = planned.laid_out()
+            write_picture(control_map(block, _count(planned.chosen)), part / "control.png")
+        written = [name for name in _FILES if (part / name).is_file()]
+    return [folder / name for name in sorted(written)]
+
+
+def _count(row: pd.Series) -> str:
+    return f"{row['flights']} with {counted(int(row['control']), 'control point')}"
+
+
+def _picture(table: pd.DataFrame) -> Figure:
     """Error against number of control points, a line for each flight set."""
     series = {
         str(name): (rows["control"].to_numpy(), rows["xy"].to_numpy(), rows["z"].to_numpy())
@@ -58,29 +118,35 @@ def picture(table: pd.DataFrame) -> Figure:
     return accuracy_by_control({name: series[name] for name in table["flights"].unique()})
 
 
-def save(
-    table: pd.DataFrame,
-    said: str,
-    folder: str | os.PathLike,
-    settings: Mapping[str, object] | None = None,
-) -> list[Path]:
-    """Writes plan.csv, plan.json, advice.txt and accuracy.png, whole or not at all.
-
-    said: the advice. settings: what was asked, kept in plan.json. Metres; NaN is null, an empty
-    cell. Raises InputError where `folder` holds something else.
-    """
-    folder = Path(folder)
-    with whole_folder(folder, _RESULT, lambda name: name in _FILES) as part:
-        table.to_csv(part / "plan.csv", index=False, float_format="%.6g", lineterminator="\n")
-        (part / "advice.txt").write_text(said + "\n", encoding="utf-8", newline="\n")
-        rows = table.to_dict("records")
-        content = {"advice": said, "settings": dict(settings or {}), "rows": rows}
-        write_json(content, part / _RESULT)
-        write_picture(picture(table), part / "accuracy.png")
-    return [folder / name for name in sorted(_FILES)]
+def _control(planned: Planned) -> Table | None:
+    """Where the control points of the advice are to be."""
+    points = planned.control
+    if not len(points):
+        return None
+    rows = tuple(
+        (str(p.point), f"{p.x:.1f}", f"{p.y:.1f}", f"{p.z:.1f}")
+        for p in points.head(_MOST_POINTS).itertuples()
+    )
+    notes = ["metres, as the axis of the plan; anywhere near will do, where images show it"]
+    if len(points) > len(rows):
+        notes.append(f"{len(points) - len(rows)} more in control.csv")
+    where = f"Where to survey for {_count(planned.chosen)}"
+    return Table(where, ("point", "x", "y", "z"), rows, "lrrr", tuple(notes))
 
 
-def _cell(value, factor: float, form: str) -> str:
-    if not np.isfinite(value):
-        return "\u2013"
-    return format(int(value) if form == "d" else factor * value, form)
+def _of(table: pd.DataFrame, columns, title: str, notes: tuple[str, ...]) -> Table | None:
+    """Some columns for each flight set and number of control points; None where all are unknown."""
+    if table[[key for _, key, *_ in columns]].isna().all(axis=None):
+        return None
+    rows, before = [], None
+    for row in table.to_dict("records"):
+        name = str(row["flights"])
+        cells = (_cell(row[key], factor, form) for _, key, factor, form in columns)
+        rows.append((name if name != before else "", str(row["control"]), *cells))
+        before = name
+    header = ("flights", "control", *(head for head, *_ in columns))
+    return Table(title, header, tuple(rows), "l" + "r" * (len(header) - 1), notes)
+
+
+def _cell(value: float, factor: float, form: str) -> str:
+    return format(factor * value, form) if np.isfinite(value) else DASH

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import joblib
 import numpy as np
 import pandas as pd
 
+from corridor.block import Block
 from corridor.errors import InputError
 from corridor.parallel import parallel
 from corridor.planning.planner import Control, Planner, subset
@@ -70,6 +72,19 @@ def sweep(
     progress: called with the flight sets done and all of them.
     options: of `Planner`. Columns: see `Expected.summary`.
     """
+    return swept(plans, control, place, jobs, cluster, progress, **options)[0]
+
+
+def swept(
+    plans: Sequence[Plan | str],
+    control: Sequence[Control],
+    place: str = "spread",
+    jobs: int = 1,
+    cluster: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    **options,
+) -> tuple[pd.DataFrame, dict[str, Block]]:
+    """The table of `sweep`, and by flight set a block of its images and surveyed points."""
     read = [plan if isinstance(plan, Plan) else read_plan(plan) for plan in plans]
     if place not in ("spread", "best"):
         raise InputError(f"place = {place!r} is unknown: use spread or best")
@@ -83,22 +98,27 @@ def sweep(
         grids.setdefault(plan.axis_m, []).append(plan)
     points = {axis: given or Surveyed.grid(_joined(group)) for axis, group in grids.items()}
     rows: list[dict] = []
+    flown: dict[str, Block] = {}
     with parallel(jobs, cluster) as share_out:
         found = share_out(
             joblib.delayed(assess)(plan, list(control), place, points[plan.axis_m], options)
             for plan in read
         )
-        for done, some in enumerate(found, start=1):
+        for done, (some, block) in enumerate(found, start=1):
             rows += some
+            flown[read[done - 1].name] = block
             if progress:
                 progress(done, len(read))
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows), flown
 
 
 def assess(
     plan: Plan, control: list[Control], place: str, surveyed: Surveyed, options: dict
-) -> list[dict]:
-    """The rows of one flight set; lever arms are carried over to the flights that it has."""
+) -> tuple[list[dict], Block]:
+    """The rows of one flight set, its images and points.
+
+    Lever arms are carried over to the flights that it has.
+    """
     carried = options.get("carried")
     if carried is not None:
         options = options | {"carried": carried.for_flights(f.name for f in plan.flights)}
@@ -108,7 +128,8 @@ def assess(
         if place == "best" and isinstance(wanted, int | np.integer):
             wanted = planner.best(wanted)
         rows.append(planner.expect(wanted).summary())
-    return rows
+    none = {name: getattr(planner.block, name).iloc[:0] for name in ("points", "tie_points")}
+    return rows, replace(planner.block, **none)
 
 
 def _joined(plans: Sequence[Plan]) -> Plan:

@@ -53,5 +53,5 @@ def two_step(
     """
     before = least_squares.adjust(block, **options) if before is None else before
     found = velocities(before.block, velocity)
-    corrected = correct(found.on(before.block), values, str(found).splitlines())
+    corrected = correct(found.on(before.block), values, str(found).splitlines(), velocity=None)
     return TwoStep(before, least_squares.adjust(corrected, **options), found, corrected)

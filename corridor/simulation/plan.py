@@ -324,7 +324,13 @@ def read_plan(plan: str | os.PathLike) -> Plan:
     Flights of plans joined by + are flown in that order over the first one's ground.
     Raises InputError, one sentence naming file, key and remedy.
     """
-    text = os.fspath(plan)
+    try:
+        text = os.fspath(plan)
+    except TypeError:
+        raise InputError(
+            f"a plan is a .toml file or the name of one that comes with corridor, not "
+            f"{type(plan).__name__}"
+        ) from None
     if text.endswith(".toml") or os.path.isfile(text):
         return _read(Path(text))
     known, joined = ready_made(), None

@@ -5,7 +5,9 @@ import json
 import pandas as pd
 import pytest
 
+import corridor
 from corridor.cli import main
+from corridor.report import WIDTH
 
 PLAN = """
 axis_m = [[0, 0], [0, 100]]
@@ -45,7 +47,7 @@ def test_it_writes_table_picture_and_advice(plan, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["plan", str(plan), "--control", "0,1", "-o", str(out)]) == 0
     assert sorted(p.name for p in out.iterdir()) == [
-        "accuracy.png", "advice.txt", "plan.csv", "plan.json",
+        "accuracy.png", "advice.txt", "control.csv", "control.png", "plan.csv", "plan.json",
     ]  # fmt: skip
     table = pd.read_csv(out / "plan.csv")
     assert table["flights"].unique().tolist() == ["nadir", "oblique", "nadir+oblique"]
@@ -53,8 +55,26 @@ def test_it_writes_table_picture_and_advice(plan, tmp_path, capsys):
     assert len(content["rows"]) == 6
     assert content["settings"]["control"] == [0, 1]
     said = capsys.readouterr().out
-    assert content["advice"] in " ".join(said.split()) and "accuracy.png" in said
+    assert " ".join(said.split()).startswith(content["advice"]) and "accuracy.png" in said
     assert (out / "advice.txt").read_text(encoding="utf-8").strip() == content["advice"]
+
+
+def test_it_says_where_the_control_point_is_and_which_sigmas_were_assumed(plan, capsys):
+    """The one point of a straight corridor of 100 m lies on its axis, halfway (see `spread`)."""
+    planned = corridor.plan(plan, control=1, goals=0.02, combined=False)
+    point = planned.control.iloc[0]
+    assert point["x"] == pytest.approx(0.0, abs=1e-9)
+    assert point["y"] == pytest.approx(50.0, abs=5.0)
+    said = str(planned)
+    assert f"{point['point']}  " in said and "Where to survey" in said
+    assert "image points 0.5 px" in said and "0.01/0.01/0.01 m" in said
+    assert set(planned.laid_out().ground["role"]) == {"control", "check"}
+
+
+def test_without_noise_the_plan_has_the_noise_that_simulate_gives_it(plan, tmp_path):
+    plan.write_text(PLAN.replace("[noise]", "[start]").split("tie_px")[0]
+                    + "[tie_points]" + PLAN.split("[tie_points]")[1])  # fmt: skip
+    assert "ordinary ones as the plan states none" in corridor.plan(plan, control=1).sigmas
 
 
 def test_a_bias_is_on_the_ground_without_control(plan, tmp_path):
@@ -66,7 +86,7 @@ def test_without_an_output_it_says_that_nothing_was_written(plan, capsys):
     assert main(["plan", str(plan), "--as-given", "--control", "0"]) == 0
     said = capsys.readouterr().out
     assert "Nothing was written" in said
-    assert max(map(len, said.splitlines())) < 100
+    assert max(map(len, said.splitlines())) <= WIDTH
 
 
 def test_a_bias_that_is_estimated_is_not_on_the_ground(plan, tmp_path):
