@@ -97,7 +97,7 @@ def plan(
     does.
     Raises InputError for a plan that cannot be flown, or leaves a parameter undetermined.
     """
-    alone = isinstance(plans, Plan | str | os.PathLike)
+    alone = not isinstance(plans, list | tuple)
     sets = [
         replace(one, noise=ORDINARY_NOISE) if one.noise == Noise() else one
         for one in flight_sets([plans] if alone else plans, combined)
