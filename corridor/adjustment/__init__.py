@@ -24,6 +24,7 @@ from corridor.adjustment.model import (
     listed,
 )
 from corridor.adjustment.normal import Normal
+from corridor.adjustment.point_gains import PointGains, point_gains
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import one_step, solve
@@ -43,6 +44,7 @@ __all__ = [
     "Model",
     "Normal",
     "ParameterId",
+    "PointGains",
     "Similarity",
     "Singular",
     "adjust",
@@ -53,6 +55,7 @@ __all__ = [
     "listed",
     "make_problem",
     "one_step",
+    "point_gains",
     "similarity",
     "solve",
     "sound_part",
