@@ -24,7 +24,7 @@ from corridor.adjustment.model import (
     listed,
 )
 from corridor.adjustment.normal import Normal
-from corridor.adjustment.point_gains import PointGains, point_gains
+from corridor.adjustment.gains import PointGains, point_gains
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import one_step, solve

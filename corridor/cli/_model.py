@@ -9,17 +9,22 @@ _PRIOR = re.compile(r"(?P<name>[^=\s]+)=(?P<value>[^=]+?)(?:\+-|\+/-|±)(?P<sigm
 
 
 def configure(
-    parser: argparse.ArgumentParser, camera: str, effect: str, prior: str, threads: int
+    parser: argparse.ArgumentParser,
+    camera: str,
+    effect: str,
+    prior: str,
+    threads: int,
+    block: str | None = None,
 ) -> None:
     """Options of the block and of the model; the texts say what differs between the verbs.
 
-    camera: the default of --camera. effect, prior: help of --effect and --prior. threads: default.
+    camera: the default of --camera. effect, prior, block: help of these. threads: default.
     """
     default = f"(default: {camera}, fixed where block.toml says calibrated = true)"
     add(
         parser,
         {
-            "block": {},
+            "block": {} if block is None else option(block),
             "--output": option("folder for the results (none: print only)"),
             "--camera": option(f"{SHARED['--camera']['help']} {default}"),
             "--effect": option(effect),

@@ -10,6 +10,7 @@ that is, what it does to data that the fit has not used, and what could not be t
 is added. `counterpart` gives one of them as a block.
 """
 
+from corridor.diagnosis.candidates import candidates
 from corridor.diagnosis.comparison import Closing, Compared, Comparison, compare
 from corridor.diagnosis.confusability import confusability
 from corridor.diagnosis.corrected import corrected
@@ -35,6 +36,7 @@ __all__ = [
     "Evidence",
     "Round",
     "Statistic",
+    "candidates",
     "check_output",
     "compare",
     "confusability",

@@ -2,6 +2,7 @@
 
 from corridor.figures.alike import alike
 from corridor.figures.camera_views import camera_views
+from corridor.figures.change import change_maps, change_profile, of_change, point_changes
 from corridor.figures.check_points import check_points, compare_check_points
 from corridor.figures.confusion import confusion_matrix
 from corridor.figures.correlation import correlation_matrix
@@ -27,6 +28,8 @@ __all__ = [
     "antenna",
     "camera_difference",
     "camera_views",
+    "change_maps",
+    "change_profile",
     "check_points",
     "compare_check_points",
     "confusion_matrix",
@@ -43,6 +46,8 @@ __all__ = [
     "histograms",
     "naming_rates",
     "of_adjustment",
+    "of_change",
+    "point_changes",
     "png",
     "readout_picture",
     "residual_vectors",

@@ -25,7 +25,9 @@ from corridor.report.files import (
     write_json,
     write_picture,
 )
+from corridor.report.geopackage import Layer, write_geopackage
 from corridor.report.json import json_text, plain
+from corridor.report.las import write_las
 from corridor.report.numbers import (
     DASH,
     coefficient,
@@ -44,6 +46,7 @@ from corridor.report.table import WIDTH, Table
 __all__ = [
     "CAPTIONS",
     "DASH",
+    "Layer",
     "WIDTH",
     "Adjusted",
     "Report",
@@ -71,6 +74,8 @@ __all__ = [
     "whole_files",
     "whole_folder",
     "write_csv",
+    "write_geopackage",
     "write_json",
+    "write_las",
     "write_picture",
 ]

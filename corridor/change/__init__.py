@@ -1,0 +1,77 @@
+"""What changed between two dates: the ground, or the camera?
+
+`corridor.change(before, after)` compares two blocks and returns a `Change`: displacements of named
+points, the change of the surface with the exact standard deviation of every number, volumes, and
+what effects of the camera explain of it. `moved_ground` moves the ground of a measured block, by
+`Settlement`, `Slide`, `Tilt` or any function of position. The parts stand alone too: `Joint` for
+the covariance of whatever is linear in the points of both dates, `make_cores` and
+`surface_change`, `point_changes`, `volume`, `Signatures`.
+"""
+
+import sys
+from types import ModuleType
+
+from corridor.change.change import Surface, change
+from corridor.change.clouds import Cloud, Functions, displacements
+from corridor.change.cores import Cores, make_cores
+from corridor.change.detection import detection
+from corridor.change.epoch import Epoch
+from corridor.change.epochs import Chosen, clouds
+from corridor.change.evidence import Evidence, gathered, tested
+from corridor.change.explanation import Explanation, explain
+from corridor.change.joint import Joint
+from corridor.change.lines import read_line
+from corridor.change.motion import Settlement, Slide, Tilt, moved_ground
+from corridor.change.points import PointChanges, point_changes
+from corridor.change.report import detection_report, of_change, save
+from corridor.change.result import Change
+from corridor.change.signature import Signatures
+from corridor.change.surface import SurfaceChange, surface_change
+from corridor.change.volume import Volume, volume
+
+__all__ = [
+    "Change",
+    "Chosen",
+    "Cloud",
+    "Cores",
+    "Epoch",
+    "Evidence",
+    "Explanation",
+    "Functions",
+    "Joint",
+    "PointChanges",
+    "Settlement",
+    "Signatures",
+    "Slide",
+    "Surface",
+    "SurfaceChange",
+    "Tilt",
+    "Volume",
+    "change",
+    "clouds",
+    "detection",
+    "detection_report",
+    "displacements",
+    "explain",
+    "gathered",
+    "make_cores",
+    "moved_ground",
+    "of_change",
+    "point_changes",
+    "read_line",
+    "save",
+    "surface_change",
+    "tested",
+    "volume",
+]
+
+
+class _Callable(ModuleType):
+    """The room itself can be called: `corridor.change(before, after)`."""
+
+    def __call__(self, before, after, **options) -> Change:
+        """See `corridor.change.change`."""
+        return change(before, after, **options)
+
+
+sys.modules[__name__].__class__ = _Callable

@@ -1,0 +1,155 @@
+"""Core points: where a change of the surface is asked for, and along which normal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from corridor.errors import InputError
+
+# So many points should stand for the surface at a core point, in the thinner of both clouds.
+WANTED = 15
+MOST_CORES = 20_000
+
+
+@dataclass(frozen=True)
+class Cores:
+    """xyz (k, 3), m; normal (k, 3), upwards. station, across (k,): along the corridor, m.
+
+    spacing: of the grid, m. radius: of the cylinder along the normal in which points count
+    (Lague's d / 2), normal_radius: of the ball in which the normal is fitted (D / 2), reach: half
+    length of the cylinder, m.
+    """
+
+    xyz: np.ndarray
+    normal: np.ndarray
+    station: np.ndarray
+    across: np.ndarray
+    spacing: float
+    radius: float
+    normal_radius: float
+    reach: float
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A corridor's axis in plan: origin (2,), along and across (2,), unit vectors."""
+
+    origin: np.ndarray
+    along: np.ndarray
+    across: np.ndarray
+
+    @classmethod
+    def of(cls, xyz: np.ndarray) -> Frame:
+        """The frame in which points (n, 3) are longest; the first of them in x lies at zero."""
+        middle = np.median(xyz[:, :2], axis=0)
+        _, _, axes = np.linalg.svd(xyz[:, :2] - middle, full_matrices=False)
+        along = axes[0] * (1.0 if axes[0][np.argmax(np.abs(axes[0]))] > 0 else -1.0)
+        station = (xyz[:, :2] - middle) @ along
+        origin = middle + np.percentile(station, 0.5) * along
+        return cls(origin, along, np.array([-along[1], along[0]]))
+
+    def of_points(self, xyz: np.ndarray) -> np.ndarray:
+        """Station and across (n, 2), m; across to the left."""
+        away = xyz[:, :2] - self.origin
+        return np.column_stack([away @ self.along, away @ self.across])
+
+    def place(self, station: np.ndarray, across: np.ndarray) -> np.ndarray:
+        """Positions (n, 2), m."""
+        return self.origin + np.outer(station, self.along) + np.outer(across, self.across)
+
+
+def usual_radius(*clouds: np.ndarray) -> float:
+    """Radius (m) of the circle that holds `WANTED` points of the thinner cloud, as a median."""
+    out = []
+    for xyz in clouds:
+        if len(xyz) <= WANTED:
+            raise InputError(
+                f"{len(xyz)} points are too few for a surface: compare named points only, or "
+                "measure more tie points"
+            )
+        some = xyz[:: max(len(xyz) // 2000, 1), :2]
+        out.append(np.median(cKDTree(xyz[:, :2]).query(some, WANTED)[0][:, -1]))
+    return float(max(out))
+
+
+def make_cores(
+    before: np.ndarray,
+    after: np.ndarray,
+    spacing: float | None = None,
+    radius: float | None = None,
+    normal: str = "local",
+    profile: np.ndarray | None = None,
+    at: np.ndarray | None = None,
+) -> Cores:
+    """Core points on a grid over both clouds, along a profile (n, 2), or at given places (n, 2+).
+
+    before, after: clouds (n, 3), m. spacing: default half the radius, more where there would be
+    over `MOST_CORES`. radius: see `usual_radius`. normal: `local`, fitted to the first cloud, or
+    `vertical`. Raises InputError where the clouds do not overlap.
+    """
+    radius = radius or usual_radius(before, after)
+    frame = Frame.of(before)
+    trees = cKDTree(before[:, :2]), cKDTree(after[:, :2])
+    if at is not None:
+        places = np.asarray(at, float)[:, :2]
+        spacing = spacing or radius
+    elif profile is not None:
+        spacing = spacing or 0.5 * radius
+        places = _along(np.asarray(profile, float)[:, :2], spacing)
+    else:
+        places, spacing = _grid(frame, trees, before, spacing or 0.5 * radius, radius)
+    near = [tree.query(places, 1)[0] < radius for tree in trees]
+    places = places[near[0] & near[1]]
+    if not len(places):
+        raise InputError(
+            "the two epochs show no common ground: check that both blocks are of the same place "
+            "and in the same coordinates"
+        )
+    around = trees[0].query(places, min(5, len(before)))[1]
+    xyz = np.column_stack([places, np.median(before[around.reshape(len(places), -1), 2], axis=1)])
+    normal_radius = 1.5 * radius
+    if normal == "vertical":
+        normals = np.tile([0.0, 0.0, 1.0], (len(xyz), 1))
+    else:
+        normals = fitted_normals(before, xyz, normal_radius)
+    station, across = frame.of_points(xyz).T
+    reach = 3.0 * radius
+    return Cores(xyz, normals, station, across, spacing, radius, normal_radius, reach)
+
+
+def fitted_normals(cloud: np.ndarray, places: np.ndarray, radius: float) -> np.ndarray:
+    """Upward unit normals (k, 3) of planes fitted to the points of a cloud around places (k, 3).
+
+    Where fewer than five points are near, the normal is vertical.
+    """
+    out = np.tile([0.0, 0.0, 1.0], (len(places), 1))
+    for k, near in enumerate(cKDTree(cloud).query_ball_point(places, radius)):
+        if len(near) < 5:
+            continue
+        away = cloud[near] - cloud[near].mean(axis=0)
+        normal = np.linalg.eigh(away.T @ away)[1][:, 0]
+        out[k] = normal * (1.0 if normal[2] >= 0 else -1.0)
+    return out
+
+
+def _grid(frame: Frame, trees, before: np.ndarray, spacing: float, radius: float):
+    where = frame.of_points(before)
+    low, high = np.percentile(where, [0.5, 99.5], axis=0)
+    area = np.prod(np.maximum(high - low, spacing))
+    spacing = max(spacing, float(np.sqrt(area / MOST_CORES)))
+    grid = [np.arange(a, b + 0.5 * spacing, spacing) for a, b in zip(low, high, strict=True)]
+    station, across = (g.ravel() for g in np.meshgrid(*grid, indexing="ij"))
+    return frame.place(station, across), spacing
+
+
+def _along(line: np.ndarray, spacing: float) -> np.ndarray:
+    """Places every `spacing` m along a line (n, 2)."""
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    at = np.arange(0.0, length[-1] + 1e-9, spacing)
+    return np.column_stack([np.interp(at, length, line[:, k]) for k in range(2)])

@@ -1,0 +1,140 @@
+"""What is compared: both epochs adjusted, checked to be of one place, and their clouds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import date
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from corridor.adjustment import Adjustment
+from corridor.block import Block
+from corridor.change.clouds import Cloud
+from corridor.change.epoch import Epoch
+from corridor.errors import InputError
+from corridor.geometry import robust_scale
+
+# Tie points further than so many usual distances from the ground around them are wrong matches.
+WILD = 8.0
+_AROUND = 9
+
+
+def check_blocks(before: Block, after: Block) -> None:
+    """Raises InputError where two blocks cannot be compared: coordinates, dates."""
+    if before.crs and after.crs and before.crs != after.crs:
+        raise InputError(
+            f"block.toml: crs of BEFORE is {before.crs}, of AFTER {after.crs}: bring both blocks "
+            "into one system"
+        )
+    if np.abs(before.offset - after.offset).max() > 1e-6:
+        told = ["[" + ", ".join(f"{v:.12g}" for v in b.offset) + "]" for b in (before, after)]
+        raise InputError(
+            f"block.toml: offset of BEFORE is {told[0]}, of AFTER {told[1]}: coordinates differ by "
+            "metres that are no motion; write both blocks with one offset"
+        )
+    dates = [_date(block, name) for block, name in ((before, "BEFORE"), (after, "AFTER"))]
+    if all(dates) and dates[0] > dates[1]:
+        raise InputError(
+            f"block.toml: BEFORE is of {dates[0]}, AFTER of {dates[1]}: exchange the two blocks"
+        )
+
+
+def _date(block: Block, name: str) -> date | None:
+    given = block.extra.get("date")
+    if given is None or isinstance(given, date):
+        return given.date() if hasattr(given, "date") else given
+    try:
+        return date.fromisoformat(str(given)[:10])
+    except ValueError:
+        raise InputError(
+            f"block.toml of {name}: date = {given!r} is no date; write it as 2024-05-31"
+        ) from None
+
+
+def check_datum(before: Adjustment, after: Adjustment, datum: str) -> None:
+    """Raises InputError where an epoch is a free network and the datum is to be the stated one."""
+    free = [
+        name for name, one in (("BEFORE", before), ("AFTER", after)) if one.system.held is not None
+    ]
+    if free and datum != "stable":
+        both = len(free) == 2
+        raise InputError(
+            f"{' and '.join(free)} {'have' if both else 'has'} neither control nor GNSS and so no "
+            "datum: give control points or GNSS, or lay both together on what stands still "
+            "(--datum stable --motion similarity)"
+        )
+
+
+def check_names(names: np.ndarray, shift: np.ndarray, sigma: np.ndarray, largest: float) -> None:
+    """Raises InputError where a name means different points: it lies further off than ground moves.
+
+    shift, sigma (k, 3), m.
+    """
+    away = np.linalg.norm(shift, axis=1)
+    wrong = away > np.maximum(largest, 6.0 * np.linalg.norm(sigma, axis=1))
+    if wrong.any():
+        k = int(np.argmax(np.where(wrong, away, 0.0)))
+        more = f" ({wrong.sum() - 1} more so)" if wrong.sum() > 1 else ""
+        raise InputError(
+            f"point {names[k]} lies {away[k]:.1f} m apart in the two epochs{more}: the name means "
+            f"different points; rename one (marks.csv, ground.csv), or allow motions beyond "
+            f"{largest:g} m (--largest-motion)"
+        )
+
+
+def check_overlap(before: np.ndarray, after: np.ndarray) -> None:
+    """Raises InputError where points (n, 3) of both epochs lie in places apart."""
+    if not (len(before) and len(after)):
+        return
+    boxes = [np.percentile(xyz[:, :2], [1, 99], axis=0) for xyz in (before, after)]
+    low, high = np.maximum(boxes[0][0], boxes[1][0]), np.minimum(boxes[0][1], boxes[1][1])
+    if (low > high).any():
+        apart = float(np.linalg.norm(np.maximum(low - high, 0.0)))
+        raise InputError(
+            f"the epochs do not overlap: their ground lies {apart:.0f} m apart; check that both "
+            "blocks are of the same place and in the same coordinates"
+        )
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Which points of an epoch stand for the ground. rays: how many images at least."""
+
+    rays: int = 3
+
+
+def clouds(
+    before: Adjustment, after: Adjustment, chosen: Chosen, same_ties: bool
+) -> tuple[Cloud, Cloud]:
+    """The clouds of two adjustments.
+
+    same_ties: tie points of the same name are the same points of the ground; the others go.
+    """
+    sides = []
+    for adjustment in (before, after):
+        epoch = Epoch(adjustment)
+        named = {str(epoch.names[k]): int(k) for k in epoch.marks}
+        tie = ~epoch.system.points.mark & (epoch.rays >= chosen.rays)
+        surface = np.flatnonzero(tie)
+        sides.append(Cloud(epoch, surface[sound(epoch.xyz[surface])], named))
+    return paired(*sides) if same_ties else tuple(sides)
+
+
+def paired(before: Cloud, after: Cloud) -> tuple[Cloud, Cloud]:
+    """The clouds with those surface points only that both name, one for one."""
+    places = [
+        {str(cloud.epoch.names[k]): k for k in cloud.surface.tolist()} for cloud in (before, after)
+    ]
+    both = [name for name in places[0] if name in places[1]]
+    first, second = (np.array([place[n] for n in both], dtype=np.int64) for place in places)
+    return replace(before, surface=first), replace(after, surface=second)
+
+
+def sound(xyz: np.ndarray) -> np.ndarray:
+    """Which points (n,) lie on the ground around them, as far as can be seen."""
+    if len(xyz) <= _AROUND:
+        return np.ones(len(xyz), dtype=bool)
+    near = cKDTree(xyz[:, :2]).query(xyz[:, :2], _AROUND)[1][:, 1:]
+    away = xyz[:, 2] - np.median(xyz[near, 2], axis=1)
+    return np.abs(away) <= WILD * max(robust_scale(away), 1e-6)

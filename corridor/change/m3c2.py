@@ -1,0 +1,153 @@
+"""M3C2: the distance between two clouds along the local normal, as a linear function of points.
+
+At a core point with normal n the points of each cloud within a cylinder along n are averaged; the
+distance is n . (mean after - mean before). With the points that count and the normal held, it is
+linear in the points, and its standard deviation is exact: errors that points share do not average
+out, and are not lost as in s / sqrt(number of points).
+Source: Lague et al. 2013.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from corridor.change.clouds import Cloud, Functions
+from corridor.change.cores import Cores
+
+# Fewer points than this are no surface.
+LEAST = 5
+
+
+@dataclass(frozen=True)
+class Members:
+    """The points of a cloud in the cylinders: start (r + 1,), point (m,) of core r's members,
+    as positions in the epoch.
+
+    height (m,) along the normal, from the core point, m. weight (m,): of each in the height of the
+    surface at the core point. left (m,): height less the fitted surface, m. fit: numbers that were
+    fitted in a cylinder.
+    """
+
+    start: np.ndarray
+    point: np.ndarray
+    height: np.ndarray
+    weight: np.ndarray
+    left: np.ndarray
+    fit: int = 1
+
+    @property
+    def count(self) -> np.ndarray:
+        """How many points each cylinder holds (r,)."""
+        return np.diff(self.start)
+
+    @property
+    def core(self) -> np.ndarray:
+        """The core point (m,) of each member."""
+        return np.repeat(np.arange(len(self.start) - 1), self.count)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Height (r,) of the surface at the core points, m; NaN where nothing is."""
+        sums = np.bincount(self.core, self.weight * self.height, minlength=len(self.count))
+        return np.where(self.count > 0, sums, np.nan)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation (r,) of the heights about the surface, m; NaN of too few."""
+        squares = np.bincount(self.core, self.left**2, minlength=len(self.count))
+        free = self.count - self.fit
+        return np.where(free > 0, np.sqrt(squares / np.maximum(free, 1)), np.nan)
+
+    def elsewhere(self, here: Cloud, there: Cloud, cores: Cores) -> Members:
+        """The same points, weighted as here, where another cloud has them; one for one."""
+        order = np.full(len(here.epoch.xyz), -1)
+        order[here.surface] = there.surface
+        point = order[self.point]
+        away = there.epoch.xyz[point] - cores.xyz[self.core]
+        height = np.einsum("nk,nk->n", away, cores.normal[self.core])
+        left = self.left + (height - self.height)
+        sums = np.bincount(self.core, self.weight * (height - self.height), len(self.count))
+        return replace(self, point=point, height=height, left=left - sums[self.core])
+
+
+def members(cloud: Cloud, cores: Cores, degree: int = 0) -> Members:
+    """The points of a cloud in the cylinder of each core point, and their weights.
+
+    degree: of the polynomial in the plane across the normal whose height at the core point is
+    taken: 0 the mean (M3C2), 1 a plane, 2 with curvature, which lets points lie anywhere on a
+    slope or a bend.
+    """
+    cloud, surface = cloud.xyz, cloud.surface
+    tree = cKDTree(cloud)
+    ball = float(np.hypot(cores.radius, cores.reach))
+    steep = cores.normal[:, 2] < 0.999
+    near = np.empty(len(cores), dtype=object)
+    # Where the normal is upright, the plan tells who is near; a ball holds all else.
+    flat = cKDTree(cloud[:, :2])
+    for some, found in (
+        (np.flatnonzero(steep), lambda at: tree.query_ball_point(cores.xyz[at], ball)),
+        (
+            np.flatnonzero(~steep),
+            lambda at: flat.query_ball_point(cores.xyz[at, :2], cores.radius + 0.05 * cores.reach),
+        ),
+    ):
+        if len(some):
+            near[some] = found(some)
+    count = np.fromiter((len(n) for n in near), np.int64, len(near))
+    point = np.concatenate([np.asarray(n, np.int64) for n in near] or [[]]).astype(np.int64)
+    core = np.repeat(np.arange(len(near)), count)
+    away = cloud[point] - cores.xyz[core]
+    height = np.einsum("nk,nk->n", away, cores.normal[core])
+    aside = np.linalg.norm(away - height[:, None] * cores.normal[core], axis=1)
+    inside = (aside <= cores.radius) & (np.abs(height) <= cores.reach)
+    core, point, height = core[inside], point[inside], height[inside]
+    start = np.concatenate([[0], np.cumsum(np.bincount(core, minlength=len(near)))])
+    across = (away[inside] - height[:, None] * cores.normal[core]) / cores.radius
+    weight, left = _weights(start, height, across, cores.normal, degree)
+    return Members(start, surface[point], height, weight, left, _TERMS[degree])
+
+
+# Numbers in a polynomial of two variables, by degree.
+_TERMS = {0: 1, 1: 3, 2: 6}
+
+
+def _weights(start, height, across, normal, degree: int):
+    """Weights of the members in the height at each core point, and what the fit leaves."""
+    count = np.diff(start)
+    weight, left = np.empty(len(height)), np.empty(len(height))
+    for r in range(len(count)):
+        some = slice(start[r], start[r + 1])
+        if degree == 0 or count[r] <= _TERMS[degree]:
+            weight[some] = 1.0 / max(count[r], 1)
+            left[some] = height[some] - weight[some] @ height[some]
+            continue
+        first = np.cross(normal[r], [1.0, 0.0, 0.0])
+        first /= np.linalg.norm(first)
+        u, v = across[some] @ first, across[some] @ np.cross(normal[r], first)
+        terms = [np.ones(count[r]), u, v]
+        if degree == 2:
+            terms += [u * u, u * v, v * v]
+        matrix = np.column_stack(terms)
+        inverse = np.linalg.pinv(matrix)
+        weight[some] = inverse[0]
+        left[some] = height[some] - matrix @ (inverse @ height[some])
+    return weight, left
+
+
+def distance_functions(before: Members, after: Members, cores: Cores, joint) -> Functions:
+    """The distances as linear functions of the points of both epochs."""
+
+    def rows(found: Members, count: int, sign: float) -> csr_array:
+        core = found.core
+        value = sign * cores.normal[core] * found.weight[:, None]
+        column = 3 * found.point[:, None] + np.arange(3)
+        row = np.broadcast_to(core[:, None], column.shape)
+        shape = (len(cores), 3 * count)
+        return csr_array((value.ravel(), (row.ravel(), column.ravel())), shape=shape)
+
+    first, second = len(joint.before.epoch.xyz), len(joint.after.epoch.xyz)
+    return Functions(rows(before, first, -1.0), rows(after, second, 1.0))

@@ -1,0 +1,238 @@
+"""A change as text, page and folder."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor import figures
+from corridor.change.export import write_gis
+from corridor.change.result import Change
+from corridor.change.sentence import millimetres, remedies, verdict_sentence
+from corridor.change.surface import SurfaceChange
+from corridor.report import (
+    Report,
+    Table,
+    significant,
+    whole_folder,
+    write_csv,
+    write_json,
+    write_picture,
+)
+
+RESULT = "change.json"
+_VERDICTS = {
+    "moved": "the ground moved",
+    "camera": "the camera explains it",
+    "undecided": "cannot be told apart",
+    "nothing": "no change",
+}
+
+
+def of_change(change: Change) -> Report:
+    """The report of a change: one sentence first."""
+    warnings = [*remedies(change), *change.notes, *_datum(change)]
+    tables = [
+        table
+        for table in (_points(change), _surface(change), _effects(change), _volumes(change))
+        if table is not None
+    ]
+    title = f"Change from {change.names[0]} to {change.names[1]}"
+    return Report(title, verdict_sentence(change), warnings, tables)
+
+
+def to_dict(change: Change) -> dict:
+    """Every number of a change that is not of a map."""
+    surface, points, told = change.surface, change.points, change.explanation
+    out = {
+        "before": change.names[0],
+        "after": change.names[1],
+        "verdict": change.verdict,
+        "verdict_in_words": _VERDICTS[change.verdict],
+        "sentence": verdict_sentence(change),
+        "remedies": remedies(change),
+        "level": change.asked.level,
+        "common": list(change.asked.common),
+        "datum": change.asked.datum,
+        "together": change.asked.together,
+        "notes": list(change.notes),
+    }
+    if points is not None:
+        out["points"] = points.frame.to_dict("records")
+        out["congruency"] = vars(points.overall)
+    if surface is not None and len(surface):
+        out["surface"] = {
+            "core_points": len(surface),
+            "significant": int(surface.moved.sum()),
+            "sigma_median": float(np.median(surface.sigma)),
+            "detection_95_median": float(np.median(surface.detection)),
+            "radius": surface.cores.radius,
+            "spacing": surface.cores.spacing,
+        }
+    if told is not None:
+        out["explanation"] = {
+            "as_adjusted": vars(told.as_adjusted),
+            "all_modelled": vars(told.all_modelled),
+            "shown_modelled": vars(told.shown_modelled),
+            "shown": [sorted(slugs) for slugs in told.shown],
+            "effects": told.table.to_dict("records"),
+        }
+    out["volumes"] = {
+        name: vars(one) | {"total": one.total} for name, one in change.volumes.items()
+    }
+    if change.gained is not None:
+        out["gained"] = {"sigma_apart": change.gained[0], "sigma_together": change.gained[1]}
+    return out
+
+
+def save(change: Change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
+    """Writes report.html, change.json, points.csv, surface.csv and pictures, whole or not at all.
+
+    gis: also change.gpkg (pyogrio) and change.laz or change.las (laspy), where these are installed.
+    Raises InputError where `folder` holds something else.
+    """
+    folder = Path(folder)
+    with whole_folder(folder, RESULT) as part:
+        pictures = []
+        for name, (drawn, caption) in figures.of_change(change).items():
+            pictures.append((name, caption, write_picture(drawn, part / f"{name}.png")))
+        page = of_change(change).page(pictures)
+        (part / "report.html").write_text(page, encoding="utf-8", newline="\n")
+        if change.points is not None:
+            write_csv(change.points.frame, part / "points.csv")
+        if change.surface is not None and len(change.surface):
+            write_csv(change.surface.frame, part / "surface.csv")
+        missing = write_gis(change, part) if gis else []
+        write_json(to_dict(change) | {"not_written": missing}, part / RESULT)
+        names = sorted(path.name for path in part.iterdir())
+    return [folder / name for name in names]
+
+
+def _points(change: Change) -> Table | None:
+    points = change.points
+    if points is None:
+        return None
+    rows = []
+    for row in points.frame.itertuples():
+        numbers = [
+            millimetres(v, s) for v, s in ((row.dx, row.sx), (row.dy, row.sy), (row.dz, row.sz))
+        ]
+        probability = "" if np.isnan(row.probability) else significant(row.probability)
+        rows.append((str(row.point), *numbers, probability, row.verdict))
+    frame = pd.DataFrame(rows, columns=["point", "dx", "dy", "dz", "probability", "verdict"])
+    overall = points.overall
+    notes = [
+        f"All together: {overall.statistic:.1f} with {overall.freedom} independent numbers, "
+        f"probability {overall.probability:.2g} were nothing moved."
+    ]
+    return Table.of(frame, "Points, second date minus first", notes)
+
+
+def _surface(change: Change) -> Table | None:
+    surface = change.surface
+    if surface is None or not len(surface):
+        return None
+    return _surface_table(surface)
+
+
+def _surface_table(surface: SurfaceChange) -> Table:
+    low, high = np.percentile(surface.distance, [5, 95])
+    rows = [
+        ("core points", f"{len(surface):,}"),
+        ("of them significant", f"{surface.moved.sum():,}"),
+        ("change, 5 and 95 %", f"{1000 * low:.0f} to {1000 * high:.0f} mm"),
+        ("sigma of the measurements, median", f"{1000 * np.median(surface.sigma):.1f} mm"),
+        ("sampling of rough ground, median", f"{1000 * np.median(surface.sampling):.1f} mm"),
+        ("level of detection (95 %), median", f"{1000 * np.median(surface.detection):.0f} mm"),
+        ("points in a cylinder, median", f"{np.median(surface.count):.0f}"),
+        ("radius of the cylinder", f"{surface.cores.radius:.2f} m"),
+    ]
+    frame = pd.DataFrame(rows, columns=["what", "value"])
+    return Table.of(frame, "Surface, second date minus first along the normal")
+
+
+def _effects(change: Change, most: int = 8) -> Table | None:
+    if change.explanation is None or not len(change.explanation.table):
+        return None
+    table = change.explanation.table
+    table = table.sort_values(["hides", "explained"], ascending=False, kind="stable")
+    rows = [
+        (
+            row.epoch,
+            row.effect,
+            "yes" if row.log_evidence > 7.6 else "no",
+            f"{100 * row.shape_share:.0f} %",
+            f"{100 * row.explained:.0f} %",
+            significant(row.probability),
+            "yes" if row.hides else "no",
+        )
+        for row in table.head(most).itertuples()
+    ]
+    header = ["epoch", "effect", "shown", "shape", "explains", "likely", "could hide it"]
+    notes = [
+        "shown: by the measurements of that epoch alone. shape: share of the change that has the "
+        "effect's shape on the ground, whatever its size. explains: with the size that the epoch "
+        "says. likely: probability against motion of the ground in patches."
+    ]
+    return Table.of(
+        pd.DataFrame(rows, columns=header), "What effects could do to the ground", notes
+    )
+
+
+def _volumes(change: Change) -> Table | None:
+    if not change.volumes:
+        return None
+    rows = [
+        (
+            name,
+            f"{one.value:.2f} \u00b1 {one.total:.2f} m\u00b3",
+            f"{one.sigma:.2f} m\u00b3",
+            f"{one.independent:.2f} m\u00b3",
+            f"{one.area:.0f} m\u00b2",
+            f"{100 * one.share:.0f} %",
+        )
+        for name, one in change.volumes.items()
+    ]
+    header = [
+        "polygon",
+        "volume",
+        "of it measurements",
+        "were cells independent",
+        "area",
+        "covered",
+    ]
+    return Table.of(pd.DataFrame(rows, columns=header), "Volumes, second date minus first")
+
+
+def _datum(change: Change) -> list[str]:
+    out = []
+    if change.asked.datum == "stable":
+        surface = change.surface
+        carried = ""
+        if surface is not None and surface.laying is not None:
+            carried = f" ({100 * surface.laying.stable.mean():.0f} % of the surface)"
+        out.append(
+            f"Both dates are laid together on what stands still{carried} by a "
+            f"{change.asked.motion} motion: a motion of the whole block cannot be seen."
+        )
+    if change.gained is not None:
+        apart, one = (1000 * g for g in change.gained)
+        out.append(
+            f"One adjustment of both dates: the median sigma of the surface is {one:.1f} mm in "
+            f"place of {apart:.1f} mm."
+        )
+    return out
+
+
+def detection_report(surface: SurfaceChange) -> Report:
+    """What could be seen at one date's accuracy, in words."""
+    low, middle, high = 1000 * np.percentile(surface.detection, [5, 50, 95])
+    share = 100 * np.mean(surface.detection <= 0.01)
+    opening = (
+        f"Two such flights would show a change of {middle:.0f} mm in half of the surface (95 %; "
+        f"{low:.0f} to {high:.0f} mm from best to worst); one of 10 mm in {share:.0f} % of it."
+    )
+    return Report("Level of detection", opening, [], [_surface_table(surface)])

@@ -1,0 +1,72 @@
+"""Tests of many numbers that are correlated: all at once, and one by one.
+
+Source: Pelzer 1971, Caspary 2000 (global congruency); Benjamini and Hochberg 1995 (false
+discovery rate).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, f, norm
+
+# Directions of a covariance without information, against its largest.
+OPEN = 1e-9
+
+
+@dataclass(frozen=True)
+class Congruency:
+    """Whether numbers as a whole differ from zero by more than their covariance says.
+
+    statistic: the weighted square; freedom: independent numbers in it; probability: of so much or
+    more, were there no difference.
+    """
+
+    statistic: float
+    freedom: int
+    probability: float
+
+
+def congruency(
+    difference: np.ndarray, covariance: np.ndarray, redundancy: float = np.inf
+) -> Congruency:
+    """The global test of numbers (n,) with their covariance (n, n), which may be singular.
+
+    redundancy: of the sigma naught in the covariance.
+    """
+    if not len(difference):
+        return Congruency(0.0, 0, 1.0)
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    value, vector = np.linalg.eigh(covariance / scale[:, None] / scale)
+    kept = value > OPEN * value[-1]
+    along = vector[:, kept].T @ (difference / scale)
+    statistic, freedom = float(np.sum(along**2 / value[kept])), int(kept.sum())
+    if np.isfinite(redundancy):
+        probability = f.sf(statistic / freedom, freedom, redundancy)
+    else:
+        probability = chi2.sf(statistic, freedom)
+    return Congruency(statistic, freedom, float(probability))
+
+
+def two_sided(z: np.ndarray) -> np.ndarray:
+    """Probability of a standard normal number as large as each of z, whatever its sign."""
+    return 2.0 * norm.sf(np.abs(z))
+
+
+def spatial(squares: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """Probability of a sum of so many squares of standard normal numbers, or more."""
+    return chi2.sf(squares, freedom)
+
+
+def discoveries(probability: np.ndarray, rate: float) -> np.ndarray:
+    """Which tests are significant when at most this share of those may be false; NaN never is."""
+    out = np.zeros(len(probability), dtype=bool)
+    known = np.flatnonzero(np.isfinite(probability))
+    if not len(known):
+        return out
+    order = known[np.argsort(probability[known], kind="stable")]
+    below = probability[order] <= rate * np.arange(1, len(order) + 1) / len(order)
+    if below.any():
+        out[order[: np.flatnonzero(below)[-1] + 1]] = True
+    return out

@@ -1,0 +1,154 @@
+"""Compare two dates: what moved, what the camera explains, how sure.
+
+examples:
+  corridor change BEFORE AFTER -o out/moved
+      named points, the surface and its level of detection; what effects of the camera explain
+  corridor change BEFORE AFTER --datum stable --motion similarity -o out/b
+      laid together on what stands still: free networks, GNSS of metres
+  corridor change BEFORE AFTER --together -o out/c
+      both dates in one adjustment, with the points that stand still common to both
+  corridor change BEFORE AFTER --polygon toe.csv -o out/d
+      the change of volume in a polygon (columns x, y), with its standard deviation
+  corridor change BLOCK_OR_PLAN
+      one date or one plan alone: where could which change be seen?
+
+OUT holds report.html (one sentence first), change.json (every number), points.csv, surface.csv,
+the pictures, and with the extra `gis` change.gpkg (points and cells for a GIS) and change.las
+(change and sigma as fields for programs of point clouds). It appears when all of it is written,
+or not at all; an earlier result in OUT is replaced.
+"""
+
+import argparse
+from pathlib import Path
+
+from corridor.cli import _model
+from corridor.cli._options import (
+    add,
+    announce_compilation,
+    flag,
+    names,
+    number,
+    option,
+    say,
+    several,
+    whole,
+    wrote,
+)
+
+_POSITIVE = number("is not a number of metres above 0", above=0.0)
+_OPTIONS = {
+    "after": option("folder of the block of the second date", "AFTER", Path, nargs="?"),
+    "--common": option(
+        "errors that both dates share, of control, priors, gnss, or none (default: control,priors)",
+        "KIND,KIND",
+        names("kind"),
+        default=["control", "priors"],
+    ),
+    "--gnss-bias": option(
+        "standard deviation (m) of a constant error of the GNSS: one number, or three",
+        "S or X,Y,Z",
+        several(number("is no number of metres from 0", least=0.0), counts=(1, 3)),
+    ),
+    "--datum": option(
+        "as control and GNSS of each date state it (default), or laid together on what stands "
+        "still",
+        choices=("stated", "stable"),
+        default="stated",
+    ),
+    "--motion": option(
+        "what laying together may do (default: rigid)",
+        choices=("translation", "rigid", "similarity"),
+        default="rigid",
+    ),
+    "--together": flag("both dates in one adjustment"),
+    "--stable": option(
+        "ground points that stand still, one point in both (default: found)",
+        "ID,ID",
+        names("point"),
+    ),
+    "--same-camera": flag("with --together: one calibration for both dates"),
+    "--same-ties": flag("tie points of one name are one point of the ground at both dates"),
+    "--spacing": option("distance of core points, m (default: half the radius)", "M", _POSITIVE),
+    "--radius": option("of the cylinder in which points count, m (default: some 15 points)", "M",
+                       _POSITIVE),
+    "--normal": option("along which the surface is compared (default: local)",
+                       choices=("local", "vertical"), default="local"),
+    "--fit": option("surface in the cylinder: 0 the mean (M3C2, default), 1 a plane, 2 curved",
+                    "DEGREE", whole("degree", 0), default=0),
+    "--profile": option("core points along this line: CSV with x, y", "FILE", Path),
+    "--polygon": option("volume in this polygon: CSV with x, y (may be repeated)", "FILE", Path,
+                        action="append", default=[]),
+    "--rays": option("images that must show a tie point (default 3)", "N", whole("number", 2),
+                     default=3),
+    "--largest-motion": option("of a named point, m; beyond it the name is wrong (default 5)", "M",
+                               _POSITIVE, default=5.0),
+    "--points-only": flag("named points, no surface"),
+    "--no-camera": flag("do not ask what effects of the camera explain"),
+    "--level": option("false discovery rate, and level of the global tests (default 0.01)", "P",
+                      number("is no probability between 0 and 1", above=0.0, below=1.0),
+                      default=0.01),
+}  # fmt: skip
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `corridor change`."""
+    _model.configure(
+        parser,
+        camera="fraser8",
+        effect="estimate this effect in both dates (commas, may be repeated)",
+        prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
+        threads=1,
+        block="folder of the block of the first date, or a plan",
+    )
+    add(parser, _OPTIONS)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Compare, print the report, save what was asked for."""
+    import corridor
+    from corridor.report import check_folder
+
+    announce_compilation("half a minute", "assemble")
+    model = _model.of_options(options)
+    bias = options.gnss_bias
+    if options.after is None:
+        print(corridor.change.detection_report(
+            corridor.change.detection(
+                options.block, model, options.common, bias, options.spacing, options.radius,
+                options.fit, options.same_ties,
+            )
+        ))  # fmt: skip
+        return
+    if options.output is not None:
+        check_folder(options.output, "change.json")
+    found = corridor.change(
+        options.block,
+        options.after,
+        model=model,
+        common=options.common,
+        gnss_bias=bias,
+        datum=options.datum,
+        motion=options.motion,
+        level=options.level,
+        surface=not options.points_only,
+        camera=not options.no_camera,
+        together=options.together,
+        stable=options.stable,
+        same_camera=options.same_camera,
+        threads=options.threads,
+        progress=say,
+        spacing=options.spacing,
+        radius=options.radius,
+        normal=options.normal,
+        degree=options.fit,
+        profile=None if options.profile is None else corridor.change.read_line(options.profile),
+        polygons={path.stem: corridor.change.read_line(path) for path in options.polygon},
+        rays=options.rays,
+        same_ties=options.same_ties,
+        largest=options.largest_motion,
+    )
+    print(found)
+    if options.output is None:
+        print("\nNothing was written: -o OUT saves the report, the tables and the pictures.")
+        return
+    wrote(*corridor.change.save(found, options.output))

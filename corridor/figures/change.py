@@ -1,0 +1,150 @@
+"""Pictures of a change: maps of it, its sigma and significance, the profile, named points."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
+from matplotlib.figure import Figure
+
+from corridor.figures import maps, style
+
+if TYPE_CHECKING:
+    from corridor.change import Change, PointChanges, SurfaceChange
+
+_BOTH = LinearSegmentedColormap.from_list(
+    "corridor_change", ["#004488", "#9fb8d1", "#ffffff", "#e8c98a", "#8a5a00"]
+)
+_SIGMA = LinearSegmentedColormap.from_list("corridor_sigma", ["#ffffff", "#9fb8d1", "#00305f"])
+
+
+def of_change(change: Change) -> dict[str, tuple[Figure, str]]:
+    """Every picture of a change with its caption, by the name of its file."""
+    out = {}
+    if change.surface is not None and len(change.surface):
+        out["surface"] = (
+            change_maps(change.surface),
+            "Change along the normal, second date minus first; its level of detection (95 %), "
+            "errors that points share included; what is significant at the false discovery rate "
+            "asked for.",
+        )
+        out["profile"] = (
+            change_profile(change.surface),
+            "The same along the corridor: the mean over its width, with the standard deviation of "
+            "a core point.",
+        )
+    if change.points is not None:
+        out["points"] = (
+            point_changes(change.points),
+            "Displacements of named points with their standard deviations.",
+        )
+    return out
+
+
+def change_maps(surface: SurfaceChange) -> Figure:
+    """Maps of the change, of its level of detection and of what is significant."""
+    xy = surface.cores.xyz[:, :2]
+    frame = maps.frame_through(xy, "y")
+    limits = maps.extent(frame.place(xy))
+    places = frame.place(xy)
+    width = 8.0
+    height = maps.map_height(limits, width, 3.4)
+    step = height + 0.75
+    note = f"{len(surface):,} core points, cylinders of {surface.cores.radius:.1f} m radius"
+    figure = style.sheet(1.0 + 3 * step, "change of the surface", note)
+    largest = max(float(np.percentile(np.abs(surface.distance), 99)), 1e-4)
+    z = np.clip(surface.distance / surface.total, -6, 6)
+    rows = (
+        ("change", 1000 * surface.distance, _BOTH, (-1000 * largest, 1000 * largest), "mm"),
+        (
+            "level of detection, 95 %", 1000 * surface.detection, _SIGMA,
+            (0.0, 1000 * float(np.percentile(surface.detection, 98))), "mm",
+        ),
+        ("significant: by its sigma", z, _BOTH, (-6, 6), "\u03c3"),
+    )  # fmt: skip
+    metres = max((limits[1] - limits[0]) / width, (limits[3] - limits[2]) / height)
+    size = (72.0 * surface.cores.spacing / metres) ** 2
+    shown = np.ones(len(surface), dtype=bool)
+    for row, (name, value, colours, (low, high), unit) in enumerate(rows):
+        top = 1.05 + row * step
+        axes = maps.map_panel(figure, frame, limits, 0.65, top, width, height)
+        norm = TwoSlopeNorm(0.0, low, high) if low < 0 else None
+        options = {"norm": norm} if norm else {"vmin": low, "vmax": high}
+        if row == 2:
+            axes.plot(*places.T, zorder=1, **style.dot(".", style.FAINT, 1.5, line=0.0))
+            shown = surface.moved
+        image = axes.scatter(
+            *places[shown].T, c=value[shown], s=np.clip(size, 2.0, 400.0), marker="s", lw=0,
+            cmap=colours, **options,
+        )  # fmt: skip
+        style.caption(axes, name)
+        if row < 2:
+            axes.set_xlabel("")
+        tall = max(height - 0.75, 0.5)
+        style.shade_bar(figure, image, 0.65 + width + 0.2, top + height - tall, tall, unit)
+    return figure
+
+
+def change_profile(surface: SurfaceChange, bins: int = 60) -> Figure:
+    """Change along the corridor: core points, the mean of each stretch, the level of detection."""
+    station, change = surface.cores.station, 1000 * surface.distance
+    edges = np.linspace(
+        station.min(), station.max() + 1e-9, min(bins, max(len(change) // 4, 1)) + 1
+    )
+    which = np.clip(np.digitize(station, edges) - 1, 0, len(edges) - 2)
+    count = np.bincount(which, minlength=len(edges) - 1)
+    filled = count > 0
+    middle = 0.5 * (edges[1:] + edges[:-1])[filled]
+
+    def mean(value):
+        return np.bincount(which, value, minlength=len(edges) - 1)[filled] / count[filled]
+
+    keys = [
+        style.key("core points", **style.dot(".", style.FAINT, 3.0)),
+        style.key("mean across", color=style.DARK, lw=1.4),
+        style.key("level of detection of a core point, 95 %", color=style.LIGHT, lw=1.2, ls="--"),
+    ]
+    figure, panels = style.charts("change along the corridor", "", [3.0], keys=keys)
+    axes = panels[0, 0]
+    axes.plot(station, change, zorder=1, **style.dot(".", style.FAINT, 2.0, line=0.0))
+    axes.plot(middle, mean(change), color=style.DARK, lw=1.4, zorder=4)
+    limit = mean(1000 * surface.detection)
+    for sign in (1, -1):
+        axes.plot(middle, sign * limit, color=style.LIGHT, lw=1.2, ls="--", zorder=3)
+    most = float(max(np.percentile(np.abs(change), 99.0), np.median(limit)) * 1.3)
+    axes.set_ylim(-most, most)
+    axes.axhline(0.0, color=style.QUIET, lw=0.5, zorder=2)
+    style.label(axes, "station (m)", "change (mm)")
+    return figure
+
+
+def point_changes(points: PointChanges) -> Figure:
+    """Displacements of named points, an axis a panel, with two standard deviations."""
+    names = [str(name) for name in points.names]
+    keys = [
+        style.key("moved", **style.dot("o", style.MIDDLE)),
+        style.key("stable", **style.dot("o", style.DARK)),
+        style.key("held as control", **style.dot("o", style.FAINT)),
+    ]
+    figure, panels = style.charts(
+        "displacements of named points",
+        "bars: two standard deviations",
+        [2.6],
+        3,
+        keys,
+        sharey=True,
+    )
+    colours = np.where(points.held, style.FAINT, np.where(points.moved, style.MIDDLE, style.DARK))
+    row = np.arange(len(names))
+    for axis, axes in enumerate(panels[0]):
+        d, s = 1000 * points.shift[:, axis], 1000 * points.sigma[:, axis]
+        for k in row:
+            axes.plot([d[k] - 2 * s[k], d[k] + 2 * s[k]], [k, k], color=colours[k], lw=1.2)
+            axes.plot(d[k], k, **style.dot("o", colours[k], 4.0))
+        axes.axvline(0.0, color=style.QUIET, lw=0.5, zorder=0)
+        style.label(axes, f"d{'xyz'[axis]} (mm)")
+        axes.set_ylim(len(names) - 0.5, -0.5)
+    few = row[:: max(len(row) // 25, 1)]
+    panels[0, 0].set_yticks(few, [names[k] for k in few], parse_math=False)
+    return figure

@@ -1,0 +1,53 @@
+"""Tests of many numbers, and the points that stand still."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from corridor.change.significance import congruency, discoveries
+from corridor.change.stable import motions_at, s_transformation, stable_weights
+
+
+def test_discoveries_of_the_paper():
+    """Benjamini and Hochberg 1995, section 3.2: fifteen tests, four rejected at 0.05."""
+    p = [0.0001, 0.0004, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344, 0.0459, 0.3240, 0.4262,
+         0.5719, 0.6528, 0.7590, 1.0]  # fmt: skip
+    assert discoveries(np.array(p), 0.05).sum() == 4
+
+
+def test_what_is_not_known_is_never_significant():
+    assert list(discoveries(np.array([np.nan, 1e-9]), 0.01)) == [False, True]
+
+
+def test_the_global_test_errs_as_often_as_its_level_says():
+    draw = np.random.default_rng(1)
+    mixed = draw.normal(size=(6, 4))
+    covariance = mixed @ mixed.T  # singular: four directions of six
+    found = [congruency(mixed @ draw.normal(size=4), covariance) for _ in range(1000)]
+    assert {one.freedom for one in found} == {4}
+    errors = sum(one.probability < 0.05 for one in found)
+    low, high = binom.ppf([0.0005, 0.9995], 1000, 0.05)
+    assert low <= errors <= high
+
+
+@pytest.mark.parametrize("kind", ["translation", "rigid", "similarity"])
+def test_points_that_move_do_not_carry_the_datum(kind):
+    """Twelve points float by a whole motion, three of them sink by 50 mm: these are told."""
+    draw = np.random.default_rng(2)
+    xyz = draw.uniform(-50, 50, (12, 3)) * [1.0, 1.0, 0.1]
+    motions = motions_at(xyz, kind)
+    floating = motions @ draw.normal(0, 1e-3, motions.shape[1])
+    change = floating + draw.normal(0, 0.002, 36)
+    change[[2, 11, 23]] -= 0.05
+    weight = stable_weights(change, motions, np.full(36, 0.002))
+    left = change - motions @ (s_transformation(motions, weight) @ change)
+    assert np.abs(np.delete(left, [2, 11, 23])).max() < 0.012
+    np.testing.assert_allclose(left[[2, 11, 23]], -0.05, atol=0.012)
+
+
+def test_an_s_transformation_takes_out_motions_and_nothing_else():
+    xyz = np.random.default_rng(3).uniform(-10, 10, (8, 3))
+    motions = motions_at(xyz, "similarity")
+    away = np.eye(24) - motions @ s_transformation(motions, np.ones(24))
+    np.testing.assert_allclose(away @ motions, 0.0, atol=1e-10)
+    np.testing.assert_allclose(away @ away, away, atol=1e-10)
