@@ -11,6 +11,7 @@ from corridor.adjustment.adjust import adjust, complete
 from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
+from corridor.adjustment.gains import PointGains, point_gains
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.adjustment.matrix import Singular
@@ -24,7 +25,6 @@ from corridor.adjustment.model import (
     listed,
 )
 from corridor.adjustment.normal import Normal
-from corridor.adjustment.gains import PointGains, point_gains
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import one_step, solve

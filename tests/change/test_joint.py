@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from made import adjusted, joint
+from made import adjusted, flown, joint
 
-from corridor.adjustment import LinearSystem
+import corridor
+from corridor.adjustment import LinearSystem, point_gains
 from corridor.change import displacements, point_changes
 from corridor.change.joint import Joint
+from corridor.errors import InputError
 
 
 def dense(adjustment):
     """Covariance (3n, 3n) of all points from the whole matrix, inverted as such."""
     system = LinearSystem.of(adjustment)
     inverse = np.linalg.inv(system.matrix.toarray())
-    from corridor.adjustment import point_gains
-
     gains = point_gains(system, np.arange(len(system.points.names)))
     out = np.asarray(gains.gain.T @ inverse @ gains.gain)
     for k, own in enumerate(gains.own):
@@ -63,9 +63,6 @@ def test_a_change_of_nothing_but_common_control_has_no_variance():
 
 def test_what_common_control_does_follows_from_moving_it():
     """The response to a control point is what the adjustment does when that point is moved."""
-    import corridor
-    from made import flown
-
     block = flown(10)
     name = block.ground.loc[block.ground["role"] == "control", "point"].iloc[1]
     moved = block.copy()
@@ -85,8 +82,6 @@ def test_what_common_control_does_follows_from_moving_it():
 
 
 def test_unknown_kind_of_common_error_is_refused():
-    from corridor.errors import InputError
-
     one = adjusted(10)
     with pytest.raises(InputError, match="'weather' is no error that epochs share"):
         _ = joint(one, one, common=("weather",)).errors
