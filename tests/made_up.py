@@ -143,7 +143,8 @@ def adjustment(block, effects=(), seed=5, **changes):
         [(f, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True) for f in block.flight_names] if len(gnss) else []
     )
     made = {
-        "block": block, "start": block, "converged": True, "iterations": 5, "seconds": 0.31,
+        "block": block, "start": block, "required": None,
+        "converged": True, "iterations": 5, "seconds": 0.31,
         "sigma0": 0.9312, "redundancy": 27340, "cost": 25458.0, "history": [],
         "residuals": residuals,
         "observations": {kind: _statistics(kind, table) for kind, table in residuals.items()},

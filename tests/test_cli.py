@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import joblib
 import pytest
@@ -43,15 +42,23 @@ class TestAdjust:
     def test_it_ends_with_status_0_and_names_what_it_wrote(self, done):
         out, process = done
         assert process.returncode == 0, process.stderr
-        named = {Path(line.strip()) for line in process.stdout.partition("Wrote")[2].splitlines()}
-        assert {path for path in out.iterdir() if path.is_file()} <= named
-        assert out / "adjustment.json" in named
+        told = process.stdout.partition(f"Wrote {out}\n")[2]
+        for path in out.iterdir():
+            assert path.name in told or path.suffix == ".png"
+        assert f"{len(list(out.glob('*.png')))} pictures" in told
+        # What is to be read stands last.
+        assert process.stdout.splitlines()[-1] == f"Read {out / 'report.html'}"
 
-    def test_a_line_on_stderr_for_every_iteration(self, done):
-        out, process = done
-        result = json.loads((out / "adjustment.json").read_text(encoding="utf-8"))
-        lines = [line for line in process.stderr.splitlines() if line.startswith("iteration")]
-        assert len(lines) >= result["iterations"] >= 1
+    def test_a_line_on_stderr_for_every_iteration_when_asked(self, done, folder, capsys):
+        result = json.loads((done[0] / "adjustment.json").read_text(encoding="utf-8"))
+        assert "iteration" not in done[1].stderr
+        assert main(["adjust", str(folder), "-v", "--required", "0.02"]) == 0
+        said = capsys.readouterr()
+        lines = [line.split() for line in said.err.splitlines()]
+        numbered = [line for line in lines if line and line[0].isdecimal()]
+        assert len(numbered) >= result["iterations"] >= 1
+        assert "cost: half the sum of squared residuals" in said.err
+        assert said.out.startswith(("Good enough: ", "Not good enough: ", "Whether it is good"))
 
     def test_the_result_holds_what_the_design_promises(self, done):
         result = json.loads((done[0] / "adjustment.json").read_text(encoding="utf-8"))
@@ -188,10 +195,10 @@ class TestEndings:
         assert not found.converged and "did not converge" in found.warnings[0]
 
     def test_ctrl_c_during_the_iterations(self, folder, tmp_path, capsys, monkeypatch):
-        def pressed(step):
+        def pressed(self, step):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("corridor.cli.adjust._progress", pressed)
+        monkeypatch.setattr("corridor.cli.adjust._Iterations.__call__", pressed)
         out = tmp_path / "out"
         last = self._ended(capsys, 130, "adjust", str(folder), "-o", str(out))
         assert last == "interrupted: nothing was written."

@@ -43,9 +43,11 @@ class TestDiagnose:
     def test_it_ends_with_status_0_and_names_what_it_wrote(self, done):
         out, process = done
         assert process.returncode == 0, process.stderr
-        named = {line.strip() for line in process.stdout.partition("Wrote")[2].splitlines()}
+        told = process.stdout.partition(f"Wrote {out}\n")[2]
+        for name in ("diagnosis.json", "block/ (", "corrected/ (", "pictures"):
+            assert name in told
+        assert process.stdout.splitlines()[-1] == f"Read {out / 'report.html'}"
         for name in ("report.html", "diagnosis.json", "block/block.toml", "corrected/images.csv"):
-            assert str(out / name) in named
             assert (out / name).is_file()
 
     def test_it_opens_with_the_sentence(self, done):

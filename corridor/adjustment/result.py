@@ -32,7 +32,10 @@ class Adjustment(Checked):
     """A block after adjustment, with everything one asks of it.
 
     Standard deviations are scaled by sigma naught. Tables are pandas frames; see `print`.
+    required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
     """
+
+    required: float | None = None
 
     def __init__(
         self,

@@ -33,6 +33,7 @@ def configure(
             "--prior": option(prior, "NAME=VALUE+-SIGMA", _prior, action="append", default=[]),
             "--threads": {"default": threads},
             "--iterations": {},
+            "--required": {},
             "--strict": flag(
                 "refuse points seen in one image only and images with fewer than 3 points "
                 "(default: leave them out and say so)"

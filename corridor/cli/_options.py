@@ -2,9 +2,17 @@
 
 import argparse
 import math
+import os
 import sys
+import textwrap
+import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+
+# So many files are named one by one; what somebody is to read is named last.
+_MOST_FILES = 6
+_REPORT = "report.html"
 
 
 def number(
@@ -129,6 +137,12 @@ SHARED = {
         "N",
         whole("number of iterations", 1),
     ),
+    "--required": option(
+        "3D accuracy of check points that is good enough, metres: the report then says whether "
+        "it is",
+        "M",
+        number("is no accuracy in metres above 0", above=0.0),
+    ),
     "--seed": option("of everything drawn (default 0)", "N", whole("seed", 0), default=0),
     "--jobs": option("processes (default 1)", "N", whole("number of processes", 1), default=1),
     "--cluster": option("Dask scheduler that does the work", "ADDRESS"),
@@ -153,13 +167,16 @@ SHARED = {
 }
 
 
+_SHORT = {"--output": "-o", "--verbose": "-v"}
+
+
 def add(parser, options: Mapping[str, Mapping]) -> None:
     """Adds options; what is the same for every verb comes from `SHARED`, by its name.
 
     options: name -> what differs from `SHARED`, or all that argparse is told of it.
     """
     for name, own in options.items():
-        flags = ("-o", name) if name == "--output" else (name,)
+        flags = (_SHORT[name], name) if name in _SHORT else (name,)
         parser.add_argument(*flags, **{**SHARED.get(name, {}), **own})
 
 
@@ -175,8 +192,23 @@ def warn(sentences: Iterable[str]) -> None:
 
 
 def wrote(*paths: object) -> None:
-    """What was written and where, a line each."""
-    print("\nWrote", *paths, sep="\n  ")
+    """What was written and where: some files a line each, many folded, the report last."""
+    paths = [Path(path) for path in paths]
+    if len(paths) <= _MOST_FILES:
+        print("\nWrote", *paths, sep="\n  ")
+        return
+    folder = Path(os.path.commonpath([path.parent for path in paths]))
+    inside = [path.relative_to(folder) for path in paths]
+    below = Counter(path.parts[0] for path in inside if len(path.parts) > 1)
+    files = [path.name for path in inside if len(path.parts) == 1]
+    pictures = [name for name in files if name.endswith(".png")]
+    told = [name for name in files if name not in (*pictures, _REPORT)]
+    told += [f"{name}/ ({count} files)" for name, count in below.items()]
+    if pictures:
+        told.append(f"{len(pictures)} pictures (.png)")
+    print(f"\nWrote {folder}", *textwrap.wrap(", ".join(told), 96), sep="\n  ")
+    if _REPORT in files:
+        print(f"Read {folder / _REPORT}")
 
 
 def announce_compilation(how_long: str, kernel: str = "") -> None:
@@ -199,6 +231,25 @@ def announce_compilation(how_long: str, kernel: str = "") -> None:
             pass
 
     event.register("numba:compile", Once())
+
+
+class Line:
+    """One line of news that the next one replaces; on a terminal only, after two seconds."""
+
+    def __init__(self):
+        self.begun, self.shown = time.monotonic(), 0
+
+    def __call__(self, text: str) -> None:
+        """Show a text in place of the one before."""
+        if sys.stderr.isatty() and time.monotonic() - self.begun > 2.0:
+            print(f"\r{text:<{self.shown}}", end="", file=sys.stderr, flush=True)
+            self.shown = len(text)
+
+    def clear(self) -> None:
+        """Take the line away."""
+        if self.shown:
+            print("\r" + " " * self.shown, end="\r", file=sys.stderr, flush=True)
+            self.shown = 0
 
 
 class Bars:

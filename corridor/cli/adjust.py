@@ -21,8 +21,13 @@ is none: status 1, nothing written, and what lies far from the start values is p
 import argparse
 
 from corridor.cli import _model
-from corridor.cli._options import add, announce_compilation, flag, option, say, wrote
+from corridor.cli._options import Line, add, announce_compilation, flag, option, say, wrote
 from corridor.errors import AdjustmentFailed
+
+_COLUMNS = """\
+cost: half the sum of squared residuals over their sigmas; damping: 0 is a full Gauss-Newton step;
+step: how far the unknowns moved (RMS, in their sigmas)
+iteration          cost  damping     step"""
 
 _OPTIONS = {
     "--loss": option(
@@ -34,6 +39,7 @@ _OPTIONS = {
     "--reject-gnss": flag(
         "leave out antenna positions beyond five sigmas (false fixes) and adjust again"
     ),
+    "--verbose": flag("print every iteration"),
 }
 
 
@@ -54,15 +60,17 @@ def run(options: argparse.Namespace) -> None:
     import corridor
 
     announce_compilation("half a minute", "assemble")
-    adjustment = corridor.adjust(
-        corridor.read(options.block),
-        model=_model.of_options(options),
-        threads=options.threads,
-        progress=_progress,
-        max_iterations=options.iterations or 50,
-        reject_gnss=options.reject_gnss,
-        strict=options.strict,
-    )
+    with _Iterations(options.verbose) as progress:
+        adjustment = corridor.adjust(
+            corridor.read(options.block),
+            model=_model.of_options(options),
+            threads=options.threads,
+            progress=progress,
+            max_iterations=options.iterations or 50,
+            reject_gnss=options.reject_gnss,
+            strict=options.strict,
+        )
+    adjustment.required = options.required
     if not adjustment.converged:
         _end(adjustment)
     print(adjustment)
@@ -87,12 +95,31 @@ def _end(adjustment):
     )
 
 
-def _progress(step):
-    if "message" in step:
-        say(step["message"])
-        return
-    word = "" if step["accepted"] else "  rejected"
-    say(
-        f"iteration {step['iteration']:3d}  cost {step['cost']:.6e}  damping {step['damping']:.0e}"
-        f"  step {step['step']:.1e}{word}"
-    )
+class _Iterations:
+    """News of the iterations: which one is under way, or with `verbose` what each has done."""
+
+    def __init__(self, verbose: bool):
+        self.verbose, self.begun = verbose, False
+        self.line = Line()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.line.clear()
+
+    def __call__(self, step: dict) -> None:
+        if "message" in step:
+            self.line.clear()
+            say(step["message"])
+        elif not self.verbose:
+            self.line(f"adjusting: iteration {step['iteration']} done")
+        else:
+            if not self.begun:
+                say(_COLUMNS)
+            self.begun = True
+            word = "" if step["accepted"] else "  rejected: it would make them larger"
+            say(
+                f"{step['iteration']:9d}  {step['cost']:.6e}  {step['damping']:7.0e}"
+                f"  {step['step']:.1e}{word}"
+            )

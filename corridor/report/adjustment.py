@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
+from scipy.stats import chi2
 
 from corridor.report.files import (
     files_in,
@@ -26,7 +27,9 @@ from corridor.report.numbers import (
     counted,
     fixed,
     metre_digits,
+    millimetres,
     rounded,
+    scaled,
     short,
     significant,
     times,
@@ -62,12 +65,15 @@ _STRONG = 0.95
 _MOST_GROUPS_SHOWN = 8  # of one effect parameter
 _MOST_POINTS = 20
 _MOST_PAIRS = 12
+# A sum of squares of check points that chance exceeds this rarely; a sigma naught worth a question.
+_RARE, _LARGE = 0.01, 1.1
 
 
 class Adjusted(Protocol):
     """What a report reads of an adjustment; see `corridor.Adjustment` for shapes and units."""
 
     block: Any
+    required: float | None
     converged: bool
     iterations: int
     seconds: float
@@ -107,6 +113,7 @@ def of_adjustment(adjustment: Adjusted) -> Report:
         opening=_headline(adjustment),
         warnings=adjustment.warnings,
         tables=[table for table in made if table is not None],
+        actions=_actions(adjustment),
     )
 
 
@@ -169,6 +176,7 @@ def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
     }
     content = {
         "block": adjustment.block.name,
+        "required": adjustment.required,
         "converged": bool(adjustment.converged),
         "iterations": adjustment.iterations,
         "seconds": adjustment.seconds,
@@ -229,17 +237,80 @@ def _headline(adjustment: Adjusted) -> str:
     sigma0 = float(adjustment.sigma0)
     if math.isfinite(sigma0):
         parts.append(f"Sigma naught is {sigma0:.3f}: the residuals are {_compared(sigma0)}.")
-    number = len(adjustment.check_points)
-    if number:
-        rms = adjustment.check_rms
-        digits = metre_digits([rms.xy, rms.z])
-        parts.append(
-            f"At {counted(number, 'check point')} it is off by {fixed(rms.xy, digits)} m in plan "
-            f"and {fixed(rms.z, digits)} m in height (RMS)."
+    return " ".join([*_judged(adjustment), *parts, *_measured(adjustment)])
+
+
+def _judged(adjustment: Adjusted) -> list[str]:
+    """Whether it is good enough, where somebody says what is."""
+    if adjustment.required is None:
+        return []
+    wanted = f"{millimetres(adjustment.required)} are required"
+    count = len(adjustment.check_points)
+    if not count:
+        return [f"Whether it is good enough is not known: {wanted}, and there is no check point."]
+    found = adjustment.check_rms.d3
+    verdict = "Good enough" if found <= adjustment.required else "Not good enough"
+    at = counted(count, "check point")
+    return [f"{verdict}: {millimetres(found)} at {at} (3D RMS), {wanted}."]
+
+
+def _measured(adjustment: Adjusted) -> list[str]:
+    """How far off the check points are."""
+    count, rms = len(adjustment.check_points), adjustment.check_rms
+    if not count:
+        return ["There are no check points, so nothing independent tests it."]
+    return [
+        f"At {counted(count, 'check point')} it is off by {millimetres(rms.xy)} in plan and "
+        f"{millimetres(rms.z)} in height (RMS)."
+    ]
+
+
+def check_sigma(adjustment: Adjusted) -> np.ndarray:
+    """Standard deviations (n, 3), m, of what `check_points` are off by: adjusted and surveyed."""
+    ground = adjustment.block.ground
+    at = pd.Index(ground["point"].astype(str)).get_indexer(
+        adjustment.check_points["point"].astype(str)
+    )
+    surveyed = adjustment.block.ground_sigma()[at]
+    return np.hypot(adjustment.check_points[_SIGMAS].to_numpy(float), surveyed)
+
+
+def _actions(adjustment: Adjusted) -> list[str]:
+    """What to do next, the most useful first, at most three."""
+    if not adjustment.converged:
+        return []
+    out, check = [], adjustment.check_points
+    rms = adjustment.check_rms
+    missed = len(check) and adjustment.required is not None and rms.d3 > adjustment.required
+    # The sum of squares of n normalised numbers is a chi-square of n degrees of freedom.
+    scaled = check[_DIFFERENCES].to_numpy(float) / check_sigma(adjustment) if len(check) else ()
+    beyond = len(check) and np.sum(np.square(scaled)) > chi2.isf(_RARE, np.size(scaled))
+    if beyond or missed or adjustment.sigma0 > _LARGE:
+        why = "Check points are off by more than their standard deviations say" if beyond else ""
+        why = why or ("It is not accurate enough" if missed else "The residuals are too large")
+        out.append(f"{why}: ask what is missing from the model, `corridor diagnose BLOCK -o OUT`")
+    if missed and not beyond:
+        out.append(
+            "The standard deviations say the same: more control, images or GNSS are needed; "
+            "`corridor plan PLAN` says how many"
         )
-    else:
-        parts.append("There are no check points, so nothing independent tests it.")
-    return " ".join(parts)
+    if not len(check):
+        out.append("Keep surveyed points apart to test it: `corridor adjust BLOCK --check ID,ID`")
+    outliers = sum(len(table[table["outlier"]]) for table in adjustment.residuals.values())
+    if outliers:
+        where = counted(outliers, "measurement")
+        out.append(f"Look at {where} held to be wrong: image measurements are in outliers.csv")
+    doubtful = _doubtful(adjustment)
+    if doubtful and adjustment.camera["camera"].nunique() == 1:
+        free = adjustment.camera.loc[adjustment.camera["sigma"] > 0, "parameter"]
+        kept = ",".join(name for name in free if name not in {name for _, name in doubtful})
+        named = ", ".join(name for _, name in doubtful)
+        out.append(f"Leave out {named}, which may be zero: `--camera {kept or 'fixed'}`")
+    if not out:
+        out.append(
+            "Go on with OUT/block, or in another program: `corridor export FORMAT OUT -o OUT2`"
+        )
+    return [f"{action}." for action in out[:3]]
 
 
 def _compared(sigma0: float) -> str:
@@ -288,15 +359,17 @@ def _camera(adjustment: Adjusted) -> Table:
     """Interior parameters, and which of them may be zero."""
     frame = adjustment.camera
     several = frame["camera"].nunique() > 1
-    rows, doubtful = [], []
+    rows = []
     for row in frame.itertuples(index=False):
         if row.sigma <= 0 and row.value == 0:
             continue  # a coefficient this camera does not have
         name = (short(row.camera),) if several else ()
         unit = _UNITS.get(row.parameter, "")
         rows.append((*name, row.parameter, *rounded(row.value, row.sigma), unit))
-        if not unit and row.sigma > 0 and abs(row.value) < 2 * row.sigma:
-            doubtful.append(" ".join((*name, row.parameter)))
+    doubtful = [
+        f"{short(camera)} {parameter}" if several else parameter
+        for camera, parameter in _doubtful(adjustment)
+    ]
     notes = ()
     if doubtful:
         verb = "differs" if len(doubtful) == 1 else "differ"
@@ -308,6 +381,15 @@ def _camera(adjustment: Adjusted) -> Table:
     return Table(title, ("parameter", "value", "sigma", "unit"), tuple(rows), "lrrl", notes)
 
 
+def _doubtful(adjustment: Adjusted) -> list[tuple[str, str]]:
+    """Camera and parameter of the coefficients that may be zero."""
+    return [
+        (row.camera, row.parameter)
+        for row in adjustment.camera.itertuples(index=False)
+        if row.parameter not in _UNITS and row.sigma > 0 and abs(row.value) < 2 * row.sigma
+    ]
+
+
 def _effects(adjustment: Adjusted) -> Table | None:
     """Parameters of the effects that were estimated; many groups of one are summed up."""
     frame = adjustment.effects
@@ -315,7 +397,10 @@ def _effects(adjustment: Adjusted) -> Table | None:
         return None
     rows, notes = [], []
     for (slug, parameter), part in frame.groupby(["slug", "parameter"], sort=False):
-        slug, unit = short(slug), str(part["unit"].iloc[0])
+        slug = short(slug)
+        known = part[["value", "sigma"]].to_numpy(float)
+        factor, unit = scaled(str(part["unit"].iloc[0]), *known.ravel(), name=str(parameter))
+        part = part.assign(value=factor * part["value"], sigma=factor * part["sigma"])
         if len(part) > _MOST_GROUPS_SHOWN:
             values, typical = part["value"], float(np.nanmedian(part["sigma"]))
             mean = rounded(values.mean(), typical)
@@ -371,20 +456,27 @@ def _check_points(adjustment: Adjusted) -> Table | None:
     if not len(frame):
         return None
     differences = frame[_DIFFERENCES].to_numpy(dtype=float)
-    digits = metre_digits(differences)
-    notes = ["metres, adjusted minus given; sigma of the adjusted point"]
+    numbers = 1e3 * np.hstack([differences, check_sigma(adjustment)])
+    names, rays = frame["point"].to_numpy(object), frame["rays"].to_numpy()
+    digits = _mm_digits(numbers)
+    notes = ["mm, adjusted minus given; sigmas of that difference, survey of the point included"]
     if len(frame) > _MOST_POINTS:
         size = np.linalg.norm(differences, axis=1)
         left_out = counted(len(frame) - _MOST_POINTS, "smaller one")
         notes.append(f"the {_MOST_POINTS} largest; {left_out} left out")
-        frame = frame.iloc[np.sort(np.argsort(-size, kind="stable")[:_MOST_POINTS])]
-    numbers = frame[_DIFFERENCES + _SIGMAS].to_numpy(dtype=float)
+        largest = np.sort(np.argsort(-size, kind="stable")[:_MOST_POINTS])
+        numbers, names, rays = numbers[largest], names[largest], rays[largest]
     rows = [
-        (short(name), *(fixed(value, digits) for value in values), f"{rays:,}")
-        for name, values, rays in zip(frame["point"], numbers, frame["rays"], strict=True)
+        (short(name), *(fixed(value, digits) for value in values), f"{seen:,}")
+        for name, values, seen in zip(names, numbers, rays, strict=True)
     ]
     header = ("check point", "dx", "dy", "dz", "sigma x", "sigma y", "sigma z", "images")
     return Table("Check points", header, tuple(rows), "lrrrrrrr", tuple(notes))
+
+
+def _mm_digits(numbers) -> int:
+    """Decimals of differences in millimetres: none, unless all are below two of them."""
+    return max(metre_digits(np.asarray(numbers) / 1e3) - 3, 0)
 
 
 def _check_statistics(adjustment: Adjusted) -> Table | None:
@@ -392,18 +484,18 @@ def _check_statistics(adjustment: Adjusted) -> Table | None:
     count = len(adjustment.check_points)
     if not count:
         return None
-    digits = metre_digits(adjustment.check_points[_DIFFERENCES])
+    digits = _mm_digits(1e3 * adjustment.check_points[_DIFFERENCES].to_numpy(float))
     statistics = {
         "RMS": adjustment.check_rms,
         "mean": adjustment.check_mean,
         "STD": adjustment.check_std,
     }
     rows = tuple(
-        (name, *(fixed(value, digits) for value in (found.xy, found.z, found.d3)))
+        (name, *(fixed(1e3 * value, digits) for value in (found.xy, found.z, found.d3)))
         for name, found in statistics.items()
     )
     title = f"{counted(count, 'check point')} together" if count > 1 else "The check point"
-    note = "metres; RMS about zero, STD about the mean"
+    note = "mm; RMS about zero, STD about the mean"
     return Table(title, ("", "xy", "z", "3D"), rows, "lrrr", (note,))
 
 

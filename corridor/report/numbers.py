@@ -1,10 +1,40 @@
 """Numbers as a report says them: no digit more than is known."""
 
 import math
+import re
 
 import numpy as np
 
 DASH = "\u2013"
+# Unit of an effect's file -> factor and unit for people.
+_UNITS = {
+    "s": (1e3, "ms"),
+    "m": (1e3, "mm"),
+    "px/s": (600.0, "px per 10 min"),
+    "px/s^2": (600.0**2, "px per (10 min)\u00b2"),
+    "m/s": (6e5, "mm per 10 min"),
+    "px/C": (1.0, "px/\u00b0C"),
+    "rad": (math.degrees(3600.0), "arc seconds"),
+}
+# Without a unit, numbers below this are told in parts per million; coefficients of a lens are not.
+_SMALL = 0.01
+# From here on metres are told as metres.
+_FAR = 10.0
+_OF_A_LENS = re.compile(r"[kpb]\d+")
+
+
+def scaled(unit: str, *values: float | None, name: str = "") -> tuple[float, str]:
+    """Factor and unit in which values of a parameter are told; the unit is "" for plain numbers.
+
+    name: of the parameter; k1, p1, b1 and so on are told as every camera model writes them.
+    """
+    most = max((abs(v) for v in values if v is not None and math.isfinite(v)), default=0.0)
+    if unit == "m" and most >= _FAR:
+        return 1.0, "m"
+    if unit == "1":
+        small = most < _SMALL and not _OF_A_LENS.fullmatch(name)
+        return (1e6, "ppm") if small else (1.0, "")
+    return _UNITS.get(unit, (1.0, unit))
 
 
 def rounded(value: float, sigma: float) -> tuple[str, str]:
@@ -42,9 +72,21 @@ def metre_digits(values) -> int:
     """Decimals for differences in metres: to the millimetre, finer only where all are finer."""
     sizes = np.abs(np.asarray(values, dtype=float))
     sizes = sizes[np.isfinite(sizes)]
-    if not len(sizes) or sizes.max() >= 0.01 or sizes.max() == 0:
+    if not len(sizes) or sizes.max() >= 0.001 or sizes.max() == 0:
         return 3
-    return int(min(9, 2 - math.floor(math.log10(sizes.max()))))
+    return int(min(9, 1 - math.floor(math.log10(sizes.max()))))
+
+
+def millimetres(value: float) -> str:
+    """A length in metres as a survey says it: 10 mm, 0.84 mm, 1.51 m."""
+    size = abs(value)
+    if not math.isfinite(size):
+        return DASH
+    if size >= 0.9995:
+        return f"{value:,.2f} m"
+    if size >= 0.00195 or size == 0:
+        return f"{1e3 * value:.0f} mm"
+    return f"{significant(1e3 * size)} mm"
 
 
 def counted(number: int, noun: str, plural: str | None = None) -> str:

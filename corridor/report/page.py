@@ -23,6 +23,8 @@ _STYLE = """
   border: none; background: none; white-space: nowrap; font-variant-numeric: tabular-nums}
 .corridor-report th {font-weight: 400; opacity: .65; border-bottom: 1px solid #999}
 .corridor-report .name {text-align: left}
+.corridor-report ol {margin: .6em 0; padding-left: 1.6em; max-width: 46em}
+.corridor-report code {white-space: nowrap}
 .corridor-report p.note {opacity: .65; margin-top: 0; font-size: 12px}
 """.strip()
 
@@ -41,15 +43,17 @@ figcaption {color: #555; font-size: .9em; max-width: 46em}
 
 @dataclass(frozen=True)
 class Report:
-    """What is said of a result.
+    """What is said of a result: is it good enough, what is wrong, what to do, and the evidence.
 
     opening: the first sentences, for a reader who reads nothing else. warnings: a sentence each.
+    actions: at most three sentences on what to do next, the first one first, with the command.
     """
 
     title: str
     opening: str
     warnings: Sequence[str] = ()
     tables: Sequence[Table] = ()
+    actions: Sequence[str] = ()
 
     def __str__(self) -> str:
         """The report for a terminal, at most `WIDTH` columns wide."""
@@ -58,6 +62,8 @@ class Report:
             lines += textwrap.wrap(
                 str(warning), WIDTH, initial_indent="  ! ", subsequent_indent="    "
             )
+        for number, action in enumerate(self.actions, start=1):
+            lines += _wrapped(action, f"  {number}. ")
         for table in self.tables:
             lines += ["", str(table)]
         return "\n".join(lines)
@@ -67,6 +73,9 @@ class Report:
         parts = [f"<style>{_STYLE}</style>", '<div class="corridor-report">']
         parts.append(f"<p>{html.escape(self.opening)}</p>")
         parts += [f'<p class="warning">{html.escape(str(w))}</p>' for w in self.warnings]
+        if self.actions:
+            rows = "".join(f"<li>{_with_commands(action)}</li>" for action in self.actions)
+            parts.append(f"<ol>{rows}</ol>")
         parts += [table.html() for table in self.tables]
         parts.append("</div>")
         return "\n".join(parts)
@@ -79,6 +88,30 @@ class Report:
         heading = f"<h1>{html.escape(self.title)}</h1>"
         shown = [_figure(*picture) for picture in pictures]
         return page(self.title, [heading, self.html(), *shown], _PAGE_STYLE)
+
+
+def _wrapped(action: str, number: str) -> list[str]:
+    """Lines of a numbered sentence; what stands between backticks stays on one of them."""
+    parts = action.split("`")
+    parts[1::2] = [part.replace(" ", "\0") for part in parts[1::2]]
+    lines = textwrap.wrap(
+        "`".join(parts),
+        WIDTH,
+        initial_indent=number,
+        subsequent_indent=" " * len(number),
+        break_on_hyphens=False,
+        break_long_words=False,
+    )
+    return [line.replace("\0", " ") for line in lines]
+
+
+def _with_commands(action: str) -> str:
+    """HTML of a sentence, what stands between backticks set as a command that is not broken."""
+    parts = action.split("`")
+    return "".join(
+        f"<code>{html.escape(part)}</code>" if odd % 2 else html.escape(part)
+        for odd, part in enumerate(parts)
+    )
 
 
 def page(title: str, body: Sequence[str], style: str) -> str:

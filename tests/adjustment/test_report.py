@@ -89,9 +89,8 @@ class TestText:
         opening = " ".join(text_of(made).split("\n\n")[0].split())
         assert opening.startswith("The adjustment of thin (16 images) converged in 5 iterations.")
         assert "Sigma naught is 0.931" in opening and "7 % smaller" in opening
-        assert (
-            f"{made.check_rms.xy:.3f} m in plan and {made.check_rms.z:.3f} m in height" in opening
-        )
+        rms = made.check_rms
+        assert f"{1e3 * rms.xy:.0f} mm in plan and {1e3 * rms.z:.0f} mm in height" in opening
 
     @pytest.mark.parametrize(
         ("sigma0", "said"),
@@ -121,12 +120,12 @@ class TestText:
         assert f"{tie['count']:,}" in text and f"{tie['rms']:.3f} px an axis" in text
         assert f" {tie['outliers']:,} " in text
         assert re.search(r"f +8192\.0 +2\.9 +px", text)
-        assert re.search(r"rolling_shutter +readout +block +0\.02480 +0\.00051 +s +48\.6", text)
+        assert re.search(r"rolling_shutter +readout +block +24\.80 +0\.51 +ms +48\.6", text)
         assert "redundancy 27,340" in text
         for name in made.check_points["point"]:
             assert name in text
-        found = made.check_std
-        assert re.search(rf"STD +{found.xy:.3f} +{found.z:.3f} +{found.d3:.3f}", text)
+        xy, z, d3 = (f"{1e3 * value:.0f}" for value in made.check_std)
+        assert re.search(rf"STD +{xy} +{z} +{d3}\n", text)
 
     def test_a_parameter_that_may_be_zero_is_named(self, block):
         made = adjustment(block)
@@ -161,6 +160,65 @@ class TestText:
             adjustment(block, high_correlations=[])
         )
 
+    def test_the_sigma_of_a_check_point_is_that_of_the_difference(self, block):
+        """17 mm of the adjustment and 10 mm of the survey are 20 mm, 11 and 10 are 15."""
+        made = adjustment(block)
+        made.block = dataclasses.replace(
+            block,
+            ground=block.ground.drop(columns=["sx", "sy", "sz"], errors="ignore"),
+            sigma=block.sigma | {"control_m": (0.01,) * 3},
+        )
+        table = next(t for t in tables_of(made) if t.title == "Check points")
+        assert {row[4:7] for row in table.rows} == {("20", "15", "57")}
+
+    @pytest.mark.parametrize(("required", "said"), [(0.5, "Good enough: "), (1e-3, "Not good")])
+    def test_it_says_first_whether_it_is_good_enough(self, block, required, said):
+        made = adjustment(block, required=required)
+        assert opening_of(made).startswith(said) and "3D RMS" in opening_of(made)
+        assert report.adjustment_dict(made)["required"] == required
+
+    def test_whether_it_is_good_enough_nobody_knows_without_check_points(self, block):
+        made = adjustment(dataclasses.replace(block, ground=None, marks=None), required=0.02)
+        assert opening_of(made).startswith("Whether it is good enough is not known: 20 mm")
+        assert "--check ID,ID" in " ".join(report.of_adjustment(made).actions)
+
+    def test_at_most_three_actions_are_numbered_and_no_command_is_broken(self, block):
+        made = adjustment(block, required=1e-3, sigma0=2.0)
+        made.residuals["tie"].loc[0, "outlier"] = True
+        actions = report.of_adjustment(made).actions
+        assert len(actions) == 3 and "`corridor diagnose BLOCK -o OUT`" in actions[0]
+        lines = text_of(made).splitlines()
+        assert [line[:5] for line in lines if re.match(r"  \d\. ", line)] == [
+            "  1. ", "  2. ", "  3. ",
+        ]  # fmt: skip
+        assert any("`corridor diagnose BLOCK -o OUT`" in line for line in lines)
+        assert html_of(made).count("<li>") == 3
+
+    def test_errors_within_their_sigmas_ask_for_no_diagnosis_and_five_times_them_do(self, block):
+        """Errors of one standard deviation are what chance gives; five are not."""
+        asks = []
+        for times in (1.0, 5.0):
+            made = adjustment(block)
+            sigma = report.check_sigma(made)
+            made.check_points[["dx", "dy", "dz"]] = times * sigma
+            asks.append("diagnose" in " ".join(report.of_adjustment(made).actions))
+        assert asks == [False, True]
+
+    @pytest.mark.parametrize(
+        ("metres", "said"),
+        [
+            (0.00957, "10 mm"),
+            (0.00484, "5 mm"),
+            (0.00084, "0.84 mm"),
+            (1.512, "1.51 m"),
+            (0.0, "0 mm"),
+            (0.9999, "1.00 m"),
+            (0.999, "999 mm"),
+        ],
+    )
+    def test_a_length_has_the_digits_that_count(self, metres, said):
+        assert report.millimetres(metres) == said
+
     def test_check_points_left_out_are_counted_and_the_largest_shown(self):
         made = adjustment(corridor(images=8, ground=60))
         made.check_points["dz"] = np.arange(len(made.check_points)) / 1000
@@ -172,7 +230,8 @@ class TestText:
     def test_warnings_stand_at_the_top_as_whole_sentences(self, block):
         sentence = "focal length and height cannot be separated by these images and this GNSS"
         text = text_of(adjustment(block, warnings=[sentence]))
-        assert " ".join(text.split("\n\n")[0].split()).endswith("! " + sentence)
+        opening, _, actions = " ".join(text.split("\n\n")[0].split()).partition(" 1. ")
+        assert opening.endswith("! " + sentence) and actions
 
     def test_the_report_holds_no_time(self, block):
         quick, slow = (adjustment(block, seconds=s) for s in (0.31, 456.789))

@@ -17,13 +17,12 @@ from corridor.diagnosis.report.wording import (
     effects_by_slug,
     listed,
     placed,
-    scaled,
     to_add,
     two_digits,
     upper,
     value_and_sigma,
 )
-from corridor.report import DASH
+from corridor.report import DASH, scaled
 
 # Parameters of one effect in the table; all of them are in diagnosis.json.
 MOST = 8
@@ -242,7 +241,7 @@ def limits(d: Diagnosed) -> pd.DataFrame:
             continue
         for k, (name, limit) in enumerate(mine.items()):
             p = scales[name]
-            factor, text = scaled(p.unit, limit, p.scale)
+            factor, text = scaled(p.unit, limit, p.scale, name=name)
             rows.append(
                 (
                     upper(effect.called) if k == 0 else "", name,

@@ -7,34 +7,13 @@ import re
 from collections.abc import Iterable
 
 from corridor.effects import Effect, every_effect
-from corridor.report import rounded
-
-# Unit of an effect's file -> factor and unit for people.
-_UNITS = {
-    "s": (1e3, "ms"),
-    "m": (1e3, "mm"),
-    "px/s": (600.0, "px per 10 min"),
-    "px/s^2": (600.0**2, "px per (10 min)\u00b2"),
-    "m/s": (6e5, "mm per 10 min"),
-    "px/C": (1.0, "px/\u00b0C"),
-    "rad": (math.degrees(3600.0), "arc seconds"),
-}
-# Without a unit, numbers below this are told in parts per million.
-_SMALL = 0.01
-
-
-def scaled(unit: str, *values: float | None) -> tuple[float, str]:
-    """Factor and unit in which values of a parameter are told; the unit is "" for plain numbers."""
-    if unit == "1":
-        most = max((abs(v) for v in values if v is not None and math.isfinite(v)), default=0.0)
-        return (1e6, "ppm") if most < _SMALL else (1.0, "")
-    return _UNITS.get(unit, (1.0, unit))
+from corridor.report import rounded, scaled
 
 
 def value_and_sigma(parameter: dict) -> tuple[str, str, str]:
     """Value, standard deviation and unit of a parameter of diagnosis.json, for people."""
     value, sigma = parameter["value"], parameter["sigma"]
-    factor, unit = scaled(parameter["unit"], value, sigma)
+    factor, unit = scaled(parameter["unit"], value, sigma, name=parameter.get("name", ""))
     return *rounded(factor * value, factor * sigma), unit
 
 
