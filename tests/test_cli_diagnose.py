@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -77,7 +78,12 @@ class TestDiagnose:
 
     def test_options_reach_the_call(self, folder, monkeypatch):
         called = {}
-        monkeypatch.setattr(corridor, "diagnose", lambda block, **options: called.update(options))
+
+        def record(block, **options):
+            called.update(options)
+            return SimpleNamespace()
+
+        monkeypatch.setattr(corridor, "diagnose", record)
         words = (
             "--camera f,cx,cy --effect gnss_bias --control P1,P2 --check none "
             "--prior thermal=0.075+-0.01 --prior camera.P1.f=8190+-5 --only thermal,focal_drift "
@@ -224,7 +230,7 @@ class TestMissing:
         leave_out(block)
         block.write(tmp_path / "block")
         assert main(["diagnose", str(tmp_path / "block"), "-o", str(tmp_path / "out")]) == 0
-        assert "What could not be tested" in (tmp_path / "out" / "report.html").read_text("utf-8")
+        assert "To test more, add" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
     @pytest.mark.slow
     def test_five_images_end_in_a_sentence(self, real_data, tmp_path):

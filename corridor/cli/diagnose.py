@@ -73,6 +73,7 @@ def run(options: argparse.Namespace) -> None:
         max_iterations=options.iterations,
         strict=options.strict,
     )
+    diagnosis.required = options.required
     print(diagnosis)
     if options.output is None:
         print("\nNothing was written: -o OUT saves the report, both blocks and the pictures.")

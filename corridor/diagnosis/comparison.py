@@ -205,12 +205,14 @@ def _beside(statistic, measured, simulated, absorbed) -> Compared:
     limit = float(farthest[min(int(np.ceil(LEVEL * (n + 1))), n) - 1]) if apart.size else np.inf
     width = np.where(still, 0.0, limit * spread)
     beyond = np.maximum(np.abs(z) - limit, 0.0)
+    # What no draw has below zero is a size: its band begins at zero at the least.
+    least = 0.0 if min(simulated.min(initial=0.0), measured.min(initial=0.0)) >= 0 else -np.inf
     chance = np.maximum(apart - limit, 0.0) if apart.size else np.zeros((n, 1))
     return Compared(
         statistic,
         measured,
         middle,
-        middle - width,
+        np.maximum(middle - width, least),
         middle + width,
         z,
         limit,

@@ -17,7 +17,7 @@ from corridor.diagnosis.findings import Findings
 from corridor.diagnosis.held_out import Verification, check_gap, gnss_gap
 from corridor.diagnosis.outlier_clusters import outlier_clusters
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.report import as_html, as_text, evidence, save, sentence
+from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.rounds import Course, members, run
 from corridor.diagnosis.variance import variance_alarms
 from corridor.diagnosis.verdict import detection_limits, findings
@@ -38,6 +38,7 @@ class Diagnosis:
     used: what `after` has more than `before`, by slug (`slug.point` for a control point): of
     effects that cannot be told apart, one. rivals: error with each of the others, over that with
     the one that was found, of `check` points and of held-out `tie` points.
+    required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
     """
 
     block: Block
@@ -56,13 +57,18 @@ class Diagnosis:
     rivals: dict[str, dict[str, float]] = field(default_factory=dict)
     level: float = 0.01
     seed: int = 0
+    required: float | None = None
 
+    actions = property(actions, doc="At most three sentences on what to do next, with the command.")
     sentence = property(sentence, doc="What is missing, in a sentence that a surveyor understands.")
     evidence = property(evidence, doc=evidence.__doc__)
-    __str__ = __repr__ = as_text
+    __str__ = as_text
     _repr_html_ = as_html
     beside = beside
     save = save
+
+    def __repr__(self) -> str:
+        return f"Diagnosis of {self.block.name}: {self.verdict}. {self.sentence}"
 
     @property
     def verdict(self) -> str:
@@ -85,6 +91,8 @@ class Diagnosis:
             {
                 "verdict": self.verdict,
                 "sentence": self.sentence,
+                "actions": self.actions,
+                "required": self.required,
                 "effects": self.effects,
                 "unknown": self.unknown,
                 "untestable": self.untestable,

@@ -36,12 +36,12 @@ SIGNATURES = "signatures of the physical effects"
 USUAL = (
     SIGNATURES,
     "check-point error, RMS",
-    "tie size by row",
-    "tie outward by time",
+    "size of tie residuals by row",
+    "outward tie residuals by time",
     "GNSS z by time",
     "control z by point",
-    "tie outward by place along the corridor",
-    "held-out tie size",
+    "outward tie residuals by place along the corridor",
+    "size of held-out tie residuals",
 )
 # Inches.
 HEIGHT, BETWEEN, LEFT, PER_ROW = 1.1, 0.24, 0.65, 4

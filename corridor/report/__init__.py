@@ -43,7 +43,7 @@ from corridor.report.numbers import (
     significant,
     times,
 )
-from corridor.report.page import Report, page
+from corridor.report.page import Report, numbered, page
 from corridor.report.table import WIDTH, Table
 
 __all__ = [
@@ -65,6 +65,7 @@ __all__ = [
     "listed_in",
     "metre_digits",
     "millimetres",
+    "numbered",
     "of_adjustment",
     "page",
     "plain",

@@ -73,9 +73,7 @@ class Report:
         parts = [f"<style>{_STYLE}</style>", '<div class="corridor-report">']
         parts.append(f"<p>{html.escape(self.opening)}</p>")
         parts += [f'<p class="warning">{html.escape(str(w))}</p>' for w in self.warnings]
-        if self.actions:
-            rows = "".join(f"<li>{_with_commands(action)}</li>" for action in self.actions)
-            parts.append(f"<ol>{rows}</ol>")
+        parts += [numbered(self.actions)] if self.actions else []
         parts += [table.html() for table in self.tables]
         parts.append("</div>")
         return "\n".join(parts)
@@ -103,6 +101,11 @@ def _wrapped(action: str, number: str) -> list[str]:
         break_long_words=False,
     )
     return [line.replace("\0", " ") for line in lines]
+
+
+def numbered(actions: Sequence[str]) -> str:
+    """A numbered list of HTML; what stands between backticks is a command."""
+    return f"<ol>{''.join(f'<li>{_with_commands(action)}</li>' for action in actions)}</ol>"
 
 
 def _with_commands(action: str) -> str:

@@ -77,8 +77,8 @@ class TestHeldOut:
     def test_it_is_farther_off_than_what_was_fitted(self, found):
         """A fitted observation is drawn towards its point, one held out is not."""
         table = found.table.set_index("statistic")["value"]
-        fitted = table.loc["tie size by image position"].median()
-        assert table.loc["held-out tie size"] > 1.05 * fitted
+        fitted = table.loc["size of tie residuals by image position"].median()
+        assert table.loc["size of held-out tie residuals"] > 1.05 * fitted
 
 
 class TestNoise:

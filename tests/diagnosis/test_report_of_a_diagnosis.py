@@ -73,7 +73,9 @@ class TestPage:
     def test_every_picture_on_the_page_is_a_file_too(self, saved):
         page = (saved[0] / "report.html").read_text(encoding="utf-8")
         names = re.findall(r'<img alt="([^"]*)', page)
-        assert names == ["measured beside simulated", "where maps", "where axes", "evidence"]
+        assert names == [
+            "check points", "measured beside simulated", "where maps", "where axes", "evidence",
+        ]  # fmt: skip
         assert {f"{name.replace(' ', '_')}.png" for name in names} == {
             path.name for path in saved[0].glob("*.png")
         }
@@ -83,8 +85,8 @@ class TestPage:
         [
             "Measured beside simulated", "What was found", "Data that the fit has not used",
             "Where", "Evidence of all candidates", "The smallest effect that would have been seen",
-            "What could not be tested", "Known physics", "The model that was believed in",
-            "How to make this page again",
+            "To test more, add", "Check points before and after", "Known physics",
+            "The model that was believed in", "How to make this page again",
         ],
     )  # fmt: skip
     def test_it_holds_what_a_reader_needs(self, saved, heading):
@@ -98,6 +100,41 @@ class TestPage:
         page = (saved[0] / "report.html").read_text(encoding="utf-8")
         assert "<pre>corridor diagnose BLOCK -o OUT</pre>" in page
         assert np.__version__ in page
+
+    def test_the_first_screen_is_the_answer_and_holds_no_code_name(self, saved, diagnosis):
+        """Sentence, what to do, check points before and after on one map; then the evidence."""
+        page = (saved[0] / "report.html").read_text(encoding="utf-8")
+        first = page[page.index("<body>") : page.index("Measured beside simulated")]
+        assert first.index("<ol>") < first.index('alt="check points"') < first.index("Data that")
+        commands = re.findall("<code>(.*?)</code>", first)
+        assert commands == ["corridor adjust BLOCK --effect rolling_shutter -o OUT2"]
+        assert "rolling_shutter" not in re.sub("<code>.*?</code>|<td.*?</td>", "", first)
+        assert "deviations²" not in page and "tie size" not in page
+
+
+class TestAnswer:
+    def test_at_most_three_actions_lead_with_what_was_found(self, diagnosis):
+        assert 1 <= len(diagnosis.actions) <= 3
+        assert "`corridor adjust BLOCK --effect rolling_shutter -o OUT2`" in diagnosis.actions[0]
+        assert diagnosis.to_dict()["actions"] == diagnosis.actions
+
+    def test_a_wrong_control_point_is_to_be_surveyed_again(self, diagnosis, monkeypatch):
+        axes = [{"name": "x", "value": 0.06, "sigma": 0.004, "unit": "m"}]
+        one = Estimate("control_blunder", "named", 9.0, axes, where={"point": "P7"})
+        monkeypatch.setattr(diagnosis.findings, "effects", [one])
+        monkeypatch.setattr(diagnosis, "used", ["control_blunder.P7"])
+        assert "survey control P7 again" in diagnosis.actions[0]
+        assert "--effect control_blunder" in diagnosis.actions[1]
+
+    @pytest.mark.parametrize(("share", "said"), [(1.2, "Good enough"), (0.8, "Not good enough: ")])
+    def test_it_says_whether_what_is_required_is_reached(self, diagnosis, monkeypatch, share, said):
+        monkeypatch.setattr(diagnosis, "required", share * diagnosis.gap["check_m"]["after"])
+        assert str(diagnosis).startswith(said)
+
+    def test_in_a_list_it_is_one_line_with_its_verdict(self, diagnosis):
+        assert (
+            repr(diagnosis) == f"Diagnosis of {diagnosis.block.name}: named. {diagnosis.sentence}"
+        )
 
 
 class TestJson:

@@ -21,11 +21,13 @@ def compared(off=0.0, seed=1):
     names = ("rolling_shutter", "thermal", "focal_drift")
     statistics = [
         Statistic(SIGNATURES, "signature", "stated deviations", "effect", np.arange(3.0), names),
-        Statistic("tie x by row", "tie", "px", "row (fraction)", np.linspace(-0.4, 0.4, 6)),
+        Statistic(
+            "tie residuals in x by row", "tie", "px", "row (fraction)", np.linspace(-0.4, 0.4, 6)
+        ),
         Statistic("GNSS z by time", "gnss", "m", "time (s)", np.arange(8.0)),
         Statistic(
-            "tie x by image position", "tie", "px", "place in the image (px)", middle, (), (3, 2),
-            cells,
+            "tie residuals in x by image position", "tie", "px", "place in the image (px)", middle,
+            (), (3, 2), cells,
         ),
     ]  # fmt: skip
     scale = np.concatenate([np.full(len(s), 0.004 if s.unit == "m" else 0.02) for s in statistics])
@@ -65,16 +67,16 @@ class TestCurves:
         assert drawn[0].get_ylim() == drawn[1].get_ylim()
 
     def test_only_the_value_outside_is_marked(self, pair):
-        before, *_ = panels(figures.counterpart(pair[0], names=["tie x by row"]))
+        before, *_ = panels(figures.counterpart(pair[0], names=["tie residuals in x by row"]))
         ((x, y),) = diamonds(before)
         assert x == pytest.approx(-0.4 + 2 * 0.16)
         assert y == pytest.approx(9 * 0.02)
-        (after,) = panels(figures.counterpart(pair[1], names=["tie x by row"]))
+        (after,) = panels(figures.counterpart(pair[1], names=["tie residuals in x by row"]))
         assert diamonds(after) == []
 
     def test_a_curve_that_leaves_is_dark_and_one_inside_quiet(self, pair):
         for case, colour in zip(pair, (style.INK, style.QUIET), strict=True):
-            (axes,) = panels(figures.counterpart(case, names=["tie x by row"]))
+            (axes,) = panels(figures.counterpart(case, names=["tie residuals in x by row"]))
             solid = [li for li in axes.lines if li.get_marker() == "o"]
             assert to_hex(solid[0].get_color()) == colour
 
@@ -84,7 +86,7 @@ class TestCurves:
         assert diamonds(axes)[0][1] == pytest.approx(36.0)
 
     def test_axes_carry_their_units(self, pair):
-        (axes,) = panels(figures.counterpart(pair[0], names=["tie x by row"]))
+        (axes,) = panels(figures.counterpart(pair[0], names=["tie residuals in x by row"]))
         assert (axes.get_xlabel(), axes.get_ylabel()) == ("row (fraction)", "px")
 
     def test_effects_are_named_under_their_signatures(self, pair):
@@ -133,7 +135,7 @@ class TestAxes:
         assert sorted(labels) == ["row (fraction)", "time (s)"]
         far = [
             max(abs(pair[0][name].z)) / pair[0][name].limit
-            for name in ("tie x by row", "GNSS z by time")
+            for name in ("tie residuals in x by row", "GNSS z by time")
         ]
         assert labels[0] == ("row (fraction)" if far[0] > far[1] else "time (s)")
 

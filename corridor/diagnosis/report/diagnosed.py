@@ -29,5 +29,7 @@ class Diagnosed(Protocol):
     rivals: dict[str, dict[str, float]]
     level: float
     seed: int
+    required: float | None
     verdict: str
     sentence: str
+    actions: list[str]

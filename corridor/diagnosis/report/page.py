@@ -14,6 +14,7 @@ from corridor import report
 from corridor.diagnosis.beside import Beside
 from corridor.diagnosis.report import tables
 from corridor.diagnosis.report.diagnosed import Diagnosed
+from corridor.diagnosis.report.text import judged
 
 _STYLE = """
 body {margin: 2.2em auto; padding: 0 1.2em; max-width: 68em; color: #222; background: #fff;
@@ -23,6 +24,9 @@ h2 {font-size: 1.1em; font-weight: 600; margin: 2.2em 0 .3em}
 p {margin: .4em 0; max-width: 50em}
 p.sentence {font-size: 1.3em; line-height: 1.4; border-left: 4px solid #004488;
   padding: .2em 0 .2em .8em; margin: .6em 0 1em}
+p.judged {font-size: 1.15em; font-weight: 600}
+ol {max-width: 50em; padding-left: 1.6em}
+code {white-space: nowrap; background: #f4f4f4; padding: .05em .3em}
 p.notice {border-left: 3px solid #ddaa33; padding: .1em 0 .1em .7em}
 img {max-width: 100%; height: auto; display: block; margin: .8em 0}
 div.wide {overflow-x: auto}
@@ -54,18 +58,10 @@ LIMITS = Section(
     "4.5 standard deviations, which are seen in nearly every block like this one. <em>Usual "
     "size</em> is one standard deviation of what cameras and flights are expected to have.",
 )
-FIRST = (
-    Section(
-        "Measured beside simulated",
-        ("measured_beside_simulated",),
-        "The block was simulated again and again from the model that was believed in, with noise "
-        "as large as its residuals show, and adjusted each time. Where the measured curve (dark) "
-        "leaves the grey band, the model cannot have produced what was measured. The gap is the "
-        "sum of all that sticks out, in squares of the counterparts' deviations; it has to shrink "
-        "when the missing effect is added.",
-    ),
+# What was found and what it does on the ground, on the first screen.
+ANSWER = (
+    Section("Check points before and after", ("check_points",)),
     Section("What was found", ("found", "unknown")),
-    Section("What would tell look-alikes apart", ("separating",)),
     Section(
         "Data that the fit has not used",
         ("gap",),
@@ -73,7 +69,18 @@ FIRST = (
         "</em> is what the simulated counterparts show, in which nothing is missing; <em>closed"
         "</em> is the share of the excess variance above it that is gone.",
     ),
-    Section("Statistics that leave their band", ("leaving",)),
+    Section("What would tell look-alikes apart", ("separating",)),
+)
+EVIDENCE = (
+    Section(
+        "Measured beside simulated",
+        ("bands", "measured_beside_simulated"),
+        "The block was simulated again and again from the model that was believed in, with noise "
+        "as large as its residuals show, and adjusted each time. Where the measured curve (dark) "
+        "leaves the grey band, the model cannot have produced what was measured; what sticks out "
+        "has to shrink when the missing effect is added.",
+    ),
+    Section("Curves that leave their band", ("leaving",)),
     Section(
         "Where",
         ("where_maps", "where_axes"),
@@ -92,7 +99,7 @@ FIRST = (
     ),
 )
 LAST = (
-    Section("What could not be tested", ("untestable",)),
+    Section("To test more, add", ("untestable",)),
     Section("Noise that is not the same everywhere", ("variance",)),
     Section("Known physics", ("physics",)),
     Section("The model that was believed in", ("believed",)),
@@ -121,11 +128,14 @@ def make_page(
     name = diagnosis.block.name
     body = [
         f"<h1>What is missing from the model of {escape(name)}?</h1>",
+        *(f'<p class="judged">{_text(said)}</p>' for said in judged(diagnosis)),
         f'<p class="sentence">{_text(diagnosis.sentence)}</p>',
+        report.numbered(diagnosis.actions),
         *(f'<p class="notice">{_text(note)}</p>' for note in notes),
     ]
-    first = (LIMITS, *FIRST) if diagnosis.verdict == "nothing" else (*FIRST, LIMITS)
-    for section in (*first, *LAST):
+    nothing = diagnosis.verdict == "nothing"
+    first, last = ((LIMITS,), ()) if nothing else ((), (LIMITS,))
+    for section in (*first, *ANSWER, *EVIDENCE, *last, *LAST):
         body += _shown(section, pieces)
     return report.page(f"Diagnosis of {name}", body, _STYLE)
 
@@ -143,6 +153,7 @@ def _tables(diagnosis: Diagnosed, compared: Beside, written: list[str]) -> dict[
         "separating": tables.separating(diagnosis),
         "unknown": tables.unknown(diagnosis),
         "gap": tables.gap(diagnosis, before, after),
+        "bands": tables.bands(before, after),
         "leaving": tables.leaving(before, after),
         "limits": tables.limits(diagnosis),
         "untestable": tables.untestable(diagnosis, before),
@@ -161,6 +172,13 @@ def _pictures(diagnosis: Diagnosed, compared: Beside, folder: Path) -> dict[str,
 
     name = diagnosis.block.name
     drawn = {}
+    if len(diagnosis.before.check_points):
+        changed = diagnosis.after is not diagnosis.before
+        drawn["check_points"] = (
+            figures.compare_check_points(diagnosis.before, diagnosis.after, ("before", "after"))
+            if changed
+            else figures.check_points(diagnosis.before)
+        )
     if compared.before is not None:
         cases = compared.before, compared.after
         drawn["measured_beside_simulated"] = figures.counterpart(*cases)

@@ -142,28 +142,32 @@ def gap(d: Diagnosed, before: Comparison | None, after: Comparison | None) -> pd
                 DASH if closed is None or mine["before"] < 1.2 * least else _share(closed),
             )
         )  # fmt: skip
-    if before is not None:
-        after_gap = None if after is None else after.gap
-        closed = None if after_gap is None or not before.gap else 1 - after_gap / before.gap
-        rows.append(
-            (
-                "what leaves the bands, sum of squares", "deviations\u00b2", _whole(before.gap),
-                DASH if after_gap is None else _whole(after_gap), "0",
-                DASH if closed is None else f"{100 * closed:.1f} %",
-            )
-        )  # fmt: skip
-        rows.append(
-            (
-                f"statistics that leave, of {len(before.statistics)}", "",
-                str(len(before.leaving)), DASH if after is None else str(len(after.leaving)),
-                f"{0.05 * len(before.statistics):.0f}", DASH,
-            )
-        )  # fmt: skip
     columns = ["", "unit", "before", "after", "noise alone", "closed"]
     table = pd.DataFrame(rows, columns=columns)
     if not added:
         return table.drop(columns=["after", "closed"]).rename(columns={"before": "measured"})
     return table
+
+
+def bands(before: Comparison | None, after: Comparison | None) -> pd.DataFrame:
+    """How much of the block leaves the bands of its counterparts, before and after."""
+    columns = ["", "before", "after", "by chance"]
+    if before is None:
+        return pd.DataFrame(columns=columns)
+    after_gap = None if after is None else after.gap
+    rows = [
+        (
+            "what sticks out, squared standard deviations of the counterparts, summed",
+            _whole(before.gap), DASH if after_gap is None else _whole(after_gap), "0",
+        ),
+        (
+            f"curves that leave their band, of {len(before.statistics)}",
+            str(len(before.leaving)), DASH if after is None else str(len(after.leaving)),
+            f"{0.05 * len(before.statistics):.0f}",
+        ),
+    ]  # fmt: skip
+    table = pd.DataFrame(rows, columns=columns)
+    return table if after is not None else table.drop(columns="after")
 
 
 def _floor(case: Comparison | None) -> float | None:
@@ -176,7 +180,7 @@ def _floor(case: Comparison | None) -> float | None:
 
 def leaving(before: Comparison | None, after: Comparison | None) -> pd.DataFrame:
     """Statistics that leave their band before, farthest first, and what becomes of them."""
-    columns = ["statistic", "farthest (deviations)", "band ends at", "where", "after"]
+    columns = ["curve", "farthest (standard deviations)", "band ends at", "where", "after"]
     if before is None:
         return pd.DataFrame(columns=columns)
     table = before.table[before.table["leaves"]].sort_values("excess", ascending=False)
@@ -253,25 +257,29 @@ def limits(d: Diagnosed) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def untestable(d: Diagnosed, before: Comparison | None) -> pd.DataFrame:
-    """What could not be tested or compared, and what to hand in."""
-    known = effects_by_slug()
-    by_remedy: dict[str, list[str]] = {}
+def by_remedy(d: Diagnosed) -> dict[str, list[str]]:
+    """What to hand in -> what could be tested then."""
+    known, out = effects_by_slug(), {}
     for one in d.untestable:
         effect = known[one["slug"]]
         every = ", ".join(effect.missing(d.block))
-        by_remedy.setdefault(to_add(every or one["missing"]), []).append(effect.called)
-    rows = [(upper("; ".join(names)), remedy) for remedy, names in by_remedy.items()]
-    if before is not None:
-        rows += [(upper(what), to_add(column)) for what, column in before.missing.items()]
+        out.setdefault(to_add(every or one["missing"]), []).append(effect.called)
+    return out
+
+
+def untestable(d: Diagnosed, before: Comparison | None) -> pd.DataFrame:
+    """What could not be tested or compared, by what to hand in: what helps most comes first."""
+    groups = by_remedy(d)
+    for what, column in () if before is None else before.missing.items():
+        groups.setdefault(to_add(column), []).append(what)
     if d.gap["check_m"] is None:
-        rows.append(
-            (
-                "Errors on the ground",
-                "check points (role check in ground.csv), measured in marks.csv",
-            )
-        )
-    return pd.DataFrame(rows, columns=["not tested", "to add"])
+        remedy = "check points (role check in ground.csv), measured in marks.csv"
+        groups.setdefault(remedy, []).append("errors on the ground")
+    rows = [
+        (upper(remedy), "; ".join(names))
+        for remedy, names in sorted(groups.items(), key=lambda item: -len(item[1]))
+    ]
+    return pd.DataFrame(rows, columns=["to add", "then tested"])
 
 
 def variance(d: Diagnosed) -> pd.DataFrame:
@@ -280,7 +288,9 @@ def variance(d: Diagnosed) -> pd.DataFrame:
         (alarm["quantity"], f"{alarm['ratio']:.2f}", f"{alarm['z']:+.1f}", alarm["where"])
         for alarm in d.alarms
     ]
-    columns = ["what is uneven", "largest over smallest, or usual", "deviations", "where"]
+    columns = [
+        "what is uneven", "largest over smallest, or usual", "in standard deviations", "where",
+    ]  # fmt: skip
     return pd.DataFrame(rows, columns=columns)
 
 

@@ -4,28 +4,46 @@ from __future__ import annotations
 
 from corridor.diagnosis.report import tables
 from corridor.diagnosis.report.diagnosed import Diagnosed
-from corridor.report import Report, Table
+from corridor.report import Report, Table, millimetres
 
 
 def report_of(diagnosis: Diagnosed) -> Report:
     """The sentence, the notes, and short tables: what was found and what it does."""
-    shown = ["slug", "class", "parameter", "value", "sigma", "unit", "log evidence"]
+    shown = ["effect", "class", "parameter", "value", "sigma", "unit", "log evidence"]
     gap = tables.gap(diagnosis, None, None)
     missing = tables.untestable(diagnosis, None).itertuples(index=False)
     made = [
         Table.of(tables.found(diagnosis)[shown], "What was found"),
-        Table.of(tables.variance(diagnosis), "Where the noise changes"),
         Table.of(
             gap.drop(columns=["noise alone", "closed"], errors="ignore"), "What it does to the data"
         ),
-        Table("Not tested", notes=tuple(f"{names}: {remedy}" for names, remedy in missing)),
+        Table.of(tables.variance(diagnosis), "Where the noise changes"),
+        Table("To test more, add", notes=tuple(f"{add}: {names}" for add, names in missing)),
     ]
     return Report(
         title=f"Diagnosis of {diagnosis.block.name}",
-        opening=diagnosis.sentence,
+        opening=" ".join([*judged(diagnosis), diagnosis.sentence]),
         warnings=diagnosis.notes,
         tables=[table for table in made if table.rows or table.notes],
+        actions=diagnosis.actions,
     )
+
+
+def judged(diagnosis: Diagnosed) -> list[str]:
+    """Whether it is good enough, and was, where somebody says what is."""
+    if diagnosis.required is None:
+        return []
+    wanted, gap = f"{millimetres(diagnosis.required)} are required", diagnosis.gap["check_m"]
+    if not gap:
+        return [f"Whether it is good enough is not known: {wanted}, and there is no check point."]
+    before, after = (gap[key] <= diagnosis.required for key in ("before", "after"))
+    now = f"{millimetres(gap['after'])} at the check points (3D RMS), {wanted}"
+    if before and after:
+        return [f"Good enough: {now}."]
+    if after:
+        was = millimetres(gap["before"])
+        return [f"Good enough once what was found is added: {now}; without it {was}."]
+    return [f"Not good enough: {now}."]
 
 
 def as_text(diagnosis: Diagnosed) -> str:

@@ -76,8 +76,8 @@ def to_add(missing: str) -> str:
     held = re.fullmatch(r"camera\.(.+)\.calibrated", missing)
     if held:
         return (
-            f"calibrated = true for camera {held[1]} in block.toml, or --camera fixed, if it is "
-            "calibrated; now the adjustment estimates these values anyway"
+            f"a calibration of the camera (calibrated = true for camera {held[1]} in block.toml, "
+            "or --camera fixed); as it is, the adjustment estimates these values itself"
         )
     if not re.fullmatch(r"\w+\.\w+(, *\w+\.\w+)*", missing):
         return missing

@@ -70,7 +70,7 @@ def _growth(away: np.ndarray) -> Form:
         "GNSS growing with the place",
         "gnss",
         "m",
-        "axis, per standard deviation of it",
+        "axis; for one spread (RMS) of the positions",
         wide.astype(float),
         tuple("xyz"[k] for k in wide),
     )

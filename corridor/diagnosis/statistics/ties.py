@@ -22,12 +22,12 @@ IN_THE_IMAGE = "place in the image (px)"
 # Quantity -> name, and value of each bin. Outward: scale of the picture, px at the end of its long
 # side.
 QUANTITIES = {
-    "x": ("tie x", lambda r, bins: bins.mean(r.ties[:, 0])),
-    "y": ("tie y", lambda r, bins: bins.mean(r.ties[:, 1])),
-    "size": ("tie size", lambda r, bins: bins.size(r.tie_square)),
-    "outward": ("tie outward", lambda r, bins: bins.ratio(r.outward, r.frame.square)),
-    "along": ("tie along the velocity", lambda r, bins: bins.mean(r.along)),
-    "across": ("tie across the velocity", lambda r, bins: bins.mean(r.across)),
+    "x": ("tie residuals in x", lambda r, bins: bins.mean(r.ties[:, 0])),
+    "y": ("tie residuals in y", lambda r, bins: bins.mean(r.ties[:, 1])),
+    "size": ("size of tie residuals", lambda r, bins: bins.size(r.tie_square)),
+    "outward": ("outward tie residuals", lambda r, bins: bins.ratio(r.outward, r.frame.square)),
+    "along": ("tie residuals along the flight", lambda r, bins: bins.mean(r.along)),
+    "across": ("tie residuals across the flight", lambda r, bins: bins.mean(r.across)),
 }
 
 
@@ -137,14 +137,14 @@ def tie_forms(frame: TieFrame) -> Iterator[Form]:
     size, weight = frame.images.size, frame.held_weight
     grid = Grid(frame.held_xy / size[frame.held_image], (4, 3), weight, size.max(axis=0))
     for k, axis in enumerate("xy"):
-        name = f"held-out tie {axis} by image position"
+        name = f"held-out tie residuals in {axis} by image position"
         yield Form(
             grid.statistic(name, "held_out", "px", IN_THE_IMAGE),
             lambda r, k=k: grid.mean(r.held[:, k]),
         )
     together = Curve(np.zeros(len(weight), np.int64), np.zeros(1), weight, ("all together",))
     yield Form(
-        together.statistic("held-out tie size", "held_out", "px", ""),
+        together.statistic("size of held-out tie residuals", "held_out", "px", ""),
         lambda r: together.size((r.held**2).sum(axis=1) / 2),
     )
 

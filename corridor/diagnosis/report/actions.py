@@ -1,0 +1,104 @@
+"""What to do next, from the diagnosis alone: at most three sentences, each with its command."""
+
+from __future__ import annotations
+
+from corridor.diagnosis.report.diagnosed import Diagnosed
+from corridor.diagnosis.report.tables import by_remedy
+from corridor.diagnosis.report.wording import effects_by_slug, listed
+
+MOST = 3
+
+
+def actions(d: Diagnosed) -> list[str]:
+    """At most three sentences on what to do, the first one first.
+
+    BLOCK is the folder that was diagnosed, OUT the one that the diagnosis was written to.
+    """
+    steps = [*_surveyed(d), *_added(d), *_told_apart(d), *_looked_at(d), *_waited(d)]
+    if not steps:
+        steps = _accurate_enough(d)
+    return [f"{step}." for step in [*steps, *_handed_in(d)][:MOST]]
+
+
+def _surveyed(d: Diagnosed) -> list[str]:
+    """Single ground points that are wrong."""
+    points = [
+        str(one.where["point"])
+        for one in d.findings.effects
+        if one.kind == "named" and "point" in one.where
+    ]
+    if not points:
+        return []
+    them = "it" if len(points) == 1 else "them"
+    return [
+        f"Look up or survey control {listed(points)} again; until then give {them} the role "
+        "`unused` in ground.csv"
+    ]
+
+
+def _added(d: Diagnosed) -> list[str]:
+    """Effects that were found, as an option of the command, and the blocks that have them."""
+    firm = {one.slug for one in d.findings.effects if one.kind != "suspected"}
+    slugs = [key.partition(".")[0] for key in d.used]
+    helps = [one.group for one in d.findings.unknown if one.correction == "helps"]
+    slugs = list(dict.fromkeys(s for s in slugs if s in helps or _is_firm(d, s, firm)))
+    if not slugs:
+        return []
+    return [
+        f"Adjust with what was found: `corridor adjust BLOCK --effect {','.join(slugs)} -o OUT2`, "
+        "or go on with OUT/block; OUT/corrected is for programs that do not know it"
+    ]
+
+
+def _is_firm(d: Diagnosed, slug: str, firm: set[str]) -> bool:
+    """Whether an effect that was added, or the look-alike that it stands for, is beyond doubt."""
+    rivals = {
+        key.partition(".")[0]
+        for one in d.findings.effects
+        if one.kind != "suspected"
+        for key in one.rivals
+    }
+    return slug in firm | rivals
+
+
+def _told_apart(d: Diagnosed) -> list[str]:
+    """What would tell look-alikes apart."""
+    known, out = effects_by_slug(), {}
+    for one in d.findings.effects:
+        if one.kind == "ambiguous" and one.separate:
+            names = listed((known[s].called for s in (one.slug, *one.alternatives)), "or")
+            out[one.slug] = f"To know whether it is {names}: {one.separate}"
+    return list(out.values())
+
+
+def _looked_at(d: Diagnosed) -> list[str]:
+    """Where something outside the catalogue shows."""
+    places = [one.where for one in d.findings.unknown if one.kind == "unknown"]
+    return [f"Look at the pictures where it shows: {places[0]}"] if places else []
+
+
+def _waited(d: Diagnosed) -> list[str]:
+    """What is only suspected changes nothing."""
+    if d.verdict != "suspected":
+        return []
+    return [
+        "Change nothing yet: fly again with more control or at a second height, and diagnose that"
+    ]
+
+
+def _accurate_enough(d: Diagnosed) -> list[str]:
+    """What is left to say where nothing is missing."""
+    check, required = d.gap["check_m"], d.required
+    if check and required is not None and check["after"] > required:
+        return ["The model is not what is wrong: plan more control or images, `corridor plan PLAN`"]
+    return [] if check else ["Keep surveyed points apart to test it: role `check` in ground.csv"]
+
+
+def _handed_in(d: Diagnosed) -> list[str]:
+    """The one thing to add to the block that lets most be tested."""
+    remedies = by_remedy(d)
+    if not remedies:
+        return []
+    remedy, names = max(remedies.items(), key=lambda item: len(item[1]))
+    more = f"{len(names)} more causes" if len(names) > 1 else names[0]
+    return [f"To have {more} tested, add {remedy}"]
