@@ -3,6 +3,8 @@
 python run.py                    adjust the shipped block; results under out/dike
 python run.py BLOCK              the same with your own block folder
 python run.py BLOCK -o OUT ...   anything after BLOCK goes to `corridor adjust`
+python run.py lesson             the bicycle wheel as a page for a browser; with --class for
+                                 every phone in the room
 python run.py test               style, import contract, tests and the first notebook
 python run.py test --all         the long tests and every notebook as well
 
@@ -213,6 +215,14 @@ def adjust(arguments):
     return status
 
 
+def lesson(options):
+    """The page of the bicycle wheel, served until Ctrl-C."""
+    folders = [str(ROOT / "notebooks"), str(ROOT)]
+    command = [str(set_up()), "-m", "kit.classroom", *options]
+    env = {**environment(), "PYTHONPATH": os.pathsep.join(folders)}
+    return subprocess.run(command, env=env).returncode
+
+
 def test(options=()):
     """Everything that is checked, cheapest first; stops at the first that fails."""
     os.chdir(ROOT)
@@ -248,6 +258,8 @@ def main(arguments):
             return 0
         if arguments[:1] == ["test"] and set(arguments[1:]) <= {"--all"}:
             return test(arguments[1:])
+        if arguments[:1] == ["lesson"]:
+            return lesson(arguments[1:])
         return adjust(arguments)
     except CannotRun as reason:
         print(f"error: {reason}", file=sys.stderr)

@@ -43,8 +43,8 @@ lesson.wheel_page()
 
 # %% [markdown]
 # *Where nothing moves above, this page is not running: you see what was measured in the picture it
-# starts with. `corridor[notebooks]` brings what runs it: open the notebook in Jupyter, or show it
-# to a class with `voila 04b_bike_wheel.ipynb`.*
+# starts with. Open the notebook in Jupyter; for a class, `python run.py lesson --class` serves the
+# same page to every phone in the room.*
 #
 # <details><summary><b>Which side, and why?</b></summary>
 # On the right. There the spokes of a clockwise wheel move down, as the rows do: by the time a
@@ -103,26 +103,13 @@ for setting in settings:
 #
 # ## Your own photo
 #
-# 1. Put the bicycle upside down. Hold the phone **across** (landscape), straight before the hub,
-#    and keep it there: lean it on something. The wheel should fill the picture.
-# 2. Photograph the wheel at rest.
-# 3. Spin it. Count ten turns with a stopwatch, or stick a card to a spoke and hear it click on
-#    the frame. Take the photograph at the same time: a wheel slows down. Bright light gives a short
-#    exposure and sharp spokes.
-# 4. Bring both files here as the phone wrote them: not cropped, not turned, not sent through a
-#    messenger, which makes them smaller. JPEG, below 10 MB.
-
-# %% tags=["nbval-ignore-output"]
-lesson.own_photos()
-
-# %% [markdown]
-# Either you get a readout time with its standard error, or one sentence that says what is wrong
-# with the photographs. If the direction of rotation is not known, the readout time is the same;
-# only whether the rows run up or down stays open.
+# The page above takes two photographs of your own wheel, one at rest and one turning, and the turns
+# a second. Either you get a readout time with its standard error, or one sentence that says what is
+# wrong with the photographs. If the direction of rotation is not known, the readout time is the
+# same; only whether the rows run up or down stays open.
 #
-# Give the turns a second as well as you can: their error goes into the readout time one to one.
-# `corridor readout wheel STILL.jpg TURNING.jpg --video FILM.mp4 -o OUT` takes the speed from a film
-# of the wheel instead, and films may be made by another phone.
+# Give the turns a second as well as you can: their error goes into the readout time one to one. A
+# film of the wheel, made by another phone, tells them too: `corridor readout wheel --help`.
 #
 # ## What to take home
 #

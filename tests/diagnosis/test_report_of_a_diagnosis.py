@@ -124,7 +124,8 @@ class TestAnswer:
         monkeypatch.setattr(diagnosis.findings, "effects", [one])
         monkeypatch.setattr(diagnosis, "used", ["control_blunder.P7"])
         assert "survey control P7 again" in diagnosis.actions[0]
-        assert "--effect control_blunder" in diagnosis.actions[1]
+        assert re.search("`corridor adjust BLOCK --control [^ ]+ -o OUT2`", diagnosis.actions[0])
+        assert "--effect" not in " ".join(diagnosis.actions)
 
     @pytest.mark.parametrize(("share", "said"), [(1.2, "Good enough"), (0.8, "Not good enough: ")])
     def test_it_says_whether_what_is_required_is_reached(self, diagnosis, monkeypatch, share, said):

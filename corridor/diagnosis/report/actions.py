@@ -29,17 +29,19 @@ def _surveyed(d: Diagnosed) -> list[str]:
     ]
     if not points:
         return []
-    them = "it" if len(points) == 1 else "them"
-    return [
-        f"Look up or survey control {listed(points)} again; until then give {them} the role "
-        "`unused` in ground.csv"
-    ]
+    system = d.before.system
+    names = system.block.ground["point"].to_numpy(object)[system.roles == "control"]
+    others = ",".join(str(name) for name in names if str(name) not in points)
+    command = f"corridor adjust BLOCK --control {others or 'none'} -o OUT2"
+    again = f"Look up or survey control {listed(points)} again"
+    return [f"{again}; until then adjust without, `{command}`"]
 
 
 def _added(d: Diagnosed) -> list[str]:
     """Effects that were found, as an option of the command, and the blocks that have them."""
     firm = {one.slug for one in d.findings.effects if one.kind != "suspected"}
-    slugs = [key.partition(".")[0] for key in d.used]
+    # What is wrong with one point is no effect of the model.
+    slugs = [key for key in d.used if "." not in key]
     helps = [one.group for one in d.findings.unknown if one.correction == "helps"]
     slugs = list(dict.fromkeys(s for s in slugs if s in helps or _is_firm(d, s, firm)))
     if not slugs:

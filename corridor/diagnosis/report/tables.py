@@ -276,7 +276,7 @@ def untestable(d: Diagnosed, before: Comparison | None) -> pd.DataFrame:
         remedy = "check points (role check in ground.csv), measured in marks.csv"
         groups.setdefault(remedy, []).append("errors on the ground")
     rows = [
-        (upper(remedy), "; ".join(names))
+        (remedy, "; ".join(names))
         for remedy, names in sorted(groups.items(), key=lambda item: -len(item[1]))
     ]
     return pd.DataFrame(rows, columns=["to add", "then tested"])

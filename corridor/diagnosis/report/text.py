@@ -9,7 +9,7 @@ from corridor.report import Report, Table, millimetres
 
 def report_of(diagnosis: Diagnosed) -> Report:
     """The sentence, the notes, and short tables: what was found and what it does."""
-    shown = ["effect", "class", "parameter", "value", "sigma", "unit", "log evidence"]
+    shown = ["slug", "class", "parameter", "value", "sigma", "unit", "log evidence"]
     gap = tables.gap(diagnosis, None, None)
     missing = tables.untestable(diagnosis, None).itertuples(index=False)
     made = [
