@@ -2,6 +2,8 @@
 
 import errno
 import json
+import pkgutil
+import re
 import signal
 import subprocess
 import sys
@@ -11,9 +13,16 @@ import joblib
 import pytest
 
 import corridor
+import corridor.cli
 from corridor.cli import main
 from corridor.errors import AdjustmentFailed
 from corridor.parallel import parallel
+
+VERBS = sorted(
+    module.name.rstrip("_").replace("_", "-")
+    for module in pkgutil.iter_modules(corridor.cli.__path__)
+    if not module.name.startswith("_")
+)
 
 
 @pytest.fixture(scope="module")
@@ -329,11 +338,38 @@ class TestHelp:
         for verb in ("adjust", "summary", "effects"):
             assert f"corridor {verb}" in text
 
-    @pytest.mark.parametrize("verb", ["adjust", "summary", "effects"])
+    @pytest.mark.parametrize("verb", VERBS)
     def test_every_verb_has_examples(self, capsys, verb):
         with pytest.raises(SystemExit):
             main([verb, "--help"])
-        assert f"  corridor {verb}" in capsys.readouterr().out.partition("examples:")[2]
+        told = capsys.readouterr().out
+        assert f"  corridor {verb}" in told.partition("examples:")[2]
+
+    @pytest.mark.parametrize(
+        ("verb", "kind"),
+        [("readout", kind) for kind in ("star", "wheel", "led", "examples")]
+        + [("thermal", step) for step in ("map", "fit", "apply", "prior")],
+    )
+    def test_every_kind_of_a_verb_has_examples(self, capsys, verb, kind):
+        with pytest.raises(SystemExit):
+            main([verb, kind, "--help"])
+        assert f"  corridor {verb} {kind} " in capsys.readouterr().out.partition("examples:")[2]
+
+    def test_simulate_lists_every_key_of_a_plan(self, capsys):
+        with pytest.raises(SystemExit):
+            main(["simulate", "--help"])
+        told = capsys.readouterr().out.partition("Keys of a plan")[2]
+        for table, keys in corridor.simulation.keys_of_a_plan().items():
+            assert table in told
+            assert all(re.search(rf"\b{key}\b", told) for key in keys)
+
+    def test_a_plan_is_printed_by_its_name_and_can_be_flown(self, tmp_path, capsys):
+        assert main(["simulate", "thesis_50vt", "--show"]) == 0
+        path = tmp_path / "mine.toml"
+        path.write_text(capsys.readouterr().out, encoding="utf-8")
+        assert corridor.simulation.read_plan(path).flights[0].name == "50vt"
+        assert main(["simulate", "thesis_50vv", "--show"]) == 2
+        assert "did you mean thesis_50vt" in capsys.readouterr().err
 
     def test_it_does_not_wait_for_the_numerical_libraries(self):
         """`corridor --help` loads neither numpy nor numba."""

@@ -170,6 +170,20 @@ SHARED = {
 _SHORT = {"--output": "-o", "--verbose": "-v"}
 
 
+def below(parsers, verb: str, name: str, text: str, examples: str):
+    """A parser of one kind of a verb, with examples of its own below its options.
+
+    examples: lines of `ARGUMENTS   what they do`, without the verb.
+    """
+    lines = (f"  corridor {verb} {name} {line}" for line in examples.strip().splitlines())
+    return parsers.add_parser(
+        name,
+        help=text,
+        epilog="\n".join(["examples:", *lines]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
 def add(parser, options: Mapping[str, Mapping]) -> None:
     """Adds options; what is the same for every verb comes from `SHARED`, by its name.
 

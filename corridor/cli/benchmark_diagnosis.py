@@ -24,9 +24,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from corridor.cli._options import add, flag, number, option, several, whole, wrote
+from corridor.cli._options import add, flag, number, option, say, several, whole, wrote
 from corridor.errors import InputError
 
+# A diagnosis with its baselines on one core of an ordinary machine: 40 and 80 images.
+_SECONDS_SHORT, _SECONDS = 12.0, 30.0
 KINDS = ("null", "single", "lookalike", "together", "unknown", "perfect", "all")
 
 
@@ -75,6 +77,7 @@ def run(options: argparse.Namespace) -> None:
         trials = benchmark.of_folder(options.blocks)
     else:
         trials = benchmark.of_generator(options.cases, options.count, options.seed, options.short)
+    say(_how_long(trials, options))
     try:
         with _Progress(len(trials)) as progress:
             rows = benchmark.run(
@@ -97,6 +100,16 @@ def run(options: argparse.Namespace) -> None:
     written = benchmark.save(rows, found, options.output, settings)
     print(benchmark.as_text(found))
     wrote(*written, options.output / benchmark.KEPT)
+
+
+def _how_long(trials, options):
+    """How many blocks there are, and how long they take, before the first is begun."""
+    if options.cluster is not None:
+        return f"{len(trials)} blocks, on the workers of {options.cluster}"
+    seconds = _SECONDS_SHORT if options.short else _SECONDS
+    minutes = max(round(len(trials) * seconds / options.jobs / 60), 1)
+    hours = f"{minutes / 60:.1f} hours" if minutes >= 90 else f"{minutes} minutes"
+    return f"{len(trials)} blocks: about {hours} (Ctrl-C keeps what is done)"
 
 
 class _Progress:

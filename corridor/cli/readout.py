@@ -7,6 +7,8 @@ examples:
       a bicycle wheel; a film of it, by any camera from the same side, gives speed and sense
   corridor readout wheel BAR1.jpg BAR2.jpg --turns-per-second 3.679 --sense cw -o out/bar
       one bar turning in both photographs, smeared to a fan by a long exposure
+  corridor readout examples -o out/photos
+      photographs to try it with, of known readout times, and the commands that measure them
   corridor readout led PHOTO.jpg --frequency 1000 -o out/led
       something evenly lit by a LED that blinks 1000 times a second
 
@@ -18,7 +20,7 @@ both are written, or not at all.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import add, number, option, say, wrote
+from corridor.cli._options import add, below, number, option, say, wrote
 
 
 def _sectors(text):
@@ -79,18 +81,38 @@ _LED = {
     "--frequency": option("periods a second", "HZ", _positive, required=True),
     **_COMMON,
 }
+_MADE = {"--output": option("folder for the photographs", "FOLDER", required=True)}
+_EXAMPLES = {
+    "star": """
+STILL.jpg TURNING.jpg --turns-per-second 2.2 -o out/star
+STILL.jpg TURNING.jpg --turns-per-second 2.2 --speed-sigma 0.1 --camera block.toml -o out/star
+""",
+    "wheel": """
+STILL.jpg TURNING.jpg --turns-per-second 1.5 --sense cw -o out/wheel
+STILL.jpg TURNING.jpg --video FILM.mp4 -o out/wheel
+""",
+    "led": """
+PHOTO.jpg --frequency 1000 -o out/led
+""",
+    "examples": """
+-o out/photos
+""",
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor readout`, one set for each target."""
     targets = parser.add_subparsers(title="targets", metavar="TARGET", dest="target", required=True)
-    add(targets.add_parser("star", help="a Siemens star, at rest and turning"), _STAR)
-    wheel = targets.add_parser("wheel", help="a bicycle wheel, or a bar smeared by its rotation")
+
+    def target(name, text):
+        return below(targets, "readout", name, text, _EXAMPLES[name])
+
+    add(target("star", "a Siemens star, at rest and turning"), _STAR)
+    wheel = target("wheel", "a bicycle wheel, or a bar smeared by its rotation")
     add(wheel, _WHEEL)
     add(wheel.add_mutually_exclusive_group(required=True), _SPEED)
-    add(
-        targets.add_parser("led", help="something lit by a LED blinking at a known frequency"), _LED
-    )
+    add(target("led", "something lit by a LED blinking at a known frequency"), _LED)
+    add(target("examples", "make photographs to try the others with"), _MADE)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -99,6 +121,12 @@ def run(options: argparse.Namespace) -> None:
     from corridor import readout as room
     from corridor.errors import InputError
 
+    if options.target == "examples":
+        wrote(*room.write_examples(options.output))
+        print("\nWhat they show, and how to measure it:")
+        for example in room.EXAMPLES:
+            print(f"  {example.readout_ms:g} ms  {example.command(options.output)}")
+        return
     room.can_save_readout(options.output)
     if options.target == "wheel" and options.video is None:
         for option in ("video_fps", "photo_time"):

@@ -9,8 +9,10 @@ examples:
       the same free of error: all rays of a point meet in it
   corridor simulate thesis_50vt+thesis_50ob -o out/both --seed 3
       two of them, flown one after the other over the same ground
+  corridor simulate thesis_50vt --show > PLAN.toml
+      a copy of one, to make your own of
   corridor simulate PLAN.toml -o out/flown
-      your own; start from a copy of one that comes with corridor
+      your own
   corridor simulate PLAN.toml -o out/shaken --effect rolling_shutter:readout=0.03
       with an effect of `corridor effects` on top of the plan's own
   corridor simulate --like BLOCK -o out/counterpart --camera fraser10 --effect rolling_shutter
@@ -21,6 +23,20 @@ true is written beside it, to BLOCK.truth.json. The same plan and seed give the 
 A plan without a table [noise] is flown with ordinary noise; `corridor.simulate` in Python adds
 none that it is not told of.
 
+Keys of a plan (`corridor.simulation.Plan` and the types beside it say what each means):
+  head          name, axis_m, bend_radius_m, gnss, source, description
+  [[flight]]    name, height_m, camera, strips, offsets_m, images, forward, side, speed_m_s,
+                interval_s, stations_m, tilt_deg, look, heading, direction, long_side,
+                attitude_jitter_deg, position_jitter_m, velocity_jitter_m_s, angular_rate_deg_s,
+                wind_m_s, start_s, pause_s, turn_s, lever_arm_m, temperature_c, warming_c
+  [terrain]     relief_m, level_m, roughness_m
+  [tie_points]  per_image, border_px
+  [ground]      control, check, layout, every_m, offset_m, check_from_ties, within_m
+  [noise]       tie_px, mark_px, gnss_m, control_m, outliers, rounding_px, gnss_slow, gnss_slow_s
+  [start]       centre_m, rotation_deg, points_m, camera
+  [camera.NAME]  as in block.toml
+  [effects.SLUG] PARAMETER = VALUE
+
 With --like, the block is adjusted with the model given (as to `corridor adjust`), and every
 measurement is made anew: same images, points, gaps and control, noise as large and of the kinds
 that the residuals show.
@@ -29,7 +45,7 @@ that the residuals show.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import Bars, add, effect, option, wrote
+from corridor.cli._options import Bars, add, effect, flag, option, wrote
 
 _OPTIONS = {
     "plan": option("a .toml file, or names of plans joined by +", "PLAN", nargs="?"),
@@ -52,6 +68,7 @@ _OPTIONS = {
         "ordinary where it has none)",
         choices=("ordinary", "none"),
     ),
+    "--show": flag("print the plan, as a file to start from"),
     "--seed": {},
 }
 
@@ -65,6 +82,9 @@ def run(options: argparse.Namespace) -> None:
     """Simulate, say what came of it, write it; or list the plans."""
     if options.plan is None and options.like is None:
         _list_plans()
+        return
+    if options.show:
+        _show(options)
         return
     believed = [slug for slug, values in options.effect if values is None]
     added: dict[str, dict] = {}
@@ -99,6 +119,18 @@ def run(options: argparse.Namespace) -> None:
         block.write(options.output)
         bars("writing files", 1.0)
     wrote(options.output, f"{options.output}.truth.json")
+
+
+def _show(options):
+    """Print the file of a plan."""
+    from corridor.errors import InputError
+    from corridor.simulation import read_plan, ready_made
+
+    known = ready_made()
+    if options.plan not in known:
+        read_plan(options.plan or "")
+        raise InputError(f"--show prints one plan that comes with corridor: {', '.join(known)}")
+    print(known[options.plan].read_text(encoding="utf-8"), end="")
 
 
 def _check(options, believed):

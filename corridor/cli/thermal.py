@@ -20,7 +20,7 @@ Beside MAPS.npz and MODEL.json lies a picture of the same name. A block is corre
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import Bars, add, flag, number, option, warn, wrote
+from corridor.cli._options import Bars, add, below, flag, number, option, warn, wrote
 
 _MAPS = {"metavar": "MAPS.npz", "type": Path}
 _MODEL = {"metavar": "MODEL.json", "type": Path}
@@ -64,13 +64,22 @@ _STEPS = {
         {"model": _MODEL | option("what `fit` wrote"), "block": {}},
     ),
 }
+_EXAMPLES = {
+    "map": "data_synthetic/wall -o out/maps.npz",
+    "fit": "out/maps.npz -o out/thermal.json",
+    "apply": """
+out/thermal.json --points POINTS.csv --temperature 41.5 -o out/moved.csv
+out/thermal.json --points POINTS.csv --temperature 41.5 --inverse -o out/back.csv
+""",
+    "prior": "out/thermal.json BLOCK",
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor thermal`, one set for each step."""
     steps = parser.add_subparsers(title="steps", metavar="STEP", dest="step", required=True)
     for name, (text, options) in _STEPS.items():
-        add(steps.add_parser(name, help=text), options)
+        add(below(steps, "thermal", name, text, _EXAMPLES[name]), options)
 
 
 def run(options: argparse.Namespace) -> None:

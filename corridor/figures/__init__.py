@@ -3,7 +3,7 @@
 from corridor.figures.alike import alike
 from corridor.figures.camera_views import camera_views
 from corridor.figures.change import change_maps, change_profile, of_change, point_changes
-from corridor.figures.check_points import check_points, compare_check_points
+from corridor.figures.check_points import check_points, check_points_moved, compare_check_points
 from corridor.figures.confusion import confusion_matrix
 from corridor.figures.correlation import correlation_matrix
 from corridor.figures.counterpart import counterpart, counterpart_axes, counterpart_maps
@@ -31,6 +31,7 @@ __all__ = [
     "change_maps",
     "change_profile",
     "check_points",
+    "check_points_moved",
     "compare_check_points",
     "confusion_matrix",
     "control_map",

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from corridor.figures import maps, style
 from corridor.figures.residual_vectors import arrows, stated_arrow
-from corridor.report import Adjusted, counted, readable, short
+from corridor.report import Adjusted, counted, millimetres, readable, short
 
 NONE = "No check points: nothing independent of the adjustment tests it."
 MOST_NAMES = 40
@@ -37,7 +37,15 @@ def compare_check_points(
     return _maps([a, b], list(labels), title)
 
 
-def _maps(results: list[Adjusted], labels: list[str], title: str) -> Figure:
+def check_points_moved(before: Adjusted, after: Adjusted) -> Figure:
+    """The check-point differences before (grey) and after (in colour) on one map."""
+    title = f"{short(before.block.name, 50)}: check points, adjusted minus given"
+    if not len(before.check_points):
+        return style.sentence(NONE, title)
+    return _maps([before, after], ["before", "after"], title, one_map=True)
+
+
+def _maps(results: list[Adjusted], labels: list[str], title: str, one_map: bool = False) -> Figure:
     frame = maps.frame_of(results[0].block)
     tables = [_table(result, frame) for result in results]
     places = [maps.centres(r.block) for r in results] + [
@@ -45,7 +53,7 @@ def _maps(results: list[Adjusted], labels: list[str], title: str) -> Figure:
     ]
     inner = maps.extent(*(frame.place(p) for p in places))
     long = (inner[1] - inner[0]) > maps.WIDE * (inner[3] - inner[2])
-    beside = len(results) > 1 and not long
+    beside = len(results) > 1 and not long and not one_map
     width = 8.5 if not beside else 4.0
     # The longest difference takes an eighth of the sheet's width, whatever the block's.
     longest = max(
@@ -59,14 +67,22 @@ def _maps(results: list[Adjusted], labels: list[str], title: str) -> Figure:
     height = maps.map_height(limits, width, 4.2 if beside else 5.5)
 
     head, gap = 1.5, 0.85
-    rows = 1 if beside else len(results)
+    rows = 1 if beside or one_map else len(results)
     figure = style.sheet(
         head + rows * (height + gap) - 0.15,
         title,
         f"plan and height exaggerated {readable(exaggeration)} times",
     )
     keys: list = []
-    for number, (result, table, label) in enumerate(zip(results, tables, labels, strict=True)):
+    if one_map:
+        axes = maps.map_panel(figure, frame, limits, 0.8, head, width, height)
+        _draw_earlier(axes, tables[0], exaggeration)
+        keys = _draw(axes, frame, results[1], tables[1], exaggeration, keys)
+        keys.append(style.key("before", color=style.QUIET, marker=">", ms=5, lw=1.2))
+        told = zip(labels, results, strict=True)
+        style.caption(axes, "; ".join(f"{word}: {_numbers(one, True)}" for word, one in told))
+    panels = [] if one_map else list(zip(results, tables, labels, strict=True))
+    for number, (result, table, label) in enumerate(panels):
         left = 0.8 + (number * 4.8 if beside else 0.0)
         top = head + (0.0 if beside else number * (height + gap))
         axes = maps.map_panel(figure, frame, limits, left, top, width, height)
@@ -120,6 +136,15 @@ def _draw(axes, frame, result, table, exaggeration, keys) -> list:
     return keys
 
 
+def _draw_earlier(axes, table, exaggeration) -> None:
+    """Arrows and bars of another adjustment, grey, below those to come; bars stand to the left."""
+    x, y = table["x"].to_numpy(), table["y"].to_numpy()
+    left = x - 0.006 * np.ptp(axes.get_xlim())
+    rise = y + exaggeration * table["dz"].to_numpy()
+    axes.vlines(left, y, rise, color=style.FAINT, lw=4.0, zorder=3)
+    arrows(axes, x, y, table["px"], table["py"], exaggeration, style.QUIET, 3)
+
+
 def _keys(result: Adjusted) -> list:
     keys = [
         style.key("in plan", color=style.DARK, marker=">", ms=5, lw=1.2),
@@ -136,7 +161,7 @@ def _numbers(result: Adjusted, brief: bool) -> str:
     if not len(result.check_points):
         return ""
     rms = result.check_rms
-    text = f"RMS plan {rms.xy:.3f} m, height {rms.z:.3f} m"
+    text = f"RMS plan {millimetres(rms.xy)}, height {millimetres(rms.z)}"
     if not brief:
-        text += f", 3D {rms.d3:.3f} m at {counted(len(result.check_points), 'check point')}"
+        text += f", 3D {millimetres(rms.d3)} at {counted(len(result.check_points), 'check point')}"
     return text

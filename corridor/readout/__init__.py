@@ -46,6 +46,8 @@ _HOME = {
     "cost_of": "corridor.readout.flight",
     "readout_with_errors": "corridor.readout.identifiability",
     "supported": "corridor.readout.identifiability",
+    "write_examples": "corridor.readout.examples",
+    "EXAMPLES": "corridor.readout.examples",
     "save_readout": "corridor.readout.result",
     "can_save_readout": "corridor.readout.result",
 }

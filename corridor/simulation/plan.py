@@ -318,6 +318,19 @@ def ready_made() -> dict[str, Path]:
     return {path.stem: path for path in sorted(_READY_MADE.glob("*.toml"))}
 
 
+def keys_of_a_plan() -> dict[str, list[str]]:
+    """What a plan's `.toml` file may say: keys by table; "" is the head of the file."""
+    tables = {
+        "": Plan, "[[flight]]": Flight, "[terrain]": Terrain, "[tie_points]": TiePoints,
+        "[ground]": Ground, "[noise]": Noise, "[start]": Start,
+    }  # fmt: skip
+    kept = {"flights", "cameras", "effects", "terrain", "tie_points", "ground", "noise", "start"}
+    return {
+        name: [f.name for f in fields(kind) if name or f.name not in kept]
+        for name, kind in tables.items()
+    }
+
+
 def read_plan(plan: str | os.PathLike) -> Plan:
     """A plan from a `.toml` file, or by the names of ready-made ones: `thesis_50vt+thesis_50ob`.
 

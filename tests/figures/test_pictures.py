@@ -82,6 +82,7 @@ DRAWINGS = {
     "residuals_along": figures.residuals_along,
     "check_points": figures.check_points,
     "compare_check_points": lambda a: figures.compare_check_points(a, a, ("blind", "aware")),
+    "check_points_moved": lambda a: figures.check_points_moved(a, a),
     "correlation_matrix": figures.correlation_matrix,
 }
 

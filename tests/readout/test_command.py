@@ -155,3 +155,18 @@ class TestPublishedReadoutTimes:
     def test_an_unknown_camera_has_none(self):
         assert published_readouts("Brownie Box 1900") == []
         assert published_readouts("") == []
+
+
+def test_photographs_to_try_it_with_are_made_and_measured_as_they_say(tmp_path, capsys):
+    """The readout of each is known; the measured one is within four of its sigmas."""
+    out = tmp_path / "photos"
+    assert main(["readout", "examples", "-o", str(out)]) == 0
+    said = capsys.readouterr().out
+    truth = json.loads((out / "examples.json").read_text(encoding="utf-8"))
+    (command,) = (line.split()[3:] for line in said.splitlines() if "readout led" in line)
+    assert main(command) == 0
+    found = json.loads((out / "led_result" / "readout.json").read_text(encoding="utf-8"))
+    assert abs(found["readout_ms"] - truth["led"]["readout_ms"]) < 4 * found["sigma_ms"]
+    assert {name for one in truth.values() for name in one["photos"]} < {
+        path.name for path in out.iterdir()
+    }

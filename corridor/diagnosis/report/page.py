@@ -175,7 +175,7 @@ def _pictures(diagnosis: Diagnosed, compared: Beside, folder: Path) -> dict[str,
     if len(diagnosis.before.check_points):
         changed = diagnosis.after is not diagnosis.before
         drawn["check_points"] = (
-            figures.compare_check_points(diagnosis.before, diagnosis.after, ("before", "after"))
+            figures.check_points_moved(diagnosis.before, diagnosis.after)
             if changed
             else figures.check_points(diagnosis.before)
         )
