@@ -1,6 +1,7 @@
-"""Make the shipped data: `python data_synthetic/make.py` writes dike/ and wall/.
+"""Make the shipped data: `python data_synthetic/make.py` writes dike/, dike_track.csv and wall/.
 
-dike: a block; the flight is dike.toml. wall: pictures of a wall by a camera that warms and cools,
+dike: a block; the flight is dike.toml. dike_track.csv: where the antenna was during that flight,
+five times a second, for `corridor gnss`. wall: pictures of a wall by a camera that warms and cools,
 for `corridor thermal`. What is true is written beside the folders, to NAME.truth.json, never into
 them. The same script writes the same bytes.
 """
@@ -8,7 +9,10 @@ them. The same script writes the same bytes.
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from scipy.interpolate import PchipInterpolator
 
+from corridor.geometry import rotation_from_quaternion
 from corridor.simulation import Simulated, simulate
 from corridor.thermal import render, simple_model
 
@@ -41,6 +45,30 @@ def flown() -> Simulated:
     return block
 
 
+def tracked(block: Simulated) -> pd.DataFrame:
+    """The receiver's track of a block: smooth through its true antennas, white noise of a fix."""
+    names, rng = block.images["image"].to_numpy(object), np.random.default_rng(SEED)
+    centre = np.array([block.truth["centre"][name] for name in names])
+    turned = rotation_from_quaternion(np.array([block.truth["quaternion"][n] for n in names]))
+    flights = np.array(block.flight_names, dtype=object)[block.image_flight]
+    sigma, parts = np.array([0.008, 0.008, 0.015]), []
+    for flight in block.flight_names:
+        mine = flights == flight
+        antenna = centre[mine] + turned[mine].transpose(0, 2, 1) @ block.truth["lever_arm"][flight]
+        at = block.images["time_s"].to_numpy(float)[mine]
+        time = np.arange(np.ceil(at[0] - 2.0), at[-1] + 2.0, 0.2)
+        xyz = PchipInterpolator(at, antenna)(np.clip(time, at[0], at[-1]))
+        # Before the first image and after the last one it flies on as there.
+        for end, rows in ((0, time < at[0]), (-1, time > at[-1])):
+            speed = PchipInterpolator(at, antenna).derivative()(at[end])
+            xyz[rows] += (time[rows] - at[end])[:, None] * speed
+        xyz += sigma * rng.standard_normal(xyz.shape)
+        part = pd.DataFrame({"time_s": time.round(1), "flight": flight, "quality": 1})
+        part[["x", "y", "z"]], part[["sx", "sy", "sz"]] = xyz.round(4), sigma
+        parts.append(part)
+    return pd.concat(parts, ignore_index=True)
+
+
 def filmed() -> render.Shots:
     """The series that is shipped: 13 small pictures, warming for 15 minutes and cooling for 15.
 
@@ -58,7 +86,9 @@ def filmed() -> render.Shots:
 
 def write(folder: Path = HERE) -> Path:
     """Write the block and its truth into a folder; returns the block's folder."""
-    flown().write(folder / NAME)
+    block = flown()
+    block.write(folder / NAME)
+    tracked(block).to_csv(folder / f"{NAME}_track.csv", index=False, lineterminator="\n")
     return folder / NAME
 
 

@@ -28,7 +28,9 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _short(effect):
-    parameters = ", ".join(f"{name} ({p.unit})" for name, p in _runs(effect))
+    parameters = ", ".join(
+        name + (f" ({p.unit})" if p.unit != "1" else "") for name, p in _runs(effect)
+    )
     needs = ", ".join(effect.needs) or "nothing more than the images"
     generic = ", generic" if effect.generic else ""
     shared = "the block" if effect.group == "block" else f"each {effect.group}"
@@ -43,7 +45,7 @@ def _short(effect):
 
 def _full(effect):
     runs = _runs(effect)
-    scales = ", ".join(f"{p.scale:.3g} {p.unit} ({name})" for name, p in runs)
+    scales = ", ".join(_usual(p) + f" ({name})" for name, p in runs)
     texts = "; ".join(f"{name}: {p.text}" for name, p in runs if p.text)
     facts = (
         _line("shown by", effect.revealed_by),
@@ -53,6 +55,14 @@ def _full(effect):
     more = (_line("meaning", texts),) if texts else ()
     short = "\n".join([_short(effect), *facts, *more])
     return "\n\n".join([short, *effect.described()])
+
+
+def _usual(parameter):
+    """A usual size with its unit, as results tell it."""
+    from corridor.report import scaled
+
+    factor, unit = scaled(parameter.unit, parameter.scale, name=parameter.name)
+    return f"{factor * parameter.scale:.3g} {unit}".strip()
 
 
 def _line(title, text):

@@ -1,6 +1,8 @@
 """Find where the antenna was at each exposure, and how well that is known.
 
 examples:
+  corridor gnss data_synthetic/dike_track.csv --images data_synthetic/dike -o out/gnss.csv
+      the track that comes with the shipped block
   corridor gnss BLOCK/track.csv --images BLOCK -o BLOCK/gnss.csv
       track and images of one block: one clock, one frame
   corridor gnss rover.pos --images flight_Timestamp.MRK --photos PHOTOS -o out/gnss.csv
