@@ -1,6 +1,5 @@
 """Covariance of every point, by one pass over the points like the assembly itself."""
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -43,82 +42,77 @@ class Work(NamedTuple):
     part: np.ndarray
 
 
-@lru_cache
-def make_gain(d):
-    """What one point takes over from images with `d` unknowns."""
-
-    @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
-    def gain(p, scene, work, out):
-        """Fills K of point p; returns the lower half of V^-1, metres squared."""
-        observations, columns, control = scene.observations, scene.columns, scene.control
-        img, low, high, wide = observations.image, columns.low, columns.high, columns.wide
-        d_ground = scene.derivatives.ground
-        seen, jc, jb, part = work.seen, work.by_image, work.by_shared, work.part
-        kc, kb = out.own, out.shared
-        q = len(kb)
-        start = observations.start[p]
-        m = observations.start[p + 1] - start
-        v = np.zeros(6)
-        kb[:] = 0.0
-        point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
-        see(start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen)
-        for k in range(m):
-            i = U(img[start + k])
-            j0, b0 = U(k * 2 * d), U(k * 2 * wide)
-            to = Rows(jc, j0, j0 + U(d), jb, b0, b0 + U(wide))
-            e, at = U(start + k - scene.looked.base), U(k * SEEN)
-            jacobian_rows(i, e, seen, at, scene, (low[i], high[i]), d, to)
-            for row in range(2):
-                at = k * 2 * d + row * d
-                a0, a1, a2 = -jc[at], -jc[at + 1], -jc[at + 2]
-                v[0] += a0 * a0
-                v[1] += a1 * a0
-                v[2] += a1 * a1
-                v[3] += a2 * a0
-                v[4] += a2 * a1
-                v[5] += a2 * a2
-        r = control.row[p]
-        if r >= 0:
-            v[0] += control.weight[r, 0]
-            v[2] += control.weight[r, 1]
-            v[5] += control.weight[r, 2]
-        i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v[0], v[1], v[2], v[3], v[4], v[5]))
-        n00 = i0 * i0 + i1 * i1 + i3 * i3
-        n10 = i2 * i1 + i4 * i3
-        n11 = i2 * i2 + i4 * i4
-        n20 = i5 * i3
-        n21 = i5 * i4
-        n22 = i5 * i5
-        for k in range(m):
-            i = img[start + k]
-            for row in range(2):
-                at = k * 2 * d + row * d
-                a0, a1, a2 = -jc[at], -jc[at + 1], -jc[at + 2]
-                part[k, row, 0] = n00 * a0 + n10 * a1 + n20 * a2
-                part[k, row, 1] = n10 * a0 + n11 * a1 + n21 * a2
-                part[k, row, 2] = n20 * a0 + n21 * a1 + n22 * a2
-                bt = (2 * k + row) * wide
-                for c in range(low[i], min(high[i], q)):
-                    for x in range(3):
-                        kb[c, x] += jb[bt + c] * part[k, row, x]
-            for c in range(d):
+# Of the module and not of a maker's: a function that a maker's holds is compiled in each process.
+@compiled(nogil=True, error_model="numpy", fastmath={"contract"})
+def gain(p, scene, d, work, out):
+    """Fills K of point p; returns the lower half of V^-1, m^2. d: unknowns of an image."""
+    observations, columns, control = scene.observations, scene.columns, scene.control
+    img, low, high, wide = observations.image, columns.low, columns.high, columns.wide
+    d_ground = scene.derivatives.ground
+    seen, jc, jb, part = work.seen, work.by_image, work.by_shared, work.part
+    kc, kb = out.own, out.shared
+    q = len(kb)
+    start = observations.start[p]
+    m = observations.start[p + 1] - start
+    v = np.zeros(6)
+    kb[:] = 0.0
+    point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
+    see(start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen)
+    for k in range(m):
+        i = U(img[start + k])
+        j0, b0 = U(k * 2 * d), U(k * 2 * wide)
+        to = Rows(jc, j0, j0 + U(d), jb, b0, b0 + U(wide))
+        e, at = U(start + k - scene.looked.base), U(k * SEEN)
+        jacobian_rows(i, e, seen, at, scene, (low[i], high[i]), d, to)
+        for row in range(2):
+            at = k * 2 * d + row * d
+            a0, a1, a2 = -jc[at], -jc[at + 1], -jc[at + 2]
+            v[0] += a0 * a0
+            v[1] += a1 * a0
+            v[2] += a1 * a1
+            v[3] += a2 * a0
+            v[4] += a2 * a1
+            v[5] += a2 * a2
+    r = control.row[p]
+    if r >= 0:
+        v[0] += control.weight[r, 0]
+        v[2] += control.weight[r, 1]
+        v[5] += control.weight[r, 2]
+    i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v[0], v[1], v[2], v[3], v[4], v[5]))
+    n00 = i0 * i0 + i1 * i1 + i3 * i3
+    n10 = i2 * i1 + i4 * i3
+    n11 = i2 * i2 + i4 * i4
+    n20 = i5 * i3
+    n21 = i5 * i4
+    n22 = i5 * i5
+    for k in range(m):
+        i = img[start + k]
+        for row in range(2):
+            at = k * 2 * d + row * d
+            a0, a1, a2 = -jc[at], -jc[at + 1], -jc[at + 2]
+            part[k, row, 0] = n00 * a0 + n10 * a1 + n20 * a2
+            part[k, row, 1] = n10 * a0 + n11 * a1 + n21 * a2
+            part[k, row, 2] = n20 * a0 + n21 * a1 + n22 * a2
+            bt = (2 * k + row) * wide
+            for c in range(low[i], min(high[i], q)):
                 for x in range(3):
-                    kc[k, c, x] = (
-                        jc[k * 2 * d + c] * part[k, 0, x] + jc[k * 2 * d + d + c] * part[k, 1, x]
-                    )
-        if r >= 0:
-            for s in range(d_ground.shape[2]):
-                c = columns.ground[r, s]
-                if c >= 0:
-                    g0 = control.weight[r, 0] * d_ground[r, 0, s]
-                    g1 = control.weight[r, 1] * d_ground[r, 1, s]
-                    g2 = control.weight[r, 2] * d_ground[r, 2, s]
-                    kb[c, 0] += n00 * g0 + n10 * g1 + n20 * g2
-                    kb[c, 1] += n10 * g0 + n11 * g1 + n21 * g2
-                    kb[c, 2] += n20 * g0 + n21 * g1 + n22 * g2
-        return n00, n10, n11, n20, n21, n22
-
-    return gain
+                    kb[c, x] += jb[bt + c] * part[k, row, x]
+        for c in range(d):
+            for x in range(3):
+                kc[k, c, x] = (
+                    jc[k * 2 * d + c] * part[k, 0, x] + jc[k * 2 * d + d + c] * part[k, 1, x]
+                )
+    if r >= 0:
+        for s in range(d_ground.shape[2]):
+            c = columns.ground[r, s]
+            if c >= 0:
+                g0 = control.weight[r, 0] * d_ground[r, 0, s]
+                g1 = control.weight[r, 1] * d_ground[r, 1, s]
+                g2 = control.weight[r, 2] * d_ground[r, 2, s]
+                kb[c, 0] += n00 * g0 + n10 * g1 + n20 * g2
+                kb[c, 1] += n10 * g0 + n11 * g1 + n21 * g2
+                kb[c, 2] += n20 * g0 + n21 * g1 + n22 * g2
+    return n00, n10, n11, n20, n21, n22
 
 
 @compiled(nogil=True, error_model="numpy")
@@ -135,7 +129,6 @@ def make_room(longest, d, wide, q):
 
 def make_point_gains(d):
     """Gains of points for images with `d` unknowns."""
-    gain = make_gain(d)
 
     @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
     def point_gains(wanted, first, last, scene, longest, inverse, own, shared):
@@ -149,7 +142,7 @@ def make_point_gains(d):
             number = wanted[p]
             if number < 0:
                 continue
-            found = gain(p, scene, work, out)
+            found = gain(p, scene, d, work, out)
             for n in range(6):
                 inverse[number, n] = found[n]
             shared[number] = out.shared
@@ -162,7 +155,6 @@ def make_point_gains(d):
 
 def make_point_covariance(d):
     """Covariances of points for images with `d` unknowns."""
-    gain = make_gain(d)
 
     @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
     def point_covariance(first, last, scene, known, longest, out, cross):
@@ -181,7 +173,7 @@ def make_point_covariance(d):
         for p in range(first, last):
             start = observations.start[p]
             m = observations.start[p + 1] - start
-            n00, n10, n11, n20, n21, n22 = gain(p, scene, work, gained)
+            n00, n10, n11, n20, n21, n22 = gain(p, scene, d, work, gained)
             # cov(P, shared) = -(K_c' Q_cs + K_b' Q_ss)
             for x in range(3):
                 for c in range(q):

@@ -25,6 +25,7 @@ from corridor.change.motion import Settlement, Slide, Tilt, moved_ground
 from corridor.change.points import PointChanges, point_changes
 from corridor.change.report import detection_report, of_change, save
 from corridor.change.result import Change
+from corridor.change.sentence import remedies, verdict_sentence
 from corridor.change.signature import Signatures
 from corridor.change.surface import SurfaceChange, surface_change
 from corridor.change.volume import Volume, volume
@@ -59,9 +60,11 @@ __all__ = [
     "of_change",
     "point_changes",
     "read_line",
+    "remedies",
     "save",
     "surface_change",
     "tested",
+    "verdict_sentence",
     "volume",
 ]
 

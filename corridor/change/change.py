@@ -31,6 +31,7 @@ from corridor.change.stable import MOTIONS
 from corridor.change.surface import surface_change
 from corridor.change.together import joined, together_clouds
 from corridor.change.volume import volume
+from corridor.effects import find
 from corridor.errors import InputError
 
 Dated = Block | Adjustment | str | os.PathLike
@@ -151,10 +152,21 @@ class _Run:
     cores: Cores | None = None
 
     def adjusted(self, block: Block, name: str, effects: Iterable[str] = ()) -> Adjustment:
+        """The block adjusted, with some effects more and what one expects of them beforehand."""
         self.say(f"adjusting {name}")
         model = self.model or Model()
         if effects:
-            model = replace(model, effects=(*model.effects, *sorted(effects)))
+            every = [find(slug) for slug in sorted(effects)]
+            # Some can do what a free camera does: their prior keeps both in bounds.
+            known = {
+                f"{effect.slug}.{parameter.name}": (0.0, parameter.scale)
+                for effect in every
+                for parameter in effect.form(block).parameters(block)
+            }
+            slugs = [effect.slug for effect in every]
+            model = replace(
+                model, effects=(*model.effects, *slugs), priors={**known, **model.priors}
+            )
         return adjustment.adjust(block, model=model, threads=self.threads)
 
     def cores_at(self, adjusted: tuple[Adjustment, Adjustment]) -> None:
@@ -224,6 +236,7 @@ class _Run:
             shown_modelled=plain,
             visible=visible,
             table=first.table,
+            explained=first.explained,
         )
 
     def _evidence(self, compared: Compared):

@@ -34,7 +34,7 @@ class Explanation:
     effects that the measurements of each epoch show. table: epoch, effect, what the epoch says of
     it (log_evidence), share of the change that has its shape, share that its value explains,
     probability against ground motion, whether it alone could hide the change. remaining (k,): the
-    change with all of `shown` modelled.
+    change with all of `shown` modelled; explained: share of what is beyond noise that is then gone.
     """
 
     as_adjusted: Test
@@ -44,6 +44,7 @@ class Explanation:
     shown: tuple[set[str], ...]
     table: pd.DataFrame
     remaining: np.ndarray
+    explained: float = 0.0
 
     @property
     def verdict(self) -> str:
@@ -52,7 +53,8 @@ class Explanation:
             return "moved"
         if not self.as_adjusted.significant:
             return "nothing"
-        if any(self.shown) and self.visible and not self.shown_modelled.significant:
+        told = self.visible or self.explained > 0.5
+        if any(self.shown) and told and not self.shown_modelled.significant:
             return "camera"
         return "undecided"
 
@@ -75,7 +77,8 @@ def explain(
     visible = as_adjusted is not None or tested(evidence.value, covariance, level).significant
     table = _table(evidence, level, plain.significant)
     both = tuple(a | b for a, b in zip(shown, modelled, strict=True))
-    return Explanation(plain, every, some, visible, both, table, value)
+    gone = _Shares.of(evidence, plain.significant).of_values(value)
+    return Explanation(plain, every, some, visible, both, table, value, gone)
 
 
 def shown_in(signatures: Signatures) -> set[str]:
@@ -110,8 +113,7 @@ def log_evidence(signatures: Signatures, slugs) -> float:
 
 def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
     """A row an effect and epoch, the likeliest explanation first."""
-    weight = np.linalg.pinv(evidence.covariance, rcond=1e-10, hermitian=True)
-    whole = float(evidence.value @ weight @ evidence.value)
+    shares = _Shares.of(evidence, significant)
     ground = ground_motion(evidence)
     rows = []
     for n, (signatures, effect) in enumerate(
@@ -123,8 +125,7 @@ def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
             value, covariance = evidence.without(tuple(some))
             at = signatures.of([slug])
             shape = effect[:, at]
-            fitted = np.linalg.lstsq(_half(weight) @ shape, _half(weight) @ evidence.value, 1e-8)[0]
-            left = evidence.value - shape @ fitted
+            fitted = np.linalg.lstsq(shares.root @ shape, shares.root @ evidence.value, 1e-8)[0]
             likely = _log_density(value, covariance) - ground
             estimate = signatures.estimate(at)
             free = signatures.estimate(at, free=True)
@@ -134,8 +135,8 @@ def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
                     "effect": slug,
                     "place": signatures.effects[slug].place,
                     "log_evidence": log_evidence(signatures, [slug]),
-                    "shape_share": 1.0 - float(left @ weight @ left) / whole if whole else 0.0,
-                    "explained": 1.0 - float(value @ weight @ value) / whole if whole else 0.0,
+                    "shape_share": shares.of_values(evidence.value - shape @ fitted),
+                    "explained": shares.of_values(value),
                     "probability": float(1.0 / (1.0 + np.exp(-np.clip(likely, -700, 700)))),
                     "hides": significant and not tested(value, covariance, level).significant,
                     "needed": float(np.abs(fitted).max(initial=0.0)),
@@ -154,10 +155,33 @@ def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
     ).reset_index(drop=True)
 
 
-def _half(weight: np.ndarray) -> np.ndarray:
-    """A root of a symmetric matrix."""
-    value, vector = np.linalg.eigh(weight)
-    return np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T
+@dataclass(frozen=True)
+class _Shares:
+    """Shares of a change: of its weighted square, less what noise alone would have.
+
+    root: of the weights; whole: the weighted square; noise: its expectation. Of a change that is
+    not significant there is nothing to share: 0.
+    """
+
+    root: np.ndarray
+    whole: float
+    noise: float
+
+    @classmethod
+    def of(cls, evidence: Evidence, significant: bool) -> _Shares:
+        weight = np.linalg.pinv(evidence.covariance, rcond=1e-10, hermitian=True)
+        value, vector = np.linalg.eigh(weight)
+        root = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T
+        whole = float(np.sum((root @ evidence.value) ** 2))
+        kept = value > 1e-10 * value[-1] if len(value) else value
+        return cls(root, whole, float(np.sum(kept)) if significant else np.inf)
+
+    def of_values(self, left: np.ndarray) -> float:
+        """The share that is gone where these changes are left."""
+        beyond = max(self.whole - self.noise, 0.05 * self.whole)
+        if not np.isfinite(self.noise) or not beyond > 0:
+            return 0.0
+        return float(min((self.whole - np.sum((self.root @ left) ** 2)) / beyond, 1.0))
 
 
 def ground_motion(evidence: Evidence) -> float:

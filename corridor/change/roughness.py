@@ -12,10 +12,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from corridor.change.clouds import Cloud
 from corridor.change.cores import Cores
 from corridor.change.m3c2 import Members
+
+# Core points whose roughness is taken together.
+AROUND = 25
 
 
 def excess(cloud: Cloud, found: Members, cores: Cores) -> np.ndarray:
@@ -25,7 +29,10 @@ def excess(cloud: Cloud, found: Members, cores: Cores) -> np.ndarray:
     own = np.einsum("ni,nij,nj->n", normal, gains.own[number], normal)
     count = found.count
     noise = np.bincount(found.core, own, minlength=len(count)) / np.maximum(count, 1)
-    return np.maximum(found.spread**2 - cloud.epoch.sigma0**2 * noise, 0.0)
+    own = np.maximum(found.spread**2 - cloud.epoch.sigma0**2 * noise, 0.0)
+    # A handful of points does not tell how rough the ground is; the surroundings know more.
+    around = cKDTree(cores.xyz).query(cores.xyz, min(AROUND, len(own)))[1]
+    return np.maximum(own, own[around.reshape(len(own), -1)].mean(axis=1))
 
 
 def sampling(found: Members, roughness: np.ndarray) -> np.ndarray:

@@ -24,10 +24,13 @@ def perfect(seed=1, per_image=120):
 
 
 def flown(draw, motion=None, added=None, block=None):
-    """One flight over the dike, after its ground has moved, with effects of the camera."""
+    """One flight over the dike, after its ground has moved, with effects of the camera.
+
+    The control is surveyed anew each time.
+    """
     block = block or perfect()
     if motion is not None:
-        block = moved_ground(block, motion, survey=False)
+        block = moved_ground(block, motion)
     if added:
         block = effects.add(block, added)
     return add_noise(block, **asdict(NOISE), seed=draw)
