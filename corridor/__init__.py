@@ -59,7 +59,7 @@ _HOME = {
     "AdjustmentFailed": "corridor.errors",
 }
 # Commands of several functions (`corridor.thermal.fit`), and what draws.
-_ROOMS = ("change", "effects", "figures", "gnss", "readout", "thermal")
+_ROOMS = ("change", "data", "effects", "figures", "gnss", "readout", "thermal")
 # What stands behind a function above; there when asked for.
 _BEHIND = ("diagnosis", "interchange", "planning", "preparation", "simulation")
 

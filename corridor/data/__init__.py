@@ -1,0 +1,10 @@
+"""Blocks at hand: those that are shipped, and real ones from their public sources.
+
+corridor.data.table()
+corridor.data.fetch("balbianello", "out/balbianello")
+"""
+
+from corridor.data.fetch import fetch
+from corridor.data.register import DataSet, register, table
+
+__all__ = ["DataSet", "fetch", "register", "table"]
