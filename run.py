@@ -7,6 +7,7 @@ python run.py lesson             the bicycle wheel as a page for a browser; with
                                  every phone in the room
 python run.py test               style, import contract, tests and the first notebook
 python run.py test --all         the long tests and every notebook as well
+python run.py site               build the documentation into out/site
 
 The first run makes the folder .venv beside this file and installs into it the versions
 named in constraints.txt; later runs use it again, whatever Python starts them, and install
@@ -260,6 +261,9 @@ def main(arguments):
             return test(arguments[1:])
         if arguments[:1] == ["lesson"]:
             return lesson(arguments[1:])
+        if arguments == ["site"]:
+            command = [str(set_up(["docs"])), str(ROOT / "docs" / "build.py")]
+            return subprocess.run(command, env=environment()).returncode
         return adjust(arguments)
     except CannotRun as reason:
         print(f"error: {reason}", file=sys.stderr)

@@ -12,6 +12,7 @@ from corridor.figures.detection import naming_rates
 from corridor.figures.diagnosis import evidence_bars
 from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
+from corridor.figures.image_shift import image_shift
 from corridor.figures.planning import accuracy_by_control, control_map
 from corridor.figures.readout import readout_picture
 from corridor.figures.report import of_adjustment, save_adjustment
@@ -45,6 +46,7 @@ __all__ = [
     "evidence_bars",
     "first_look",
     "histograms",
+    "image_shift",
     "naming_rates",
     "of_adjustment",
     "of_change",

@@ -99,6 +99,40 @@ def wheel_spokes(
     return hub, rim, side * flange
 
 
+def wheel_parts(
+    radius: float = 0.3,
+    tyre: float = 0.035,
+    spoke_width: float = 0.002,
+    valve: bool = True,
+    **lacing,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a wheel is made of: bars (spokes, valve) and circles.
+
+    lacing: see `wheel_spokes`. Returns a row (7,) for each bar: radius (m), angle (radians) and
+    height (m) of its inner end, the same of its outer end, width (m); and the radii (4,), m, of
+    hub, rim inside, rim outside and tyre.
+    """
+    hub_angle, rim_angle, height = wheel_spokes(**lacing)
+    spokes, hub_radius = len(rim_angle), lacing.get("hub_radius", 0.022)
+    inner = radius - 0.6 * tyre
+    ends = np.empty((spokes + int(valve), 7))
+    ends[:spokes] = np.column_stack(
+        [
+            np.full(spokes, hub_radius),
+            hub_angle,
+            height,
+            np.full(spokes, inner),
+            rim_angle,
+            np.zeros(spokes),
+            np.full(spokes, spoke_width),
+        ]
+    )
+    if valve:
+        half = rim_angle[:2].mean() if spokes > 1 else 0.5
+        ends[-1] = [inner - 0.04, half, 0.0, inner, half, 0.0, 0.008]
+    return ends, np.array([hub_radius * 1.15, inner, radius, radius + tyre])
+
+
 def star(
     view: View,
     shutter: Shutter,
@@ -165,23 +199,8 @@ def wheel(
     origin, axes = view.pose()
     rays = _rays(_key(view.camera))
     u, v = (np.ascontiguousarray(a.T) if across else a for a in (rays[0], rays[1]))
-    hub_angle, rim_angle, height = wheel_spokes(spokes, crosses, hub_radius, flange)
-    inner = radius - 0.6 * tyre
-    ends = np.empty((spokes + int(valve), 7))
-    ends[:spokes] = np.column_stack(
-        [
-            np.full(spokes, hub_radius),
-            hub_angle,
-            height,
-            np.full(spokes, inner),
-            rim_angle,
-            np.zeros(spokes),
-            np.full(spokes, spoke_width),
-        ]
-    )
-    if valve:
-        half = rim_angle[:2].mean() if spokes > 1 else 0.5
-        ends[-1] = [inner - 0.04, half, 0.0, inner, half, 0.0, 0.008]
+    lacing = {"spokes": spokes, "crosses": crosses, "hub_radius": hub_radius, "flange": flange}
+    ends, circles = wheel_parts(radius, tyre, spoke_width, valve, **lacing)
     omega = 2 * math.pi * turns_per_second
     turn = omega * shutter.exposure_s
     light = _wheel(
@@ -196,7 +215,7 @@ def wheel(
         origin,
         np.ascontiguousarray(axes),
         view.camera["f"],
-        np.array([hub_radius * 1.15, inner, radius, radius + tyre]),
+        circles,
         spoke_light,
         dark,
     )

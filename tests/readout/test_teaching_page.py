@@ -10,7 +10,6 @@ import base64
 import json
 import os
 import re
-import shutil
 import socket
 import subprocess
 import sys
@@ -23,20 +22,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from browser import chromium
 from kit import classroom, lesson
 
 from corridor.errors import InputError
 
 ROOT = Path(__file__).parents[2]
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PATIENCE = 240  # s: kernels compile, and machines are busy
-
-
-def chromium():
-    """Path of a Chromium: CORRIDOR_CHROMIUM, or what the system has."""
-    named = os.environ.get("CORRIDOR_CHROMIUM")
-    found = [named] if named else [shutil.which(name) for name in BROWSERS]
-    return next((path for path in found if path and Path(path).exists()), None)
 
 
 class TestTheLessonWithoutABrowser:

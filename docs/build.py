@@ -1,0 +1,157 @@
+"""Build the site into out/site, without a network: `python run.py site`.
+
+Pages written by hand (docs/pages), chapters as they were executed, commands from the parsers,
+effects and the package from the docstrings. A warning is an error.
+"""
+
+import argparse
+import inspect
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+OUT = ROOT / "out" / "site"
+
+EVAL = """```{{eval-rst}}
+{}
+```
+"""
+CONTENTS = """# {title}
+
+```{{toctree}}
+:maxdepth: 1
+
+{entries}
+```
+"""
+
+
+def main(arguments):
+    """Assemble the pages and have Sphinx build them; the exit status. arguments: [where to]."""
+    out = Path(arguments[0]) if arguments else OUT
+    source = out.with_name(f"{out.name}-source")
+    shutil.rmtree(source, ignore_errors=True)
+    assemble(source)
+    print("== Sphinx", flush=True)
+    status = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-c", str(DOCS)]
+        + ["-D", f"html_static_path={source / '_static'}", str(source), str(out)]
+    ).returncode
+    if status == 0:
+        print(f"The site is built: open {out / 'index.html'} in a browser.")
+    return status
+
+
+def assemble(source):
+    """Everything that Sphinx reads, in one folder."""
+    sys.path.insert(0, str(ROOT))
+    import effect_pages
+    import lessons
+
+    shutil.copytree(DOCS / "pages", source)
+    shutil.copytree(DOCS / "_static", source / "_static")
+    shutil.copy(DOCS / "sources.md", source / "sources.md")
+    chapters = source / "notebooks"
+    shutil.copytree(ROOT / "notebooks" / "images", chapters / "images")
+    found = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    for path in [*found, *sorted((ROOT / "notebooks").glob("*.md"))]:
+        shutil.copy(path, chapters / path.name)
+    beside = sorted(path.stem for path in (ROOT / "notebooks").glob("*.md"))
+    write(chapters / "index.md", CONTENTS, "Chapters", [*(p.stem for p in found), *beside])
+    write_text(source / "format.md", "# " + section("What a block is"))
+    write_text(source / "own_effect.md", "# " + section("An effect of your own"))
+    print("== Commands", flush=True)
+    commands(source / "commands.md")
+    write_text(source / "api.md", api())
+    print("== Effects", flush=True)
+    slugs = effect_pages.make(source / "effects")
+    print("== Lessons", flush=True)
+    data = source / "_static"
+    measured = json.loads(lessons.MEASURED.read_text(encoding="utf-8"))
+    script(data / "wheel_data.js", WHEEL_SCENE=lessons.scene(), WHEEL_MEASURED=measured)
+    script(data / "ground_data.js", GROUND_DATA=lessons.on_the_ground())
+    named = [f"{slug.replace('_', ' ').capitalize()} <{slug}>" for slug in slugs]
+    write(source / "effects" / "index.md", CONTENTS, "Effects", [*named, "../own_effect"])
+
+
+def script(path, **values):
+    """JavaScript that defines constants."""
+    lines = (f"const {name} = {json.dumps(value)};" for name, value in values.items())
+    write_text(path, "\n".join([*lines, ""]))
+
+
+def section(title):
+    """A section of the README, with links to folders of the repository as plain words."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = text.split(f"\n## {title}\n", 1)[1].split("\n## ", 1)[0]
+    return title + "\n" + re.sub(r"\[([^]]+)\]\((data_synthetic/[^)]*)\)", r"`\2`", found)
+
+
+def commands(path):
+    """The command reference: what each verb's help prints."""
+    import corridor.cli as cli
+
+    lines = ["# Commands", "", "What `corridor VERB --help` prints, verb by verb.", ""]
+    os.environ["COLUMNS"] = "96"
+    verbs = next(
+        action
+        for action in cli._parser()._actions
+        if isinstance(action, argparse._SubParsersAction)
+    )
+    for name, parser in verbs.choices.items():
+        lines += [f"## {name}", "", "```text", parser.format_help().rstrip(), "```", ""]
+        deeper = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+        for action in deeper:
+            for below, one in action.choices.items():
+                lines += [
+                    f"### {name} {below}",
+                    "",
+                    "```text",
+                    one.format_help().rstrip(),
+                    "```",
+                    "",
+                ]
+    write_text(path, "\n".join(lines))
+
+
+def api():
+    """The package: what `corridor` offers, and each room."""
+    import corridor
+
+    offered = {name: getattr(corridor, name) for name in corridor.__all__}
+    lines = ["# Python reference", "", "## corridor", ""]
+    for name, what in offered.items():
+        if inspect.isclass(what):
+            lines.append(EVAL.format(f".. autoclass:: corridor.{name}\n   :members:"))
+        elif inspect.isfunction(what):
+            lines.append(EVAL.format(f".. autofunction:: corridor.{name}"))
+    told = list(offered)
+    for name, what in offered.items():
+        if inspect.ismodule(what):
+            # What several rooms offer stands where it is named first.
+            shown = f"\n   :members:\n   :imported-members:\n   :exclude-members: {', '.join(told)}"
+            lines += [f"## corridor.{name}", ""]
+            lines.append(EVAL.format(f".. automodule:: corridor.{name}{shown}"))
+            told += what.__all__
+    return "\n".join(lines)
+
+
+def write(path, form, title, entries):
+    """A page that lists others."""
+    write_text(path, form.format(title=title, entries="\n".join(entries)))
+
+
+def write_text(path, text):
+    """A text file, its folder made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
