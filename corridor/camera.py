@@ -27,7 +27,6 @@ from corridor.errors import InputError
 INTERIOR = ("f", "cx", "cy", "p1", "p2", "b1", "b2") + tuple(f"k{n}" for n in range(1, 9))
 FRASER8 = ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
 FRASER10 = (*FRASER8, "b1", "b2")
-UNITS = {name: "px" if name in ("f", "cx", "cy") else "1" for name in INTERIOR}
 ROW_DIRECTIONS = ("down", "up", "right", "left")
 _FIRST_RADIAL = 7
 

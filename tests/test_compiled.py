@@ -9,12 +9,13 @@ import corridor
 
 PIXEL = """
 import numpy as np
-from corridor.simulation.views import _project
+from corridor.simulation.views import _Pictures, _project
 interior = np.zeros((1, 15))
 interior[0, 0], interior[0, 7] = 1000.0, 1.0
 zero = np.zeros(1, dtype=np.int64)
 one = np.eye(3)[None]
-seen = _project(np.array([[0.5, 0.0, 1.0]]), zero, zero, np.zeros((1, 3)), one, zero, interior, 1)
+pictures = _Pictures(np.zeros((1, 3)), one, zero, interior, 1, np.zeros((1, 2)), 0.0)
+seen = _project(np.array([[0.5, 0.0, 1.0]]), zero, zero, pictures)
 print(seen[0, 0])
 """
 

@@ -27,7 +27,7 @@ from corridor.adjustment.model import (
 from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.result import Adjustment
-from corridor.adjustment.solve import one_step, solve
+from corridor.adjustment.solve import solve
 from corridor.geometry import Similarity, similarity
 
 __all__ = [
@@ -54,7 +54,6 @@ __all__ = [
     "lay_on_control",
     "listed",
     "make_problem",
-    "one_step",
     "point_gains",
     "similarity",
     "solve",

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from corridor.adjustment.covariance import Covariance
-from corridor.adjustment.datum import explain, free_network, laid_on
+from corridor.adjustment.datum import explain, free_network, helmert_onto
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Singular
@@ -145,13 +145,13 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
         datum = free_network(at(problem.start))
         normal = Normal(problem, loss, threads=run.threads)
         if datum is not None:
-            normal.pins = datum.held
+            normal.held = datum.held
         solution = solve(normal, run.max_iterations, progress=run.progress)
         del normal  # as large as the equations
         system = at(solution.state)
         if datum is not None:
             if datum.null_space.shape[1] == 7:
-                system = at(laid_on(problem, solution.state, problem.start))
+                system = at(helmert_onto(problem, solution.state, problem.start))
             datum = free_network(system)
         if datum is not None:
             system = replace(system, held=datum.held)

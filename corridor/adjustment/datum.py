@@ -53,8 +53,8 @@ def null_space(system: LinearSystem) -> tuple[np.ndarray, list[str]]:
     n = len(whole) - q
     moved = system.multiply(whole)
     scale = np.sqrt(np.maximum(reference[n:], np.finfo(float).tiny))
-    corner = system.shared_matrix / scale[:, None] / scale
-    shared = -np.linalg.lstsq(corner, moved[n:] / scale[:, None], 1e-13)[0]
+    shared_block = system.shared_matrix / scale[:, None] / scale
+    shared = -np.linalg.lstsq(shared_block, moved[n:] / scale[:, None], 1e-13)[0]
     shared /= scale[:, None]
     information = whole[:n].T @ moved[:n] + moved[n:].T @ shared
     total = whole.T @ (reference[:, None] * whole)
@@ -140,7 +140,7 @@ def explain(system: LinearSystem, singular: Singular) -> InputError:
     name = p.images.names[singular.image]
     own = singular.own
     if own is not None and own >= 6:
-        slug, number = p.own_unknowns[own - 6]
+        slug, number = p.per_image_unknowns[own - 6]
         return InputError(
             f"images.csv: {p.stack.members[slug].parameters[number].name} of effect {slug} cannot "
             f"be determined for image {name}: share the effect ({slug}@flight) or leave it out"
@@ -168,7 +168,7 @@ def typical_depth(state: State) -> float:
     return float(np.median(np.linalg.norm(state.centre - middle, axis=1)))
 
 
-def laid_on(p: Problem, state: State, start: State) -> State:
+def helmert_onto(p: Problem, state: State, start: State) -> State:
     """A free network turned, moved and scaled as a whole onto its start poses."""
     for _ in range(20):
         poses = motions(state, 6)

@@ -235,7 +235,7 @@ class LinearSystem:
         shared, of_image = list(p.unknowns), {}
         parameters = {slug: member.parameters for slug, member in p.stack.members.items()}
         varied: dict[str, list[int]] = {}
-        for slug, number in p.own_unknowns:
+        for slug, number in p.per_image_unknowns:
             varied.setdefault(slug, []).append(number)
         first = 6
         for slug, numbers in varied.items():
@@ -265,7 +265,7 @@ class LinearSystem:
         for slug, numbers in of_image.items():
             scale[numbers] = [parameter.scale for parameter in parameters[slug]]
             value[numbers] = state.effects[slug][:, varied.get(slug, slice(None))]
-        for number, held in enumerate(p.own_prior[1]):
+        for number, held in enumerate(p.per_image_prior[1]):
             weight[6 + number : m * d : d] = held
         pose = np.arange(m)[:, None] * d + np.arange(6)
         return Columns(
@@ -438,7 +438,7 @@ class LinearSystem:
             )
         normal = Normal(p, self.loss, self.threads, self.storage)
         if self.held is not None:
-            normal.pins = self.held
+            normal.held = self.held
         normal.assemble(self.state, 0.0)
         if self.information is not None:
             normal.shared_block += np.tril(self.information)
@@ -528,7 +528,7 @@ class LinearSystem:
         """The system at the state of least cost; arguments as of `solve`."""
         normal = Normal(replace(self.problem, start=self.state), self.loss, self.threads)
         if self.held is not None:
-            normal.pins = self.held
+            normal.held = self.held
         return self.at(solve(normal, max_iterations, tolerance, near=near).state)
 
     def step(self) -> State:

@@ -14,10 +14,13 @@ from corridor.camera import INTERIOR, parameters_named
 from corridor.effects import Effect, find
 from corridor.errors import InputError
 
-# Free parameters of a camera that is not calibrated, where nobody says which. An adjustment frees
-# what other programs free and published results have.
+# Free parameters of a camera that is not calibrated, where nobody says which: two sets, because two
+# questions are asked. An adjustment measures. It frees what other programs free and published
+# results have; free affinity would take up a good part of a rolling shutter along straight strips,
+# which otherwise shows in the residuals and in sigma naught.
 DEFAULT_CAMERA = "fraser8"
-# A diagnosis frees affinity as well: what the camera can take must not be told as an effect.
+# A diagnosis tests. Affinity is a candidate only where the camera is held, so beside a free camera
+# it is free as well: what a camera can take must not be told as an effect.
 REFERENCE_CAMERA = "fraser10"
 LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.CAUCHY}
 # What is not an effect: interior parameters of a camera, the antenna's place in a flight.

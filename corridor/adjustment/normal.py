@@ -13,7 +13,7 @@ from corridor.adjustment import kernels
 from corridor.adjustment.matrix import Band, Bordered, Sparse
 from corridor.adjustment.model import Loss
 from corridor.adjustment.problem import Problem, State
-from corridor.adjustment.unknowns import is_own, swap_own
+from corridor.adjustment.unknowns import is_per_image, per_image_code
 from corridor.camera import INTERIOR, radials_in_use
 from corridor.effects import ROW_REACH, Context, Images
 from corridor.geometry import rotation_from_vector
@@ -117,7 +117,7 @@ class Normal:
             p.camera_column, p.slot_column, p.ground_column, p.low, p.high, p.wide
         )
         self.assembled: View | None = None
-        self.pins = np.zeros((0, 2), dtype=np.int64)
+        self.held = np.zeros((0, 2), dtype=np.int64)
         self.pin_weight = np.zeros(0)
 
     # --- what stays the same during one evaluation -----------------------------------------
@@ -277,7 +277,7 @@ class Normal:
             predicted, *_ = self.antenna(state, view.images)
             cost += float(np.sum(p.gnss_weight * (p.gnss_given - predicted) ** 2))
         shared, own = self._from_priors(state)
-        cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.own_prior[1] * own**2))
+        cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.per_image_prior[1] * own**2))
         return 0.5 * float(cost), int(behind)
 
     def _start(self) -> Modelled:
@@ -389,10 +389,10 @@ class Normal:
         if damping:
             self.blocks.add_diagonal(damping * self.reference[:m])
             self.shared_block[np.diag_indices(q)] += damping * self.shared_reference
-        if len(self.pins):
+        if len(self.held):
             pinned = np.zeros((m, p.d))
-            pinned[self.pins[:, 0], self.pins[:, 1]] = self.reference[
-                self.pins[:, 0], self.pins[:, 1]
+            pinned[self.held[:, 0], self.held[:, 1]] = self.reference[
+                self.held[:, 0], self.held[:, 1]
             ]
             self.blocks.add_diagonal(pinned)
 
@@ -450,8 +450,8 @@ class Normal:
                 column = columns[:, k]
                 inside = column >= 0
                 shared[rows[inside], :, column[inside]] += source[inside, :, k]
-                mine = is_own(column)
-                own[rows[mine], :, swap_own(column[mine])] += source[mine, :, k]
+                mine = is_per_image(column)
+                own[rows[mine], :, per_image_code(column[mine])] += source[mine, :, k]
         return predicted, own, shared
 
     def _add_gnss(self, state: State, images) -> float:
@@ -479,8 +479,8 @@ class Normal:
     def _from_priors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Prior minus value of the shared unknowns (q,) and of every image's own (m, k)."""
         p = self.problem
-        own = [state.effects[slug][:, number] for slug, number in p.own_unknowns]
-        away = p.own_prior[0] - np.stack(own, axis=1) if own else np.zeros((p.image_count, 0))
+        own = [state.effects[slug][:, number] for slug, number in p.per_image_unknowns]
+        away = p.per_image_prior[0] - np.stack(own, axis=1) if own else np.zeros((p.image_count, 0))
         return p.prior_value - shared_values(p, state), away
 
     def _add_priors(self, state: State) -> float:
@@ -489,7 +489,7 @@ class Normal:
         self.shared_block[np.diag_indices(p.shared_count)] += p.prior_weight
         self.shared_reference += p.prior_weight
         self.shared_gradient += p.prior_weight * shared
-        weight = p.own_prior[1]
+        weight = p.per_image_prior[1]
         if weight.any():
             diagonal = np.zeros((p.image_count, p.d))
             diagonal[:, 6:] = weight
@@ -545,8 +545,8 @@ class Normal:
         p = self.problem
         camera = np.where(p.camera_column >= 0, shared[np.maximum(p.camera_column, 0)], 0.0)
         slots = np.where(p.slot_column >= 0, shared[np.maximum(p.slot_column, 0)], 0.0)
-        image, slot = np.nonzero(is_own(p.slot_column))
-        slots[image, slot] = step[image, swap_own(p.slot_column[image, slot])]
+        image, slot = np.nonzero(is_per_image(p.slot_column))
+        slots[image, slot] = step[image, per_image_code(p.slot_column[image, slot])]
         first = view.d_interior.shape[2]
         last = slots.shape[1] - view.d_motion.shape[1]
         return kernels.Step(
@@ -600,7 +600,7 @@ def moved_state(
     for unknown, change in zip(p.unknowns, shared.tolist(), strict=True):
         table = {"camera": interior, "lever_arm": arms}.get(unknown.kind)
         (effects[unknown.owner] if table is None else table)[unknown.at] += change
-    for number, (slug, parameter) in enumerate(p.own_unknowns):
+    for number, (slug, parameter) in enumerate(p.per_image_unknowns):
         effects[slug][:, parameter] += step[:, 6 + number]
     turn = rotation_from_vector(step[:, 3:6])
     return State(state.centre + step[:, :3], turn @ state.rotation, points, interior, effects, arms)

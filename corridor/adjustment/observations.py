@@ -75,13 +75,13 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
     xyz = np.concatenate([block.positions("tie_points"), block.positions("marks")])
     skip = np.zeros(count, dtype=bool)
     skip[len(tie_names) :] = [name in unused for name in mark_names]
-    rays = np.bincount(point, minlength=count)
-    _check_rays(block, rays, control, tie_names, mark_names, skip)
+    multiplicity = np.bincount(point, minlength=count)
+    _check_multiplicity(block, multiplicity, control, tie_names, mark_names, skip)
     keep = None
     if skip.any():
         keep = np.flatnonzero(~skip[point])
         point, image = point[keep], image[keep]
-        rays[skip] = 0
+        multiplicity[skip] = 0
     _check_images(block, image, images)
 
     order = corridor_order(point, image, xyz, images)
@@ -105,9 +105,9 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
     img = at[sort]
     row = sort.astype(np.int32) if keep is None else keep[sort].astype(np.int32)
     del at, sort, keep
-    used = rays[by_first] > 0
+    used = multiplicity[by_first] > 0
     codes = by_first[used]
-    ptr = np.concatenate([[0], np.cumsum(rays[codes])])
+    ptr = np.concatenate([[0], np.cumsum(multiplicity[codes])])
     xy = np.empty((len(row), 2))
     for k, axis in enumerate("xy"):
         xy[:, k] = _joined(tie[axis].to_numpy(float), mark[axis].to_numpy(float))[row]
@@ -171,9 +171,9 @@ def _joined(ties: np.ndarray, marks: np.ndarray) -> np.ndarray:
     return np.concatenate([ties, marks]) if len(marks) else ties
 
 
-def _check_rays(block, rays, control, tie_names, mark_names, skip) -> None:
+def _check_multiplicity(block, multiplicity, control, tie_names, mark_names, skip) -> None:
     """Refuse points that one image alone shows, unless their coordinates are given."""
-    single = (rays == 1) & ~skip
+    single = (multiplicity == 1) & ~skip
     for table, names, offset in (
         ("tie_points", tie_names, 0),
         ("marks", mark_names, len(tie_names)),

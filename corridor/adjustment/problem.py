@@ -22,7 +22,7 @@ from corridor.adjustment.unknowns import (
     State,
     Unknowns,
     Wanted,
-    own_names,
+    per_image_names,
     priors_of,
     refuse_twice,
     started,
@@ -74,7 +74,7 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
             + 3 * len(self.control_rows)
             + 3 * len(self.gnss_image)
             + int(np.count_nonzero(self.prior_weight))
-            + self.image_count * int(np.count_nonzero(self.own_prior[1]))
+            + self.image_count * int(np.count_nonzero(self.per_image_prior[1]))
         )
 
     @property
@@ -93,12 +93,12 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
         self,
         state: State,
         shared_sigma: np.ndarray | None = None,
-        own_sigma: np.ndarray | None = None,
+        per_image_sigma: np.ndarray | None = None,
     ) -> Values:
         """Values of the effects at a state, of the groups that are estimated.
 
-        shared_sigma: of the `unknowns`. own_sigma: (images, own unknowns). What is held has the
-        standard deviation 0.
+        shared_sigma: of the `unknowns`. per_image_sigma: (images, unknowns of each). What is held
+        has the standard deviation 0.
         """
         out = []
         held = self.model.held
@@ -112,12 +112,12 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
                     which = ParameterId(EFFECT, slug, parameter.name, group)
                     if any(other.means(which) for other in held):
                         value[g, k], sigma[g, k] = state.effects[slug][g, k], 0.0
-            for n, (other, k) in enumerate(self.own_unknowns):
+            for n, (other, k) in enumerate(self.per_image_unknowns):
                 if other == slug:
                     value[:, k] = state.effects[slug][:, k]
                     value[self.idle[self.idle[:, 1] == 6 + n, 0], k] = np.nan
-                    if own_sigma is not None:
-                        sigma[:, k] = own_sigma[:, n]
+                    if per_image_sigma is not None:
+                        sigma[:, k] = per_image_sigma[:, n]
             for n, unknown in enumerate(self.unknowns):
                 if (unknown.kind, unknown.owner) == ("effect", slug):
                     value[unknown.at] = state.effects[slug][unknown.at]
@@ -151,7 +151,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     free, settings = model.free(block), model.settings
     wanted = Wanted(free, arms_free, gnss.gnss_image, len(control.control_rows), model.held)
     unknowns = unknowns_of(images, stack, wanted)
-    own = own_names(stack, unknowns.own_unknowns)
+    own = per_image_names(stack, unknowns.per_image_unknowns)
     priors = priors_of(unknowns.unknowns, own, settings)
     refuse_twice(stack, free, unknowns.unknowns, own, priors)
     state = State(
@@ -186,8 +186,8 @@ def _idle(stack: Stack, unknowns: Unknowns, gnss: Gnss, priors: Priors, count: i
     silent = np.setdiff1d(np.arange(count), gnss.gnss_image)
     idle = [
         (image, 6 + n)
-        for n, (slug, _) in enumerate(unknowns.own_unknowns)
-        if stack.members[slug].effect.place == "antenna" and not priors.own_prior[1, n]
+        for n, (slug, _) in enumerate(unknowns.per_image_unknowns)
+        if stack.members[slug].effect.place == "antenna" and not priors.per_image_prior[1, n]
         for image in silent
     ]
     return np.array(idle, dtype=np.int64).reshape(-1, 2)
@@ -209,17 +209,17 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     unknowns = unknowns_of(p.images, stack, wanted)
     given = zip(p.unknowns, p.prior_value, p.prior_weight, strict=True)
     priors = {(u.kind, u.owner, u.label): prior for u, *prior in given}
-    own = unknowns.own_unknowns
-    of_images = dict(zip(p.own_unknowns, p.own_prior.T, strict=True))
+    own = unknowns.per_image_unknowns
+    of_images = dict(zip(p.per_image_unknowns, p.per_image_prior.T, strict=True))
     number = {key: 6 + n for n, key in enumerate(own)}
-    idle = [(image, p.own_unknowns[n - 6]) for image, n in p.idle]
+    idle = [(image, p.per_image_unknowns[n - 6]) for image, n in p.idle]
     idle = [(image, number[key]) for image, key in idle if key[0] not in slugs]
     nothing = (0.0, 0.0)
     shared_priors = [
         nothing if u.kind == "effect" and u.owner in slugs else priors[u.kind, u.owner, u.label]
         for u in unknowns.unknowns
     ]
-    own_priors = [nothing if key[0] in slugs else of_images[key] for key in own]
+    per_image_priors = [nothing if key[0] in slugs else of_images[key] for key in own]
     value, weight = np.array(shared_priors, float).reshape(-1, 2).T
     return replace(
         p,
@@ -227,7 +227,7 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
         stack=stack,
         prior_value=value,
         prior_weight=weight,
-        own_prior=np.array(own_priors, float).reshape(-1, 2).T,
+        per_image_prior=np.array(per_image_priors, float).reshape(-1, 2).T,
         idle=np.array(idle, dtype=np.int64).reshape(-1, 2),
         start=replace(p.start, effects=stack.start()),
     )

@@ -209,8 +209,8 @@ class Adjustment(Checked):
         """Values of the effects that were estimated, with groups, standard deviations and units."""
         own = range(6, self.problem.d)
         each = self.covariance.each_pose[:, own, own] if len(own) else None
-        own_sigma = None if each is None else self.sigma0 * np.sqrt(each)
-        return self.problem.values(self.state, self._shared_sigma, own_sigma)
+        per_image_sigma = None if each is None else self.sigma0 * np.sqrt(each)
+        return self.problem.values(self.state, self._shared_sigma, per_image_sigma)
 
     @cached_property
     def parameters(self) -> Parameters:

@@ -76,18 +76,6 @@ def solve(
         return _solve(normal, first.state, max_iterations, 20 * tolerance, progress, first.history)
 
 
-def one_step(normal: Normal) -> State:
-    """The state one step of Gauss and Newton, without damping, from the problem's start.
-
-    Exact where the measurements miss the start by what is linear. Raises Singular.
-    """
-    start = normal.problem.start
-    normal.assemble(start, 0.0)
-    step, shared, *_ = _step(normal.factor(), normal)
-    points, *_ = normal.substitute(start, 0.0, step, shared)
-    return moved_state(normal.problem, start, step, shared, points)
-
-
 @cache
 def _pools() -> ThreadpoolController:
     # Looking for the libraries takes longer than an iteration of a small block: once will do.

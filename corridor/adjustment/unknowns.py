@@ -43,12 +43,12 @@ class State:
     arms: np.ndarray
 
 
-def is_own(column: np.ndarray) -> np.ndarray:
+def is_per_image(column: np.ndarray) -> np.ndarray:
     """Where the code of a column stands for an unknown that an image has for itself."""
     return column <= -2
 
 
-def swap_own(number):
+def per_image_code(number):
     """Code of a column from the number (6..) of an image's own unknown, and that from the code."""
     return 4 - number
 
@@ -57,15 +57,15 @@ def swap_own(number):
 class Unknowns:
     """What images share, what each image has beside its pose, and the columns of both.
 
-    own_unknowns: (slug, parameter) of the unknowns 6.. of an image, which are d in all. Columns of
-    an image (m, ...): >= 0 shared, -1 none, `is_own` its own; camera_column by interior parameter,
-    slot_column by parameter of effects on camera, image and motion, antenna_column of effects on
-    the antenna, arm_column (m, 3); ground_column (c, ...) of a control point. low, high
-    (m,): whole panels that an image touches.
+    per_image_unknowns: (slug, parameter) of the unknowns 6.. of an image, which are d in all.
+    Columns of an image (m, ...): >= 0 shared, -1 none, `is_per_image` its own; camera_column by
+    interior parameter, slot_column by parameter of effects on camera, image and motion,
+    antenna_column of effects on the antenna, arm_column (m, 3); ground_column (c, ...) of a
+    control point. low, high (m,): whole panels that an image touches.
     """
 
     unknowns: list[Unknown]
-    own_unknowns: list[tuple[str, int]]
+    per_image_unknowns: list[tuple[str, int]]
     d: int
     camera_column: np.ndarray
     slot_column: np.ndarray
@@ -80,12 +80,12 @@ class Unknowns:
 class Priors:
     """Prior value and weight (0: none) of the shared unknowns, and of those of every image.
 
-    own_prior (2, own unknowns): value and weight, the same for every image.
+    per_image_prior (2, own unknowns): value and weight, the same for every image.
     """
 
     prior_value: np.ndarray
     prior_weight: np.ndarray
-    own_prior: np.ndarray
+    per_image_prior: np.ndarray
 
 
 @dataclass
@@ -135,7 +135,7 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
     low = np.where(touched >= 0, touched, np.iinfo(np.int64).max).min(axis=1)
     return Unknowns(
         unknowns=shared,
-        own_unknowns=own,
+        per_image_unknowns=own,
         d=6 + len(own),
         camera_column=camera_column,
         slot_column=slot_column,
@@ -181,7 +181,7 @@ def _effect_columns(
         for number, parameter in enumerate(member.parameters):
             if kind == "image":
                 held = wanted.holds(ParameterId(EFFECT, slug, parameter.name))
-                out.append(np.full(len(here), -1 if held else swap_own(6 + len(own))))
+                out.append(np.full(len(here), -1 if held else per_image_code(6 + len(own))))
                 own += [] if held else [(slug, number)]
                 continue
             column = np.full(len(group_names(images, kind)), -1)
@@ -215,7 +215,7 @@ def _stacked(parts: list[np.ndarray], rows: int) -> np.ndarray:
     return np.stack(parts, 1).astype(np.int64) if parts else np.zeros((rows, 0), np.int64)
 
 
-def own_names(stack: Stack, own: list[tuple[str, int]]) -> list[ParameterId]:
+def per_image_names(stack: Stack, own: list[tuple[str, int]]) -> list[ParameterId]:
     """Names of the unknowns that each image has beside its pose."""
     return [
         ParameterId(EFFECT, slug, stack.members[slug].parameters[number].name)
@@ -261,7 +261,8 @@ def refuse_twice(
         doubled = [pair for pair in estimated if pair[1] in member.effect.stands_in_for]
         shared = [n for n, u in enumerate(unknowns) if (u.kind, u.owner) == ("effect", slug)]
         mine = [n for n, which in enumerate(own) if which.owner == slug]
-        if doubled and not (priors.prior_weight[shared].all() and priors.own_prior[1, mine].all()):
+        held = priors.prior_weight[shared].all() and priors.per_image_prior[1, mine].all()
+        if doubled and not held:
             camera, _ = min(doubled)
             names = ", ".join(n for n in free[camera] if n in member.effect.stands_in_for)
             raise InputError(

@@ -5,15 +5,20 @@ point near the middle of the block. The Earth's curvature and the scale of a map
 then no error, because nothing is flattened.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyproj
-from pyproj.exceptions import CRSError, ProjError
 
 from corridor.errors import InputError
 from corridor.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track
+
+# PROJ is loaded at first use: most blocks are in local metres.
+if TYPE_CHECKING:
+    import pyproj
 
 _SIGMAS = (("sx", "sy", "sz"), ("svx", "svy", "svz"))
 
@@ -41,7 +46,7 @@ class Local:
             )
 
     @classmethod
-    def about(cls, track: Track, height: float = 0.0) -> "Local":
+    def about(cls, track: Track, height: float = 0.0) -> Local:
         """The frame about the middle of a track, on round numbers (0.0001 degrees, about 10 m).
 
         height: 0 keeps z close to the height above the ellipsoid.
@@ -147,6 +152,8 @@ def convert(points: np.ndarray, source: str, target: str) -> np.ndarray:
     points = np.asarray(points, dtype=float).reshape(-1, 3)
     if source == target:
         return points.copy()
+    from pyproj.exceptions import ProjError
+
     transformer = _between(source, target)
     try:
         return _columns(transformer, points)
@@ -216,6 +223,8 @@ def grid_cost(
     scale, and only the focal length can make up for it.
     Raises InputError for a CRS that is not projected.
     """
+    import pyproj
+
     projected = _crs(crs)
     if not projected.is_projected:
         raise InputError(f"{crs} is not a projected CRS; name a grid, as EPSG:2154")
@@ -281,6 +290,8 @@ def _columns(transformer, points, direction="FORWARD") -> np.ndarray:
 
 @lru_cache(maxsize=32)
 def _topocentric(lat_deg: float, lon_deg: float, height: float) -> pyproj.Transformer:
+    import pyproj
+
     return pyproj.Transformer.from_pipeline(
         "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
         "+step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84 "
@@ -290,14 +301,18 @@ def _topocentric(lat_deg: float, lon_deg: float, height: float) -> pyproj.Transf
 
 @lru_cache(maxsize=32)
 def _crs(name: str) -> pyproj.CRS:
+    import pyproj
+
     try:
         return pyproj.CRS.from_user_input(name)
-    except CRSError:
+    except pyproj.exceptions.CRSError:
         raise InputError(f"crs {name!r} is not known; give a code, as EPSG:32647") from None
 
 
 @lru_cache(maxsize=32)
 def _between(source: str, target: str) -> pyproj.Transformer:
+    import pyproj
+
     # Without these two a height system whose geoid is missing would pass silently unconverted.
     return pyproj.Transformer.from_crs(
         _crs(source), _crs(target), always_xy=True, allow_ballpark=False, only_best=True

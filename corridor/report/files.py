@@ -10,6 +10,7 @@ import io
 import json
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -151,11 +152,12 @@ def write_picture(figure, path: Path) -> bytes:
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Who else replaces something in a folder waits; not where the system has no such lock."""
+    """Who else replaces something in a folder waits."""
     try:
         import fcntl
     except ImportError:
-        yield
+        with _holding(folder / ".corridor.lock"):
+            yield
         return
     lock = os.open(folder, os.O_RDONLY)
     try:
@@ -164,6 +166,31 @@ def _alone_in(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(lock)
+
+
+@contextmanager
+def _holding(path: Path) -> Iterator[None]:
+    """The lock of a system whose folders cannot be locked (Windows): a file that is there.
+
+    Only one can create it, and the system removes it once it is closed, also when its process
+    dies. Who has waited for half a minute goes on without it.
+    """
+    removed = getattr(os, "O_TEMPORARY", 0)
+    until, lock = time.monotonic() + 30.0, None
+    while lock is None and time.monotonic() < until:
+        try:
+            lock = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR | removed)
+        except (FileExistsError, PermissionError):  # it is there, or on its way out
+            time.sleep(0.01)
+        except OSError:
+            break
+    try:
+        yield
+    finally:
+        if lock is not None:
+            os.close(lock)
+            if not removed:
+                path.unlink(missing_ok=True)
 
 
 def _remove_empty(folders: list[Path]) -> None:

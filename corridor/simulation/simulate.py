@@ -22,10 +22,10 @@ from corridor.geometry import (
     rotation_from_vector,
 )
 from corridor.report import whole_file
-from corridor.simulation.fly import bank_of, check_plan, fly, ground_width
+from corridor.simulation.fly import Flown, bank_of, check_plan, fly, ground_width
 from corridor.simulation.ground_points import evenly, surveyed
 from corridor.simulation.noise import add_noise
-from corridor.simulation.plan import Noise, Plan, Start, build, read_plan
+from corridor.simulation.plan import Ground, Noise, Plan, Start, build, read_plan
 from corridor.simulation.terrain import Dike
 from corridor.simulation.views import Network, Views, thin
 
@@ -38,7 +38,9 @@ _POSE = ("qw", "qx", "qy", "qz")
 class Simulated(Block):
     """A block that nobody flew. `truth`: a mapping of everything that is true of it.
 
-    Copies and selections are plain blocks: what is changed in them the truth does not know.
+    It is a block, not a pair of block and truth: everything that takes a block takes it, and
+    nothing but a comparison with the truth asks which it is. Copies and selections are plain
+    blocks: what is changed in them the truth does not know.
     """
 
     truth: dict = field(default_factory=dict, repr=False)
@@ -123,68 +125,38 @@ def perfect_block(
             f"{_MOST_OBSERVATIONS:.0e} observations: lower per_image or fly less"
         )
     draw = [np.random.default_rng(child) for child in np.random.SeedSequence([seed, 3]).spawn(4)]
-    axis = plan.axis
     flown = fly(plan, seed)
     network = Network(flown, low, high, plan.tie_points.border_px)
 
-    def surface(station, across):
-        return np.column_stack([axis.place(station, across), ground.height(station, across)])
+    def on_the_ground(station, across):
+        return np.column_stack([plan.axis.place(station, across), ground.height(station, across)])
 
-    # --- tie points: drawn evenly over all that pictures show, then thinned
-    position, tangent = axis.at(flown.station)
-    away = network.footprints - position[:, None]
-    right = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-    along = flown.station[:, None] + np.einsum("mnk,mk->mn", away, tangent)
-    aside = np.einsum("mnk,mk->mn", away, right)
-    box = np.array([[along.min(), along.max()], [aside.min(), aside.max()]])
-    width = np.array([np.prod(ground_width(plan.camera(f), f.long_side)) for f in plan.flights])
-    smallest = float(np.min(width * [f.heights.min() ** 2 for f in plan.flights]))
-    # Images at the rim share less ground with others and need their points more densely.
-    candidates = int(np.prod(np.ptp(box, axis=1)) * per_image / smallest * 2) + 100
-    if candidates > _MOST_OBSERVATIONS:
-        raise InputError(
-            f"{candidates:.0e} points are needed to give the lowest pictures {per_image} each: "
-            "lower per_image, or plan flights of such different heights apart"
-        )
-    station, across = draw[0].uniform(box[:, 0], box[:, 1], (candidates, 2)).T
-    points = surface(station, across)
-    views = network.look(points, lambda share: say("looking what pictures show", share))
-    kept = thin(views, images, per_image, draw[1])
-    if not len(kept):
-        raise InputError("no point is seen twice: raise forward or side overlap")
-    # Numbered as they appear in the flight, as a matcher does.
-    kept = kept[np.argsort(views.image[views.start[kept]], kind="stable")]
-    views, points = views.of(kept), points[kept]
-    station, across = station[kept], across[kept]
+    def look(station, across, progress=None):
+        place = on_the_ground(station, across)
+        return _Points(station, across, place, network.look(place, progress))
 
-    # --- surveyed points
-    bank = bank_of(plan)
+    seen = look(
+        *_candidates(plan, flown, network, draw[0]),
+        lambda share: say("looking what pictures show", share),
+    ).of_a_matcher(images, per_image, draw[1])
     begin, end = float(flown.station.min()), float(flown.station.max())
-    *where, role = surveyed(plan.ground, begin, end, bank, draw[2])
-    marked = surface(*where)
-    mark_views = network.look(marked)
-
-    picked = np.empty(0, dtype=np.int64)
-    if plan.ground.check_from_ties:
-        fit = (views.rays >= 3) & (station >= begin) & (station <= end)
-        if plan.ground.within_m is not None:
-            fit &= np.abs(across) <= plan.ground.within_m
-        fit = np.flatnonzero(fit)
-        picked = fit[evenly(station[fit], across[fit], plan.ground.check_from_ties, draw[3])]
-    tied = np.setdiff1d(np.arange(len(points)), picked)
+    *where, role = surveyed(plan.ground, begin, end, bank_of(plan), draw[2])
+    marked = look(*where)
+    picked = _check_points(plan.ground, seen, begin, end, draw[3])
+    ties, checks = seen.of(np.setdiff1d(np.arange(len(seen.place)), picked)), seen.of(picked)
 
     say("writing tables", 0.0)
     image_name = pd.Index(flown.table["image"], dtype="str")
-    tie_names = _names("T", len(tied))
-    mark_names = _names("G", len(marked), 2) + _names("C", len(picked))
-    all_marked = np.concatenate([marked, points[picked]])
-    all_marks = _together(mark_views, views.of(picked))
+    tie_names = _names("T", len(ties.place))
+    mark_names = _names("G", len(marked.place), 2) + _names("C", len(picked))
+    all_marked = np.concatenate([marked.place, checks.place])
+    all_marks = _together(marked.views, checks.views)
     block = Block(
         name=plan.name,
         cameras={camera.name: camera for camera in flown.cameras},
         images=flown.table,
-        tie_points=_observed(tie_names, image_name, points[tied], views.of(tied), network),
-        points=pd.DataFrame({"point": tie_names, **_xyz(points[tied])}),
+        tie_points=_observed(tie_names, image_name, ties.place, ties.views, network),
+        points=pd.DataFrame({"point": tie_names, **_xyz(ties.place)}),
         marks=_observed(mark_names, image_name, all_marked, all_marks, network),
         ground=pd.DataFrame(
             {
@@ -202,6 +174,64 @@ def perfect_block(
     )
     say("writing tables", 1.0)
     return block
+
+
+@dataclass
+class _Points:
+    """Points of the ground and who sees them: station, across (n,), place (n, 3), metres."""
+
+    station: np.ndarray
+    across: np.ndarray
+    place: np.ndarray
+    views: Views
+
+    def of(self, rows: np.ndarray) -> _Points:
+        """Some of the points, in the order given."""
+        return _Points(self.station[rows], self.across[rows], self.place[rows], self.views.of(rows))
+
+    def of_a_matcher(self, images: int, per_image: int, draw: np.random.Generator) -> _Points:
+        """As many as give an image `per_image`, numbered as they appear in the flight."""
+        kept = thin(self.views, images, per_image, draw)
+        if not len(kept):
+            raise InputError("no point is seen twice: raise forward or side overlap")
+        first = self.views.image[self.views.start[kept]]
+        return self.of(kept[np.argsort(first, kind="stable")])
+
+
+def _candidates(
+    plan: Plan, flown: Flown, network: Network, draw: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Station and distance from the axis of points drawn evenly over all that pictures show."""
+    position, tangent = plan.axis.at(flown.station)
+    away = network.footprints - position[:, None]
+    right = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    along = flown.station[:, None] + np.einsum("mnk,mk->mn", away, tangent)
+    aside = np.einsum("mnk,mk->mn", away, right)
+    box = np.array([[along.min(), along.max()], [aside.min(), aside.max()]])
+    width = np.array([np.prod(ground_width(plan.camera(f), f.long_side)) for f in plan.flights])
+    smallest = float(np.min(width * [f.heights.min() ** 2 for f in plan.flights]))
+    per_image = plan.tie_points.per_image
+    # Images at the rim share less ground with others and need their points more densely.
+    count = int(np.prod(np.ptp(box, axis=1)) * per_image / smallest * 2) + 100
+    if count > _MOST_OBSERVATIONS:
+        raise InputError(
+            f"{count:.0e} points are needed to give the lowest pictures {per_image} each: "
+            "lower per_image, or plan flights of such different heights apart"
+        )
+    return tuple(draw.uniform(box[:, 0], box[:, 1], (count, 2)).T)
+
+
+def _check_points(
+    ground: Ground, seen: _Points, begin: float, end: float, draw: np.random.Generator
+) -> np.ndarray:
+    """Rows of the tie points that serve as check points, evenly over the part that is flown."""
+    if not ground.check_from_ties:
+        return np.empty(0, dtype=np.int64)
+    fit = (seen.views.multiplicity >= 3) & (seen.station >= begin) & (seen.station <= end)
+    if ground.within_m is not None:
+        fit &= np.abs(seen.across) <= ground.within_m
+    fit = np.flatnonzero(fit)
+    return fit[evenly(seen.station[fit], seen.across[fit], ground.check_from_ties, draw)]
 
 
 def _settings(given, plans, kind):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,21 +24,48 @@ class Views:
     image: np.ndarray
 
     @property
-    def rays(self) -> np.ndarray:
-        """Images that see each point (p,)."""
+    def multiplicity(self) -> np.ndarray:
+        """How many images see each point (p,)."""
         return np.diff(self.start)
 
     @property
     def point(self) -> np.ndarray:
         """The point of each ray."""
-        return np.repeat(np.arange(len(self.start) - 1, dtype=np.int32), self.rays)
+        return np.repeat(np.arange(len(self.start) - 1, dtype=np.int32), self.multiplicity)
 
     def of(self, points: np.ndarray) -> Views:
         """The rays of some of the points, in the order given."""
-        rays = self.rays[points]
-        start = np.concatenate([[0], np.cumsum(rays)])
-        step = np.arange(start[-1]) - np.repeat(start[:-1], rays)
-        return Views(start, self.image[np.repeat(self.start[points], rays) + step])
+        count = self.multiplicity[points]
+        start = np.concatenate([[0], np.cumsum(count)])
+        step = np.arange(start[-1]) - np.repeat(start[:-1], count)
+        return Views(start, self.image[np.repeat(self.start[points], count) + step])
+
+
+class _Grid(NamedTuple):
+    """Which footprints may cover a place; cells of one size, column by column.
+
+    box (n, 4): bounds of each footprint, x and y, least and greatest. image[start[c]:start[c + 1]]
+    are the images whose box touches cell c, ascending.
+    """
+
+    box: np.ndarray
+    origin: np.ndarray
+    size: float
+    cells: np.ndarray
+    start: np.ndarray
+    image: np.ndarray
+
+
+class _Pictures(NamedTuple):
+    """Poses of the images, and their cameras; limit (k, 2), border: where a picture sees, px."""
+
+    centre: np.ndarray
+    rotation: np.ndarray
+    camera: np.ndarray
+    interior: np.ndarray
+    radials: int
+    limit: np.ndarray
+    border: float
 
 
 class Network:
@@ -54,19 +82,16 @@ class Network:
         slack = 0.5 + 0.02 * (box[:, 2:] - box[:, :2])
         box[:, :2] -= slack
         box[:, 2:] += slack
-        self.origin = box[:, :2].min(axis=0)
-        size = float(np.median(box[:, 2:] - box[:, :2])) / 2
-        span = box[:, 2:].max(axis=0) - self.origin
-        size = max(size, float(span.max()) / 3000)
-        self.size = size
-        self.cells = np.floor(span / size).astype(np.int64) + 1
-        self.cell_start, self.cell_image = _fill(box, self.origin, size, self.cells)
+        origin = box[:, :2].min(axis=0)
+        span = box[:, 2:].max(axis=0) - origin
+        size = max(float(np.median(box[:, 2:] - box[:, :2])) / 2, float(span.max()) / 3000)
+        cells = np.floor(span / size).astype(np.int64) + 1
+        self._grid = _Grid(box, origin, size, cells, *_fill(box, origin, size, cells))
         interior = np.array([c.interior for c in flown.cameras])
         limit = [(c.width - 1 - border_px, c.height - 1 - border_px) for c in flown.cameras]
-        self._kernel = (
-            box, self.origin, size, self.cells, self.cell_start, self.cell_image,
-            flown.centre, flown.rotation, flown.camera, interior,
-            int(radials_in_use(interior)), np.array(limit, dtype=float), float(border_px),
+        self._pictures = _Pictures(
+            flown.centre, flown.rotation, flown.camera, interior, int(radials_in_use(interior)),
+            np.array(limit, dtype=float), float(border_px),
         )  # fmt: skip
 
     def look(self, points: np.ndarray, progress: Callable[[float], None] | None = None) -> Views:
@@ -75,22 +100,22 @@ class Network:
         parts = []
         for first in range(0, max(count, 1), _CHUNK):
             some = points[first : first + _CHUNK]
-            rays = np.zeros(len(some), dtype=np.int64)
-            _visit(some, rays, rays, np.empty(0, dtype=np.int32), False, *self._kernel)
-            start = np.concatenate([[0], np.cumsum(rays)])
+            seen = np.zeros(len(some), dtype=np.int64)
+            _visit(some, seen, seen, np.empty(0, dtype=np.int32), False, self._grid, self._pictures)
+            start = np.concatenate([[0], np.cumsum(seen)])
             image = np.empty(start[-1], dtype=np.int32)
-            _visit(some, rays, start, image, True, *self._kernel)
-            parts.append((rays, image))
+            _visit(some, seen, start, image, True, self._grid, self._pictures)
+            parts.append((seen, image))
             if progress:
                 progress(min(1.0, (first + _CHUNK) / max(count, 1)))
-        rays = np.concatenate([part[0] for part in parts])
+        seen = np.concatenate([part[0] for part in parts])
         return Views(
-            np.concatenate([[0], np.cumsum(rays)]), np.concatenate([part[1] for part in parts])
+            np.concatenate([[0], np.cumsum(seen)]), np.concatenate([part[1] for part in parts])
         )
 
     def pixels(self, points: np.ndarray, views: Views) -> np.ndarray:
         """Image coordinates (rays, 2) px of points (n, 3) without any error."""
-        return _project(points, views.point, views.image, *self._kernel[6:11])
+        return _project(points, views.point, views.image, self._pictures)
 
 
 def thin(views: Views, images: int, target: float, draw: np.random.Generator) -> np.ndarray:
@@ -99,10 +124,10 @@ def thin(views: Views, images: int, target: float, draw: np.random.Generator) ->
     Points seen once are dropped. A point is kept as a whole as long as the images that see it
     still want more, taken together.
     """
-    turn = draw.permutation(len(views.rays))
+    turn = draw.permutation(len(views.start) - 1)
     keep = _thin(views.start, views.image, turn, images, float(target))
     # The last point of an image overshoots; a second pass meets the number on average.
-    mean = views.rays[keep].sum() / images
+    mean = views.multiplicity[keep].sum() / images
     if mean > target:
         keep = _thin(views.start, views.image, turn, images, target * target / mean)
     return np.flatnonzero(keep)
@@ -160,49 +185,49 @@ def _fill(box, origin, size, cells):
     return start, image
 
 
+@compiled(error_model="numpy")
+def _seen(point, i, pictures):
+    """Where image i sees a point, px; then the four derivatives by u and v, and the depth."""
+    r, c = pictures.rotation[i], pictures.camera[i]
+    d0 = point[0] - pictures.centre[i, 0]
+    d1 = point[1] - pictures.centre[i, 1]
+    d2 = point[2] - pictures.centre[i, 2]
+    depth = r[2, 0] * d0 + r[2, 1] * d1 + r[2, 2] * d2
+    u = (r[0, 0] * d0 + r[0, 1] * d1 + r[0, 2] * d2) / depth
+    v = (r[1, 0] * d0 + r[1, 1] * d1 + r[1, 2] * d2) / depth
+    bent = distort(u, v, pictures.interior, np.uint64(c), pictures.radials)
+    return *bent, depth
+
+
 @compiled()
-def _inside(point, centre, rotation, c, radials, limit, border):
-    d0, d1, d2 = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
-    depth = rotation[2, 0] * d0 + rotation[2, 1] * d1 + rotation[2, 2] * d2
-    if depth <= 0.0:
-        return False
-    u = (rotation[0, 0] * d0 + rotation[0, 1] * d1 + rotation[0, 2] * d2) / depth
-    v = (rotation[1, 0] * d0 + rotation[1, 1] * d1 + rotation[1, 2] * d2) / depth
-    x, y, xu, xv, yu, yv = distort(u, v, c, np.uint64(0), radials)
+def _inside(point, i, pictures):
+    x, y, xu, xv, yu, yv, depth = _seen(point, i, pictures)
     # Beyond a fold of the distortion, or two, a far point would seem to lie inside.
-    if xu * yv - xv * yu <= 0.0 or xu + yv <= 0.0:
+    if depth <= 0.0 or xu * yv - xv * yu <= 0.0 or xu + yv <= 0.0:
         return False
+    border, limit = pictures.border, pictures.limit[pictures.camera[i]]
     return border <= x <= limit[0] and border <= y <= limit[1]
 
 
 @compiled()
-def _visit(points, rays, start, image, fill, box, origin, size, cells, cell_start, cell_image,
-           centre, rotation, camera, interior, radials, limit, border):  # fmt: skip
+def _visit(points, seen, start, image, fill, grid, pictures):
+    box, origin, cells = grid.box, grid.origin, grid.cells
     for p in range(points.shape[0]):
         x, y = points[p, 0], points[p, 1]
-        cx, cy = int((x - origin[0]) / size), int((y - origin[1]) / size)
+        cx, cy = int((x - origin[0]) / grid.size), int((y - origin[1]) / grid.size)
         n = start[p] if fill else 0
         if x >= origin[0] and y >= origin[1] and cx < cells[0] and cy < cells[1]:
             cell = cx * cells[1] + cy
-            for k in range(cell_start[cell], cell_start[cell + 1]):
-                i = cell_image[k]
+            for k in range(grid.start[cell], grid.start[cell + 1]):
+                i = grid.image[k]
                 if x < box[i, 0] or y < box[i, 1] or x > box[i, 2] or y > box[i, 3]:
                     continue
-                c = camera[i]
-                if _inside(
-                    points[p],
-                    centre[i],
-                    rotation[i],
-                    interior[c : c + 1],
-                    radials,
-                    limit[c],
-                    border,
-                ):
+                if _inside(points[p], i, pictures):
                     if fill:
                         image[n] = i
                     n += 1
         if not fill:
-            rays[p] = n
+            seen[p] = n
 
 
 @compiled()
@@ -224,17 +249,8 @@ def _thin(start, image, turn, images, target):
 
 
 @compiled()
-def _project(points, point, image, centre, rotation, camera, interior, radials):
+def _project(points, point, image, pictures):
     out = np.empty((len(point), 2))
     for n in range(len(point)):
-        p, i = point[n], image[n]
-        d0 = points[p, 0] - centre[i, 0]
-        d1 = points[p, 1] - centre[i, 1]
-        d2 = points[p, 2] - centre[i, 2]
-        r = rotation[i]
-        depth = r[2, 0] * d0 + r[2, 1] * d1 + r[2, 2] * d2
-        u = (r[0, 0] * d0 + r[0, 1] * d1 + r[0, 2] * d2) / depth
-        v = (r[1, 0] * d0 + r[1, 1] * d1 + r[1, 2] * d2) / depth
-        c = camera[i]
-        out[n, 0], out[n, 1], _, _, _, _ = distort(u, v, interior[c : c + 1], np.uint64(0), radials)
+        out[n, 0], out[n, 1], _, _, _, _, _ = _seen(points[point[n]], image[n], pictures)
     return out

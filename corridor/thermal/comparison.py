@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from corridor.block import Block
-from corridor.camera import INTERIOR, Camera, interior_derivatives, project_rays, undistort
+from corridor.camera import Camera, fitted, project_rays, undistort
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.thermal.model import ThermalModel
@@ -110,18 +110,10 @@ def camera_at(
     is the one nearest to the warm camera over the picture.
     """
     names = parameters or ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2", "b1", "b2")
-    index = [INTERIOR.index(name) for name in names]
     pixels = _grid(camera, 41)
     rays = undistort(pixels, camera.interior)
     warm = pixels + np.stack(model.displacement(*pixels.T, temperature_c), axis=1)
-    interior = camera.interior.copy()
-    for _ in range(8):
-        design = interior_derivatives(rays, interior)[:, :, index].reshape(-1, len(index))
-        scale = np.linalg.norm(design, axis=0)
-        left = (warm - project_rays(rays, interior)).ravel()
-        step, *_ = np.linalg.lstsq(design / scale, left, rcond=None)
-        interior[index] += step / scale
-    return camera.with_interior(interior)
+    return fitted(camera, warm, rays, names)
 
 
 def calibrated_at(block: Block, model: ThermalModel, temperature_c: float) -> Block:

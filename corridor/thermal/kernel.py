@@ -16,16 +16,38 @@ computations"; Sutton, Orteu and Schreier 2009 (presmoothing).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
+
+from corridor.compiled import compiled
 
 _UNKNOWNS = 8  # shift x, y; their slopes along X and Y; offset; gain
-REACH = 3  # px that the surface looks beyond its own place
 # What smoothing leaves of the variance of white noise, in two dimensions.
 SMOOTHED_NOISE = ((2 * 1.0 + 2 * 26.0**2 + 66.0**2) / 120.0**2) ** 2
 
 
-@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+class Windows(NamedTuple):
+    """What matching needs of the reference at its nodes.
+
+    nodes (n, 2): whole px x, y. half: px from the middle of a window to its edge. surface, slopes
+    along x, y (n, w, w) float32, the surface less its mean (n,). inverse: of the normal matrix
+    (n, 8, 8). spread (n, 2, 2): covariance of the shift for white noise of one grey level in the
+    picture. good (n,): whether the matrix could be inverted.
+    """
+
+    nodes: np.ndarray
+    half: int
+    surface: np.ndarray
+    slope_x: np.ndarray
+    slope_y: np.ndarray
+    mean: np.ndarray
+    inverse: np.ndarray
+    spread: np.ndarray
+    good: np.ndarray
+
+
+@compiled(fastmath={"contract"}, error_model="numpy")
 def _inner(a):
     """beta5 at a, 0 to 1."""
     a2 = a * a
@@ -34,21 +56,21 @@ def _inner(a):
     )
 
 
-@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+@compiled(fastmath={"contract"}, error_model="numpy")
 def _middle(a):
     """beta5 at 2 - a, a from 0 to 1."""
     curve = np.float32(1 / 12) + a * (np.float32(1.0) - a) * np.float32(1 / 24)
     return np.float32(1 / 120) + a * (np.float32(1 / 24) + a * (np.float32(1 / 12) + a * curve))
 
 
-@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+@compiled(fastmath={"contract"}, error_model="numpy")
 def _outer(a):
     """beta5 at 3 - a, a from 0 to 1."""
     a2 = a * a
     return a2 * a2 * a * np.float32(1 / 120)
 
 
-@njit(cache=True)
+@compiled()
 def _window(picture, cx, cy, half, extra, smooth, along_x, along_y):
     """The surface and its two slopes at the pixels of a window, `extra` px beyond it."""
     size = 2 * (half + extra) + 1
@@ -80,7 +102,7 @@ def _window(picture, cx, cy, half, extra, smooth, along_x, along_y):
             along_y[r, c] = d
 
 
-@njit(cache=True)
+@compiled()
 def _smooth_again(source, target, extra):
     """The smoothing applied once more, where the source has `extra` >= 2 px around the target."""
     value = (1 / 120, 26 / 120, 66 / 120, 26 / 120, 1 / 120)
@@ -96,15 +118,9 @@ def _smooth_again(source, target, extra):
             target[r, c] = total
 
 
-@njit(cache=True)
+@compiled()
 def prepare(reference, nodes, half):
-    """What matching needs of the reference at each node.
-
-    reference: (height, width) float32. nodes: (n, 2) whole pixels x, y, at least half + 4 px from
-    the edge. Returns surface, slopes x, y (n, w, w) float32 (surface less its mean), mean (n,),
-    the inverse normal matrix (n, 8, 8), the covariance (n, 2, 2) of the shift for white noise of
-    one grey level in the picture, and whether the matrix could be inverted (n,).
-    """
+    """The windows of a reference (height, width) float32, at least half + 4 px from its edge."""
     count, size = len(nodes), 2 * half + 1
     surface = np.empty((count, size, size), np.float32)
     slope_x = np.empty((count, size, size), np.float32)
@@ -152,10 +168,10 @@ def prepare(reference, nodes, half):
                 inverse[n] = np.linalg.inv(scaled) / np.outer(scale, scale)
                 spread[n] = (inverse[n] @ noisy @ inverse[n])[:2, :2]
                 good[n] = True
-    return surface, slope_x, slope_y, mean, inverse, spread, good
+    return Windows(nodes, half, surface, slope_x, slope_y, mean, inverse, spread, good)
 
 
-@njit(cache=True)
+@compiled()
 def _fill(row, a, b, across, down, grey):
     row[0], row[1] = a, b
     row[2], row[3] = a * across, b * across
@@ -163,13 +179,16 @@ def _fill(row, a, b, across, down, grey):
     row[6], row[7] = 1.0, grey
 
 
-@njit(cache=True, fastmath={"contract"}, error_model="numpy")
-def _sums(picture, cx, cy, half, p, surface, slope_x, slope_y, low, right):
-    """Right-hand side: the picture under the warp p, less `low`, times each column of J.
+@compiled(fastmath={"contract"}, error_model="numpy")
+def _sums(picture, windows, n, p, right):
+    """Right-hand side: the picture under the warp p, less the mean, times each column of J.
 
     Returns the sum of squares, or -1 where the warp leaves the picture.
     """
     height, width = picture.shape
+    half, cx, cy = windows.half, windows.nodes[n, 0], windows.nodes[n, 1]
+    surface, slope_x, slope_y = windows.surface[n], windows.slope_x[n], windows.slope_y[n]
+    low = windows.mean[n]
     size = 2 * half + 1
     right[:] = 0.0
     squares = 0.0
@@ -228,37 +247,32 @@ def _sums(picture, cx, cy, half, p, surface, slope_x, slope_y, low, right):
     return squares
 
 
-@njit(cache=True)
-def match(
-    picture, nodes, half, start, surface, slope_x, slope_y, mean, inverse, good, rounds, least
-):
+@compiled()
+def match(picture, windows, start, chosen, rounds, least):
     """Shift of each node's window from the reference to the picture.
 
-    start: (n, 2) px. The rest as `prepare` returns it. rounds: most steps. least: px, step at
-    which a node has come to rest.
+    start: (n, 2) px. chosen: (n,) nodes to match. rounds: most steps. least: px, step at which a
+    node has come to rest.
     Returns shift (n, 2), slopes (n, 4) px at the window's edge, gain, standard deviation of the
     residual (grey levels, of the smoothed surfaces), correlation coefficient (n,) each, and steps
     taken (n,), 0 where the node did not come to rest.
     """
-    count = len(nodes)
+    count, half = len(windows.nodes), windows.half
     shift, bend = np.full((count, 2), np.nan), np.full((count, 4), np.nan)
     gain, rest, like = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
     steps = np.zeros(count, np.int64)
     pixels = (2 * half + 1) ** 2
     right = np.empty(_UNKNOWNS)
     for n in range(count):
-        if not good[n]:
+        if not chosen[n]:
             continue
         p = np.zeros(6)
         p[0], p[1] = start[n, 0], start[n, 1]
         for k in range(rounds):
-            squares = _sums(
-                picture, nodes[n, 0], nodes[n, 1], half, p,
-                surface[n], slope_x[n], slope_y[n], mean[n], right,
-            )  # fmt: skip
+            squares = _sums(picture, windows, n, p, right)
             if squares < 0.0:
                 break
-            q = inverse[n] @ right
+            q = windows.inverse[n] @ right
             if not q[7] > 0.05:  # what is darker there is lighter here: another place
                 break
             d = q[:6] / q[7]

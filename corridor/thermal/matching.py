@@ -73,8 +73,9 @@ class Matcher:
         if nodes is None:
             nodes, half = grid(width, height)
         self.nodes, self.half = nodes, half
-        *self._ready, self._spread, self._good = kernel.prepare(self.reference, nodes, half)
-        self._good &= saturated_share(self.reference, nodes, half) <= _MOST_SATURATED
+        self._windows = kernel.prepare(self.reference, nodes, half)
+        clear = saturated_share(self.reference, nodes, half) <= _MOST_SATURATED
+        self._good = self._windows.good & clear
         self._small, self._factor = _small(self.reference)
         self.trouble = fault(self.reference)
 
@@ -98,14 +99,15 @@ class Matcher:
     def _matched(self, picture, start, which=None):
         good = self._good if which is None else self._good & which
         shift, bend, gain, rest, like, _ = kernel.match(
-            picture, self.nodes, self.half, start, *self._ready, good, _ROUNDS, _AT_REST
+            picture, self._windows, start, good, _ROUNDS, _AT_REST
         )
         return shift, bend, gain, rest, like
 
     def _gate(self, picture, moved, shift, bend, gain, rest, like):
         smoothed = math.sqrt(kernel.SMOOTHED_NOISE)
         noise = np.maximum(rest / smoothed, _ROUNDING * math.sqrt(2))
-        sigma = noise / np.abs(gain) * np.sqrt((self._spread[:, 0, 0] + self._spread[:, 1, 1]) / 2)
+        spread = self._windows.spread
+        sigma = noise / np.abs(gain) * np.sqrt((spread[:, 0, 0] + spread[:, 1, 1]) / 2)
         with np.errstate(invalid="ignore"):
             valid = (
                 (like >= _LEAST_LIKE)

@@ -64,7 +64,7 @@ def without_points(problem, j):
     a, b = j[:, :n], j[:, n:]
     held = np.linalg.solve(b.T @ b, b.T @ np.column_stack([a, residual]))
     own = np.zeros(n)
-    own[: n - problem.shared_count].reshape(-1, problem.d)[:, 6:] = problem.own_prior[1]
+    own[: n - problem.shared_count].reshape(-1, problem.d)[:, 6:] = problem.per_image_prior[1]
     return a.T @ (a - b @ held[:, :-1]) + np.diag(own), a.T @ (residual - b @ held[:, -1])
 
 
@@ -140,9 +140,9 @@ class TestTestedEffects:
                 for p in find(slug).parameters(corridor_block(**SMALL))}  # fmt: skip
         estimated = made(effects=self.EFFECTS, priors=wide)
         tested = LinearSystem(made(), made().start).testing(map(find, self.EFFECTS))
-        own = np.zeros_like(estimated.own_prior)
+        own = np.zeros_like(estimated.per_image_prior)
         weight = np.zeros_like(estimated.prior_weight)
-        plain = replace(estimated, prior_weight=weight, own_prior=own)
+        plain = replace(estimated, prior_weight=weight, per_image_prior=own)
         ours = LinearSystem(plain, tested.state, gnss_counts=False)
         assert tested.columns.labels == ours.columns.labels
         assert tested.matrix.toarray() == pytest.approx(ours.matrix.toarray(), rel=1e-12)

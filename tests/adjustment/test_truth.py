@@ -440,6 +440,6 @@ class TestTwoWaysToTheSameNumbers:
         for storage in ("band", "sparse"):
             normal = Normal(problem, Loss(), storage=storage)
             system = LinearSystem(problem, problem.start, storage=storage)
-            normal.pins = free_network(system).held
+            normal.held = free_network(system).held
             costs.append(solve(normal).cost)
         assert max(costs) < 1e-9

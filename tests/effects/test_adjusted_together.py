@@ -103,7 +103,7 @@ class Dense:
         self.first = p.image_count * p.d
         self.border = slice(self.first, self.first + p.shared_count)
         members = p.stack.members
-        of_images = [1e-3 * members[slug].parameters[n].scale for slug, n in p.own_unknowns]
+        of_images = [1e-3 * members[slug].parameters[n].scale for slug, n in p.per_image_unknowns]
         pose = np.r_[[1e-4] * 3, [1e-6] * 3, of_images]
         step = np.full(p.unknown_count, 1e-4)
         step[: self.first] = np.tile(pose, p.image_count)
@@ -120,11 +120,9 @@ class Dense:
         weight, away = np.zeros((2, p.unknown_count))
         weight[self.border] = p.prior_weight
         away[self.border] = shared_values(p, self.state) - p.prior_value
-        own = [
-            self.state.effects[slug][:, number] - value
-            for (slug, number), value in zip(p.own_unknowns, p.own_prior[0], strict=True)
-        ]
-        for given, values in ((weight, p.own_prior[1]), (away, np.array(own).T)):
+        priors = zip(p.per_image_unknowns, p.per_image_prior[0], strict=True)
+        own = [self.state.effects[slug][:, number] - value for (slug, number), value in priors]
+        for given, values in ((weight, p.per_image_prior[1]), (away, np.array(own).T)):
             given[: self.first].reshape(p.image_count, p.d)[:, 6:] = values if own else 0.0
         matrix = jacobian.T @ jacobian + np.diag(weight)
         size = np.sqrt(np.diag(matrix))

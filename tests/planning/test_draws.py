@@ -63,6 +63,7 @@ def ratios(plan, control, draws):
     )
 
 
+@pytest.mark.slow
 def test_a_few_small_draws_are_as_wrong_as_expected():
     """Sixty draws; what is common to all points of a draw is known to 9 %."""
     found = ratios(plan_of(NADIR, OBLIQUE, tie_points=TiePoints(30)), 1, 60)

@@ -2,6 +2,7 @@
 
 import json
 import multiprocessing
+import sys
 import threading
 
 import pytest
@@ -17,6 +18,7 @@ from corridor.report import (
     whole_folder,
     write_json,
 )
+from corridor.report.files import _alone_in
 
 SIZE = 40
 
@@ -82,6 +84,27 @@ def test_two_threads_into_one_folder_leave_the_last_one_whole_and_nothing_else(f
         threading.excepthook = before
     assert not failed
     holds_one_run_whole(folder)
+
+
+@pytest.mark.parametrize("system", ["locks folders", "has no fcntl"])
+def test_who_replaces_something_waits_until_another_is_done(tmp_path, system, monkeypatch):
+    """Windows has no fcntl."""
+    if system == "has no fcntl":
+        monkeypatch.setitem(sys.modules, "fcntl", None)
+    replaced = threading.Event()
+
+    def replace():
+        with whole_file(tmp_path / "out.txt") as part:
+            part.write_text("whole")
+        replaced.set()
+
+    other = threading.Thread(target=replace)
+    with _alone_in(tmp_path):
+        other.start()
+        assert not replaced.wait(0.2)
+    assert replaced.wait(10)
+    other.join()
+    assert [path.name for path in tmp_path.iterdir()] == ["out.txt"]
 
 
 def test_what_another_run_wrote_meanwhile_goes_with_it(tmp_path):

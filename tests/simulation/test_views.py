@@ -86,10 +86,11 @@ def test_pixels_are_those_of_the_camera(seen):
 
 def test_views_of_some_points_are_their_rays_in_the_order_asked_for(seen):
     _, _, _, views = seen
-    several = np.flatnonzero(views.rays >= 2)
-    chosen = np.array([several[5], several[0], np.flatnonzero(views.rays == 0)[0], several[5]])
+    several = np.flatnonzero(views.multiplicity >= 2)
+    unseen = np.flatnonzero(views.multiplicity == 0)
+    chosen = np.array([several[5], several[0], unseen[0], several[5]])
     some = views.of(chosen)
-    assert some.rays.tolist() == views.rays[chosen].tolist()
+    assert some.multiplicity.tolist() == views.multiplicity[chosen].tolist()
     for k, p in enumerate(chosen):
         mine = views.image[views.start[p] : views.start[p + 1]]
         assert some.image[some.start[k] : some.start[k + 1]].tolist() == mine.tolist()
@@ -98,7 +99,7 @@ def test_views_of_some_points_are_their_rays_in_the_order_asked_for(seen):
 
 def test_rays_and_points_count_the_same():
     views = Views(np.array([0, 2, 2, 5]), np.array([0, 3, 1, 2, 3], dtype=np.int32))
-    assert views.rays.tolist() == [2, 0, 3]
+    assert views.multiplicity.tolist() == [2, 0, 3]
     assert views.point.tolist() == [0, 0, 2, 2, 2]
 
 
@@ -113,7 +114,7 @@ def test_looking_in_several_goes_sees_the_same(seen, monkeypatch):
 
 def test_no_points_are_seen_by_nobody(seen):
     views = seen[1].look(np.empty((0, 3)))
-    assert views.rays.tolist() == [] and len(views.image) == 0
+    assert views.multiplicity.tolist() == [] and len(views.image) == 0
 
 
 # --- thinning --------------------------------------------------------------------------------
@@ -133,14 +134,14 @@ def dense():
 def test_images_have_the_number_of_points_asked_for_on_average(dense, target):
     kept = thin(dense, 42, target, np.random.default_rng(0))
     # The last point of an image overshoots; a second pass takes that back.
-    assert dense.rays[kept].sum() / 42 == pytest.approx(target, rel=0.02)
+    assert dense.multiplicity[kept].sum() / 42 == pytest.approx(target, rel=0.02)
 
 
 def test_thinning_keeps_the_multiplicity(dense):
     """Thesis, section 5.6.4: fewer tie points, each with all its rays."""
     kept = thin(dense, 42, 440, np.random.default_rng(0))
-    before = np.bincount(dense.rays[dense.rays >= 2], minlength=30)
-    after = np.bincount(dense.rays[kept], minlength=30)
+    before = np.bincount(dense.multiplicity[dense.multiplicity >= 2], minlength=30)
+    after = np.bincount(dense.multiplicity[kept], minlength=30)
     share = before / before.sum()
     # Four standard errors of a share, and 3 % for the rim, where few images see a point.
     limit = 4 * np.sqrt(share * (1 - share) / after.sum()) + 0.03
@@ -149,13 +150,13 @@ def test_thinning_keeps_the_multiplicity(dense):
 
 def test_points_seen_once_are_dropped_and_each_is_kept_once(dense):
     kept = thin(dense, 42, 440, np.random.default_rng(0))
-    assert dense.rays[kept].min() >= 2
+    assert dense.multiplicity[kept].min() >= 2
     assert np.all(np.diff(kept) > 0)
 
 
 def test_asking_for_more_than_there_is_keeps_all_that_are_seen_twice(dense):
     kept = thin(dense, 42, 10**6, np.random.default_rng(0))
-    assert kept.tolist() == np.flatnonzero(dense.rays >= 2).tolist()
+    assert kept.tolist() == np.flatnonzero(dense.multiplicity >= 2).tolist()
 
 
 def test_a_point_folded_twice_by_the_distortion_is_not_seen():

@@ -69,49 +69,7 @@ def read(path: Path) -> Track:
     except InputError as error:
         raise InputError(f"{path.name}, row {lines.index(header) + 1}: {error}") from None
     separator = found["between"].strip()
-    layout = _layout(header, found["first"], separator)
-    keys = [key for key, *_ in layout]
-    width = _count(header, separator)
-
-    stamps, values, rows = [], [], []
-    dropped = 0
-    for row, line in enumerate(lines, 1):
-        if not line.strip() or line.startswith(("%", "$")):
-            continue
-        fields = _fields(line, separator)
-        stamps.append(_stamp(fields, path, row))
-        if len(fields) < width:
-            raise InputError(
-                f"{path.name}, row {row}: {len(fields)} fields where the header has "
-                f"{width}; delete the row, or write the file again if it is cut off"
-            )
-        record = []
-        for key, first, last, name in layout:
-            text = fields[first:last]
-            if key in ("x", "y", "z"):
-                record.append(degrees(text, path, row, name))
-            elif key[0] == "s" or key[0] == "c":
-                record.append(_signed(text[0], path, row, key, name))
-            else:
-                record.append(number(text[0], path, row, name))
-        if "quality" in keys and record[keys.index("quality")] == 0:
-            stamps.pop()
-            dropped += 1
-            continue
-        values.append(record)
-        rows.append(row)
-    if not values:
-        raise InputError(f"{path.name} holds no positions; process the track again")
-
-    day, time = on_one_day(stamps)
-    table = pd.DataFrame(np.array(values, dtype=float), columns=keys)
-    for name in ("cxy", "cyz", "czx"):
-        if name in table:
-            table[name] = table[name] * table[name].abs()
-    table["time_s"] = time
-    table = table[[name for name in _ORDER if name in table]]
-    rows = np.array(rows)
-    notes = [f"{path.name}: {dropped} rows without solution (Q 0) left out"] if dropped else []
+    day, table, rows, notes = _epochs(lines, header, separator, path)
     if _is_backward(lines) and len(table) > 1 and (np.diff(table["time_s"]) <= 0).all():
         table, rows = table[::-1].reset_index(drop=True), rows[::-1]
         notes.append(f"{path.name} is a backward solution: its rows were put in order of time")
@@ -142,6 +100,44 @@ def read(path: Path) -> Track:
     )
 
 
+def _epochs(lines, header, separator, path) -> tuple[str, pd.DataFrame, np.ndarray, list[str]]:
+    """Day, columns of the track, row of each epoch, and notes on what was left out."""
+    layout = _layout(header, separator)
+    keys = [key for key, *_ in layout]
+    width = _count(header, separator)
+    stamps, values, rows = [], [], []
+    dropped = 0
+    for row, line in enumerate(lines, 1):
+        if not line.strip() or line.startswith(("%", "$")):
+            continue
+        fields = _fields(line, separator)
+        stamp = _stamp(fields, path, row)
+        if len(fields) < width:
+            raise InputError(
+                f"{path.name}, row {row}: {len(fields)} fields where the header has "
+                f"{width}; delete the row, or write the file again if it is cut off"
+            )
+        record = [
+            _value(fields[first:last], key, path, row, name) for key, first, last, name in layout
+        ]
+        if "quality" in keys and record[keys.index("quality")] == 0:
+            dropped += 1
+            continue
+        stamps.append(stamp)
+        values.append(record)
+        rows.append(row)
+    if not values:
+        raise InputError(f"{path.name} holds no positions; process the track again")
+    day, time = on_one_day(stamps)
+    table = pd.DataFrame(np.array(values, dtype=float), columns=keys)
+    for name in ("cxy", "cyz", "czx"):
+        if name in table:
+            table[name] = table[name] * table[name].abs()
+    table["time_s"] = time
+    notes = [f"{path.name}: {dropped} rows without solution (Q 0) left out"] if dropped else []
+    return day, table[[name for name in _ORDER if name in table]], np.array(rows), notes
+
+
 def _fields(line: str, separator: str) -> list[str]:
     """Fields of a row: date and time, or week and seconds, are the first two.
 
@@ -153,7 +149,7 @@ def _fields(line: str, separator: str) -> list[str]:
     return [*fields[0].split(), *fields[1:]]
 
 
-def _layout(header: str, first: str, separator: str) -> list[tuple[str, int, int, str]]:
+def _layout(header: str, separator: str) -> list[tuple[str, int, int, str]]:
     """Column of the track, first field, field after the last, name in the header."""
     names = _fields(header.lstrip("% "), separator)
     place, layout = 2, []
@@ -190,12 +186,14 @@ def _count(header: str, separator: str) -> int:
     return len(names) + 1 + sum(2 for name in names if "d'\"" in name)
 
 
-def _signed(text: str, path: Path, row: int, key: str, name: str) -> float:
+def _value(parts: list[str], key: str, path: Path, row: int, name: str) -> float:
+    if key in ("x", "y", "z"):
+        return degrees(parts, path, row, name)
     if key[0] == "s":
-        return sigma(text, path, row, name)
-    if text.lower().lstrip("+-") == "nan":
+        return sigma(parts[0], path, row, name)
+    if key[0] == "c" and parts[0].lower().lstrip("+-") == "nan":
         return np.nan
-    return number(text, path, row, name)
+    return number(parts[0], path, row, name)
 
 
 def _stamp(fields: list[str], path: Path, row: int) -> tuple[str, float]:

@@ -5,15 +5,24 @@ x, P: state and covariance; h: what an observation sees of the state; S: innovat
 """
 
 import numpy as np
-from numba import njit
 
+from corridor.compiled import compiled
 from corridor.gnss.interpolation.motion import MOTION
 
-_OPTIONS = dict(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+_OPTIONS = dict(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
-@njit(**_OPTIONS)
-def _predict(x, P, F, gust, jerk, kept, gust_density, jerk_density, y, A):
+@compiled(**_OPTIONS)
+def _driving(steps, u, gust, jerk, Q):
+    """Q (d, d) becomes the covariance that gusts and jerks of these densities add in a step."""
+    d = Q.shape[0]
+    for i in range(d):
+        for j in range(d):
+            Q[i, j] = gust * steps.gust[u, i, j] + jerk * steps.jerk[u, i, j]
+
+
+@compiled(**_OPTIONS)
+def _predict(x, P, F, Q, kept, y, A):
     """x = F x, P = F P F' + Q; y (d,) and A (d, d) are work space.
 
     kept: what is left of the slow error, apart from its decay in F; its variance stays 1.
@@ -32,7 +41,7 @@ def _predict(x, P, F, gust, jerk, kept, gust_density, jerk_density, y, A):
             A[i, j] = s
     for i in range(d):
         for j in range(i + 1):
-            s = gust_density * gust[i, j] + jerk_density * jerk[i, j]
+            s = Q[i, j]
             for k in range(j, d):
                 s += A[i, k] * F[j, k]
             P[i, j] = s
@@ -45,7 +54,7 @@ def _predict(x, P, F, gust, jerk, kept, gust_density, jerk_density, y, A):
         P[MOTION, MOTION] += 1.0 - (kept * F[MOTION, MOTION]) ** 2
 
 
-@njit(**_OPTIONS)
+@compiled(**_OPTIONS)
 def _update(x, P, seen, share, value, variance, g):
     """One scalar observation of state `seen` plus `share` of the slow error.
 
@@ -71,21 +80,32 @@ def _update(x, P, seen, share, value, variance, g):
     return v, S
 
 
-@njit(**_OPTIONS)
-def log_likelihoods(
-    z, variance, share, kept, vz, v_variance, start, which, F, gust, jerk, gusts, jerks, P0, out
-):
+@compiled(**_OPTIONS)
+def _observe(x, P, rows, k, g):
+    """Updates x and P by what row k observes; its log-likelihood."""
+    log = 0.0
+    if rows.variance[k] >= 0:
+        v, S = _update(x, P, 0, rows.share[k], rows.z[k], rows.variance[k], g)
+        log -= 0.5 * (np.log(S) + v * v / S)
+    if rows.v_variance[k] >= 0:
+        v, S = _update(x, P, 1, 0.0, rows.vz[k], rows.v_variance[k], g)
+        log -= 0.5 * (np.log(S) + v * v / S)
+    return log
+
+
+@compiled(**_OPTIONS)
+def log_likelihoods(rows, start, steps, gusts, jerks, P0, out):
     """Adds to out (n, levels) the log-likelihood of each row under each level of motion noise.
 
-    z, vz: positions m, velocities m/s; variance, v_variance: of each, below zero where there is
-    none; share: standard deviation of the slow error in each position; kept: what is left of it
-    from the row before, decay in time apart; start: rows at which a new piece begins; gusts,
-    jerks: (levels,) densities. The first three rows of a piece, which only find the state, do not
-    count.
+    rows: z, vz: positions m, velocities m/s; variance, v_variance: of each, below zero where there
+    is none; share: standard deviation of the slow error in each position; kept: what is left of it
+    from the row before, decay in time apart. start: rows at which a new piece begins. steps: see
+    `motion.Steps`. gusts, jerks: (levels,) densities. The first three rows of a piece, which only
+    find the state, do not count.
     """
-    n, d = z.shape[0], F.shape[1]
+    n, d = rows.z.shape[0], steps.F.shape[1]
     x, g, y = np.zeros(d), np.zeros(d), np.zeros(d)
-    P, A = np.zeros((d, d)), np.zeros((d, d))
+    P, A, Q = np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
     for level in range(gusts.shape[0]):
         age = 0
         for k in range(n):
@@ -95,70 +115,55 @@ def log_likelihoods(
                     x[i] = 0.0
                     for j in range(d):
                         P[i, j] = P0[i, j]
-                x[0] = z[k]
+                x[0] = rows.z[k]
             else:
-                u = which[k]
-                _predict(x, P, F[u], gust[u], jerk[u], kept[k], gusts[level], jerks[level], y, A)
+                u = steps.which[k]
+                _driving(steps, u, gusts[level], jerks[level], Q)
+                _predict(x, P, steps.F[u], Q, rows.kept[k], y, A)
             age += 1
-            log = 0.0
-            if variance[k] >= 0:
-                v, S = _update(x, P, 0, share[k], z[k], variance[k], g)
-                log -= 0.5 * (np.log(S) + v * v / S)
-            if v_variance[k] >= 0:
-                v, S = _update(x, P, 1, 0.0, vz[k], v_variance[k], g)
-                log -= 0.5 * (np.log(S) + v * v / S)
+            log = _observe(x, P, rows, k, g)
             if age > 3:
                 out[k, level] += log
 
 
-@njit(**_OPTIONS)
-def smooth(
-    z, variance, share, kept, vz, v_variance, which, F, gust, jerk, gusts, jerks, P0, states, sigmas
-):
+@compiled(**_OPTIONS)
+def smooth(rows, steps, gusts, jerks, P0, states, sigmas):
     """Fills states (n, d) and sigmas (n, d) of every row from all observations.
 
     gusts, jerks: (n,) densities of the step that leads to each row; else as `log_likelihoods`.
     The backward pass adds covariances and subtracts none, so that the wide start does no harm:
     P_k = (I - C F) P (I - C F)' + C (P_k+1 + Q) C',  C = P F' (F P F' + Q)^-1.
     """
-    n, d = z.shape[0], F.shape[1]
+    n, d = rows.z.shape[0], steps.F.shape[1]
     x, y, g = np.zeros(d), np.zeros(d), np.zeros(d)
-    x[0] = z[0]
-    P, A = P0.copy(), np.zeros((d, d))
+    x[0] = rows.z[0]
+    P, A, Q = P0.copy(), np.zeros((d, d)), np.zeros((d, d))
     filtered = np.zeros((n, d, d))
     for k in range(n):
         if k > 0:
-            u = which[k]
-            _predict(x, P, F[u], gust[u], jerk[u], kept[k], gusts[k], jerks[k], y, A)
-        if variance[k] >= 0:
-            _update(x, P, 0, share[k], z[k], variance[k], g)
-        if v_variance[k] >= 0:
-            _update(x, P, 1, 0.0, vz[k], v_variance[k], g)
+            u = steps.which[k]
+            _driving(steps, u, gusts[k], jerks[k], Q)
+            _predict(x, P, steps.F[u], Q, rows.kept[k], y, A)
+        _observe(x, P, rows, k, g)
         for i in range(d):
             states[k, i] = x[i]
             for j in range(d):
                 filtered[k, i, j] = P[i, j]
     # From here on P is the smoothed covariance of row k + 1.
-    E, Q, L, C, B = (
-        np.zeros((d, d)),
-        np.zeros((d, d)),
-        np.zeros((d, d)),
-        np.zeros((d, d)),
-        np.zeros((d, d)),
-    )
+    E, L, C, B = np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
     for k in range(n - 1, -1, -1):
         if k < n - 1:
-            u = which[k + 1]
+            u = steps.which[k + 1]
+            _driving(steps, u, gusts[k + 1], jerks[k + 1], Q)
             for i in range(d):
                 for j in range(d):
-                    E[i, j] = F[u, i, j]
-                    Q[i, j] = gusts[k + 1] * gust[u, i, j] + jerks[k + 1] * jerk[u, i, j]
+                    E[i, j] = steps.F[u, i, j]
             if d > MOTION:
-                E[MOTION, MOTION] *= kept[k + 1]
+                E[MOTION, MOTION] *= rows.kept[k + 1]
                 Q[MOTION, MOTION] = 1.0 - E[MOTION, MOTION] ** 2
             now = filtered[k]
             _product(E, now, A)
-            _product_transposed(A, E, B)
+            _product(A, E.T, B)
             for i in range(d):
                 for j in range(d):
                     B[i, j] += Q[i, j]
@@ -182,13 +187,13 @@ def smooth(
                     P[i, j] += Q[i, j]
                 states[k, i] += s
             _product(C, P, A)
-            _product_transposed(A, C, P)
+            _product(A, C.T, P)
             _product(C, E, A)
             for i in range(d):
                 for j in range(d):
                     A[i, j] = (1.0 if i == j else 0.0) - A[i, j]
             _product(A, now, B)
-            _product_transposed(B, A, L)
+            _product(B, A.T, L)
             for i in range(d):
                 for j in range(d):
                     P[i, j] += L[i, j]
@@ -199,7 +204,7 @@ def smooth(
             sigmas[k, i] = np.sqrt(P[i, i])
 
 
-@njit(**_OPTIONS)
+@compiled(**_OPTIONS)
 def _product(A, B, out):
     """out = A B."""
     d = A.shape[0]
@@ -211,19 +216,7 @@ def _product(A, B, out):
             out[i, j] = s
 
 
-@njit(**_OPTIONS)
-def _product_transposed(A, B, out):
-    """out = A B'."""
-    d = A.shape[0]
-    for i in range(d):
-        for j in range(d):
-            s = 0.0
-            for k in range(d):
-                s += A[i, k] * B[j, k]
-            out[i, j] = s
-
-
-@njit(**_OPTIONS)
+@compiled(**_OPTIONS)
 def _cholesky(A, L):
     """L L' = A; a direction without variance gets none back (its pivot is infinite)."""
     d = A.shape[0]
@@ -238,7 +231,7 @@ def _cholesky(A, L):
                 L[i, i] = np.sqrt(s) if s > 1e-15 * A[i, i] else np.inf
 
 
-@njit(**_OPTIONS)
+@compiled(**_OPTIONS)
 def _solve(L, y):
     """y becomes (L L')^-1 y."""
     d = y.shape[0]
@@ -252,7 +245,7 @@ def _solve(L, y):
         y[i] /= L[i, i]
 
 
-@njit(**_OPTIONS)
+@compiled(**_OPTIONS)
 def forward_backward(logs, stay, jump, weights):
     """Probability of each level at each row, and the log-likelihood of all rows.
 

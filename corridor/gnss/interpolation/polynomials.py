@@ -8,7 +8,6 @@ the parabola up to four times.
 from collections.abc import Callable
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 # Epochs on each side that can reach a moment; a spline's weights fall to 0.27 an epoch.
 _REACH = {"linear": 1, "parabola": 2, "pchip": 2, "spline": 6}
@@ -45,12 +44,16 @@ def parabola(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> tuple[np.n
 
 def spline(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Value and rate of change, (m, k), of the cubic spline through all epochs (not-a-knot)."""
+    from scipy.interpolate import CubicSpline  # at first use: only a comparison needs it
+
     curve = CubicSpline(time, values)
     return curve(at), curve(at, 1)
 
 
 def pchip(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Value and rate of change, (m, k), of the monotone cubic (Fritsch and Carlson 1980)."""
+    from scipy.interpolate import PchipInterpolator  # at first use
+
     curve = PchipInterpolator(time, values)
     return curve(at), curve(at, 1)
 

@@ -11,7 +11,6 @@ where the track does not state them, the standard deviations of positions and ve
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from corridor.gnss.interpolation import kernels
 from corridor.gnss.interpolation.motion import MOTION, before_the_flight, steps
@@ -129,6 +128,8 @@ def staircase(sigma: np.ndarray, time: np.ndarray) -> np.ndarray:
     """
     n = len(sigma)
     size = min(2 * int(_CALM_S / max(np.median(np.diff(time)), 1e-3) / 2) + 1, n)
+    from scipy.ndimage import median_filter  # at first use: few blocks have a track
+
     calm = median_filter(sigma, (size, 1), mode="nearest")
     result = np.empty_like(sigma)
     for axis in range(sigma.shape[1]):
@@ -191,9 +192,9 @@ def _logs(epochs, axis, noise, correlation_s, levels, start=None, back=False):
     gusts = np.where(np.arange(len(levels)) > 0, noise.gust, 0.0)
     out = np.zeros((len(time), len(levels)))
     kernels.log_likelihoods(
-        *at,
+        at,
         start,
-        *matrices,
+        matrices,
         gusts,
         levels * _OF_AXIS[axis],
         before_the_flight(MOTION + slow),

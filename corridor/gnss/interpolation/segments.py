@@ -7,7 +7,6 @@ little it knows there.
 
 import numpy as np
 import pandas as pd
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from corridor.errors import InputError
 
@@ -89,6 +88,8 @@ def _stands(piece: pd.DataFrame) -> list[int]:
     if {"sx", "sy", "sz"} <= set(piece):
         sigma = np.nanmax(piece[["sx", "sy", "sz"]].to_numpy(dtype=float), axis=1, initial=0.0)
         reach = reach + 6 * sigma
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # at first use
+
     span = maximum_filter1d(place, size, axis=0) - minimum_filter1d(place, size, axis=0)
     still = (span <= np.reshape(reach, (-1, 1))).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))

@@ -7,7 +7,7 @@ import numpy as np
 
 from corridor.gnss.interpolation import kernels
 from corridor.gnss.interpolation.motion import MOTION, before_the_flight, steps
-from corridor.gnss.interpolation.regimes import Epochs, Model, kept, rows
+from corridor.gnss.interpolation.regimes import Epochs, Model, Rows, kept, rows
 
 
 def smooth(
@@ -33,14 +33,17 @@ def smooth(
         slow = bool(at.share.any())
         d = MOTION + slow
         states, sigmas = np.zeros((len(time), d)), np.zeros((len(time), d))
-        kernels.smooth(
+        seen = Rows(
             at.z[source],
             np.where(observed, at.variance[source], -1.0),
             np.where(observed, at.share[source], 0.0),
             kept(at.share[step]),
             at.vz[source],
             np.where(observed, at.v_variance[source], -1.0),
-            *steps(time, model.correlation_s if slow else None),
+        )
+        kernels.smooth(
+            seen,
+            steps(time, model.correlation_s if slow else None),
             model.gusts[step, axis],
             model.jerks[step, axis],
             before_the_flight(d),
