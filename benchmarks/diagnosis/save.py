@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from benchmarks.diagnosis.pictures import confusion_matrix, naming_rates
 from benchmarks.diagnosis.summary import answer
 from benchmarks.diagnosis.table import as_text
-from corridor.figures import confusion_matrix, naming_rates
 from corridor.report import whole_files, write_json, write_picture
 
 _COLUMNS = (

@@ -220,8 +220,7 @@ def _interim(part: Block) -> Block | None:
 
 def _incomplete(block: Block) -> bool:
     """Whether a pose or a point has no start value."""
-    pose = block.images.reindex(columns=["x", "y", "z", "qw", "qx", "qy", "qz"])
-    if not np.isfinite(pose.to_numpy(float)).all():
+    if not np.isfinite(block.poses).all():
         return True
     for table in ("tie_points", "marks"):
         known = np.isfinite(block.positions(table)).all(axis=1)

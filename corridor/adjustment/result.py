@@ -14,7 +14,7 @@ from corridor.adjustment.misfit import start_misfit
 from corridor.adjustment.parameters import Parameters, parameters_of
 from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
-from corridor.block import Block
+from corridor.block import POSE, Block
 from corridor.camera import INTERIOR
 from corridor.effects import Values
 from corridor.geometry import (
@@ -110,7 +110,7 @@ class Adjustment(Checked):
         pose = np.empty((p.image_count, 7))
         pose[p.order, :3] = state.centre
         pose[p.order, 3:] = quaternion_from_rotation(state.rotation)
-        return dict(zip(("x", "y", "z", "qw", "qx", "qy", "qz"), pose.T, strict=True))
+        return dict(zip(POSE, pose.T, strict=True))
 
     # --- residuals ---------------------------------------------------------------------------
 

@@ -4,10 +4,12 @@ from corridor.block.block import Block, read
 from corridor.block.reading import place, read_columns, row_numbers
 from corridor.block.record import forget_correction, record_correction, taken_out
 from corridor.block.summary import Summary
-from corridor.block.tables import LAYOUTS, Layout
+from corridor.block.tables import LAYOUTS, POSE, QUATERNION, Layout
 
 __all__ = [
     "LAYOUTS",
+    "POSE",
+    "QUATERNION",
     "Block",
     "Layout",
     "Summary",

@@ -15,7 +15,7 @@ from corridor.block import checking, writing
 from corridor.block.reading import place, read_table
 from corridor.block.settings import FILE, SIGMA, read_settings
 from corridor.block.summary import Summary, summarise
-from corridor.block.tables import LAYOUTS, SIGMAS, frugal, is_among, places, tidy
+from corridor.block.tables import LAYOUTS, POSE, SIGMAS, frugal, is_among, places, tidy
 from corridor.camera import Camera
 from corridor.errors import InputError
 
@@ -113,6 +113,11 @@ class Block:
                 "write a number with a decimal point, or leave the cell empty if it is unknown"
             )
         return numbers.to_numpy(dtype=np.float64)
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(images, 7): x, y, z and qw, qx, qy, qz of images.csv, NaN where unknown."""
+        return np.column_stack([self.column("images", name) for name in POSE])
 
     @property
     def image_flight(self) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from corridor.block.tables import LAYOUTS, POSE, ROLES, SIGMAS, is_among
+from corridor.block.tables import LAYOUTS, ROLES, SIGMAS, is_among
 from corridor.geometry import rotation_from_quaternion
 from corridor.report import Report, Table, counted
 
@@ -206,7 +206,7 @@ def summarise(block, needs: Mapping[str, Iterable[str]]) -> Summary:
     per_image = np.bincount(rows[rows >= 0], minlength=len(block.images))
     few = np.flatnonzero(per_image < FEW_OBSERVATIONS)
     once = block.tie_points["point"].cat.categories[rays.index[rays == 1]]
-    pose = np.column_stack([block.column("images", name) for name in POSE])
+    pose = block.poses
     posed = ~np.isnan(pose).any(axis=1)
     start = block.points.dropna(subset=["x", "y", "z"])
     known, missing = _columns(block)

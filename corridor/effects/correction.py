@@ -14,8 +14,6 @@ from corridor.effects.values import Values
 from corridor.errors import InputError
 from corridor.preparation import rates_from_neighbours, velocities
 
-_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
-
 
 def correct(
     block: Block | str | os.PathLike,
@@ -91,7 +89,7 @@ def _with_motion(
 
 def _refuse_incomplete(block: Block) -> None:
     """Refuse a block without the poses and points at which an effect is worked out."""
-    pose = np.stack([block.column("images", name) for name in _POSE], axis=1)
+    pose = block.poses
     lost = np.flatnonzero(~np.isfinite(pose).all(axis=1))
     if len(lost):
         raise InputError(

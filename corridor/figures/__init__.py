@@ -4,11 +4,9 @@ from corridor.figures.alike import alike
 from corridor.figures.camera_views import camera_views
 from corridor.figures.change import change_maps, change_profile, of_change, point_changes
 from corridor.figures.check_points import check_points, check_points_moved, compare_check_points
-from corridor.figures.confusion import confusion_matrix
 from corridor.figures.correlation import correlation_matrix
 from corridor.figures.counterpart import counterpart, counterpart_axes, counterpart_maps
 from corridor.figures.curves import Panel, curves, histograms
-from corridor.figures.detection import naming_rates
 from corridor.figures.diagnosis import evidence_bars
 from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
@@ -34,7 +32,6 @@ __all__ = [
     "check_points",
     "check_points_moved",
     "compare_check_points",
-    "confusion_matrix",
     "control_map",
     "correlation_matrix",
     "counterpart",
@@ -47,7 +44,6 @@ __all__ = [
     "first_look",
     "histograms",
     "image_shift",
-    "naming_rates",
     "of_adjustment",
     "of_change",
     "point_changes",

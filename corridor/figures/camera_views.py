@@ -28,7 +28,7 @@ def camera_views(block: Block) -> Figure:
     what it sees, 4 m high; heights and distances have one scale.
     """
     title = f"{short(block.name, 60)}: what the cameras see"
-    pose = maps.columns(block.images, ("x", "y", "z", "qw", "qx", "qy", "qz"))
+    pose = block.poses
     known = np.isfinite(pose).all(axis=1)
     if not known.any():
         return style.sentence("No pose is known yet: the adjustment finds start values.", title)

@@ -20,9 +20,11 @@ from corridor.gnss.interpolation import (
 )
 from corridor.gnss.reading import read_exposures, read_track
 from corridor.gnss.slow_noise import SlowNoise
-from corridor.gnss.track import QUALITY, Track, check_quality
+from corridor.gnss.track import GEOCENTRIC, GEOGRAPHIC, QUALITY, Track, check_quality
 
 __all__ = [
+    "GEOCENTRIC",
+    "GEOGRAPHIC",
     "MAX_SIGMA_M",
     "METHODS",
     "QUALITY",

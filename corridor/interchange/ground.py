@@ -16,13 +16,12 @@ import pandas as pd
 
 from corridor.block import LAYOUTS, Block, Layout, place, read_columns
 from corridor.errors import InputError
-from corridor.gnss import convert
+from corridor.gnss import GEOGRAPHIC, convert
 from corridor.interchange.faults import blaming
 from corridor.interchange.pieces import Views, apart
 from corridor.interchange.project import Project, ground_table, local_of
 from corridor.textfile import Line, filled, opening
 
-_GEOGRAPHIC = "EPSG:4979"
 _UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
 
 
@@ -172,7 +171,7 @@ def _xml(path):
     marks = other.marks[["point", "image", "x", "y"]].astype({"point": str, "image": str})
     return Ground.of_tables(
         path,
-        _GEOGRAPHIC if local else None,
+        GEOGRAPHIC if local else None,
         ground.assign(**dict(zip("xyz", places.T, strict=True))),
         list(marks.itertuples(index=False, name=None)),
     )
@@ -242,7 +241,7 @@ def _metres(places, crs):
 
     system = pyproj.CRS.from_user_input(crs)
     unit = system.axis_info[0].unit_conversion_factor if system.is_projected else 1.0
-    geographic = convert(places, crs, _GEOGRAPHIC)
+    geographic = convert(places, crs, GEOGRAPHIC)
     if unit != 1.0 and len(system.axis_info) == 2:
         geographic[:, 2] = places[:, 2] * unit
     return geographic

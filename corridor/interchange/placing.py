@@ -9,15 +9,16 @@ import numpy as np
 import pandas as pd
 
 from corridor import gnss
+from corridor.block import POSE
 from corridor.errors import InputError
 from corridor.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
     similarity,
 )
-from corridor.gnss import Local
+from corridor.gnss import GEOGRAPHIC, Local
 from corridor.interchange.ground import in_frame, rows_by_name
-from corridor.interchange.project import POSE, Project, local_of, local_table
+from corridor.interchange.project import Project, local_of, local_table
 from corridor.interchange.turned import name_turned
 from corridor.photographs import (
     Metadata,
@@ -28,7 +29,6 @@ from corridor.photographs import (
 )
 
 VELOCITY = ("vx", "vy", "vz")
-_GEOGRAPHIC = "EPSG:4979"
 # Published readout times that differ by more than this are of different modes.
 _SAME_MODE = 1.15
 # Where a maker gives no standard deviation: of a code receiver, of a float and a fixed solution.
@@ -361,7 +361,7 @@ def _put(project: Project, table: pd.DataFrame, what: str) -> Project:
             ]
         )
     out = pd.DataFrame({"image": table["image"].to_numpy()})
-    out[["x", "y", "z"]] = in_frame(block, places, _GEOGRAPHIC, f"positions of {what}")
+    out[["x", "y", "z"]] = in_frame(block, places, GEOGRAPHIC, f"positions of {what}")
     for name in ("sx", "sy", "sz"):
         if name in table:
             sigma = table[name].to_numpy(float)
@@ -376,7 +376,7 @@ def _placed(project: Project, images: pd.Series, places: np.ndarray, what: str) 
     local = Local(round(float(lat), 4), round(float(lon), 4), 0.0)
     target = local.from_geographic(places)
     at = pd.Index(block.images["image"]).get_indexer(images)
-    source = block.images[list(POSE[:3])].to_numpy(float)[at]
+    source = block.poses[at, :3]
     source[at < 0] = np.nan
     known = np.isfinite(source).all(axis=1)
     weight = known.astype(float)
@@ -392,7 +392,7 @@ def _placed(project: Project, images: pd.Series, places: np.ndarray, what: str) 
                 f"the project stays in its own frame: positions of {what} do not place it ({error})"
             ]
         )
-    pose = block.images[list(POSE)].to_numpy(float)
+    pose = block.poses
     known = np.isfinite(pose).all(axis=1)
     pose[known, :3] = found.apply(pose[known, :3])
     turned = found.apply_to_rotations(rotation_from_quaternion(pose[known, 3:]))
@@ -439,7 +439,7 @@ def add_track(project: Project, exposures: gnss.Exposures | None, track: Track) 
     found = gnss.antenna(
         epochs,
         exposures,
-        crs=_GEOGRAPHIC if epochs.crs is not None else None,
+        crs=GEOGRAPHIC if epochs.crs is not None else None,
         track_system=track.system,
         exposures_system=track.images_system,
     )

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
+from corridor.block import POSE, Block
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
 from corridor.gnss import Local
 
-POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 # From here on a float32 of another program, or a difference of cubes, loses what a survey needs.
 _FAR_M = 10_000.0
 

@@ -8,13 +8,12 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
+from corridor.block import POSE, Block
 from corridor.camera import project
 from corridor.effects import stated_lever_arms
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion
 from corridor.interchange.intersection import intersected
-from corridor.interchange.project import POSE
 
 
 @dataclass
@@ -72,11 +71,7 @@ def rows_of(block: Block, complete: bool = True) -> Rows:
     complete: points without coordinates are intersected, and what is still missing is an
     InputError; else it is NaN.
     """
-    images = block.images
-    if set(POSE) <= set(images.columns):
-        pose = images[list(POSE)].to_numpy(float)
-    else:
-        pose = np.full((len(images), 7), np.nan)
+    images, pose = block.images, block.poses
     if complete and np.isnan(pose).any():
         name = images["image"].iloc[int(np.argmax(np.isnan(pose).any(axis=1)))]
         raise InputError(
@@ -143,7 +138,7 @@ def camera_positions(block: Block) -> pd.DataFrame:
     image = block.image_rows("gnss")
     arm = stated_lever_arms(block)[block.image_flight[image]]
     if arm.any() and set(POSE) <= set(block.images.columns):
-        rotation = rotation_from_quaternion(block.images[list(POSE[3:])].to_numpy(float)[image])
+        rotation = rotation_from_quaternion(block.poses[image, 3:])
         shift = np.einsum("nji,nj->ni", rotation, arm)
         table[["x", "y", "z"]] = table[["x", "y", "z"]].to_numpy() - np.nan_to_num(shift)
     return table

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from corridor.geometry import rotation_from_quaternion
-from corridor.interchange.project import POSE, Project
+from corridor.interchange.project import Project
 from corridor.photographs import Metadata
 
 # This near to 0 or 180 degrees counts; so many must be, or the yaws tell nothing.
@@ -24,7 +24,7 @@ def name_turned(project: Project, photos: dict[int, Metadata]) -> Project:
 
     photos: by row of images.csv. Says nothing where most are turned: a camera may be mounted so.
     """
-    pose = project.block.images[list(POSE)].to_numpy(float)
+    pose = project.block.poses
     rows = [row for row, photo in photos.items() if said_yaw(photo) is not None]
     rows = np.array([row for row in rows if np.isfinite(pose[row]).all()], dtype=int)
     if not len(rows):

@@ -26,7 +26,7 @@ def rates_from_neighbours(block: Block) -> Block:
     these rates know nothing. Never across the end of a strip. Raises InputError without times or
     poses.
     """
-    pose = np.stack([block.column("images", n) for n in ("x", "y", "z", "qw", "qx", "qy", "qz")], 1)
+    pose = block.poses
     lost = np.flatnonzero(~np.isfinite(pose).all(axis=1))
     if len(lost):
         raise InputError(

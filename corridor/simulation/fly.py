@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from corridor.block import QUATERNION
 from corridor.camera import Camera, undistort
 from corridor.errors import InputError
 from corridor.geometry import (
@@ -237,7 +238,7 @@ def fly(plan: Plan, seed: int) -> Flown:
         "time_s": joined["time_s"],
         "temperature_c": joined["temperature_c"],
         **dict(zip("xyz", joined["centre"].T, strict=True)),
-        **dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True)),
+        **dict(zip(QUATERNION, quaternion.T, strict=True)),
         **dict(zip(("vx", "vy", "vz"), joined["velocity"].T, strict=True)),
         **dict(zip(("wx", "wy", "wz"), joined["rate"].T, strict=True)),
     }

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from corridor import effects as catalogue
-from corridor.block import Block
+from corridor.block import POSE, QUATERNION, Block
 from corridor.camera import INTERIOR
 from corridor.errors import InputError
 from corridor.geometry import (
@@ -31,7 +31,6 @@ from corridor.simulation.views import Network, Views, thin
 
 # Observations that fit in memory with all that hangs on them.
 _MOST_OBSERVATIONS = 200_000_000
-_POSE = ("qw", "qx", "qy", "qz")
 
 
 @dataclass(eq=False, repr=False)
@@ -286,7 +285,7 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
             tried[slug] = dict.fromkeys(values, 0.0)
     names = [flight.name for flight in plan.flights]
     zero = np.zeros(len(names))
-    known = ("time_s", "temperature_c", *"xyz", *_POSE, "vx", "vy", "vz", "wx", "wy", "wz")
+    known = ("time_s", "temperature_c", *POSE, "vx", "vy", "vz", "wx", "wy", "wz")
     pose = {"image": names, **dict.fromkeys(known, zero), "qw": zero + 1.0}
     sketch = Block(
         name=plan.name,
@@ -305,13 +304,12 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
 def _miss(block: Block, start: Start, draw: np.random.Generator) -> Block:
     """The block with start values that miss the truth, and without what nobody knows yet."""
     count = len(block.images)
-    rotation = rotation_from_quaternion(block.images[list(_POSE)].to_numpy())
+    rotation = rotation_from_quaternion(block.poses[:, 3:])
     turn = rotation_from_vector(np.radians(start.rotation_deg) * draw.standard_normal((count, 3)))
     quaternion = quaternion_from_rotation(turn @ rotation)
-    centre = block.images[["x", "y", "z"]].to_numpy()
-    centre = centre + start.centre_m * draw.standard_normal((count, 3))
+    centre = block.poses[:, :3] + start.centre_m * draw.standard_normal((count, 3))
     block.images = block.images.assign(
-        **_xyz(centre), **dict(zip(_POSE, quaternion.T, strict=True))
+        **_xyz(centre), **dict(zip(QUATERNION, quaternion.T, strict=True))
     )
     points = block.points[["x", "y", "z"]].to_numpy()
     points = points + start.points_m * draw.standard_normal(points.shape)
@@ -338,7 +336,7 @@ def _truth(perfect: Block, plan: Plan, seed: int, effects: Mapping, noise: Noise
         "effects": catalogue.Values.of(perfect, effects).plain(),
         "lever_arm": {name: list(arm) for name, arm in perfect.lever_arm.items()},
         "centre": rows(perfect.images, "image", "xyz"),
-        "quaternion": rows(perfect.images, "image", _POSE),
+        "quaternion": rows(perfect.images, "image", QUATERNION),
         "ground": rows(perfect.ground, "point", "xyz"),
         "points": rows(perfect.points, "point", "xyz"),
     }

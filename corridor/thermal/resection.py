@@ -18,7 +18,6 @@ from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion, rotation_from_vector
 
 PARAMETERS = ("f", "cx", "cy")
-_POSE = ("qw", "qx", "qy", "qz")
 _LEAST = 4
 
 
@@ -54,8 +53,7 @@ def resect(block: Block, pose: str = "held", first: int = 10) -> Resection:
     sigma, image = block.mark_sigma(), block.image_rows("marks")
     known = np.isfinite(place).all(axis=1)
     warm = block.column("images", "temperature_c")
-    centre = block.images[["x", "y", "z"]].to_numpy(float)
-    rotation = rotation_from_quaternion(block.images[list(_POSE)].to_numpy(float))
+    centre, rotation = block.poses[:, :3], rotation_from_quaternion(block.poses[:, 3:])
     pictures = [np.flatnonzero(known & (image == n)) for n in range(len(block.images))]
     for n, rows in enumerate(pictures):
         name = block.images["image"].iloc[n]

@@ -64,6 +64,7 @@ class TestBand:
 
 
 class TestNothingIsMissing:
+    @pytest.mark.slow
     def test_about_one_statistic_in_twenty_leaves(self):
         """Three blocks, some 70 statistics each, that go together: twice 5 % is still chance."""
         shares = [share_that_leaves(seed, count=19) for seed in range(3)]

@@ -62,10 +62,11 @@ def observed(block, values=None):
     return np.concatenate([part.ravel() for part in (made.tie, made.mark, made.gnss, made.control)])
 
 
-def dense(tiny, covariance):
-    """M and g of all groups by numerical differences; covariance (3k, 3k) of the antennas."""
+@pytest.fixture(scope="module")
+def derivatives(tiny):
+    """By poses and points, by all groups, and the groups' keys, by numerical differences."""
     block, e, adjusted = tiny
-    system, m = e.system, len(block.images)
+    m = len(block.images)
     ties, marks = len(block.tie_points), len(block.marks)
     rows = observed(adjusted).size
     image = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
@@ -113,8 +114,15 @@ def dense(tiny, covariance):
             here = observed(adjusted, {group.slug: {parameter: back}})
             B.append((there - here) / 2e-3)
         keys += [group.key] * len(group)
-    B = np.array(B).T
+    return A, np.array(B).T, np.array(keys)
 
+
+def dense(tiny, derivatives, covariance):
+    """M and g of all groups; covariance (3k, 3k) of the antennas."""
+    block, e, adjusted = tiny
+    A, B, keys = derivatives
+    system, rows = e.system, len(A)
+    ties, marks = len(block.tie_points), len(block.marks)
     sigma = np.empty(ties + marks)
     pixels = np.empty((ties + marks, 2))
     row = system.image_rows.row
@@ -136,11 +144,11 @@ def dense(tiny, covariance):
             (block.ground[["x", "y", "z"]] - adjusted.ground[["x", "y", "z"]]).to_numpy().ravel(),
         ]
     )
-    unit = 1.0 / np.sqrt(np.einsum("ij,ik,kj->j", A, W, A))
+    unit = 1.0 / np.sqrt(np.einsum("ij,ij->j", A, W @ A))
     A = A * unit
     solve = np.linalg.solve(A.T @ W @ A, A.T @ W @ np.column_stack([B, r]))
     QB, Qr = B - A @ solve[:, :-1], r - A @ solve[:, -1]
-    return B.T @ W @ QB, B.T @ W @ Qr, np.array(keys)
+    return B.T @ W @ QB, B.T @ W @ Qr, keys
 
 
 def _posed(block, k, h):
@@ -160,7 +168,7 @@ def whole(e, reduced):
 
 
 @pytest.mark.parametrize("coloured", [False, True], ids=["white", "coloured"])
-def test_the_reduced_system_is_that_of_dense_algebra(tiny, coloured):
+def test_the_reduced_system_is_that_of_dense_algebra(tiny, derivatives, coloured):
     """B'WQB and B'WQr with poses and points eliminated by one dense solution."""
     e = tiny[1]
     noise = None
@@ -177,7 +185,7 @@ def test_the_reduced_system_is_that_of_dense_algebra(tiny, coloured):
             white, slow = noise.parts(rows, f, axis)
             covariance[np.ix_(rows, rows)] = white + slow
     M, g = whole(e, Elimination(e, noise).reduce())
-    expected, right, keys = dense(tiny, covariance)
+    expected, right, keys = dense(tiny, derivatives, covariance)
     size = np.sqrt(np.abs(np.diag(expected)))
     scale = np.maximum(size[:, None] * size, 1e-6)
     for key in np.unique(keys):

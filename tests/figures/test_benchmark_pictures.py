@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from corridor.figures import confusion_matrix, naming_rates
+from benchmarks.diagnosis.pictures import confusion_matrix, naming_rates
 
 HIDDEN = ["nothing", "rolling_shutter", "rolling_shutter_rotation", "jello"]
 ANSWERS = ["rolling_shutter", "rolling_shutter_rotation", "unknown", "nothing"]

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from corridor.block import POSE
 from corridor.geometry import quaternion_from_rotation, rotation_from_vector
 from corridor.interchange import Project
-from corridor.interchange.project import POSE
 from corridor.interchange.starting import can_start, rotation_of
 from corridor.interchange.turned import name_turned, said_yaw, upside_down, yaw_of
 from corridor.photographs import Metadata, photographs_in, read_metadata

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from corridor.adjustment.initial.intersection import intersect_new
-from corridor.adjustment.initial.network import CENTRE, POSE, Network
+from corridor.adjustment.initial.network import CENTRE, Network
 from corridor.adjustment.initial.resection import refine
-from corridor.block import Block
+from corridor.block import POSE, Block
 from corridor.geometry import quaternion_from_rotation, rotation_from_quaternion
 
 _SWEEPS = 4
@@ -27,7 +27,7 @@ def adjust_interim(network: Network) -> None:
     if found is None:
         sweep(network, np.flatnonzero(network.posed & ~network.pose_given))
         return
-    pose = found.images[POSE].to_numpy()
+    pose = found.poses
     network.centre[network.posed] = pose[:, :3]
     network.rotation[network.posed] = rotation_from_quaternion(pose[:, 3:])
     row = pd.Index(network.points).get_indexer(found.points["point"])
@@ -68,7 +68,7 @@ def _part(network: Network) -> Block:
 
     images = whole.images.iloc[posed].filter(["image", "camera", "flight"]).reset_index(drop=True)
     turn = quaternion_from_rotation(network.rotation[posed])
-    images[POSE] = np.column_stack([network.centre[posed], turn])
+    images[list(POSE)] = np.column_stack([network.centre[posed], turn])
     points = np.unique(network.point[ties])
     held = network.images[network.trusted & network.posed]
     flights = {"default", *images.get("flight", ())}

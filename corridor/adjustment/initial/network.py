@@ -13,7 +13,6 @@ from corridor.camera import undistort
 from corridor.geometry import Rays, rotation_from_quaternion
 
 CENTRE = ["x", "y", "z"]
-POSE = [*CENTRE, "qw", "qx", "qy", "qz"]
 
 # Reprojection that still counts as seen, px: for a known camera, then for stranger ones.
 GATES_PX = (4.0, 15.0, 60.0)
@@ -66,7 +65,7 @@ class Network:
 
     def _take_poses(self) -> None:
         block = self.block
-        pose = np.column_stack([block.column("images", name) for name in POSE])
+        pose = block.poses
         self.posed = np.isfinite(pose).all(1)
         self.pose_given = self.posed.copy()
         self.centre = pose[:, :3].copy()

@@ -22,7 +22,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from corridor.errors import InputError
-from corridor.gnss import Local, convert
+from corridor.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert
 from corridor.interchange.cameras import Held, NoModel, camera_from, in_the_middle, standing_for
 from corridor.interchange.formats.metashape.writing import losses, write
 from corridor.interchange.pieces import Pieces, Views
@@ -39,7 +39,6 @@ __all__ = ["HOLDS", "NAME", "TITLE", "WRITES", "losses", "read", "recognise", "w
 _FLIP = np.diag([1.0, -1.0, -1.0])
 _UNSCALED = "chunk units: no scale, no place in the world (not metres)"
 _EARTH_M = (6.2e6, 6.5e6)
-_GEOCENTRIC, _GEOGRAPHIC = "EPSG:4978", "EPSG:4979"
 _PLY = {
     "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8", "int": "<i4",
     "int32": "<i4", "uint": "<u4", "uint32": "<u4", "uchar": "u1", "uint8": "u1", "char": "i1",
@@ -323,7 +322,7 @@ def _project(chunk, cloud, path, notes, warnings):
         world.local = _local(centre[known] if world.geocentric else None, measured.place[have], crs)
     if world.geocentric:
         turn = world.local.rotation()
-        centre[known] = world.local.from_crs(centre[known], _GEOCENTRIC)
+        centre[known] = world.local.from_crs(centre[known], GEOCENTRIC)
         rotation[known] = rotation[known] @ turn.T
     reference = np.full_like(centre, np.nan)
     reference[have] = world.points(measured.place[have], crs)
@@ -444,9 +443,9 @@ def _of_angles(angles):
 def _local(geocentric, place, crs):
     """A frame about the middle of the cameras, on round numbers."""
     if geocentric is not None:
-        geographic = convert(geocentric, _GEOCENTRIC, _GEOGRAPHIC)
+        geographic = convert(geocentric, GEOCENTRIC, GEOGRAPHIC)
     elif len(place):
-        geographic = convert(place, crs, _GEOGRAPHIC)
+        geographic = convert(place, crs, GEOGRAPHIC)
     else:
         return None
     lon, lat, _ = np.median(geographic, axis=0)
@@ -582,7 +581,7 @@ def _ties(places, found, labels, world, transform):
     if world.scaled and (similarity := _similarity(transform)):
         scale, turn, shift = similarity
         xyz = scale * xyz @ turn.T + shift
-        xyz = world.points(xyz, _GEOCENTRIC if world.geocentric else None)
+        xyz = world.points(xyz, GEOCENTRIC if world.geocentric else None)
     # Marker labels are often plain numbers: tie points get a letter.
     names = ("t" + pd.Index(known).astype("str")).astype("str")
     return Views(order[near][kept], names, images[kept], pixels[kept], "tie points"), (names, xyz)

@@ -10,16 +10,12 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.geometry import rotation_from_quaternion
-from corridor.gnss import convert
+from corridor.gnss import GEOCENTRIC, GEOGRAPHIC, convert
 from corridor.interchange.cameras import in_the_middle
-from corridor.interchange.project import (
-    POSE,
-    local_of,
-)
+from corridor.interchange.project import local_of
 from corridor.interchange.rows import camera_positions
 from corridor.textfile import add_xml, write_xml
 
-_GEOCENTRIC, _GEOGRAPHIC = "EPSG:4978", "EPSG:4979"
 _WGS84 = (
     'GEOGCS["WGS 84",DATUM["World Geodetic System 1984",SPHEROID["WGS 84",6378137,'
     '298.257223563]],PRIMEM["Greenwich",0],UNIT["degree",0.01745329251994328],'
@@ -63,7 +59,7 @@ class _Frame:
         if self.local:
             self.turn = self.local.rotation().T
             self.shift = convert(
-                self.local.to_geographic(np.zeros((1, 3))), _GEOGRAPHIC, _GEOCENTRIC
+                self.local.to_geographic(np.zeros((1, 3))), GEOGRAPHIC, GEOCENTRIC
             )[0]
 
     def reference(self, parent, place, sigma, enabled: bool) -> None:
@@ -111,7 +107,7 @@ def _document_xml(block):
 def _cameras_xml(block, frame):
     root, chunk, cameras = _document_xml(block)
     positions = camera_positions(block).set_index("image")
-    pose = block.images.reindex(columns=list(POSE)).to_numpy(float)
+    pose = block.poses
     rotation = rotation_from_quaternion(np.nan_to_num(pose[:, 3:], nan=1.0))
     for k, (element, image) in enumerate(zip(cameras, block.images["image"], strict=True)):
         if np.isfinite(pose[k]).all():
