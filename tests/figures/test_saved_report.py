@@ -11,28 +11,33 @@ from corridor.figures import of_adjustment
 from corridor.report import CAPTIONS, save_adjustment
 
 
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """An adjustment, the folder of its result, and what was written."""
+    made, folder = adjustment(corridor(images=8)), tmp_path_factory.mktemp("result") / "out"
+    return made, folder, save_adjustment(made, folder, of_adjustment(made))
+
+
 def test_every_picture_has_a_caption_and_every_caption_a_picture():
     assert set(of_adjustment(adjustment(corridor(images=8)))) == set(CAPTIONS)
 
 
-def test_the_folder_holds_every_picture_alone_and_in_the_page(tmp_path):
-    made = adjustment(corridor(images=8))
-    written = save_adjustment(made, tmp_path / "out", of_adjustment(made))
+def test_the_folder_holds_every_picture_alone_and_in_the_page(saved):
+    _, folder, written = saved
     names = {path.name for path in written}
     assert {f"{name}.png" for name in CAPTIONS} <= names
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    page = (folder / "report.html").read_text(encoding="utf-8")
     assert len(re.findall(r'src="data:image/png;base64,', page)) == len(CAPTIONS)
-    content = json.loads((tmp_path / "out" / "adjustment.json").read_text())
+    content = json.loads((folder / "adjustment.json").read_text())
     assert content["pictures"] == [f"{name}.png" for name in CAPTIONS]
 
 
-def test_the_same_adjustment_gives_the_same_page(tmp_path):
-    made = adjustment(corridor(images=8))
-    for name in ("a", "b"):
-        save_adjustment(made, tmp_path / name, of_adjustment(made))
-    one, two = ((tmp_path / name / "report.html").read_bytes() for name in ("a", "b"))
+def test_the_same_adjustment_gives_the_same_page(saved, tmp_path):
+    made, folder, _ = saved
+    save_adjustment(made, tmp_path / "again", of_adjustment(made))
+    one, two = ((where / "report.html").read_bytes() for where in (folder, tmp_path / "again"))
     assert one == two
-    assert str(tmp_path).encode() not in one
+    assert str(folder.parent).encode() not in one and str(tmp_path).encode() not in two
 
 
 def test_the_old_name_writes_the_same_and_says_what_is_new(tmp_path):
