@@ -1,13 +1,17 @@
 """Levenberg-Marquardt: damping that vanishes, convergence judged on the step.
 
-Source: Marquardt 1963; the step is measured in standard deviations (sqrt of x' N x), so that one
-tolerance serves metres, radians and pixels alike.
+The step is measured in standard deviations (sqrt of x' N x), so that one tolerance serves metres,
+radians and pixels alike. A damped step that raises the cost is tried again with the points at rest
+where it leads; one without damping, where large residuals bend the cost more than the equations
+know, as far as the parabola through cost and slope has its lowest point.
+Source: Marquardt 1963; Jeong et al. 2010 (embedded point iterations); Nocedal and Wright 2006,
+section 3.5 (quadratic interpolation).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -112,17 +116,25 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             done = length < tolerance and (
                 tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, shared, AT_REST))
             )
+            # Rounding of the cost may hide the gain of a last, tiny step. Effects look one step
+            # behind: the cost knew less of them before than it does now, which hides more.
+            hidden = (1e-8 if normal.has_image_effects else 1e-12) * cost
+            tiny = length < max(tolerance, TINY)
             if done:
                 reached, behind = normal.cost_at(trial, near)
             else:
                 # The equations of the next step give the cost of this one.
                 normal.assemble(trial, relaxed, trial_near)
+                if not (tiny or normal.behind) and cost < normal.cost - hidden < np.inf:
+                    if damping:
+                        trial = _points_at_rest(normal, trial, relaxed)
+                    else:
+                        part = 0.5 * down / (normal.cost - cost + down)
+                        points = state.points + part * (points - state.points)
+                        trial = moved_state(p, state, part * step, part * shared, points)
+                        normal.assemble(trial, relaxed, near)
                 reached, behind = normal.cost, normal.behind
-            gain = cost - reached
-            # Rounding of the cost may hide the gain of a last, tiny step. Effects look one step
-            # behind: the cost knew less of them before than it does now, which hides more.
-            hidden = 1e-8 if normal.has_image_effects else 1e-12
-            better = gain >= -hidden * cost or length < max(tolerance, TINY)
+            better = cost - reached >= -hidden or tiny
             accepted = bool(behind == 0 and np.isfinite(reached) and better)
             entry = {
                 "iteration": iteration,
@@ -148,6 +160,21 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
         if done:
             return Solution(state, True, iteration, cost, history)
     return Solution(state, False, max_iterations, cost, history)
+
+
+def _points_at_rest(normal: Normal, state: State, damping: float) -> State:
+    """The state just assembled with its points intersected anew, and assembled again.
+
+    Where heights and focal length trade along a long bent valley, the points leave it first: one
+    step of theirs alone brings them back to its floor.
+    """
+    p = normal.problem
+    points, *_ = normal.substitute(
+        state, 0.0, np.zeros((p.image_count, p.d)), np.zeros(p.shared_count)
+    )
+    state = replace(state, points=points)
+    normal.assemble(state, damping, normal.modelled)
+    return state
 
 
 def _at_rest(system: Bordered, shared: np.ndarray, tolerance: float) -> bool:
