@@ -11,6 +11,7 @@ import numpy as np
 
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import explain, free_network, helmert_onto
+from corridor.adjustment.gnss_weight import weighted_by_scatter, without_unseen_arms
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Singular
@@ -24,6 +25,8 @@ from corridor.effects import Effect, check_needs
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.preparation import Prepared, prepare
 
+# Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
+ITERATIONS = 100
 # What a lens that is not calibrated may bend, as a start: with this standard deviation.
 START_LENS = {"k1": 0.1, "k2": 0.1}
 
@@ -39,7 +42,7 @@ def adjust(
     lever_arm: str | None = None,
     threads: int = 1,
     progress: Callable[[dict], None] | None = None,
-    max_iterations: int = 50,
+    max_iterations: int = ITERATIONS,
     reject_gnss: bool = False,
     model: Model | None = None,
     strict: bool = False,
@@ -54,7 +57,8 @@ def adjust(
     control, check: ground points with that role, in place of the roles in ground.csv.
     loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
     priors: value and standard deviation by name: `{"camera.P1.f": (8190.0, 5.0)}`.
-    lever_arm: `free` or `fixed`; default: free unless block.toml fixes it.
+    lever_arm: `free` or `fixed`; default: free unless block.toml fixes it or the antenna positions
+        do not show it: such an arm is held at 0, or as stated.
     threads: 1 or 2.
     reject_gnss: leave out antenna positions whose residual is beyond five sigmas (false fixes,
         which no smoother of the track can see) and adjust again, until none is left.
@@ -65,6 +69,9 @@ def adjust(
         which are left out and named in `warnings` otherwise.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
+    A focal length that block.toml says is stated (`f_stated`, by photographs) is a prior of a
+    camera that is free. One sigma of half a metre and more for all antenna positions is an
+    assumption: where they scatter otherwise, that is used and said.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
     nor GNSS is adjusted as a free network, laid on its start poses as a whole.
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
@@ -88,7 +95,7 @@ def adjust(
     block, left_out = (block, []) if strict else sound_part(block, model)
     run = Run(min(threads, 2), progress, max_iterations)
 
-    def again(part: Block) -> Adjustment:
+    def again(part: Block, model: Model = model) -> Adjustment:
         try:
             return _once(part, model, run)
         except AdjustmentFailed:
@@ -101,6 +108,7 @@ def adjust(
 
     result = again(block)
     result = _without_false_fixes(result, again) if reject_gnss else result
+    result = without_unseen_arms(weighted_by_scatter(result, again), again)
     for note in (*_used(prepared, model.effects), *reversed(left_out)):
         result.add_note(note)
     return result
@@ -108,7 +116,7 @@ def adjust(
 
 def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:
     """Sentences on derived columns that this adjustment made use of, and on what failed."""
-    used = {"gnss", "images.flight"}
+    used = {"gnss", "gnss.sx", "images.flight"}
     used |= {column for effect in effects for column in (*effect.needs, *effect.takes)}
     told = [one.sentence for one in prepared.derived if one.column in used]
     return list(dict.fromkeys([*told, *prepared.notes]))
@@ -120,7 +128,7 @@ class Run:
 
     threads: int = 1
     progress: Callable[[dict], None] | None = None
-    max_iterations: int = 50
+    max_iterations: int = ITERATIONS
 
 
 def _once(block: Block, model: Model, run: Run) -> Adjustment:

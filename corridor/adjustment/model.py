@@ -25,6 +25,11 @@ REFERENCE_CAMERA = "fraser10"
 LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.CAUCHY}
 # What is not an effect: interior parameters of a camera, the antenna's place in a flight.
 CAMERA, LEVER_ARM, EFFECT = "camera", "lever_arm", "effect"
+# Key of a camera in block.toml: what its photographs state of f, value and standard deviation, px.
+STATED_FOCAL = "f_stated"
+# A drone carries its antenna within some decimetres of the camera: positions coarser than this in
+# plan say nothing of it, and one that is estimated from them is other errors by another name.
+SEES_ARM_M = 0.2
 
 
 class Loss(NamedTuple):
@@ -116,7 +121,8 @@ class Model:
     control, check: ground points with that role, in place of the roles in ground.csv: names, or
         one text with commas between them.
     priors: value and standard deviation by name: `{"camera.P1.f": (8190.0, 5.0)}`.
-    lever_arm: `free` or `fixed`; default: free unless block.toml fixes it.
+    lever_arm: `free` or `fixed`; default: free unless block.toml fixes it or the GNSS positions
+        are too coarse to see it.
     loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
     parameters: what is wanted of single ones: `model.parameters["camera.P1.k3"].vary = False`.
     """
@@ -164,6 +170,25 @@ class Model:
                 f"{', '.join(told)} and a model are given: the model says it already, give one"
             )
         return model
+
+    def settings_of(self, block: Block) -> dict[ParameterId, Setting]:
+        """Wishes for single parameters, and the stated focal lengths of cameras that are free.
+
+        Raises InputError where block.toml states one that is no value and standard deviation.
+        """
+        out, free = self.settings, self.free(block)
+        for name, camera in block.cameras.items():
+            stated = camera.extra.get(STATED_FOCAL)
+            if stated is None or "f" not in free[name]:
+                continue
+            if np.shape(stated) != (2,) or not all(_is_size(number) for number in stated):
+                raise InputError(
+                    f"block.toml: {STATED_FOCAL} of camera {name} is {stated!r}: write a focal "
+                    "length and its standard deviation in px, as [1133.0, 34.0]"
+                )
+            wish = out.setdefault(ParameterId(CAMERA, name, "f"), Setting())
+            wish.prior = wish.prior or (float(stated[0]), float(stated[1]))
+        return out
 
     @property
     def settings(self) -> dict[ParameterId, Setting]:
@@ -224,7 +249,9 @@ class Model:
 
     def arms_free(self, block: Block) -> bool:
         """Whether the lever arms of the flights are estimated."""
-        return self.lever_arm == "free" or (self.lever_arm is None and not block.lever_arm_fixed)
+        if self.lever_arm is None:
+            return not block.lever_arm_fixed and not arms_unseen(block)
+        return self.lever_arm == "free"
 
     def roles(self, block: Block) -> np.ndarray:
         """Role of each row of ground.csv after control and check have had their say.
@@ -252,6 +279,16 @@ class Model:
         if both:
             raise InputError(f"{', '.join(sorted(both))} cannot be control and check point at once")
         return roles
+
+
+def arms_unseen(block: Block) -> bool:
+    """Whether the antenna positions are too coarse to see where on a drone the antenna sits."""
+    sigma = block.gnss_sigma()
+    return bool(len(sigma)) and float(np.median(sigma[:, :2])) > SEES_ARM_M
+
+
+def _is_size(number) -> bool:
+    return isinstance(number, int | float) and np.isfinite(number) and number > 0
 
 
 def listed(names: str | Iterable) -> list:

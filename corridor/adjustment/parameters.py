@@ -75,7 +75,7 @@ class Parameters(Mapping):
 def parameters_of(adjustment: Adjustment) -> Parameters:
     """Every parameter of cameras, lever arms and effects; poses and points have tables."""
     p, start = adjustment.problem, adjustment.problem.start
-    settings = p.model.settings
+    settings = p.model.settings_of(p.block)
 
     def found(which: ParameterId, value, sigma, unit, vary, begun) -> Found:
         given = [wish.prior for other, wish in settings.items() if other.means(which)]

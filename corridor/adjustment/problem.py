@@ -148,7 +148,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     stack = Stack(block, model.effects, list(names[control.control_rows]))
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
-    free, settings = model.free(block), model.settings
+    free, settings = model.free(block), model.settings_of(block)
     wanted = Wanted(free, arms_free, gnss.gnss_image, len(control.control_rows), model.held)
     unknowns = unknowns_of(images, stack, wanted)
     own = per_image_names(stack, unknowns.per_image_unknowns)

@@ -17,6 +17,12 @@ ROW_SHARE, ROW_SIGMAS = 0.15, 0.5
 _ROW_DEGREE = 4
 # An estimated readout this far from the stated one, in sigmas and as a share, is told.
 FAR_SIGMAS, FAR_SHARE = 3.0, 0.15
+# A stated shutter that is left out and moves the rows of a picture by more than this (px).
+MOVED_PX = 1.0
+# Pixels of sensors are square to a few parts in ten thousand, and their axes perpendicular.
+SQUARE = 2e-3
+# A common delay of the positions: in its sigmas, and the part of the squares that it explains.
+LATE_SIGMAS, LATE_SHARE = 5.0, 0.3
 
 
 def warnings_of(adjustment: Adjustment) -> list[str]:
@@ -26,6 +32,10 @@ def warnings_of(adjustment: Adjustment) -> list[str]:
         *_inseparable(adjustment),
         *_motion(adjustment),
         *_readout(adjustment),
+        *_unmodelled(adjustment),
+        *_priors(adjustment),
+        *_pixels(adjustment),
+        *_clock(adjustment),
         *_fit(adjustment),
         *_outliers(adjustment),
         *_insignificant(adjustment),
@@ -127,6 +137,103 @@ def _readout(a):
                 )
 
 
+def _unmodelled(a):
+    """A rolling shutter that the block states and the model leaves out."""
+    p = a.problem
+    if p.stack.at("motion") or {"b1", "b2"} & {n for free in p.free.values() for n in free}:
+        return
+    block = p.block
+    speed = np.linalg.norm([block.column("images", axis) for axis in ("vx", "vy", "vz")], axis=0)
+    height = _height(a)
+    for name, camera in block.cameras.items():
+        mine = np.isfinite(speed) & (block.images["camera"] == name).to_numpy()
+        if not camera.readout_s or not mine.any() or not height > 0:
+            continue
+        moved = float(np.median(speed[mine])) * camera.readout_s
+        pixels = moved * camera["f"] / height
+        if pixels > MOVED_PX:
+            yield (
+                f"block.toml states that camera {name} reads a picture in "
+                f"{1000 * camera.readout_s:.1f} ms, while it flies {moved:.2f} m or {pixels:.0f} "
+                "px, and the model takes the shutter as global: an effect of `corridor effects` "
+                "on the motion (rolling_shutter; with rates.csv rolling_shutter_rotation) "
+                "estimates it, `corridor correct` takes the stated one out."
+            )
+
+
+def _height(a):
+    """Median of cameras over points, m."""
+    return float(np.median(a.state.centre[:, 2]) - np.median(a.state.points[:, 2]))
+
+
+def _priors(a):
+    """Priors that the measurements overrule."""
+    if not a.problem.prior_weight.any():
+        return
+    for one in a.parameters.values():
+        if one.prior is None or not one.vary:
+            continue
+        value, sigma = one.prior
+        off = abs(one.value - value) / sigma
+        if off > FAR_SIGMAS:
+            unit = f" {one.unit}" if one.unit else ""
+            yield (
+                f"{one.name} comes to {one.value:.5g} +- {one.sigma:.2g}{unit}, {off:.1f} sigmas "
+                f"from what is stated beforehand, {value:.5g} +- {sigma:.2g}{unit}: either that is "
+                "wrong, or the model lacks something that this parameter takes up; hold it and "
+                "look at the residuals, or ask `corridor diagnose`."
+            )
+
+
+def _pixels(a):
+    """Affinity that no sensor has."""
+    free = a.camera[a.camera["free"] & a.camera["parameter"].isin(["b1", "b2"])]
+    size = free["value"].abs()
+    found = free[(size > SQUARE) & (size > FAR_SIGMAS * free["sigma"])]
+    for camera, rows in found.groupby("camera", sort=False):
+        values = " and ".join(f"{r.parameter} {100 * r.value:.2f} %" for r in rows.itertuples())
+        yield (
+            f"Camera {camera} has {values}: the pixels of sensors are square to less than "
+            f"{100 * SQUARE:g} %. It takes up what the model lacks (a rolling shutter at one "
+            "speed, say), or the flight does not tell it: `--camera fraser8` holds it."
+        )
+
+
+def late(a) -> tuple[float, float] | None:
+    """By how much the antenna positions come late, s, and its sigma; None where they do not.
+
+    By their residuals along the flight, where no effect of the antenna is modelled.
+    """
+    p, table = a.problem, a.residuals["gnss"]
+    if not len(table) or p.stack.at("antenna"):
+        return None
+    images = p.block.images.set_index("image").reindex(table["image"].astype(str))
+    if not {"vx", "vy", "vz"} <= set(images):
+        return None
+    v = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
+    speed = images[["vx", "vy", "vz"]].to_numpy(float) / table[["sx", "sy", "sz"]].to_numpy()
+    known = np.isfinite(speed).all(axis=1)
+    square = float(np.sum(speed[known] ** 2))
+    if known.sum() < 8 or not square > 0:
+        return None
+    delay = float(np.sum(v[known] * speed[known])) / square
+    left = v[known] - delay * speed[known]
+    share = 1 - float(np.sum(left**2) / np.sum(v[known] ** 2))
+    sigma = float(np.sqrt(np.sum(left**2) / left.size / square))
+    return (delay, sigma) if abs(delay) > LATE_SIGMAS * sigma and share > LATE_SHARE else None
+
+
+def _clock(a):
+    found = late(a)
+    if found:
+        yield (
+            f"The GNSS positions are {1000 * abs(found[0]):.0f} +- {1000 * found[1]:.0f} ms "
+            f"{'ahead of' if found[0] > 0 else 'behind'} the images along the flight: "
+            "--effect clock_offset estimates it; leaving positions out (--reject-gnss) does not "
+            "help."
+        )
+
+
 def _fit(a):
     if a.redundancy > 30 and a.sigma0 > 1.5:
         yield (
@@ -156,8 +263,9 @@ def _outliers(a):
             f"{found['outliers']} of {found['count']} {what} observations ({share:.1f} %) lie "
             f"beyond 5 robust sigmas{gross}{advice}."
         )
+    reject = "" if late(a) else ": --reject-gnss leaves them out"
     for kind, what, remedy in (
-        ("gnss", "GNSS position", ": --reject-gnss leaves them out"),
+        ("gnss", "GNSS position", reject),
         ("control", "control point", ""),
     ):
         found = a.observations[kind]

@@ -133,7 +133,7 @@ SHARED = {
         "threads to use (default %(default)s)", "N", whole("number of threads", 1), default=1
     ),
     "--iterations": option(
-        "iterations within which the adjustment has to converge (default 50)",
+        "iterations within which the adjustment has to converge (default 100)",
         "N",
         whole("number of iterations", 1),
     ),

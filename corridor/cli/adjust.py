@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> None:
             model=_model.of_options(options),
             threads=options.threads,
             progress=progress,
-            max_iterations=options.iterations or 50,
+            max_iterations=options.iterations or 100,
             reject_gnss=options.reject_gnss,
             strict=options.strict,
         )

@@ -25,7 +25,7 @@ class Settings:
     prior_of_adjusted: float = 10.0
     prior_of_adjusted_per_image: float = 1.0
     # Shapes with a hundred parameters creep to their end, and need not reach it.
-    iterations: int = 50
+    iterations: int = 100
     iterations_of_shapes: int = 6
     # Least share of redundancy that few rays leave.
     least_redundancy: float = 0.05

@@ -31,7 +31,7 @@ from corridor.report import whole_folder
 
 # Neighbours by position, all with all up to so many images, along the sequence beyond.
 _NEIGHBOURS, _ALL, _SEQUENCE = 20, 60, 12
-_BATCH_PAIRS = 40
+_BATCH_PAIRS = 20
 # A focal length further from the stated one than this is of a model that bends, or of a wrong
 # statement: the stated one is held unless the other fits so much better.
 _FOCAL_RANGE, _FITS_BETTER = 0.10, 0.7
@@ -85,17 +85,18 @@ def from_photographs(
     _same_photos(place, folder, files, names, cheaply)
     pictures = _pictures(folder, place, names, photos, cheaply, progress)
     database = place / "database.db"
-    for done in _features(pycolmap, database, pictures, names, photos, cheaply):
-        progress(f"features: {done} of {len(names)} photographs")
-    pairs = _pairs(photos)
-    for done in _matches(pycolmap, database, place, names, pairs):
-        progress(f"matches: {done} of {len(pairs)} pairs")
     model = place / ("started" if started else "model")
+    if not (place / "model" / "images.bin").is_file():
+        for done in _features(pycolmap, database, pictures, names, photos, cheaply):
+            progress(f"features: {done} of {len(names)} photographs")
+        pairs = _pairs(photos)
+        for done in _matches(pycolmap, database, place, names, pairs):
+            progress(f"matches: {done} of {len(pairs)} pairs")
     if started and not (model / "images.bin").is_file():
         progress("starting from positions and attitudes")
         known = dict(zip(names, photos, strict=True))
         with whole_folder(model, "images.bin") as part:
-            from_attitudes(pycolmap, database, pictures, known).write_binary(part)
+            from_attitudes(pycolmap, database, pictures, known, progress).write_binary(part)
     if not (model / "images.bin").is_file():
         stated = all(stated_focal(photo) for photo in photos)
         _map(pycolmap, database, pictures, model, photos, stated, progress)
@@ -150,9 +151,6 @@ def _with_focal_compared(project, names, photos):
                     "or cropped, or the statement is wrong; check it before you trust heights"
                 ]
             )
-        else:
-            said = said.partition("), ")[0] + ")"
-            project = project.having(notes=[f"{said}, the start of the import"])
     return project
 
 

@@ -26,6 +26,7 @@ from corridor.photographs import (
     photographs_in,
     published_readouts,
     read_metadata,
+    stated_focal,
 )
 
 VELOCITY = ("vx", "vy", "vz")
@@ -86,6 +87,7 @@ def add_photographs(project: Project, folder: Path) -> tuple[Project, gnss.Expos
         _with_temperatures,
         _with_motion,
         _with_readout,
+        _with_focal,
     ):
         project = step(project, photos)
     project = _with_positions(project, photos, exposures)
@@ -254,9 +256,32 @@ def _with_readout(project, photos):
         if readout is None:
             notes += [f"camera {name} ({mine[0].model}): {source}"] if source else []
             continue
-        cameras[name] = replace(camera, readout_s=readout)
+        extra = {**camera.extra, "readout_from": source}
+        cameras[name] = replace(camera, readout_s=readout, extra=extra)
         notes.append(
             f"camera {name}: readout {1000 * readout:.1f} ms, {source}; 0 if its shutter is global"
+        )
+    return project.having(notes=notes, cameras=cameras)
+
+
+def _with_focal(project, photos):
+    """Writes the focal length that photographs state, with its sigma: a prior of an adjustment."""
+    block = project.block
+    cameras, notes = dict(block.cameras), []
+    for name, camera in block.cameras.items():
+        mine = [photo for row, photo in photos.items() if block.images["camera"].iloc[row] == name]
+        if not mine or camera.calibrated:
+            continue
+        photo = mine[0]
+        same = abs(photo.width * camera.height / (photo.height_px * camera.width) - 1) < 0.01
+        stated = stated_focal(photo, max(camera.width, camera.height)) if same else None
+        if stated is None:
+            continue
+        prior = [round(stated.px, 2), round(stated.sigma_px, 2)]
+        cameras[name] = replace(camera, extra={**camera.extra, "f_stated": prior})
+        notes.append(
+            f"camera {name}: f stated {stated.px:.0f} +- {stated.sigma_px:.0f} px ({stated.of}), "
+            "a prior where f is estimated (f_stated in block.toml)"
         )
     return project.having(notes=notes, cameras=cameras)
 

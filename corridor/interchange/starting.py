@@ -8,6 +8,7 @@ poses adjusted with the positions held to their sigma, and the limit is made nar
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,13 @@ def rotation_of(photo: Metadata) -> np.ndarray:
     return (_TO_ENU @ about_z @ about_y @ about_x @ mounted).T
 
 
-def from_attitudes(pycolmap, database: Path, folder: Path, photos: dict[str, Metadata]):
+def from_attitudes(
+    pycolmap,
+    database: Path,
+    folder: Path,
+    photos: dict[str, Metadata],
+    progress: Callable[[str], None] = lambda what: None,
+):
     """The model of all photographs, in metres about their middle. photos: by name in `database`."""
     spots = np.array([[p.lon_deg, p.lat_deg, p.height] for p in photos.values()])
     lon, lat, height = np.median(spots, axis=0)
@@ -71,7 +78,8 @@ def from_attitudes(pycolmap, database: Path, folder: Path, photos: dict[str, Met
             )
         )  # fmt: skip
     focal = min(camera.mean_focal_length() for camera in model.cameras.values())
-    for limit in _LIMITS:
+    for done, limit in enumerate(_LIMITS, 1):
+        progress(f"adjusting from positions and attitudes: {done} of {len(_LIMITS)}")
         model = _intersected(pycolmap, model, database, folder, limit, focal)
         _adjusted(pycolmap, model, priors, limit, focal)
     return model

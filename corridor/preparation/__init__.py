@@ -2,7 +2,7 @@
 
 from corridor.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
 from corridor.preparation.preparing import Prepared, prepare
-from corridor.preparation.record import Derived, derived
+from corridor.preparation.record import Derived, derived, record
 from corridor.preparation.velocity import METHODS, Velocities, velocities
 
 __all__ = [
@@ -14,5 +14,6 @@ __all__ = [
     "prepare",
     "rates_from_gyro",
     "rates_from_neighbours",
+    "record",
     "velocities",
 ]

@@ -10,9 +10,9 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.errors import AdjustmentFailed, InputError
-from corridor.gnss import Antenna, interpolate, of_block
+from corridor.gnss import Antenna, of_block
 from corridor.preparation.record import Derived, derived, record
-from corridor.preparation.velocity import FASTEST_M_S, rounding
+from corridor.preparation.smoothing import FASTEST_M_S, motion, of_gnss, of_poses
 
 _XYZ, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
 _VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
@@ -145,42 +145,10 @@ def _velocities(block: Block, flown: Antenna | None) -> None:
 def _sources(block: Block, flown: Antenna | None):
     """(name, callable that gives velocities and their sigmas (images, 6)), the best first."""
     if flown is not None:
-        columns = [*_VELOCITY, *_VELOCITY_SIGMA]
-        yield "track.csv", lambda: flown.interpolated.table[columns].to_numpy(dtype=float)
-    if len(block.gnss) and flown is None:
-        rows = block.image_rows("gnss")
-        place, sigma = np.full((2, len(block.images), 3), np.nan)
-        there = rows >= 0
-        place[rows[there]] = block.gnss[_XYZ].to_numpy(dtype=float)[there]
-        sigma[rows[there]] = block.gnss_sigma()[there]
-        yield "gnss.csv", lambda: _smoothed(block, place, sigma)
-    centre = np.stack([block.column("images", axis) for axis in _XYZ], axis=1)
-    yield "the poses of images.csv", lambda: _smoothed(block, centre, None)
-
-
-def _smoothed(block: Block, place: np.ndarray, sigma: np.ndarray | None) -> np.ndarray:
-    """Velocities and their sigmas (images, 6) of positions (images, 3) at the images' times.
-
-    NaN where a flight has too few positions, or none near. sigma: (images, 3) m; None: unknown.
-    """
-    time = block.column("images", "time_s")
-    cameras = pd.factorize(block.images["camera"])[0]
-    path = block.image_flight * (cameras.max() + 1) + cameras
-    out = np.full((len(time), 6), np.nan)
-    columns = {"time_s": time, **dict(zip(_XYZ, place.T, strict=True))}
-    # Rounded times make more scatter than the positions have: the scatter says how much.
-    if sigma is not None and not rounding(time):
-        columns |= dict(zip(_SIGMA, sigma.T, strict=True))
-    table = pd.DataFrame(columns).assign(flight=path.astype(str))
-    table = table[np.isfinite(place).all(axis=1)].sort_values(["flight", "time_s"], kind="stable")
-    table = table.drop_duplicates(["flight", "time_s"])
-    enough = table["flight"].map(table["flight"].value_counts()) > 1
-    if not enough.any():
-        return out
-    found = interpolate(
-        table[enough].reset_index(drop=True), time, flight=path.astype(str), max_sigma=np.inf
-    )
-    return found.table[[*_VELOCITY, *_VELOCITY_SIGMA]].to_numpy(dtype=float)
+        yield "track.csv", lambda: motion(flown.interpolated)
+    elif len(block.gnss):
+        yield "gnss.csv", lambda: of_gnss(block)
+    yield "the poses of images.csv", lambda: of_poses(block)
 
 
 def _rates(block: Block) -> None:

@@ -11,13 +11,10 @@ import pandas as pd
 from corridor.block import Block
 from corridor.errors import InputError
 from corridor.preparation.record import derived, forget
+from corridor.preparation.smoothing import FASTEST_M_S, of_gnss, of_track, rounding
 
 METHODS = ("auto", "metadata", "gnss", "strip", "neighbours")
-# No drone and no survey aeroplane flies faster; wrong time stamps easily do.
-FASTEST_M_S = 120.0
 _AXES = ("vx", "vy", "vz")
-# Steps of clocks that write whole seconds, halves, tenths.
-_STEPS = (1.0, 0.5, 0.1)
 
 
 @dataclass
@@ -71,8 +68,8 @@ _TOLD = {
 def velocities(block: Block, method: str = "auto") -> Velocities:
     """Velocity of every image of a block.
 
-    method: `metadata`: vx, vy, vz of images.csv. `gnss`: from track.csv, or from gnss.csv as
-    `strip` from the poses. `neighbours`: displacement over time between the images before and
+    method: `metadata`: vx, vy, vz of images.csv. `gnss`: from track.csv, or from gnss.csv, as
+    `prepare` has them. `neighbours`: displacement over time between the images before and
     after (Zhou 2019, section 7.5, step 2), one-sided at the ends of a strip. `strip`: a
     quadratic in time through all camera positions of a strip, which errors of single time
     stamps hardly move.
@@ -92,9 +89,7 @@ def velocities(block: Block, method: str = "auto") -> Velocities:
     if method == "metadata":
         return _checked(block, _from_metadata(block, given))
     if method == "gnss":
-        if len(block.track):
-            return _checked(block, _from_track(block))
-        return _checked(block, _from_positions(block, _antennas(block), "gnss"))
+        return _checked(block, _from_antennas(block))
     return _checked(block, _from_positions(block, _centres(block), method))
 
 
@@ -119,34 +114,28 @@ def _from_metadata(block: Block, given: np.ndarray) -> Velocities:
     return Velocities(given, np.full(len(given), np.nan), "metadata")
 
 
-def _from_track(block: Block) -> Velocities:
-    """From the receiver's velocities, or the slope of its positions within a second."""
-    out = np.full((len(block.images), 3), np.nan)
+def _from_antennas(block: Block) -> Velocities:
+    """By the smoother, from track.csv or gnss.csv, with its sigmas along the flight."""
     time = times(block)
-    track = block.track
-    flights = np.array(block.flight_names, dtype=object)[block.image_flight]
-    own = "flight" in track and track["flight"].notna().any()
-    for flight in dict.fromkeys(flights):
-        mine = np.flatnonzero(flights == flight)
-        rows = track[track["flight"] == flight] if own else track
-        rows = rows.sort_values("time_s", kind="stable").drop_duplicates("time_s")
-        at = rows["time_s"].to_numpy(float)
-        xyz = rows[["x", "y", "z"]].to_numpy(float)
-        stated = set(_AXES) <= set(rows) and rows[list(_AXES)].notna().all(axis=None)
-        outside = [] if len(at) else mine
-        if len(at):
-            outside = mine[(time[mine] < at[0]) | (time[mine] > at[-1])]
-        if len(outside):
+    table = of_track(block) if len(block.track) else of_gnss(block)
+    lost = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    if len(lost):
+        name, many = block.images["image"].iloc[lost[0]], len(lost)
+        if len(block.track):
             raise InputError(
-                f"{block.where('images', outside[0])}: image "
-                f"{block.images['image'].iloc[outside[0]]} was taken outside track.csv "
-                f"({len(outside)} images of flight {flight} were): correct time_s, or take "
-                "velocities from neighbours or strip"
+                f"{block.where('images', lost[0])}: image {name} was taken outside track.csv or in "
+                f"a gap of it ({many} images were): correct time_s, or take velocities from "
+                "neighbours or strip"
             )
-        slope = rows[list(_AXES)].to_numpy(float) if stated else np.gradient(xyz, at, axis=0)
-        for axis in range(3):
-            out[mine, axis] = np.interp(time[mine], at, slope[:, axis])
-    return Velocities(out, np.full(len(out), np.nan), "gnss")
+        raise InputError(
+            f"gnss.csv has no position of image {name}, or none near it ({many} images have none): "
+            "take velocities from neighbours or strip"
+        )
+    velocity, sigma = table[:, :3], table[:, 3:]
+    speed = np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-9)
+    along = np.sqrt(np.sum((sigma * velocity / speed) ** 2, axis=1))
+    step = rounding(time)
+    return Velocities(velocity, along, "gnss", step, step / np.sqrt(12))
 
 
 def _from_positions(block: Block, position: np.ndarray, method: str) -> Velocities:
@@ -276,14 +265,6 @@ def _central(time, position):
     return velocity, span, wider
 
 
-def rounding(time: np.ndarray) -> float:
-    """Step, s, of which all time stamps are multiples; 0 for finer ones."""
-    known = time[np.isfinite(time)]
-    if len(known) < 3:
-        return 0.0
-    return next((q for q in _STEPS if np.allclose(known / q, np.round(known / q), atol=1e-6)), 0.0)
-
-
 def times(block: Block) -> np.ndarray:
     """Seconds (images,). Raises InputError where an image has none."""
     time = block.column("images", "time_s")
@@ -307,17 +288,6 @@ def _centres(block: Block) -> np.ndarray:
             "the adjusted block"
         )
     return centre
-
-
-def _antennas(block: Block) -> np.ndarray:
-    at = pd.Index(block.gnss["image"]).get_indexer(block.images["image"])
-    if (at < 0).any():
-        row = int(np.flatnonzero(at < 0)[0])
-        raise InputError(
-            f"gnss.csv has no position of image {block.images['image'].iloc[row]} "
-            f"({int((at < 0).sum())} images have none): take velocities from neighbours or strip"
-        )
-    return block.gnss[["x", "y", "z"]].to_numpy(float)[at]
 
 
 def _alone(block: Block, velocity: np.ndarray) -> None:

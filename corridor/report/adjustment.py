@@ -427,11 +427,14 @@ def _readouts(adjustment: Adjusted) -> list[str]:
     for row in frame[frame["parameter"] == "readout"].itertuples(index=False):
         mine = [cameras[row.group]] if row.group in cameras else cameras.values()
         stated = {camera.readout_s for camera in mine} - {None}
+        sources = {camera.extra.get("readout_from") for camera in mine} - {None}
+        source = f" ({sources.pop()})" if len(sources) == 1 else ""
         if len(stated) == 1 and math.isfinite(row.sigma) and row.sigma > 0:
             value, sigma = rounded(1000 * row.value, 1000 * row.sigma)
             of = f" of {short(row.group, 16)}" if row.group in cameras else ""
             notes.append(
-                f"readout{of}: stated {1000 * stated.pop():.1f} ms, estimated {value} +- {sigma} ms"
+                f"readout{of}: stated {1000 * stated.pop():.1f} ms{source}, estimated {value} +- "
+                f"{sigma} ms"
             )
     return notes
 

@@ -1,0 +1,113 @@
+"""Standard deviations of antenna positions that nobody knows, from how they scatter.
+
+Photographs rarely say how good their positions are; whoever imports them assumes one number for
+all, as the manual of a receiver has it. Their scatter about the adjusted flight says better.
+
+Source: Förstner 1979; Helmert's variance components in the simplified form v'Pv / r.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from corridor.adjustment.model import Model, arms_unseen
+from corridor.block import Block
+from corridor.preparation import record
+
+if TYPE_CHECKING:
+    from corridor.adjustment.result import Adjustment
+
+# One number of at least so many metres for all positions is an assumption.
+_ASSUMED_M = 0.5
+# A factor within this is as assumed; beyond, it is estimated again until it changes by less.
+_FACTOR, _SETTLED, _ROUNDS = 2.0, 0.2, 4
+_LEAST = 8
+_GROUPS = (("in plan", slice(0, 2)), ("in height", slice(2, 3)))
+# No drone carries its antenna farther from the camera: what is known no better is not known.
+_ARM_M = 1.0
+
+
+def weighted_by_scatter(
+    result: Adjustment, again: Callable[[Block, Model], Adjustment]
+) -> Adjustment:
+    """Adjusted with standard deviations of the antenna positions as they scatter, if assumed.
+
+    again: adjusts a block with a model. The result itself where sigmas were stated one by one, or
+    are good to less than half a metre, or within a factor of two of what the residuals say.
+    """
+    stated = result.problem.block.gnss_sigma()
+    count = len(result.problem.gnss_image)
+    if count < _LEAST or np.ptp(stated, axis=0).any() or np.median(stated[0]) < _ASSUMED_M:
+        return result
+    sigma = np.array([_scatter(result, rows) for _, rows in _GROUPS])
+    factor = sigma / [stated[0, rows].mean() for _, rows in _GROUPS]
+    if not result.converged or np.all(np.abs(np.log(factor)) < np.log(_FACTOR)):
+        return result
+    # An arm that these positions cannot show is not to be seen in their scatter either.
+    model = result.problem.model
+    if model.lever_arm is None and arms_unseen(result.problem.block):
+        model = replace(model, lever_arm="fixed")
+    for _ in range(_ROUNDS):
+        start = result.start.copy()
+        for axis, column in enumerate(("sx", "sy", "sz")):
+            start.gnss[column] = sigma[0 if axis < 2 else 1]
+        told = (
+            f"GNSS: {stated[0, 0]:g} m in plan and {stated[0, 2]:g} m in height are assumed for "
+            f"all positions; about the flight they scatter by {sigma[0]:.2g} and {sigma[1]:.2g} m, "
+            "which is used. An offset that all of them share is not seen in this."
+        )
+        record(start, "gnss.sx", "the residuals of the positions", sigma, told)
+        found = _from_where_it_ended(result, start, model, again)
+        if not found.converged:
+            return result
+        result, before = found, sigma
+        sigma = np.array([_scatter(result, rows) for _, rows in _GROUPS])
+        if np.all(np.abs(np.log(sigma / before)) < _SETTLED):
+            break
+    result.add_note(told)
+    return result
+
+
+def _from_where_it_ended(result: Adjustment, start: Block, model: Model, again) -> Adjustment:
+    """Adjusted with positions and stated arms of `start`, from the poses that were found."""
+    ended = result.block.copy()
+    ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
+    found = again(ended, model)
+    found.start = start
+    return found
+
+
+def _scatter(result: Adjustment, axes: slice) -> float:
+    """Root of v'v / r of the antenna positions along some axes, m."""
+    p = result.problem
+    table = result.residuals["gnss"]
+    v = table[["vx", "vy", "vz"]].to_numpy()[:, axes]
+    # What is left of each after the pose has taken its part.
+    variance = np.einsum("nii->ni", result.covariance.each_pose)[p.gnss_image, :3][:, axes]
+    share = np.clip(1.0 - variance * p.gnss_weight[:, axes], 0.05, 1.0)
+    return float(np.sqrt(np.sum(v**2) / np.sum(share)))
+
+
+def without_unseen_arms(
+    result: Adjustment, again: Callable[[Block, Model], Adjustment]
+) -> Adjustment:
+    """Adjusted with the lever arms held where nobody asked for them and they are not determined."""
+    arms = result.lever_arm
+    if not result.problem.arms_free or result.problem.model.lever_arm is not None or not len(arms):
+        return result
+    sigma = float(np.nanmax(arms[["sx", "sy", "sz"]].to_numpy(float)))
+    if not sigma > _ARM_M:
+        return result
+    model = replace(result.problem.model, lever_arm="fixed")
+    found = _from_where_it_ended(result, result.start, model, again)
+    if not found.converged:
+        return result
+    found.add_note(
+        f"The lever arm is held at {'what block.toml states' if result.start.lever_arm else '0'}: "
+        f"this flight tells it to {sigma:.1f} m only; --lever-arm free estimates it all the same."
+    )
+    return found

@@ -1,0 +1,32 @@
+"""The iterations come to their end where real flights are hard."""
+
+import pytest
+
+import corridor
+
+
+@pytest.fixture(scope="module")
+def flat():
+    """One flight of the dike with coarse positions and no control: f and height trade."""
+    block = corridor.read("data_synthetic/dike")
+    second = block.images["image"][block.images["flight"] == "F2"]
+    block = block.select(images=list(second)).copy()
+    block.gnss = block.gnss.assign(sx=3.0, sy=3.0, sz=6.0)
+    block.tie_points = block.tie_points.assign(sigma=0.3)
+    return block
+
+
+def far(block, factor):
+    """The block with a focal length that starts elsewhere."""
+    block = block.copy()
+    block.cameras = {n: c.with_values(f=factor * c["f"]) for n, c in block.cameras.items()}
+    return block
+
+
+def test_a_focal_length_a_third_too_long_finds_its_way_along_the_valley(flat):
+    """With damping alone it takes more than 200 iterations."""
+    long = corridor.adjust(far(flat, 1.3), control=[], lever_arm="fixed", max_iterations=20)
+    short = corridor.adjust(far(flat, 0.7), control=[], lever_arm="fixed", max_iterations=20)
+    assert long.converged and short.converged
+    a, b = (found.parameters["camera.camlight.f"] for found in (long, short))
+    assert a.value == pytest.approx(b.value, abs=0.01 * a.sigma)
