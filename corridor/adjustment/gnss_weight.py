@@ -23,12 +23,14 @@ if TYPE_CHECKING:
 
 # One number of at least so many metres for all positions is an assumption.
 _ASSUMED_M = 0.5
+# Photographs write their positions to some centimetres.
+_LEAST_M = 0.05
 # A factor within this is as assumed; beyond, it is estimated again until it changes by less.
 _FACTOR, _SETTLED, _ROUNDS = 2.0, 0.2, 4
 _LEAST = 8
 _GROUPS = (("in plan", slice(0, 2)), ("in height", slice(2, 3)))
-# No drone carries its antenna farther from the camera: what is known no better is not known.
-_ARM_M = 1.0
+# No drone carries its antenna nearly so far from the camera: known no better is not known.
+_ARM_M = 2.0
 
 
 def weighted_by_scatter(
@@ -89,7 +91,7 @@ def _scatter(result: Adjustment, axes: slice) -> float:
     # What is left of each after the pose has taken its part.
     variance = np.einsum("nii->ni", result.covariance.each_pose)[p.gnss_image, :3][:, axes]
     share = np.clip(1.0 - variance * p.gnss_weight[:, axes], 0.05, 1.0)
-    return float(np.sqrt(np.sum(v**2) / np.sum(share)))
+    return max(float(np.sqrt(np.sum(v**2) / np.sum(share))), _LEAST_M)
 
 
 def without_unseen_arms(

@@ -38,6 +38,8 @@ _FOCAL_RANGE, _FITS_BETTER = 0.10, 0.7
 # A model of less than this share of the photographs is refused, of less than this kept to go on.
 _REFUSED, _KEPT = 0.5, 0.9
 _MODEL = "RADIAL"
+# Features a pixel: in small pictures the smallest ones are noise. COLMAP's most, and enough to map.
+_DENSITY, _FEWEST, _MOST = 6e-3, 2000, 8192
 _LEAST = 3
 
 
@@ -246,12 +248,20 @@ def _features(pycolmap, database, folder, names, photos, cheaply) -> Iterator[in
         for start in range(0, len(rows), step):
             batch = [names[row] for row in rows[start : start + step]]
             options.existing_camera_id = _camera_id(pycolmap, database, names[rows[0]])
+            extraction = pycolmap.FeatureExtractionOptions()
+            extraction.sift.max_num_features = _features_in(size)
             pycolmap.extract_features(
                 database, folder, image_names=batch, camera_mode=pycolmap.CameraMode.SINGLE,
-                reader_options=options, device=pycolmap.Device.cpu,
+                reader_options=options, extraction_options=extraction,
+                device=pycolmap.Device.cpu,
             )  # fmt: skip
             done += len(batch)
             yield done
+
+
+def _features_in(size: tuple[int, int]) -> int:
+    """How many features a picture of a size is to have: matching costs the square of them."""
+    return int(np.clip(_DENSITY * size[0] * size[1], _FEWEST, _MOST))
 
 
 def _size_of(photo, cheaply):

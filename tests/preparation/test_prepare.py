@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import chi2
 from strips import corridor_block
 
 import corridor
@@ -197,3 +198,52 @@ class TestPreparing:
         made = prepare(block).block.images
         assert made["wx"].to_numpy() == pytest.approx(0.01 * made["time_s"].to_numpy())
         assert made["wz"].to_numpy() == pytest.approx(0.02)
+
+
+class TestWholeSeconds:
+    """A drone that stops at the ends of its strips; positions to 0.3 m, stamps to whole seconds."""
+
+    @staticmethod
+    def flown(seed):
+        """The block as a camera tells of it, and what its velocities were (n, 3) m/s."""
+        rng = np.random.default_rng(seed)
+        at = np.arange(0.0, 220.0, 0.1)
+        # 6.5 m/s for 34 s, 2 s to stop, 4 s still, sideways by 24 m, 4 s still, and back.
+        phase, strip = np.mod(at, 55.0), (at // 55.0).astype(int)
+        knots = [0, 2, 36, 38, 42, 44, 49, 51, 55]
+        along = np.interp(phase, knots, [0, 6.5, 6.5, 0, 0, 0, 0, 0, 0]) * np.where(
+            strip % 2, -1, 1
+        )
+        aside = np.interp(phase, knots, [0, 0, 0, 0, 0, 3.4, 3.4, 0, 0])
+        speed = np.stack([aside, along, 0 * at], axis=1)
+        place = np.cumsum(speed, axis=0) * 0.1
+        taken = np.flatnonzero(np.mod(np.arange(len(at)), 21) == 0)
+        n = len(taken)
+        names = pd.Series([f"i{k:03d}" for k in range(n)], dtype="str")
+        block = corridor_block(images=16, strips=2, observations_per_image=20)
+        position = place[taken] + rng.normal(0, 0.3, (n, 3))
+        block.images = pd.DataFrame(
+            {"image": names, "camera": next(iter(block.cameras)), "time_s": np.round(at[taken])}
+        )
+        block.gnss = pd.DataFrame(
+            {"image": names, **dict(zip("xyz", position.T, strict=True))}
+        ).assign(sx=3.0, sy=3.0, sz=6.0)
+        return block, speed[taken]
+
+    def test_a_stop_is_no_cruise_and_sigmas_are_honest(self):
+        """One quadratic a strip says 5 m/s where the drone of a real survey stood."""
+        error, sigma, still = [], [], []
+        for seed in range(4):
+            block, true = self.flown(seed)
+            found = velocities(block)
+            assert found.method == "gnss"
+            cruising = np.abs(true[:, 1]) == 6.5
+            error.append(found.velocity[cruising, 1] - true[cruising, 1])
+            sigma.append(found.sigma[cruising])
+            still.append(found.speed[np.linalg.norm(true, axis=1) < 0.1])
+        ratio = np.concatenate(error) / np.concatenate(sigma)
+        # Neighbours share their errors: one in three is new.
+        many = len(ratio) / 3
+        low, high = np.sqrt(chi2.ppf([0.001, 0.999], many) / many)
+        assert low < np.sqrt(np.mean(ratio**2)) < high
+        assert np.median(np.concatenate(still)) < 1.0
