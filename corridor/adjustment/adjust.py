@@ -116,7 +116,7 @@ def adjust(
 
 def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:
     """Sentences on derived columns that this adjustment made use of, and on what failed."""
-    used = {"gnss", "gnss.sx", "images.flight"}
+    used = {"gnss", "images.flight"}
     used |= {column for effect in effects for column in (*effect.needs, *effect.takes)}
     told = [one.sentence for one in prepared.derived if one.column in used]
     return list(dict.fromkeys([*told, *prepared.notes]))

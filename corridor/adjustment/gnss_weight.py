@@ -16,7 +16,7 @@ import numpy as np
 
 from corridor.adjustment.model import Model, arms_unseen
 from corridor.block import Block
-from corridor.preparation import record
+from corridor.preparation import record_derived
 
 if TYPE_CHECKING:
     from corridor.adjustment.result import Adjustment
@@ -62,7 +62,7 @@ def weighted_by_scatter(
             f"all positions; about the flight they scatter by {sigma[0]:.2g} and {sigma[1]:.2g} m, "
             "which is used. An offset that all of them share is not seen in this."
         )
-        record(start, "gnss.sx", "the residuals of the positions", sigma, told)
+        record_derived(start, "gnss.sx", "the residuals of the positions", sigma, told)
         found = _from_where_it_ended(result, start, model, again)
         if not found.converged:
             return result

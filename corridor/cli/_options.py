@@ -153,7 +153,8 @@ SHARED = {
         default=0.01,
     ),
     "--lever-arm": option(
-        "estimate the GNSS lever arm of each flight, or hold it (default: as block.toml says)",
+        "estimate the GNSS lever arm of each flight, or hold it (default: as block.toml says; held "
+        "where positions are too coarse to show it)",
         choices=("free", "fixed"),
     ),
     "--photos": option("folder of the photographs", "FOLDER", Path),

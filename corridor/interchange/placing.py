@@ -28,6 +28,7 @@ from corridor.photographs import (
     read_metadata,
     stated_focal,
 )
+from corridor.preparation import record_derived
 
 VELOCITY = ("vx", "vy", "vz")
 # Published readout times that differ by more than this are of different modes.
@@ -319,11 +320,12 @@ def readout_of(photo: Metadata, height: int) -> tuple[float | None, str]:
 
 
 def _with_positions(project, photos: dict[int, Metadata], exposures):
+    assumed = ""
     if exposures is not None and {"x", "y", "z"} <= set(exposures.table.columns):
         table = exposures.table.rename(columns={"x": "lon", "y": "lat", "z": "height"})
     else:
-        table, notes = _positions_of(list(photos.values()))
-        project = project.having(notes=notes)
+        table, assumed, notes = _positions_of(list(photos.values()))
+        project = project.having(notes=[assumed, *notes] if assumed else notes)
         back = {photo.name: project.block.images["image"].iloc[k] for k, photo in photos.items()}
         table["image"] = table["image"].map(back).astype("str")
         if len(table) and not project.block.lever_arm:
@@ -338,15 +340,19 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
     if not len(table):
         return project.having(notes=["the photographs have no positions"])
     columns = [name for name in ("sx", "sy", "sz") if name in table]
-    return _put(project, table[["image", "lon", "lat", "height", *columns]], "the photographs")
+    project = _put(project, table[["image", "lon", "lat", "height", *columns]], "the photographs")
+    if assumed and len(project.block.gnss):
+        sigma = table[["sx", "sy"]].to_numpy(float)
+        record_derived(project.block, "gnss.sx", "the kind of receiver", sigma, f"{assumed}.")
+    return project
 
 
-def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, list[str]]:
+def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, str, list[str]]:
     """image, lon, lat, height, sx, sy, sz (m) of the photographs that have a position, and notes.
 
-    Where the maker states no sigma, that of the kind of solution is assumed, and said.
+    Where the maker states no sigma, that of the kind of solution is assumed: a sentence, or "".
     """
-    rows, notes, assumed, without = [], [], 0, 0
+    rows, notes, assumed, without, told = [], [], 0, 0, ""
     for photo in photos:
         if photo.lat_deg is None:
             continue
@@ -359,14 +365,14 @@ def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, list[str]]:
             sigma = _ASSUMED[kind]
         rows.append((photo.name, photo.lon_deg, photo.lat_deg, photo.height or 0.0, *sigma))
     if assumed:
-        notes.append(
+        told = (
             f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m in plan "
             "and 6 m in height were assumed where no RTK flag says better"
         )
     if without:
         notes.append(f"{without} positions have no height: 0 was taken")
     columns = ["image", "lon", "lat", "height", "sx", "sy", "sz"]
-    return pd.DataFrame(rows, columns=columns), notes
+    return pd.DataFrame(rows, columns=columns), told, notes
 
 
 def _put(project: Project, table: pd.DataFrame, what: str) -> Project:

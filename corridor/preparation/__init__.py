@@ -2,7 +2,8 @@
 
 from corridor.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
 from corridor.preparation.preparing import Prepared, prepare
-from corridor.preparation.record import Derived, derived, record
+from corridor.preparation.record import Derived, derived
+from corridor.preparation.record import record as record_derived
 from corridor.preparation.velocity import METHODS, Velocities, velocities
 
 __all__ = [
@@ -14,6 +15,6 @@ __all__ = [
     "prepare",
     "rates_from_gyro",
     "rates_from_neighbours",
-    "record",
+    "record_derived",
     "velocities",
 ]
