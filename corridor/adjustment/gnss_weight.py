@@ -3,7 +3,7 @@
 Photographs rarely say how good their positions are; whoever imports them assumes one number for
 all, as the manual of a receiver has it. Their scatter about the adjusted flight says better.
 
-Source: Förstner 1979; Helmert's variance components in the simplified form v'Pv / r.
+Source: Förstner 1979 (v'Pv / r, each group with its own redundancy).
 """
 
 from __future__ import annotations
