@@ -27,8 +27,8 @@ from pathlib import Path
 from corridor.cli._options import add, flag, number, option, say, several, whole, wrote
 from corridor.errors import InputError
 
-# A diagnosis with its baselines on one core of an ordinary machine: 40 and 80 images.
-_SECONDS_SHORT, _SECONDS = 12.0, 30.0
+# A block, its diagnosis and the baselines on one idle core, 40 and 80 images.
+_SECONDS_SHORT, _SECONDS = 10.0, 30.0
 KINDS = ("null", "single", "lookalike", "together", "unknown", "perfect", "all")
 
 
@@ -104,12 +104,18 @@ def run(options: argparse.Namespace) -> None:
 
 def _how_long(trials, options):
     """How many blocks there are, and how long they take, before the first is begun."""
+    from corridor.report import counted
+
+    blocks = counted(len(trials), "block")
     if options.cluster is not None:
-        return f"{len(trials)} blocks, on the workers of {options.cluster}"
-    seconds = _SECONDS_SHORT if options.short else _SECONDS
-    minutes = max(round(len(trials) * seconds / options.jobs / 60), 1)
-    hours = f"{minutes / 60:.1f} hours" if minutes >= 90 else f"{minutes} minutes"
-    return f"{len(trials)} blocks: about {hours} (Ctrl-C keeps what is done)"
+        return f"{blocks}, on the workers of {options.cluster}"
+    each = _SECONDS_SHORT if options.short else _SECONDS
+    minutes = max(round(len(trials) * each / options.jobs / 60), 1)
+    long = f"{minutes / 60:.1f} hours" if minutes >= 90 else counted(minutes, "minute")
+    return (
+        f"{blocks}: about {long} on an idle machine ({each:.0f} s a block and process); Ctrl-C "
+        "keeps what is done"
+    )
 
 
 class _Progress:
