@@ -108,6 +108,22 @@ def test_the_main_job_is_corridor_adjust(run, monkeypatch, arguments, expected):
     assert words == ["python", "-m", "corridor", "adjust", *expected]
 
 
+def test_the_lesson_is_served_by_the_kit(run, monkeypatch):
+    """As README says; the kit lies in notebooks/, which no package installs."""
+    started = []
+    monkeypatch.setattr(run, "set_up", lambda extras=(): Path("python"))
+
+    def start(command, env):
+        started.append((command, env["PYTHONPATH"].split(run.os.pathsep)))
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(run.subprocess, "run", start)
+    assert run.main(["lesson", "--class"]) == 0
+    assert started == [
+        (["python", "-m", "kit.classroom", "--class"], [str(ROOT / "notebooks"), str(ROOT)])
+    ]
+
+
 def test_the_exit_status_is_that_of_the_adjustment(run, monkeypatch):
     monkeypatch.setattr(run, "set_up", lambda extras=(): Path("python"))
     monkeypatch.setattr(
