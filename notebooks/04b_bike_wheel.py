@@ -24,7 +24,6 @@
 # %% tags=["parameters"]
 fast = False  # this page has only one speed
 seed = 0  # nothing is drawn at random
-out = "../out/04b_bike_wheel"  # nothing is written
 
 # %%
 from kit import lesson

@@ -25,11 +25,11 @@
 #
 # You need to know what a bundle adjustment is, and what a check point is. Chapter 4 says what a
 # rolling shutter does.
+# *Runs some minutes on one core.*
 
 # %% tags=["parameters"]
 fast = False  # fewer simulated counterparts and geometries
 seed = 0
-out = "../out/05_missing_effect"  # nothing is written unless you ask for it
 
 # %%
 import json

@@ -1,4 +1,4 @@
-"""Errors of many check points, one row a case: plan as arrows, height as bars up and down."""
+"""Errors of many check points, a row a case: horizontal as arrows, height as bars."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
 
     cases: name -> table with x, y (m, where the point was given) and dx, dy, dz (m, adjusted minus
         given), such as `lay_on_control(...).check_points`.
-    Plan and height of one row share one scale, stated in the row; height is drawn as a bar, up
-    and dark where the point came out too high, down and light where too low. Of many points an
-    even choice is drawn; RMS are of all.
+    Both maps of a row share one scale, stated in the row; height is drawn as a bar, up and dark
+    (blue) where the point came out too high, down and light (yellow) where too low. Of many points
+    an even choice is drawn; RMS are of all, in one unit for the whole figure.
     """
     every = np.vstack([maps.columns(table) for table in cases.values()])
     frame = maps.frame_through(every, "y")
@@ -31,8 +31,15 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
     width = 4.25
     height = maps.map_height(limits, width, 3.0)
     step = height + 0.92
-    note = "adjusted minus given \u00b7 one scale a row \u00b7 height: dark too high, light too low"
+    note = (
+        "adjusted minus given \u00b7 one scale a row \u00b7 height: blue too high, yellow too low"
+    )
     figure = style.sheet(1.0 + step * len(cases) + 0.1, title, note)
+    worst = max(
+        float(np.sqrt(np.nanmean((maps.columns(t, ("dx", "dy", "dz")) ** 2).sum(axis=1))))
+        for t in cases.values()
+    )
+    unit = _unit(worst)
     metres_per_inch = max((limits[1] - limits[0]) / width, (limits[3] - limits[2]) / height)
     middle = (limits[0] + limits[1]) / 2, (limits[2] + limits[3]) / 2
     for row, (name, table) in enumerate(cases.items()):
@@ -46,8 +53,9 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
         scale = 0.34 * metres_per_inch / longest if longest > 0 else 1.0
         errors = maps.columns(table, ("dx", "dy", "dz"))
         texts = (
-            f"{name}: plan, RMS {_length(np.sqrt(np.mean((errors[:, :2] ** 2).sum(axis=1))))}",
-            f"height, RMS {_length(np.sqrt(np.mean(errors[:, 2] ** 2)))}",
+            f"{name}: horizontal, RMS "
+            f"{_length(np.sqrt(np.mean((errors[:, :2] ** 2).sum(axis=1))), unit)}",
+            f"height, RMS {_length(np.sqrt(np.mean(errors[:, 2] ** 2)), unit)}",
         )
         for column, text in enumerate(texts):
             left = 0.65 + column * (width + 0.45)
@@ -70,7 +78,7 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
         length = style.nice(0.5 * metres_per_inch / scale)
         stated_arrow(
             figure, 0.65 + 2 * width - 0.75, top - 0.12, length * scale / metres_per_inch,
-            _length(length, exact=True),
+            _length(length, unit),
         )  # fmt: skip
     return figure
 
@@ -90,14 +98,15 @@ def _even(places: np.ndarray) -> np.ndarray:
     return np.sort(order[first])
 
 
-def _length(metres: float, exact: bool = False) -> str:
-    """A length in the unit a person would use: 1.4 cm, 0.30 mm, 5 nm."""
-    if metres == 0:
-        return "0 m"
+def _unit(metres: float) -> tuple[float, str]:
+    """Factor and name of the unit that a person would use for such a length."""
     for factor, unit in ((1.0, "m"), (1e2, "cm"), (1e3, "mm"), (1e6, "\u00b5m")):
-        if metres * factor >= (1.0 if unit != "cm" else 0.5):
-            break
-    else:
-        factor, unit = 1e9, "nm"
-    value = metres * factor
-    return f"{readable(round(value, 12)) if exact else f'{value:.2g}'} {unit}"
+        if metres == 0 or metres * factor >= (1.0 if unit != "cm" else 0.5):
+            return factor, unit
+    return 1e9, "nm"
+
+
+def _length(metres: float, unit: tuple[float, str]) -> str:
+    """A length in a unit, two digits: 1.4 cm, 0.3 mm, 650 m."""
+    factor, name = unit
+    return f"{readable(float(f'{metres * factor:.2g}'))} {name}"

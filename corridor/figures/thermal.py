@@ -112,7 +112,7 @@ def thermal_parameters(fit: Fit) -> Figure:
     for _, of, look in parts:
         left.plot(time[of], table["residual_px"][of], **look)
     left.set_ylim(bottom=0)
-    style.label(left, "time (min)", "left of the picture (px)")
+    style.label(left, "time (min)", "residual (px)")
     order = np.argsort(time.to_numpy(), kind="stable")
     temperatures.plot(time.iloc[order], table["thermometer_c"].iloc[order], **thermometer)
     temperatures.plot(time.iloc[order], table["optics_c"].iloc[order], **optics)

@@ -17,6 +17,35 @@ CAMERAS = {"8p": "fraser8", "10p": "fraser10"}
 CORRECTED = {"c": "neighbours"}
 
 
+def _program(original, gains, cameras=("8p", "10p")):
+    """3D RMS of `o` and `c` by configuration; of `c` as the printed gain says.
+
+    The printed columns of the corrected observations are not all legible; the gains are.
+    """
+    names = [f"{camera}-GCP{number}" for camera in cameras for number in (1, 2)]
+    rows = {f"o-{name}": value for name, value in zip(names, original, strict=True)}
+    for name, value, gain in zip(names, original, gains, strict=True):
+        rows[f"c-{name}"] = value * (1 - gain / 100)
+    return rows
+
+
+# 3D RMS, cm, and improvement, per cent, that Zhou 2019 prints of two other programs.
+PROGRAMS = {
+    "Metashape (tables 7.8 to 7.11)": {
+        "d1": _program((11.5, 19.8, 2.8, 4.8), (33, 57, -157, -77)),
+        "d2": _program((15.7, 16.9, 5.4, 8.1), (64, 17, -42, -87)),
+        "d3": _program((15.2, 13.9, 9.8, 8.4), (82, 73, 74, 59)),
+        "d4": _program((7.4, 7.8, 6.3, 7.1), (-139, -487, -841, -1261)),
+    },
+    "Pix4D (tables 7.12 to 7.15)": {
+        "d1": _program((11.2, 15.8), (57, 62), ("8p",)),
+        "d2": _program((17.4, 17.9), (83, 89), ("8p",)),
+        "d3": _program((14.8, 13.8), (87, 83), ("8p",)),
+        "d4": _program((22.9, 6.5), (-220, -444), ("8p",)),
+    },
+}
+
+
 @dataclass
 class Configurations:
     """Adjustments of one survey.
@@ -89,7 +118,7 @@ def configurations(
 
 
 def check_row(adjustment: Adjustment) -> dict[str, float]:
-    """RMS, mean and STD of the check points in plan, height and space, cm, as tables have them."""
+    """RMS, mean and STD of the check points: horizontal, height and 3D, cm, as tables have them."""
     return {
         f"{what}_{part}": 100 * float(value)
         for what in ("rms", "mean", "std")

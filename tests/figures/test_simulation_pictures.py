@@ -38,7 +38,7 @@ class TestErrorMaps:
     def test_the_rms_of_all_points_is_written(self):
         """2 cm along and 3 cm down everywhere: RMS 2 and 3 cm."""
         (plan, _), (height, _) = drawn(figures.error_maps({"case": errors()}))
-        assert plan == "case: plan, RMS 2 cm"
+        assert plan == "case: horizontal, RMS 2 cm"
         assert height == "height, RMS 3 cm"
 
     def test_plan_and_height_of_a_row_have_one_scale(self):
@@ -53,13 +53,18 @@ class TestErrorMaps:
         keys = [text.get_text() for text in figure.texts]
         assert {"5 cm", "50 cm"} <= set(keys) or {"2 cm", "20 cm"} <= set(keys)
 
+    def test_a_figure_has_one_unit(self):
+        figure = figures.error_maps({"fine": errors(plan=2e-4, height=1e-4), "bad": errors()})
+        words = [text for text, _ in drawn(figure)]
+        assert words[:2] == ["fine: horizontal, RMS 0.02 cm", "height, RMS 0.01 cm"]
+
     def test_thousands_of_points_become_a_few_evenly_spread_arrows(self):
         (_, plan), _ = drawn(figures.error_maps({"case": errors(count=5000)}))
         assert 60 < len(plan) <= 200
 
     def test_points_without_error_are_drawn_without_complaint(self):
         texts = [text for text, _ in drawn(figures.error_maps({"still": errors(plan=0, height=0)}))]
-        assert texts == ["still: plan, RMS 0 m", "height, RMS 0 m"]
+        assert texts == ["still: horizontal, RMS 0 m", "height, RMS 0 m"]
 
 
 class TestCurves:

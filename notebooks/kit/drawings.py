@@ -1,0 +1,197 @@
+"""Pictures that only the chapters need, in the package's style."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, NullLocator
+
+from corridor.block import Block
+from corridor.figures import maps, style
+from corridor.geometry import rotation_from_quaternion
+
+
+def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") -> Figure:
+    """Strips of each case as arrows in the sense of flight, flights by colour and line."""
+    flights = list(dict.fromkeys(n for block in cases.values() for n in block.flight_names))
+    looks = {
+        name: (style.SERIES[k % 4][0], ("-", "--", "-.", ":")[k % 4])
+        for k, name in enumerate(flights)
+    }
+    keys = [style.key(name, color=c, ls=line, lw=1.6) for name, (c, line) in looks.items()]
+    first = next(iter(cases.values()))
+    frame = maps.frame_of(first)
+    high = 1.5 if frame.turned else 3.0
+    figure, panels = style.charts(title, note, [high] * len(cases), 1, keys)
+    for axes, (name, block) in zip(panels[:, 0], cases.items(), strict=True):
+        style.caption(axes, name)
+        x_name, y_name = frame.labels
+        style.label(axes, x_name if axes is panels[-1, 0] else None, y_name)
+        images = block.images
+        for (flight, _), strip in images.groupby(["flight", "strip"], sort=False, observed=True):
+            strip = strip.sort_values("time_s")
+            ends = frame.place(strip[["x", "y"]].to_numpy(float)[[0, -1]])
+            colour, line = looks[flight]
+            axes.plot(
+                *frame.place(strip[["x", "y"]].to_numpy(float)).T, color=colour, ls=line, lw=1
+            )
+            middle = ends.mean(axis=0)
+            axes.annotate(
+                "", middle + 0.03 * (ends[1] - ends[0]), middle,
+                arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1, "mutation_scale": 16},
+                zorder=7,
+            )  # fmt: skip
+        surveyed = block.copy()
+        # Thousands of check points from tie points would hide the strips.
+        if len(surveyed.ground) > maps.MANY:
+            surveyed.ground = surveyed.ground[surveyed.ground["role"] == "control"]
+        maps.draw_ground(axes, frame, surveyed, names=False)
+    return figure
+
+
+def multiplicity(blocks: Mapping[str, Block], title: str) -> Figure:
+    """Share of the tie points that so many images see, a line a block."""
+    figure, ((axes,),) = style.charts(
+        title, "how many images see a tie point", [3.0], 1,
+        [
+            style.key(name, color=colour, marker=marker, ms=4, lw=1.4)
+            for name, (colour, marker) in zip(blocks, style.SERIES, strict=False)
+        ],
+    )  # fmt: skip
+    for block, (colour, marker) in zip(blocks.values(), style.SERIES, strict=False):
+        rays = block.tie_points.groupby("point", observed=True).size()
+        share = 100 * rays.value_counts(normalize=True).sort_index()
+        axes.plot(share.index, share.to_numpy(), color=colour, marker=marker, ms=3, lw=1.2)
+    style.label(axes, "images", "tie points (%)")
+    axes.set_ylim(bottom=0)
+    return figure
+
+
+def pictures(shown: Mapping[str, np.ndarray], title: str) -> Figure:
+    """Grey pictures side by side, each from its darkest to its lightest 0.5 per cent."""
+    figure, (row,) = style.charts(title, "", [3.6], len(shown))
+    for axes, (words, picture) in zip(row, shown.items(), strict=True):
+        low, high = np.percentile(picture, (0.5, 99.5))
+        axes.imshow(picture, cmap="gray", vmin=low, vmax=high)
+        axes.set(xticks=[], yticks=[])
+        style.caption(axes, f"{words}: {low:.0f} to {high:.0f} grey levels")
+    return figure
+
+
+def ring(block: Block, title: str) -> Figure:
+    """Cameras around an object from above, with the way they look, points and targets."""
+    figure, ((axes,),) = style.charts(
+        title, "from above; ticks: the way a camera looks; triangles: targets", [4.6], width=6.2
+    )
+    points, marked = (t[["x", "y"]].to_numpy(float) for t in (block.points, block.ground))
+    axes.plot(*points.T, ls="", marker=".", ms=1, color=style.FAINT)
+    axes.plot(*marked.T, **style.dot("^", style.LIGHT, 6, style.INK))
+    centre = block.images[["x", "y"]].to_numpy(float)
+    rotation = rotation_from_quaternion(block.images[["qw", "qx", "qy", "qz"]].to_numpy(float))
+    ahead = 0.9 * rotation[:, 2, :2]
+    for start, way in zip(centre, ahead, strict=True):
+        axes.plot(*np.array([start, start + way]).T, color=style.DARK, lw=1)
+    axes.plot(*centre.T, **style.dot("o", style.DARK, 4))
+    axes.set_aspect("equal")
+    style.label(axes, "x (m)", "y (m)")
+    return figure
+
+
+def ground_residuals(cases: Mapping[str, tuple[Block, np.ndarray]], title: str) -> Figure:
+    """Length of the residual at each ground point, mm, over its place along the block.
+
+    cases: words -> block, residuals (points,) mm in the order of its ground points.
+    """
+    keys = [
+        style.key(f"{words}: mean {np.mean(values):.1f} mm", **style.dot(marker, colour, 5))
+        for (words, (_, values)), (colour, marker) in zip(cases.items(), style.SERIES, strict=False)
+    ]
+    figure, ((axes,),) = style.charts(title, "each ground point", [2.8], 1, keys)
+    for (block, values), (colour, marker) in zip(cases.values(), style.SERIES, strict=False):
+        frame = maps.frame_of(block)
+        along = frame.place(block.ground[["x", "y"]].to_numpy(float))[:, 0]
+        axes.vlines(along, 0, values, color=colour, lw=0.8, alpha=0.6)
+        axes.plot(along, values, **style.dot(marker, colour, 5))
+    axes.set_ylim(bottom=0)
+    style.label(axes, "along the block (m)", "residual (mm)")
+    return figure
+
+
+def readout_scheme(readout_ms: float, exposure_ms: float) -> Figure:
+    """When each row is exposed, and what that does to an upright bar that moves across.
+
+    Left: a shutter that opens all rows at once; right: one that opens them in turn.
+    """
+    figure, ((left, right),) = style.charts(
+        "each row is exposed for as long, but later than the one above it",
+        f"{readout_ms:g} ms from the first row to the last, {exposure_ms:g} ms of exposure; "
+        "in the frame: a bar that was upright",
+        [3.2],
+        2,
+    )
+    rows = np.linspace(0, 1, 15)
+    for axes, late, words in (
+        (left, 0.0, "all rows at once (global shutter)"),
+        (right, readout_ms, "row after row (rolling shutter)"),
+    ):
+        style.caption(axes, words)
+        for row in rows:
+            axes.plot(
+                [late * row, late * row + exposure_ms], [row, row], color=style.DARK, lw=3,
+                solid_capstyle="butt",
+            )  # fmt: skip
+        axes.plot(late * rows + exposure_ms / 2, rows, color=style.LIGHT, lw=1.4)
+        # The picture itself, as small as a stamp.
+        frame = axes.inset_axes([0.76, 0.05, 0.22, 0.42])
+        frame.set(xlim=(0, 1), ylim=(1, 0), xticks=[], yticks=[])
+        frame.plot(0.3 + 0.4 * rows * (late > 0) + 0.2 * (late == 0), rows, color=style.INK, lw=4)
+        axes.set(xlim=(-0.05 * readout_ms, 1.6 * readout_ms), ylim=(1.08, -0.08), yticks=[0, 1])
+        axes.set_yticklabels(["first", "last"])
+        style.label(axes, "time (ms)", "row")
+    return figure
+
+
+def beside_published(
+    groups: Sequence[str],
+    panels: Mapping[str, Mapping[str, Sequence[float]]],
+    title: str,
+    note: str,
+    unit: str,
+    log: bool = False,
+) -> Figure:
+    """Bars side by side, a group a configuration, a panel below the other for each case.
+
+    panels: title -> name -> one number a group (NaN: no bar), the same names in each.
+    """
+    names = list(dict.fromkeys(name for one in panels.values() for name in one))
+    looks = {
+        name: {"facecolor": colour, "hatch": hatch, "edgecolor": style.INK, "linewidth": 0.4}
+        for name, colour, hatch in zip(
+            names,
+            (style.FAINT, style.DARK, style.LIGHT, style.MIDDLE),
+            ("////", "", "", "...."),
+            strict=False,
+        )
+    }
+    keys = [
+        Patch(label=name, **{k: v for k, v in look.items() if k != "linewidth"})
+        for name, look in looks.items()
+    ]
+    figure, rows = style.charts(title, note, [2.2] * len(panels), 1, keys)
+    for axes, (words, one) in zip(rows[:, 0], panels.items(), strict=True):
+        style.caption(axes, words)
+        wide = 0.8 / len(one)
+        if log:
+            axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_locator(NullLocator())
+        for k, (name, values) in enumerate(one.items()):
+            x = np.arange(len(groups)) + (k - (len(one) - 1) / 2) * wide
+            axes.bar(x, values, wide, zorder=3, **looks[name])
+        axes.set_xticks(range(len(groups)), groups, size=style.SMALL)
+        style.label(axes, None, unit)
+    return figure

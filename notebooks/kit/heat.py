@@ -1,0 +1,71 @@
+"""The camera of the thermal chapters, and what its heat does to a pylon and to a road."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import corridor
+from corridor import thermal
+from corridor.adjustment import lay_on_control
+from corridor.block import Block
+from corridor.simulation import add_noise
+from kit.ring import ring_block
+
+
+def camlight(width=5120, height=3840, scale=13.7e-6, radial=0.0117, shift=(-0.07, 0.27), bent=0.0):
+    """The truth of these chapters, after the thesis's camera: f grows by 0.075 px a degree.
+
+    scale: of the picture, 1/C; bent: its change, 1/C^2. radial, shift: px/C in the corner of, and
+    of, a picture 5120 px wide; they shrink with the width.
+    """
+    part = width / 5120
+    return thermal.simple_model(
+        width, height, 24.0, (20.0, 55.0), scale=(scale, bent), radial=(radial * part,),
+        decentring=(0.0005 * part,), shift=((shift[0] * part, shift[1] * part),),
+    )  # fmt: skip
+
+
+def rms(values) -> float:
+    """Root mean square of what is known."""
+    return float(np.sqrt(np.nanmean(np.square(values))))
+
+
+def pylon(heat, tie_px: float, closed: bool, draw: int, camera="fraser8", **ring) -> np.ndarray:
+    """Mean residual at the targets and mean closing error, mm: (2, 2), raw and corrected.
+
+    ring: of `ring_block`. The closing error is that of points seen at either end of an open ring.
+    """
+    perfect = ring_block(closed=closed, seed=draw, **ring)
+    seen = add_noise(thermal.uncorrect(perfect, heat)[0], tie_px=tie_px, mark_px=tie_px, seed=draw)
+    rows = []
+    for block in (seen, thermal.correct(seen, heat)[0]):
+        adjusted = corridor.adjust(block, camera=camera, control=[])
+        laid = lay_on_control(adjusted)
+        place = adjusted.points.set_index("point")[["x", "y", "z"]]
+        twice = [p for p in place.index if p.endswith("+") and p[:-1] in place.index]
+        gap = place.loc[twice].to_numpy() - place.loc[[p[:-1] for p in twice]].to_numpy()
+        gap = 1000 * laid.similarity.scale * np.linalg.norm(gap, axis=1)
+        rows.append([1000 * laid.control_error.mean(), gap.mean() if twice else np.nan])
+    return np.array(rows)
+
+
+def on_the_road(block: Block, names, model, calibrated_c: float | None = None) -> np.ndarray:
+    """Residuals (points,) at ground points, mm, of a flight whose camera is held.
+
+    calibrated_c: temperature of the calibration; None: the heat is taken out first. Ties alone are
+    adjusted, then laid on the points.
+    """
+    if calibrated_c is None:
+        block, calibrated_c = thermal.correct(block, model)[0], model.t0_c
+    known = thermal.calibrated_at(block, model, calibrated_c)
+    return (
+        1000
+        * lay_on_control(corridor.adjust(known, camera="fixed", control=[]), names).control_error
+    )
+
+
+def held_by_gnss(block: Block, names, model, calibrated_c: float) -> np.ndarray:
+    """Horizontal and height RMS at ground points, mm; GNSS, camera and lever arm held."""
+    known = thermal.calibrated_at(block, model, calibrated_c)
+    found = corridor.adjust(known, camera="fixed", control=[], check=names, lever_arm="fixed")
+    return 1000 * np.array(found.check_rms[:2])
