@@ -164,7 +164,8 @@ def beside_published(
 ) -> Figure:
     """Bars side by side, a group a configuration, a panel below the other for each case.
 
-    panels: title -> name -> one number a group (NaN: no bar), the same names in each.
+    panels: title -> name -> one number a group (NaN: no bar), the same names in each. All panels
+    have one scale.
     """
     names = list(dict.fromkeys(name for one in panels.values() for name in one))
     looks = {
@@ -181,6 +182,8 @@ def beside_published(
         for name, look in looks.items()
     ]
     figure, rows = style.charts(title, note, [2.2] * len(panels), 1, keys)
+    every = np.array([value for one in panels.values() for v in one.values() for value in v])
+    low, high = (0.8 * np.nanmin(every) if log else 0.0), 1.2 * np.nanmax(every)
     for axes, (words, one) in zip(rows[:, 0], panels.items(), strict=True):
         style.caption(axes, words)
         wide = 0.8 / len(one)
@@ -193,5 +196,6 @@ def beside_published(
             x = np.arange(len(groups)) + (k - (len(one) - 1) / 2) * wide
             axes.bar(x, values, wide, zorder=3, **looks[name])
         axes.set_xticks(range(len(groups)), groups, size=style.SMALL)
+        axes.set_ylim(low, high)
         style.label(axes, None, unit)
     return figure
