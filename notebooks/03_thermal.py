@@ -372,4 +372,5 @@ compare(
 #   degrees beyond the flight. A model from 25 to 50 pictures is good to a hundredth of a pixel.
 # - Ask a matcher for its bias before you ask it for hundredths of a pixel.
 # - A camera on a tripod that turns by a hair's breadth looks like one whose principal point moves.
-# - Chapter 2, section 4, ends on a deformation of the image as its suspect: such maps would show it.
+# - Chapter 2, section 4, ends on a deformation of the image as its suspect: such maps would show
+#   it.
