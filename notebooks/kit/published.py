@@ -403,7 +403,9 @@ def _judge(entry, ours, why, absent):
         return Verdict(entry, None, UNKNOWN, why or absent)
     spread = ()
     if isinstance(ours, Draws):
-        spread = tuple(tuple(map(float, end)) for end in ours.range)
+        # One draw has no range.
+        if len(ours.values) > 1:
+            spread = tuple(tuple(map(float, end)) for end in ours.range)
         ours = ours.median
     values = tuple(float(v) for v in np.atleast_1d(np.asarray(ours, dtype=float)).ravel())
     if len(values) != len(entry.values):
