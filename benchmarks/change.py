@@ -1,0 +1,216 @@
+"""How often a change of two dates says what is true: `python -m benchmarks.change -o FOLDER`.
+
+rates: the same dike at rest with other noise, again and again: the scatter of displacements,
+distances and volumes over their stated sigmas, false alarms, what is seen at the level of
+detection. verdicts: the dike with and without a bowl and with effects of the camera. speed: many
+images and core points, seconds and memory beyond the adjustments. maps: against precision maps
+from simulated adjustments (James, Robson and Smith 2017), and M3C2 of py4dgeo where that is
+installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from collections import Counter
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+
+import corridor
+from corridor import effects
+from corridor.change import (
+    Chosen,
+    Joint,
+    Settlement,
+    clouds,
+    make_cores,
+    moved_ground,
+    point_changes,
+    surface_change,
+    volume,
+)
+from corridor.report import whole_file, write_json
+from corridor.simulation import Noise, TiePoints, add_noise, perfect_block, read_plan
+
+NOISE = Noise(tie_px=0.4, mark_px=0.4, gnss_m=(0.02, 0.02, 0.04), control_m=0.005)
+CASES = {
+    "at rest": {},
+    "rolling shutter": {"rolling_shutter": {"readout": 0.02}},
+    "focal length": {"focal_per_flight": {"f": {"F1": 5.0, "F2": -5.0}}},
+    "GNSS bias": {"gnss_bias": {"z": 0.06}},
+    "lever arm": {"lever_arm": {"x": 0.1, "z": 0.1}},
+    "thermal": {"thermal": {"scale": 0.3}},
+}
+
+
+def dike(per_image: int = 120, seed: int = 1):
+    """The dike of the shipped plan, without any error."""
+    plan = read_plan(Path(__file__).parents[1] / "data_synthetic" / "dike.toml")
+    return perfect_block(replace(plan, tie_points=TiePoints(per_image)), seed)
+
+
+def flown(block, draw, motion=None, added=None):
+    """One flight over a block's ground."""
+    block = moved_ground(block, motion) if motion else block
+    block = effects.add(block, added) if added else block
+    return add_noise(block, **asdict(NOISE), seed=draw)
+
+
+def middle(block):
+    return tuple(np.median(block.points[["x", "y"]].to_numpy(float), axis=0))
+
+
+def rates(count: int) -> dict:
+    """Scatter over stated sigma (1 is right), false alarms, detection."""
+    block = dike()
+    x, y = middle(block)
+    polygon = np.array([[x - 15, y - 10], [x + 15, y - 10], [x + 15, y + 10], [x - 15, y + 10]])
+    cores, kinds, seen, alarms = None, {"surface": [], "points": [], "volume": []}, [], 0
+    for k in range(count):
+        pair = [corridor.adjust(flown(block, 5000 + 2 * k + n)) for n in (0, 1)]
+        joint = Joint(*clouds(*pair, Chosen(), True))
+        cores = cores or make_cores(joint.before.xyz, joint.after.xyz, spacing=12.0)
+        surface = surface_change(joint, cores, sampled=False)
+        points = point_changes(joint, 0.01, "stated", "rigid")
+        one = volume(joint, polygon, cores, sampled=False)
+        kinds["surface"].append(surface.distance / surface.sigma)
+        kinds["points"].append((points.shift / points.sigma).ravel())
+        kinds["volume"].append(np.array([one.value / one.sigma]))
+        risen = np.abs(surface.distance + np.outer([1, 2], surface.detection))
+        seen.append((risen > surface.detection).mean(axis=1))
+        alarms += bool(points.moved.any())
+    scatter = {k: float(np.sqrt(np.mean(np.concatenate(v) ** 2))) for k, v in kinds.items()}
+    once, twice = np.mean(seen, axis=0)
+    return {
+        "draws": count,
+        "scatter_over_sigma": scatter,
+        "draws_with_a_false_point": alarms,
+        "seen_at_level_of_detection": float(once),
+        "seen_at_twice": float(twice),
+    }
+
+
+def verdicts(count: int) -> dict:
+    """Verdicts by case, with and without a bowl of 30 mm."""
+    block = dike()
+    bowl = Settlement(middle(block), 15.0, 0.03, 0.5)
+    found: dict[str, Counter] = {}
+    for k in range(count):
+        for motion, word in ((None, ""), (bowl, ", bowl")):
+            for name, added in CASES.items():
+                first = flown(block, 9000 + 2 * k)
+                second = flown(block, 9001 + 2 * k, motion, added)
+                told = corridor.change(first, second, same_ties=True, spacing=8.0)
+                both = "+camera" if told.verdict == "moved" and told.remaining else ""
+                found.setdefault(name + word, Counter())[told.verdict + both] += 1
+    return {name: dict(counts) for name, counts in found.items()}
+
+
+def speed(images: int, cores: int) -> dict:
+    """Seconds and memory (GB) of a surface beyond two adjustments."""
+    plan = read_plan(Path(__file__).parents[1] / "data_synthetic" / "dike.toml")
+    grown = images / 42
+    axis = [(0.0, 0.0), (86.5 * grown, 28.1 * grown)]
+    flights = tuple(replace(f, images=round(f.images * grown)) for f in plan.flights)
+    plan = replace(plan, axis_m=axis, flights=flights, tie_points=TiePoints(200))
+    block = perfect_block(plan, 1)
+    pair = [corridor.adjust(flown(block, draw), threads=2) for draw in (1, 2)]
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    began = time.perf_counter()
+    joint = Joint(*clouds(*pair, Chosen(), True))
+    area = np.prod(np.ptp(joint.before.xyz[:, :2], axis=0))
+    found = surface_change(
+        joint,
+        make_cores(joint.before.xyz, joint.after.xyz, spacing=float(np.sqrt(area / cores) / 3)),
+        sampled=False,
+    )
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    return {
+        "images": len(block.images),
+        "core_points": len(found),
+        "seconds": time.perf_counter() - began,
+        "peak_gb_before": before,
+        "peak_gb_after": after,
+    }
+
+
+def maps(count: int) -> dict:
+    """Sigma of tie points from so many simulated adjustments against ours, and the seconds."""
+    block = dike()
+    began = time.perf_counter()
+    one = corridor.adjust(flown(block, 1))
+    ours = one.point_sigma / one.sigma0
+    exact = time.perf_counter() - began
+    began = time.perf_counter()
+    names, drawn = one.points["point"], []
+    for k in range(count):
+        points = corridor.adjust(flown(block, 100 + k)).points.set_index("point")
+        drawn.append(points.loc[names, ["x", "y", "z"]].to_numpy(float))
+    scattered = np.std(drawn, axis=0, ddof=1)
+    seconds = time.perf_counter() - began
+    ratio = np.sqrt(np.mean((scattered / ours) ** 2, axis=0))
+    return {
+        "draws": count,
+        "scatter_over_sigma_xyz": ratio.tolist(),
+        "seconds_simulated": seconds,
+        "seconds_exact": exact,
+    }
+
+
+def m3c2() -> dict | None:
+    """Differences (m) of our distances from those of py4dgeo on the same clouds; None without."""
+    try:
+        import py4dgeo
+    except ImportError:
+        return None
+    block = dike()
+    bowl = Settlement(middle(block), 15.0, 0.03, 0.5)
+    pair = [corridor.adjust(flown(block, 1)), corridor.adjust(flown(block, 2, bowl))]
+    joint = Joint(*clouds(*pair, Chosen(), False))
+    first, second = joint.before.xyz, joint.after.xyz
+    cores = make_cores(first, second, spacing=6.0)
+    ours = surface_change(joint, cores)
+    theirs = py4dgeo.M3C2(
+        epochs=(py4dgeo.Epoch(first.copy()), py4dgeo.Epoch(second.copy())),
+        corepoints=ours.cores.xyz.copy(),
+        corepoint_normals=ours.cores.normal.copy(),
+        cyl_radius=ours.cores.radius,
+        max_distance=ours.cores.reach,
+    )
+    distance, uncertainty = theirs.run()
+    away = np.abs(ours.distance - distance)
+    return {
+        "core_points": len(ours),
+        "largest_difference_m": float(np.nanmax(away)),
+        "median_detection_ours_m": float(np.median(ours.detection)),
+        "median_detection_theirs_m": float(np.nanmedian(uncertainty["lodetection"])),
+    }
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run what was asked for and write change.json."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--verdicts", type=int, default=50)
+    parser.add_argument("--maps", type=int, default=1000)
+    parser.add_argument("--images", type=int, default=1000)
+    parser.add_argument("--cores", type=int, default=20000)
+    options = parser.parse_args(arguments)
+    found = {
+        "rates": rates(options.draws) if options.draws else None,
+        "verdicts": verdicts(options.verdicts) if options.verdicts else None,
+        "maps": maps(options.maps) if options.maps else None,
+        "m3c2": m3c2(),
+        "speed": speed(options.images, options.cores) if options.images else None,
+    }
+    print(found)
+    with whole_file(options.output / "change.json") as part:
+        write_json(found, part)
+
+
+if __name__ == "__main__":
+    main()
