@@ -5,8 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import corridor
 
+HEAVY = {"scipy.stats", "scipy.interpolate", "scipy.ndimage", "pyproj", "cv2", "matplotlib"}
 PIXEL = """
 import numpy as np
 from corridor.simulation.views import _Pictures, _project
@@ -42,7 +45,18 @@ def test_a_change_of_the_distortion_reaches_the_kernels_of_other_files(tmp_path)
     assert float(printed(tmp_path, PIXEL)) == 750.0
 
 
-def test_numbas_settings_stay_as_they_are_for_everyone_else():
-    script = "import numba; before = numba.config.SLP_VECTORIZE; import corridor.adjustment; "
-    script += "print(numba.config.SLP_VECTORIZE == before)"
-    assert printed(Path(corridor.__file__).parents[1], script) == "True"
+@pytest.fixture(scope="module")
+def imported():
+    """Whether numba's settings are what they were, and which heavy modules are loaded."""
+    script = "import sys, numba; before = numba.config.SLP_VECTORIZE; import corridor.adjustment; "
+    script += "print(numba.config.SLP_VECTORIZE == before); "
+    script += f"print(*({HEAVY!r} & set(sys.modules)))"
+    return printed(Path(corridor.__file__).parents[1], script).splitlines()
+
+
+def test_numbas_settings_stay_as_they_are_for_everyone_else(imported):
+    assert imported[0] == "True"
+
+
+def test_an_adjustment_does_not_wait_for_libraries_that_it_does_not_need(imported):
+    assert imported[1:] == []

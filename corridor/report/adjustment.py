@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from corridor.report.files import (
     files_in,
@@ -284,7 +284,7 @@ def _actions(adjustment: Adjusted) -> list[str]:
     missed = len(check) and adjustment.required is not None and rms.d3 > adjustment.required
     # The sum of squares of n normalised numbers is a chi-square of n degrees of freedom.
     scaled = check[_DIFFERENCES].to_numpy(float) / check_sigma(adjustment) if len(check) else ()
-    beyond = len(check) and np.sum(np.square(scaled)) > chi2.isf(_RARE, np.size(scaled))
+    beyond = len(check) and np.sum(np.square(scaled)) > chdtri(np.size(scaled), _RARE)
     if beyond or missed or adjustment.sigma0 > _LARGE:
         why = "Check points are off by more than their standard deviations say" if beyond else ""
         why = why or ("It is not accurate enough" if missed else "The residuals are too large")
