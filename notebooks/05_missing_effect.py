@@ -21,7 +21,7 @@
 # This chapter takes three flights in which something is hidden, and finds it. They were made by a
 # program that shares no line of physics with this package: its drone flies a continuous curve, its
 # lens is not Fraser's, its noise has tails, and its truth lies sealed in a file beside the block
-# that we open last. Then comes a real flight, whose truth nobody knows.
+# that we open last. Then come two real flights: one that it names right, and one that it cannot.
 #
 # You need to know what a bundle adjustment is, and what a check point is. Chapter 4 says what a
 # rolling shutter does.
@@ -199,9 +199,11 @@ print(
 # %% [markdown]
 # ## 3. The weir: something that no catalogue holds
 #
-# Not everything has a name. Generic shapes compete beside the named effects: a smooth deformation
-# of the image, camera parameters that follow time or temperature, motion of the ground. When one
-# of them wins, the honest answer is *unknown*, and *where*.
+# Not everything has a name. Generic shapes compete beside the named effects: camera parameters that
+# follow time or temperature, motion of the ground. When one of them wins, the honest answer is
+# *unknown*, and *where*. A smooth deformation of all pictures is special: every lens leaves some of
+# it, so it is estimated with everything else, and news only where it moves the ground or makes
+# data that no fit has used much better.
 
 # %%
 weir = corridor.read(sealed / "weir")
@@ -359,20 +361,52 @@ pd.DataFrame(rows, columns=["flight", "b1, b2 only (mm)", "with the shutter (mm)
 )
 
 # %% [markdown]
-# ## 7. A real flight
+# ## 7. A real flight that it names right
 #
-# Eighty-eight photographs near Saraburi, two strips at 150 m, a camera with a *mechanical* shutter,
-# one control point and two check points. (The block is not part of the project; where it is not,
-# this cell says so.) What is missing there?
+# Seventy-six photographs of a Phantom 4 over a small plot, flown to and fro, its position by an
+# ordinary GNSS, the speed of each exposure from the file's own header. Its camera is on a
+# published list of readout times, with 33 ms. The diagnosis has not seen that list, and the lens
+# of this camera is not Fraser's either. It names more than the shutter: the clocks of camera and
+# receiver differ, and something is left at the picture's rim. (The real blocks are not part of the
+# project; where they are not, these cells say so.)
 
 # %% tags=["nbval-ignore-output"]
 data = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))
+plot_flight = data / "special_plot"
+if (plot_flight / "block").exists():
+    special = corridor.read(plot_flight / "block")
+    header = pd.read_csv(plot_flight / "metadata.csv").set_index("image")
+    speed = header.reindex(special.images["image"].astype(str))
+    special.images = special.images.assign(
+        vx=speed["speed_east"].to_numpy(),
+        vy=speed["speed_north"].to_numpy(),
+        vz=-speed["speed_down"].to_numpy(),
+    )
+    named = corridor.diagnose(special, seed=seed)
+    print(named.sentence)
+else:
+    named = None
+    print("special_plot: not here")
+
+# %% [markdown]
+# ## 8. A real flight that it cannot name
+#
+# Eighty-eight photographs near Saraburi, two strips at 150 m, a camera with a *mechanical* shutter,
+# one control point and two check points that are off by three centimetres. What is missing there?
+# The residuals are not those of the model: its lens leaves some tenths of a pixel that no
+# polynomial has. But that is how lenses are, it moves the ground by less than the ground is known,
+# and whatever else could be the cause this flight does not show.
+
+# %% tags=["nbval-ignore-output"]
 if (data / "saraburi" / "block").exists():
     saraburi = corridor.read(data / "saraburi" / "block")
     real = corridor.diagnose(saraburi, camera="fraser8", seed=seed)
     print(real.sentence)
-    tie, check = real.gap["tie_px"], real.gap["check_m"]
-    print(f"held-out ties {tie['before']:.3f} to {tie['after']:.3f} px")
+    if real.lens:
+        print(f"the lens beside its polynomials: {real.lens['rms_px']:.2f} px RMS, which moves the")
+        print(f"ground by {1000 * real.lens['ground_m']:.0f} mm, ", end="")
+        print(f"{real.lens['ground_sigmas']:.1f} of its sigmas")
+    check = real.gap["check_m"]
     print(f"check points {1000 * check['before']:.0f} to {1000 * check['after']:.0f} mm")
     shutter = corridor.adjust(
         saraburi, camera="fraser8", effects=["rolling_shutter"], loss="huber:2"
@@ -383,13 +417,6 @@ if (data / "saraburi" / "block").exists():
     ours["missing.saraburi.readout"] = 1000 * shutter["value"]
 else:
     print("saraburi: not here")
-
-# %% tags=["nbval-ignore-output"]
-if (data / "saraburi" / "block").exists():
-    shown = figures.counterpart_maps(*real.beside(count)[:2])
-else:
-    shown = None
-shown
 
 # %% [markdown]
 # ## Verdict

@@ -1,7 +1,8 @@
 """Real blocks with a known effect put into their measurements: real noise, known truth.
 
     python -m benchmarks.diagnosis.real_noise FOLDER       writes NAME, NAME_twin, NAME.truth.json
-    corridor benchmark-diagnosis --blocks FOLDER -o OUT    diagnoses and scores them
+    python -m benchmarks.diagnosis.real_rates FOLDER OUT   diagnoses them, and counts
+    corridor benchmark-diagnosis --blocks FOLDER -o OUT    the same beside twins and other methods
 
 A measured block is adjusted once; at its adjusted poses, points and camera every measurement is
 moved by what the effect does to it there, so residuals, outliers and the lens stay those of the
@@ -317,11 +318,22 @@ def surveys() -> dict[str, Callable[[], Block]]:
     """The real blocks, whole and in parts of a few strips each, by name."""
     flight2 = DATA / "saraburi" / "flight2"
 
+    pair = DATA / "saraburi" / "block"
+
     def strips(*names: str) -> Callable[[], Block]:
-        return lambda: _with_rays(corridor.read(flight2), set(names))
+        return lambda: _of_strips(corridor.read(flight2), set(names))
+
+    def every_second(folder: Path, first: int) -> Callable[[], Block]:
+        return lambda: _every_second(corridor.read(folder), first)
 
     return {
         "flight2": lambda: corridor.read(flight2),
+        "s10_s11_s12_s13": strips("S10", "S11", "S12", "S13"),
+        "s11_s12_s13_s14": strips("S11", "S12", "S13", "S14"),
+        "even": every_second(flight2, 0),
+        "odd": every_second(flight2, 1),
+        "even_s10_s11_s12": lambda: _every_second(strips("S10", "S11", "S12")(), 0),
+        "odd_s12_s13_s14": lambda: _every_second(strips("S12", "S13", "S14")(), 1),
         "s10_s11_s12": strips("S10", "S11", "S12"),
         "s11_s12_s13": strips("S11", "S12", "S13"),
         "s12_s13_s14": strips("S12", "S13", "S14"),
@@ -329,14 +341,27 @@ def surveys() -> dict[str, Callable[[], Block]]:
         "s11_s12": strips("S11", "S12"),
         "s12_s13": strips("S12", "S13"),
         "s13_s14": strips("S13", "S14"),
-        "pair": lambda: corridor.read(DATA / "saraburi" / "block"),
+        "pair": lambda: corridor.read(pair),
         "special": _special,
     }
 
 
-def _with_rays(block: Block, strips: set[str]) -> Block:
-    """The images of some strips, with the points that two of them see at least."""
-    images = block.images.loc[block.images["strip"].isin(strips), "image"].astype(str)
+def _of_strips(block: Block, strips: set[str]) -> Block:
+    """The images of some strips."""
+    return _with_rays(block, block.images["strip"].isin(strips).to_numpy())
+
+
+def _every_second(block: Block, first: int) -> Block:
+    """Half of the images, every second one in the order of their times."""
+    order = np.argsort(block.images["time_s"].to_numpy(float), kind="stable")
+    chosen = np.zeros(len(order), dtype=bool)
+    chosen[order[first::2]] = True
+    return _with_rays(block, chosen)
+
+
+def _with_rays(block: Block, chosen: np.ndarray) -> Block:
+    """Some images (m,), with the points that two of them see at least."""
+    images = block.images.loc[chosen, "image"].astype(str)
     part = block.select(images=images.tolist())
     rays = part.tie_points.groupby("point", observed=True)["image"].transform("size")
     part.tie_points = part.tie_points[rays > 1].reset_index(drop=True)

@@ -68,7 +68,8 @@ def beyond_noise(noises: NoiseModel, found: Found, threshold: float) -> Found:
         return found
     each = dict(found.evidence)
     for n, gain in found.evidence.items():
-        if gain > SETTINGS.clear_evidence or noises.touches(n) <= SETTINGS.gnss_share:
+        clear = n in found.kept or gain > SETTINGS.clear_evidence
+        if clear or noises.touches(n) <= SETTINGS.gnss_share:
             continue
         rest = {
             k: kappa
@@ -78,8 +79,11 @@ def beyond_noise(noises: NoiseModel, found: Found, threshold: float) -> Found:
         _, without = noises.given(rest)
         total, _ = _probability(noises, rest, n, found.chosen[n])
         each[n] = min(gain, total - without)
-    order = sorted((n for n in each if each[n] > threshold), key=lambda n: -each[n])
-    return Found({n: found.chosen[n] for n in order}, {n: each[n] for n in order}, found.total)
+    order = sorted(
+        (n for n in each if each[n] > threshold or n in found.kept), key=lambda n: -each[n]
+    )
+    chosen = {n: found.chosen[n] for n in order}
+    return Found(chosen, {n: each[n] for n in order}, found.total, found.kept)
 
 
 def _probability(

@@ -34,7 +34,8 @@ class Diagnosis:
     before, after: adjustments of the believed model and of the model with what was found (the
     same where nothing was). course: all rounds of the search, with the reduced systems.
     gap, detection_limits, untestable: as in diagnosis.json. alarms: variance tests. level, seed:
-    as asked for.
+    as asked for. lens: what it has beside its polynomials, px, and what that does to the ground;
+    None where nothing is seen of it, or the camera is held.
     used: what `after` has more than `before`, by slug (`slug.point` for a control point): of
     effects that cannot be told apart, one. rivals: error with each of the others, over that with
     the one that was found, of `check` points and of held-out `tie` points.
@@ -51,6 +52,7 @@ class Diagnosis:
     detection_limits: dict
     untestable: list[dict]
     alarms: list[dict]
+    lens: dict | None = None
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
     used: list[str] = field(default_factory=list)
@@ -99,6 +101,7 @@ class Diagnosis:
                 "derived": [one.to_dict() for one in derived(self.block)],
                 "detection_limits": self.detection_limits,
                 "gap": self.gap,
+                "lens": self.lens,
                 "variance": self.alarms,
                 "threshold": self.course.last.threshold,
                 "rounds": [one.log for one in self.course.rounds],
@@ -180,6 +183,7 @@ def diagnose(
         },
         detection_limits=detection_limits(last),
         untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
+        lens=held.lens,
         alarms=[*variance_alarms(last.equations), *outlier_clusters(last.adjustment)],
         notes=[*course.notes, *course.impossible.values(), *notes, *held.notes],
         seconds=time.perf_counter() - began,

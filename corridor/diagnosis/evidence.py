@@ -70,9 +70,22 @@ class Evidence:
         self.reduced = reduced
         # Keys of groups that are no explanation, however well they fit.
         self.barred = set(barred)
-        self.groups: list[Group] = reduced.groups
+        self.groups: list[Group] = list(reduced.groups)
         self.number = {group.key: n for n, group in enumerate(self.groups)}
         self._alone: dict[int, Spectrum] = {}
+
+    def narrow(self, n: int, names: Iterable[str]) -> None:
+        """Only these parameters of the n-th group are asked for from now on."""
+        group, names = self.groups[n], set(names)
+        at = [k for k, (_, name, _) in enumerate(group.labels) if name in names]
+        self.groups[n] = replace(
+            group,
+            columns=group.columns[at],
+            scale=group.scale[at],
+            labels=[group.labels[k] for k in at],
+            most=None if group.most is None else group.most[at],
+        )
+        self._alone.pop(n, None)
 
     def block(self, group: Group) -> tuple[np.ndarray, np.ndarray]:
         """M (p, p) and g (p,) of a group alone."""

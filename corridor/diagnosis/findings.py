@@ -25,7 +25,7 @@ class Estimate:
     kind: `named`, `ambiguous` or `suspected`. parameters: name, value, sigma, unit; of an effect
     with values for each image, their root mean square, and values has those of the images.
     alternatives: slugs that cannot be told apart from it. separate: what would. key, rivals: of
-    its group, and of theirs (see `Group`).
+    its group, and of theirs (see `Group`). instead: control points that may be wrong in its place.
     """
 
     slug: str
@@ -38,6 +38,7 @@ class Estimate:
     key: str = ""
     rivals: list[str] = field(default_factory=list)
     values: EffectValues | None = None
+    instead: str = ""
 
     def to_dict(self, used: list[str], rivals: dict[str, dict[str, float]]) -> dict:
         """An entry of `effects` in diagnosis.json; used, rivals: see `Diagnosis`."""
@@ -48,6 +49,7 @@ class Estimate:
             "parameters": self.parameters,
             "cannot_be_told_apart_from": self.alternatives,
             **self.where,
+            **({"or_instead": self.instead} if self.instead else {}),
         }
         if self.values is not None:
             out |= {"group": self.values.kind, "values": self.values.to_json()}

@@ -9,18 +9,22 @@ GNSS residuals are those of the fits.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from corridor.adjustment import Adjustment
 from corridor.block import Block
-from corridor.diagnosis.findings import Estimate, Findings
+from corridor.diagnosis.candidates import Group
+from corridor.diagnosis.control import HEIGHT, Wrong
+from corridor.diagnosis.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.hold_out import spared
+from corridor.diagnosis.location import locate
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Course, members
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.verdict import in_place_of, shapes
+from corridor.diagnosis.verdict import in_place_of, other_control, shapes
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
 
@@ -39,6 +43,7 @@ class Verification:
         self.gap: dict[str, float | None] = {"before": None, "after": None}
         self.rivals: dict[str, dict[str, float]] = {}
         self.notes: list[str] = []
+        self.lens: dict | None = None
         self._believed, self._last = believed, course.last
         self._effects = {effect.slug: effect for effect in course.candidates.effects}
         few = len(believed.block.tie_points) <= SETTINGS.fewest_ties
@@ -53,6 +58,10 @@ class Verification:
         if self._now is None:
             return
         self._go_on(self.used, self._now)
+        self._choose_control()
+        self._prove_images()
+        self._drop_idle()
+        self.lens = self._ask_lens()
         if not few:
             self._keep_shapes()
             self._choose_effects()
@@ -73,6 +82,88 @@ class Verification:
     def _go_on(self, keys: list[str], fit: Adjustment) -> None:
         self.used, self._now = keys, fit
         self.gap = tie_gap(self._first, fit, self._rows)
+
+    def _ask_lens(self) -> dict | None:
+        """What the lens is beside its polynomials and does to the ground, None where it is nothing.
+
+        It is told as something outside the catalogue where it costs something.
+        """
+        lens = self._last.lens
+        if lens is None:
+            return None
+        number = self._last.evidence.number[lens.group.key]
+        where, location = locate(self._last, number, lens.theta)
+        keys = [*self.used, lens.group.key]
+        fit = self._fit(keys, "The fit with the lens failed")
+        if fit is None:
+            return None
+        cost = Cost.of(self._now, fit, self._rows)
+        told = {
+            "rms_px": location["rms_px"],
+            "most_px": location["most_px"],
+            "where": where,
+            "log_evidence": lens.evidence,
+            "ground_m": cost.metres,
+            "ground_sigmas": cost.sigmas,
+            "held_out_ratio": cost.ratio,
+        }
+        if cost.counts:
+            new = Unknown(
+                lens.group.slug, "unknown", lens.evidence, where, location,
+                number=number, theta=lens.theta,
+            )  # fmt: skip
+            self.findings = replace(self.findings, unknown=[*self.findings.unknown, new])
+            self._go_on(keys, fit)
+        return told | {"costs": cost.counts}
+
+    def _prove_images(self) -> None:
+        """Say no effect of single images for sure with which data that no fit has used get worse.
+
+        Residuals of one image hang together, and values for each image follow them; what is there
+        tells of the other points of the image too.
+        """
+        if not len(self._rows):
+            return
+        groups = {group.key: group for group in self._last.evidence.groups}
+        for one in self.findings.effects:
+            if one.kind == "suspected" or one.key not in self.used:
+                continue
+            if groups[one.key].own is None:
+                continue
+            others = [key for key in self.used if key != one.key]
+            bare = self._fit(others, f"The fit without {one.key} failed")
+            if bare is None:
+                continue
+            tie = tie_gap(bare, self._now, self._rows)
+            if tie["after"] < tie["before"]:
+                continue
+            self.notes.append(
+                f"{one.key} explains what was measured, but image points that no fit has used are "
+                f"predicted no better with it ({tie['before']:.3f} px, then {tie['after']:.3f}): "
+                "it is not taken for sure, and not added."
+            )
+            one.kind = "suspected"
+            self._go_on(others, bare)
+
+    def _drop_idle(self) -> None:
+        """Drop shapes of single pictures that change nothing: residuals always hang together."""
+        groups = self._last.evidence.groups
+        for one in list(self.findings.unknown):
+            if one.group not in self.used or groups[one.number].effect.place != "image":
+                continue
+            others = [key for key in self.used if key != one.group]
+            bare = self._fit(others, f"The fit without {one.group} failed")
+            if bare is None or Cost.of(bare, self._now, self._rows).counts:
+                continue
+            called = groups[one.number].effect.called
+            self.notes.append(
+                f"Residuals hang together as in {called} ({one.where}); it neither moves the "
+                "ground nor predicts data that no fit has used clearly better, and is no finding."
+            )
+            self.findings = replace(
+                self.findings, unknown=[k for k in self.findings.unknown if k is not one]
+            )
+            self._go_on(others, bare)
 
     def _keep_shapes(self) -> None:
         """Drop the generic groups with which held-out data are predicted no better."""
@@ -114,6 +205,46 @@ class Verification:
                 f"with {best}, so their error afterwards is no longer independent."
             )
             self._go_on(instead(best), fits[best])
+
+    def _choose_control(self) -> None:
+        """Of control points that contradict each other, the wrong ones by the check points.
+
+        Two that were given too low say the same as a third that was given too high.
+        """
+        wrong = self._last.wrong
+        if wrong.found is None or not wrong.alike:
+            return
+        groups = self._last.evidence.groups
+        before = list(self.used)
+        mine = [groups[n].key for n in wrong.found.points]
+
+        def instead(which: int) -> list[str]:
+            keys = [groups[n].key for n in wrong.alike[which].points]
+            return [*keys, *(key for key in before if key not in (*mine, *keys))]
+
+        some = range(min(len(wrong.alike), SETTINGS.most_rivals))
+        fits = self._fits(some, instead) if len(self._now.check_points) else {}
+        misfit = {k: check_misfit(fit) for k, fit in fits.items()}
+        best = min(misfit, key=misfit.get, default=None)
+        told = listed_points(groups, wrong.alike[: SETTINGS.most_rivals])
+        if best is None or check_misfit(self._now) - misfit[best] < -SETTINGS.check_odds:
+            clear = best is not None
+        else:
+            clear = check_misfit(self._now) - misfit[best] > SETTINGS.check_odds
+            if clear:
+                self.findings = other_control(self.findings, self._last, wrong.alike[best])
+                self._go_on(instead(best), fits[best])
+        if clear:
+            self.notes.append(
+                "The fit cannot tell which control points are wrong "
+                f"({listed_points(groups, [wrong.found])}, or {told}); check points tell, so their "
+                "error afterwards is no longer independent."
+            )
+            return
+        for one in self.findings.effects:
+            if one.key in mine:
+                one.kind, one.instead = "ambiguous", told
+                one.separate = "one more control point, or a check point, near those in question"
 
     def _choose_shapes(self) -> None:
         """A shape of no catalogue in the place of look-alikes, where check points speak for it.
@@ -171,6 +302,26 @@ class Verification:
                 return
 
 
+def check_misfit(adjustment: Adjustment) -> float:
+    """Sum of squares of what check points are off by, in their sigmas and those of the survey."""
+    table = adjustment.check_points.set_index("point")
+    rows = pd.Index(adjustment.block.ground["point"].astype(str)).get_indexer(
+        table.index.astype(str)
+    )
+    survey = adjustment.block.ground_sigma()[rows]
+    sigma = np.hypot(table[["sx", "sy", "sz"]].to_numpy(), survey)
+    return float(((table[["dx", "dy", "dz"]].to_numpy() / sigma) ** 2).sum())
+
+
+def listed_points(groups: list[Group], hypotheses: Iterable[Wrong]) -> str:
+    """GCP02 and GCP05 in height, or GCP15 in plan."""
+    return ", or ".join(
+        f"{' and '.join(str(groups[n].point) for n in one.points)} in "
+        f"{'height' if one.parts[0] == HEIGHT else 'plan'}"
+        for one in hypotheses
+    )
+
+
 def harms(without: Adjustment, with_it: Adjustment) -> bool:
     """Whether check points contradict what an adjustment has more than another.
 
@@ -206,6 +357,40 @@ def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]
     sigma[chosen] *= SETTINGS.held_out_sigma
     out.tie_points = ties.assign(sigma=sigma)
     return out, chosen
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a shape of the picture costs where it is left out.
+
+    metres, sigmas: by how much half of the tie points move at least, 3D, and in their standard
+    deviations on the axis where that is most. ratio: error of ties that no fit has used with it,
+    over the error without.
+    """
+
+    metres: float
+    sigmas: float
+    ratio: float
+
+    @classmethod
+    def of(cls, without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> Cost:
+        """Between two adjustments; rows: tie observations that neither has used."""
+        tie = tie_gap(without, with_it, rows)
+        return cls(*moved(without, with_it), tie["after"] / tie["before"] if tie["before"] else 1.0)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is worth a word: beyond the ground's own doubt, or seen in the residuals."""
+        return self.sigmas > SETTINGS.cost_sigmas or self.ratio < SETTINGS.cost_ratio
+
+
+def moved(before: Adjustment, after: Adjustment) -> tuple[float, float]:
+    """Median 3D movement of the points between two adjustments, m, and in sigmas of `before`."""
+    a, b = (one.points.set_index("point")[["x", "y", "z"]] for one in (before, after))
+    away = b.reindex(a.index).to_numpy() - a.to_numpy()
+    known = np.isfinite(away).all(axis=1)
+    metres = float(np.median(np.linalg.norm(away[known], axis=1)))
+    return metres, float(np.median(np.abs(away / before.point_sigma)[known], axis=0).max())
 
 
 def preferred(

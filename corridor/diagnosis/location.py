@@ -97,7 +97,11 @@ def _picture(system, stack, effect, table) -> tuple[str, dict]:
     low, upto = high.min(axis=0), high.max(axis=0) + 1
     width = images.size[0] - 1
     box = np.concatenate([low / SETTINGS.place_cells * width, upto / SETTINGS.place_cells * width])
-    where: dict = {"image": [float(v) for v in box]}
+    where: dict = {
+        "image": [float(v) for v in box],
+        "most_px": float(mean.max()),
+        "rms_px": float(np.sqrt(np.mean(length**2))),
+    }
     text = (
         f"largest between x = {box[0]:.0f} and {box[2]:.0f} px, y = {box[1]:.0f} and "
         f"{box[3]:.0f} px: {mean.max():.2f} px"

@@ -14,7 +14,7 @@ from scipy.linalg import cho_solve
 from corridor.adjustment import LinearSystem
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.gnss_noise import GnssNoise, Likelihood, estimate, parts_of, stated_noise
-from corridor.diagnosis.reduced import Elimination
+from corridor.diagnosis.reduced import Antennas
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -26,15 +26,15 @@ class NoiseModel:
     and how probable the data are with both.
     """
 
-    def __init__(self, system: LinearSystem, elimination: Elimination, evidence: Evidence):
-        """elimination, evidence: of the system with the stated noise."""
+    def __init__(self, system: LinearSystem, antennas: Antennas | None, evidence: Evidence):
+        """antennas, evidence: of the system with the stated noise; None without positions."""
         self.stated = stated_noise(system)
         self.evidence = evidence
-        self.few = len(self.stated.stated) < SETTINGS.few_antenna_coordinates
+        self.few = antennas is None or few_positions(system)
         self._found: dict[tuple, tuple[GnssNoise, float]] = {}
         self._start: GnssNoise | None = None
         if not self.few:
-            self.P, self.rho, self.core, self.own = elimination.antennas()
+            self.P, self.rho, self.core, self.own = antennas
 
     def touches(self, n: int) -> float:
         """How much of what a group explains the antenna positions see: 0 to 1, or more."""
@@ -165,3 +165,8 @@ class NoiseModel:
         mean = weight @ np.array(found)
         away = np.array(found) - mean
         return mean, spread + (away * weight[:, None]).T @ away
+
+
+def few_positions(system: LinearSystem) -> bool:
+    """Whether there are too few antenna positions to tell of their noise."""
+    return system.gnss.sigma.size < SETTINGS.few_antenna_coordinates

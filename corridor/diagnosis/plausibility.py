@@ -70,13 +70,15 @@ def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
     numbers = [evidence.number[key] for key in there]
     if not numbers or len(numbers) != len(found.chosen) or set(numbers) == set(found.chosen):
         return found
+    if not found.kept <= set(numbers):
+        return found
     mine = tuned(evidence, dict.fromkeys(numbers, 1.0))
     total = evidence.model(mine)[0]
     each = contributions(evidence, mine)
     if found.total - total > SETTINGS.model_log_odds:
         return found
     order = sorted(mine, key=lambda n: -each[n])
-    return Found({n: mine[n] for n in order}, {n: each[n] for n in order}, total)
+    return Found({n: mine[n] for n in order}, {n: each[n] for n in order}, total, found.kept)
 
 
 def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
@@ -95,14 +97,16 @@ def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
             if k != n
         }
         # The strongest is never a part of what is weaker.
-        if not others or found.evidence[n] == max(found.evidence[k] for k in chosen):
+        strongest = found.evidence[n] == max(found.evidence[k] for k in chosen)
+        if n in found.kept or strongest or not others:
             continue
         if evidence.given(others)[n].evidence < threshold:
             del chosen[n]
     if len(chosen) == len(found.chosen):
         return found
     chosen = tuned(evidence, chosen)
-    return Found(chosen, contributions(evidence, chosen), evidence.model(chosen)[0])
+    each = contributions(evidence, chosen)
+    return Found(chosen, each, evidence.model(chosen)[0], found.kept)
 
 
 def _without_parts(evidence: Evidence, found: Found) -> Found:
@@ -117,7 +121,8 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
     chosen = {
         n: kappa
         for n, kappa in found.chosen.items()
-        if not any(
+        if n in found.kept
+        or not any(
             _shows(groups[n]) == _shows(groups[k])
             and (
                 found.evidence[n] < SETTINGS.share_beside_generic * found.evidence[k]
@@ -130,7 +135,7 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
     if len(chosen) == len(found.chosen):
         return found
     each = contributions(evidence, chosen)
-    return Found(chosen, each, evidence.model(chosen)[0])
+    return Found(chosen, each, evidence.model(chosen)[0], found.kept)
 
 
 def _shows(group) -> str:

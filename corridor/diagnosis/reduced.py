@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -41,6 +42,19 @@ class Reduced:
     between: list[np.ndarray | None]
     mutual: dict[tuple[int, int], np.ndarray]
     groups: list[Group]
+
+
+class Antennas(NamedTuple):
+    """One unit column for each antenna coordinate, reduced: all that the block knows of its noise.
+
+    P (3k, 3k), rho (3k,): their M and g. core (3k, c), own: M between them and the candidates;
+    None where a block of per-image columns cannot touch the antenna much.
+    """
+
+    P: np.ndarray
+    rho: np.ndarray
+    core: np.ndarray
+    own: list[np.ndarray | None]
 
 
 class Elimination:
@@ -164,13 +178,8 @@ class Elimination:
             out.own_g[j] += both.T @ e.own[i].value
         return out
 
-    def antennas(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray | None]]:
-        """M (3k, 3k) and g (3k,) of one unit column for each antenna coordinate.
-
-        They say all that the rest of the block knows of the GNSS noise; like those of `reduce`
-        they are of no effect at all. Then M between them and the core (3k, c), and between them
-        and each block of per-image columns, None where the block cannot touch the antenna much.
-        """
+    def antennas(self) -> Antennas:
+        """M and g of the antenna positions; like those of `reduce` they are of no effect at all."""
         e = self.equations
         unit = self.weigh(np.eye(len(e.residual)))
         half = self.half(e.jacobian.T @ unit)
@@ -191,7 +200,7 @@ class Elimination:
                 g = g + across @ block.value
             own.append(across if few else None)
         unit -= half.T @ half
-        return unit, g, core, own
+        return Antennas(unit, g, core, own)
 
 
 def _dense(matrix):

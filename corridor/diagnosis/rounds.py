@@ -7,18 +7,21 @@ linearisation that of the truth, and only then can weaker effects be seen.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from corridor.adjustment import Adjustment
 from corridor.diagnosis.beside_noise import beyond_noise, through_noise
 from corridor.diagnosis.candidates import Candidates, candidates, with_points
+from corridor.diagnosis.control import Blunders, blunders, stands
 from corridor.diagnosis.equations import Equations, equations
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.gnss_noise import GnssNoise
-from corridor.diagnosis.noise_model import NoiseModel
+from corridor.diagnosis.lens import Lens, lens_group, lens_of, names_of_lens
+from corridor.diagnosis.noise_model import NoiseModel, few_positions
 from corridor.diagnosis.plausibility import impossible, plausible
-from corridor.diagnosis.reduced import Elimination
+from corridor.diagnosis.reduced import Antennas, Elimination, Reduced
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.search import Found, search
 from corridor.diagnosis.settings import SETTINGS
@@ -31,8 +34,9 @@ from corridor.errors import AdjustmentFailed, InputError
 class Round:
     """One pass: the adjustment it began with, what it found there, and by which limits.
 
-    keys: of the groups that were found. Of large blocks the last round alone keeps its equations
-    and evidence.
+    keys: of the groups that were found. lens: as it is beside them. wrong: control points among
+    them that failed their test. Of large blocks the last round alone keeps its equations and
+    evidence.
     """
 
     adjustment: Adjustment
@@ -44,6 +48,8 @@ class Round:
     found: Found
     keys: list[str]
     log: dict = field(default_factory=dict)
+    lens: Lens | None = None
+    wrong: Blunders = Blunders()
 
     def shed(self) -> None:
         """Let go of what weighs gigabytes in a block of a thousand images."""
@@ -124,50 +130,125 @@ def members(names: dict[str, Effect], keys: list[str]) -> list[Effect]:
 
 
 def _round(course, adjustment, believed, model, threshold, level, seed) -> Round:
-    effects, barred = course.candidates.effects, course.impossible
-    e = equations(adjustment, effects, believed.priors_of(effects))
-    stated = Elimination(e, None)
-    # The stated noise is asked about what the antenna feels and what is in the model: no more.
-    images = len(e.system.columns.images)
-    several = {
-        group.own
-        for group in e.groups
-        if group.own is not None and len(group) > images and group.key not in model
-    }
-    plain = Evidence(stated.reduce(but=several))
-    plain.barred |= set(barred)
-    noises = NoiseModel(e.system, stated, plain)
-    # A third of a gigabyte with a thousand images, and no longer needed.
-    del stated
-    start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
-    noise, _ = noises.given(start)
-    evidence = Evidence(Elimination(e, noise).reduce(), barred)
+    """A search beside the lens as it is beside what that search finds."""
+    asked = _Asked.of(course, adjustment, believed, model)
     if threshold is None:
-        threshold = thresholds(evidence, level, np.random.default_rng(seed))
-    found = _searched(evidence, threshold["suspected"], model, barred)
-    log = {"model": list(model), "sigma_px": float(np.median(e.scales.of_observation))}
-    more = through_noise(noises, plain, evidence, found, threshold, model)
-    if more:
-        noise, _ = noises.given(more)
-        evidence = Evidence(Elimination(e, noise).reduce(), barred)
-        found = _searched(evidence, threshold["suspected"], model, barred)
-        log["through_noise"] = [plain.groups[n].key for n in more]
-    found = plausible(evidence, found, model, threshold["suspected"])
-    found = beyond_noise(noises, found, threshold["suspected"])
-    log["found"] = {evidence.groups[n].key: float(v) for n, v in found.evidence.items()}
-    keys = [evidence.groups[n].key for n in found.chosen]
-    return Round(adjustment, e, noise, noises, evidence, threshold, found, keys, log)
+        threshold = partial(thresholds, level=level, rng=np.random.default_rng(seed))
+    whole, shape = Evidence(asked.reduced), lens_group(asked.equations)
+    there = {whole.number[key]: _kappa(whole, key) for key in model if key in whole.number}
+    lens = None if shape is None else lens_of(whole, shape, there)
+    one = asked.search(lens, threshold)
+    if shape is None:
+        return one
+    again = lens_of(whole, shape, one.found.chosen)
+    if (again is None) != (lens is None):
+        # What was found is what the lens seemed to be, or the other way round.
+        one = asked.search(again, one.threshold)
+        again = again and lens_of(whole, shape, one.found.chosen)
+    one.lens = again
+    return one
 
 
-def _searched(evidence: Evidence, threshold: float, model: list[str], barred: dict) -> Found:
-    """The search without what would need an impossible size; barred grows by that."""
-    while True:
-        found = search(evidence, threshold, model)
-        beyond = impossible(evidence, found)
-        if not beyond:
+@dataclass
+class _Asked:
+    """The equations of a round, and what they say with the GNSS as good as it says.
+
+    model: keys of what has been adjusted. barred: keys of what is no explanation, and why; it
+    grows. antennas: None where there are few positions.
+    """
+
+    adjustment: Adjustment
+    equations: Equations
+    reduced: Reduced
+    antennas: Antennas | None
+    model: list[str]
+    barred: dict[str, str]
+
+    @classmethod
+    def of(cls, course, adjustment, believed, model) -> _Asked:
+        effects = course.candidates.effects
+        e = equations(adjustment, effects, believed.priors_of(effects))
+        stated = Elimination(e, None)
+        # The stated noise is asked about what the antenna feels and what is in the model.
+        images = len(e.system.columns.images)
+        several = {
+            group.own
+            for group in e.groups
+            if group.own is not None and len(group) > images and group.key not in model
+        }
+        antennas = None if few_positions(e.system) else stated.antennas()
+        return cls(adjustment, e, stated.reduce(several), antennas, model, course.impossible)
+
+    def search(self, lens: Lens | None, threshold) -> Round:
+        """What is found beside a lens; threshold: or what makes it from evidence."""
+        e, model = self.equations, self.model
+        reduced, antennas = self.reduced, self.antennas
+        if lens is not None and antennas is not None:
+            antennas = lens.out_of_antennas(antennas, reduced)
+        plain = Evidence(reduced if lens is None else lens.out_of(reduced), self._barred())
+        noises = NoiseModel(e.system, antennas, plain)
+        start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
+        noise, _ = noises.given(start)
+        evidence = self._evidence(noise, lens)
+        if not isinstance(threshold, dict):
+            threshold = threshold(evidence)
+        wrong = blunders(evidence)
+        found = self._found(evidence, plain, threshold["suspected"], wrong)
+        log = {"model": list(model), "sigma_px": float(np.median(e.scales.of_observation))}
+        more = through_noise(noises, plain, evidence, found, threshold, model)
+        if more:
+            noise, _ = noises.given(more)
+            evidence = self._evidence(noise, lens)
+            wrong = blunders(evidence)
+            found = self._found(evidence, plain, threshold["suspected"], wrong)
+            log["through_noise"] = [plain.groups[n].key for n in more]
+        found = plausible(evidence, found, model, threshold["suspected"])
+        found = beyond_noise(noises, found, threshold["suspected"])
+        log["found"] = {evidence.groups[n].key: float(v) for n, v in found.evidence.items()}
+        keys = [evidence.groups[n].key for n in found.chosen]
+        out = Round(self.adjustment, e, noise, noises, evidence, threshold, found, keys, log)
+        out.wrong = wrong if found.kept else Blunders()
+        return out
+
+    def _evidence(self, noise: GnssNoise, lens: Lens | None) -> Evidence:
+        reduced = Elimination(self.equations, noise).reduce()
+        return Evidence(reduced if lens is None else lens.out_of(reduced), self._barred())
+
+    def _barred(self) -> set[str]:
+        """What is no explanation: impossible sizes, and other names of a lens that is modelled."""
+        return set(self.barred) | names_of_lens(self.equations)
+
+    def _found(
+        self, evidence: Evidence, plain: Evidence, threshold: float, wrong: Blunders
+    ) -> Found:
+        """What explains the data, control points that failed their test first.
+
+        Only what is clearly likelier than blunders, and needs none, takes their place.
+        """
+        found = self._possible(evidence, threshold)
+        if wrong.found is None:
             return found
-        barred |= beyond
-        evidence.barred |= set(beyond)
+        plain.groups = list(self.reduced.groups)
+        for n, names in wrong.found.of_point.items():
+            evidence.narrow(n, names)
+            plain.narrow(n, names)
+        kept = self._possible(evidence, threshold, wrong.found.points)
+        rest = {n: kappa for n, kappa in kept.chosen.items() if n not in kept.kept}
+        likely = found.total - kept.total <= SETTINGS.model_log_odds
+        if likely and stands(evidence, wrong.found, rest):
+            return kept
+        evidence.groups, plain.groups = list(self.reduced.groups), list(self.reduced.groups)
+        return found
+
+    def _possible(self, evidence: Evidence, threshold: float, kept=()) -> Found:
+        """The search without what would need an impossible size; barred grows by that."""
+        while True:
+            found = search(evidence, threshold, self.model, kept)
+            beyond = impossible(evidence, found)
+            if not beyond:
+                return found
+            self.barred |= beyond
+            evidence.barred |= set(beyond)
 
 
 def _kappa(evidence: Evidence, key: str) -> float:

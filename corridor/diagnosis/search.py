@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from corridor.diagnosis.evidence import Evidence, effect_sizes
@@ -10,19 +11,24 @@ from corridor.diagnosis.settings import SETTINGS
 
 @dataclass
 class Found:
-    """A model: groups n -> kappa, in order of what they bring; evidence of each given the rest."""
+    """A model: groups n -> kappa, in order of what they bring; evidence of each given the rest.
+
+    kept: groups that a test of their own has found.
+    """
 
     chosen: dict[int, float]
     evidence: dict[int, float]
     total: float
+    kept: frozenset[int] = frozenset()
 
 
-def search(evidence: Evidence, threshold: float, adjusted=()) -> Found:
+def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[int] = ()) -> Found:
     """The model in which every group brings more than the threshold given all others.
 
-    adjusted: keys of groups that the adjustment at hand has estimated.
+    adjusted: keys of groups that the adjustment at hand has estimated. kept: groups that stay.
     """
-    chosen: dict[int, float] = {}
+    kept = frozenset(kept)
+    chosen = tuned(evidence, dict.fromkeys(sorted(kept), 1.0))
     for _ in range(4 * SETTINGS.most_groups):
         before = dict(chosen)
         if len(chosen) < SETTINGS.most_groups:
@@ -30,16 +36,16 @@ def search(evidence: Evidence, threshold: float, adjusted=()) -> Found:
             best = max(range(len(gains)), key=lambda n: gains[n].evidence, default=None)
             if best is not None and gains[best].evidence > threshold:
                 chosen[best] = gains[best].kappa
-        chosen = _dropped(evidence, chosen, threshold)
-        chosen = _swapped(evidence, chosen)
-        chosen = _merged(evidence, chosen)
+        chosen = _dropped(evidence, chosen, threshold, kept)
+        chosen = _swapped(evidence, chosen, kept)
+        chosen = _merged(evidence, chosen, kept)
         chosen = tuned(evidence, chosen)
         if set(chosen) == set(before):
             break
-    chosen, each = _without_leftovers(evidence, chosen, threshold, adjusted)
+    chosen, each = _without_leftovers(evidence, chosen, threshold, adjusted, kept)
     order = sorted(chosen, key=lambda n: -each[n])
     chosen = {n: chosen[n] for n in order}
-    return Found(chosen, {n: each[n] for n in order}, evidence.model(chosen)[0])
+    return Found(chosen, {n: each[n] for n in order}, evidence.model(chosen)[0], kept)
 
 
 def contributions(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
@@ -51,19 +57,19 @@ def contributions(evidence: Evidence, chosen: dict[int, float]) -> dict[int, flo
     return out
 
 
-def _dropped(evidence, chosen, threshold):
-    while chosen:
+def _dropped(evidence, chosen, threshold, kept):
+    while len(chosen) > len(kept):
         each = contributions(evidence, chosen)
-        least = min(each, key=each.get)
+        least = min((n for n in each if n not in kept), key=each.get)
         if each[least] > threshold:
             break
         chosen = {k: v for k, v in chosen.items() if k != least}
     return chosen
 
 
-def _swapped(evidence, chosen):
+def _swapped(evidence, chosen, kept):
     """Each group in turn replaced by the one that does better in its place."""
-    for n in list(chosen):
+    for n in [n for n in chosen if n not in kept]:
         rest = {k: v for k, v in chosen.items() if k != n}
         gains = evidence.given(rest)
         best = max(range(len(gains)), key=lambda k: gains[k].evidence)
@@ -72,13 +78,13 @@ def _swapped(evidence, chosen):
     return chosen
 
 
-def _merged(evidence, chosen):
+def _merged(evidence, chosen, kept):
     """Two groups replaced by one, where that is as good."""
     if len(chosen) < 2:
         return chosen
     total = evidence.model(chosen)[0]
     best = None
-    names = list(chosen)
+    names = [n for n in chosen if n not in kept]
     for i, a in enumerate(names):
         for b in names[i + 1 :]:
             rest = {k: v for k, v in chosen.items() if k not in (a, b)}
@@ -102,7 +108,7 @@ def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
     return chosen
 
 
-def _without_leftovers(evidence, chosen, threshold, adjusted):
+def _without_leftovers(evidence, chosen, threshold, adjusted, kept):
     while True:
         each = contributions(evidence, chosen)
         left = 0.0
@@ -113,7 +119,7 @@ def _without_leftovers(evidence, chosen, threshold, adjusted):
                 left,
                 gain * (SETTINGS.leftover_share_adjusted if known else SETTINGS.leftover_share),
             )
-        small = [n for n in each if each[n] < max(left, threshold)]
+        small = [n for n in each if n not in kept and each[n] < max(left, threshold)]
         if not small:
             return chosen, each
         least = min(small, key=each.get)

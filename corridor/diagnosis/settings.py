@@ -24,8 +24,9 @@ class Settings:
     # Prior sigma of an adjusted effect that could stand in for the camera; of values per image.
     prior_of_adjusted: float = 10.0
     prior_of_adjusted_per_image: float = 1.0
-    # Shapes with a hundred parameters creep to their end, and need not reach it.
-    iterations: int = 100
+    # Flights without GNSS worth the name take 71 to 83 (special_plot, brighton, garfield). Shapes
+    # with a hundred parameters creep to their end, and need not reach it.
+    iterations: int = 200
     iterations_of_shapes: int = 6
     # Least share of redundancy that few rays leave.
     least_redundancy: float = 0.05
@@ -51,6 +52,15 @@ class Settings:
     log_prior_generic: float = -4.0
     log_prior_per_image: float = -1.0
     log_prior_ground: float = -0.7
+
+    # --- lens
+    # Sizes of what polynomials leave of it, among which the data choose: 0.2 to 0.3 px, 0.4 to 0.6
+    # of these, in the survey of Saraburi.
+    lens_sizes: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 2.0)
+
+    # --- ground control
+    # Chance of calling a point of a block without any blunder wrong.
+    control_level: float = 0.002
 
     # --- thresholds
     null_draws: int = 1000
@@ -148,8 +158,16 @@ class Settings:
     clear_ratio_ties: float = 0.995
     clear_ratio_checks: float = 0.8
     clear_ratio_shape: float = 0.5
+    # Difference of the check points' misfit, a chi square, by which they tell which control is
+    # wrong: a hundred to one.
+    check_odds: float = 9.2
     most_rivals: int = 4
     most_shapes: int = 3
+
+    # A shape of the picture is worth a word where it moves the ground by so many of its sigmas, or
+    # takes the error of data that no fit has used below this share.
+    cost_sigmas: float = 2.0
+    cost_ratio: float = 0.95
 
     # --- wrong matches
     # Scales of Student's t from which on an observation has next to no say in the fit.

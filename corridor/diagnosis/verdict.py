@@ -7,15 +7,18 @@ and cannot be told apart from it all the same.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
 from corridor.diagnosis.candidates import Group
+from corridor.diagnosis.control import Wrong
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.location import locate
 from corridor.diagnosis.rounds import Course, Round
+from corridor.diagnosis.search import Found, contributions, tuned
 from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import EffectValues
 
@@ -58,6 +61,30 @@ def in_place_of(found: Findings, one: Round, key: str, shape: int) -> Findings:
     return Findings([e for e in found.effects if e.key != key], unknown)
 
 
+def other_control(found: Findings, one: Round, wrong: Wrong) -> Findings:
+    """Findings with other control points in the place of those that seemed wrong."""
+    mine = one.found.kept
+    gone = {one.evidence.groups[n].key for n in mine}
+    views = []
+    for evidence in (one.evidence, one.noises.evidence):
+        view = Evidence(evidence.reduced, evidence.barred)
+        for n, names in wrong.of_point.items():
+            view.narrow(n, names)
+        views.append(view)
+    noises = copy(one.noises)
+    noises.evidence = views[1]
+    chosen = {n: k for n, k in one.found.chosen.items() if n not in mine}
+    chosen = tuned(views[0], chosen | dict.fromkeys(wrong.points, 1.0))
+    each = contributions(views[0], chosen)
+    model = Found(chosen, each, views[0].model(chosen)[0], frozenset(wrong.points))
+    other = replace(one, evidence=views[0], noises=noises, found=model)
+    thetas, spreads = parameters(other)
+    effects = [e for n in wrong.points for e in _estimates(other, n, thetas[n], spreads[n])]
+    return Findings(
+        [*effects, *(e for e in found.effects if e.key not in gone)], list(found.unknown)
+    )
+
+
 def _parts(one: Round, n: int) -> list[str]:
     """Named effects that would explain some of what a generic group explains, the best first."""
     evidence, chosen = one.evidence, one.found.chosen
@@ -77,6 +104,8 @@ def _parts(one: Round, n: int) -> list[str]:
 
 
 def _kind(one: Round, n: int) -> str:
+    if n in one.found.kept:
+        return "named"
     limit = one.threshold["beside_noise" if _like_noise(one, n) else "named"]
     return "named" if one.found.evidence[n] > limit else "suspected"
 
@@ -118,7 +147,8 @@ def _estimates(one: Round, n: int, theta, spread) -> list[Estimate]:
     theta = theta * group.scale
     sigma = np.sqrt(np.diag(spread)) * group.scale
     kind = _kind(one, n)
-    alike = alternatives(evidence, found.chosen, n)
+    # What a test of its own has found has had its rivals there.
+    alike = [] if n in found.kept else alternatives(evidence, found.chosen, n)
     separate = ""
     if alike:
         kind = "ambiguous" if kind == "named" else kind

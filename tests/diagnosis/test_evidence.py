@@ -12,7 +12,7 @@ from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence, Spectrum, averaged, effect_sizes
 from corridor.diagnosis.gnss_noise import GnssNoise, estimate
 from corridor.diagnosis.noise_model import NoiseModel
-from corridor.diagnosis.reduced import Reduced
+from corridor.diagnosis.reduced import Antennas, Reduced
 from corridor.diagnosis.robust import pseudo_residuals, scale_of
 from corridor.diagnosis.search import search
 from corridor.diagnosis.threshold import largest_of_null
@@ -141,8 +141,7 @@ def biased(rng, epochs=40, step=2.5, tau=60.0, bias=0.05):
     )  # fmt: skip
     rows = SimpleNamespace(image=np.arange(epochs), sigma=stated.reshape(-1, 3))
     seen = SimpleNamespace(images=images, gnss=rows)
-    elimination = SimpleNamespace(antennas=lambda: (P, P @ y, A, []))
-    return NoiseModel(seen, elimination, evidence)
+    return NoiseModel(seen, Antennas(P, P @ y, A, []), evidence)
 
 
 def test_the_sigma_of_a_bias_covers_what_slow_noise_makes_of_it():

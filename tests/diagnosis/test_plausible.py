@@ -150,7 +150,27 @@ class TestKnownEffectsInMeasuredBlocks:
     @pytest.mark.slow
     def test_a_real_rolling_shutter_is_named_beside_the_lens(self, real_data):
         """Published readout of the FC330: 33 ms; 1.6 ms is the jackknife over its strips."""
-        found = corridor.diagnose(surveys()["special"](), max_iterations=200)
+        found = corridor.diagnose(surveys()["special"]())
         named = {one["slug"]: one for one in found.effects if one["class"] == "named"}
         readout = named["rolling_shutter"]["parameters"][0]["value"]
         assert readout == pytest.approx(0.033, abs=2 * 0.0016)
+
+    @pytest.mark.slow
+    def test_an_untouched_survey_is_left_alone(self, real_data):
+        """Its lens is 0.1 px off Fraser's, as lenses are; nothing else is there to be named."""
+        found = corridor.diagnose(surveys()["pair"]())
+        assert found.verdict == "nothing"
+        assert 0.05 < found.lens["rms_px"] < 0.3 and not found.lens["costs"]
+
+    @pytest.mark.slow
+    def test_two_blunders_that_hide_each_other_are_named(self, real_data):
+        """Six stated sigmas each, in two of three control points: check points tell which two.
+
+        Over twenty seconds: the smallest real block whose check points can tell has 206 images.
+        """
+        block = surveys()["flight2"]()
+        made, truth = inject(block, scene_of(corridor.adjust(block)), {"two_blunders": 0.3}, seed=3)
+        found = corridor.diagnose(made)
+        named = {one["point"] for one in found.effects if one["class"] == "named"}
+        assert named == {one["point"] for one in truth["effects"]}
+        assert found.gap["check_m"]["after"] < 0.5 * found.gap["check_m"]["before"]

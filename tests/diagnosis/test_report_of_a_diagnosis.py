@@ -260,7 +260,7 @@ def told(verdict, effects=(), unknown=(), check=(0.0195, 0.0041), tie=(0.279, 0.
     """The sentence of a diagnosis that was never made."""
     return sentence(
         SimpleNamespace(
-            verdict=verdict, block=None, level=0.01, alarms=[],
+            verdict=verdict, block=None, level=0.01, alarms=[], untestable=[],
             findings=SimpleNamespace(effects=list(effects), unknown=list(unknown)),
             detection_limits=limits or {},
             gap={

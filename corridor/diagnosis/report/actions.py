@@ -68,7 +68,9 @@ def _told_apart(d: Diagnosed) -> list[str]:
     known, out = effects_by_slug(), {}
     for one in d.findings.effects:
         if one.kind == "ambiguous" and one.separate:
-            names = listed((known[s].called for s in (one.slug, *one.alternatives)), "or")
+            instead = [f"an error of {one.instead}"] if one.instead else []
+            called = [known[s].called for s in (one.slug, *one.alternatives)]
+            names = listed([*called, *instead], "or")
             out[one.slug] = f"To know whether it is {names}: {one.separate}"
     return list(out.values())
 

@@ -24,6 +24,7 @@ class Diagnosed(Protocol):
     detection_limits: dict[str, dict[str, float | None]]
     untestable: list[dict]
     alarms: list[dict]
+    lens: dict | None
     notes: list[str]
     used: list[str]
     rivals: dict[str, dict[str, float]]

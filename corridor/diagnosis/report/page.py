@@ -63,6 +63,12 @@ ANSWER = (
     Section("Check points before and after", ("check_points",)),
     Section("What was found", ("found", "unknown")),
     Section(
+        "The lens",
+        ("lens",),
+        "No polynomial describes a lens to the last tenth of a pixel. What is left is the same in "
+        "all pictures; it is estimated beside everything else, so that nothing is named for it.",
+    ),
+    Section(
         "Data that the fit has not used",
         ("gap",),
         "Image points held out and check points have no say in the adjustment. <em>Noise alone"
@@ -152,6 +158,7 @@ def _tables(diagnosis: Diagnosed, compared: Beside, written: list[str]) -> dict[
         "found": tables.found(diagnosis),
         "separating": tables.separating(diagnosis),
         "unknown": tables.unknown(diagnosis),
+        "lens": tables.lens(diagnosis),
         "gap": tables.gap(diagnosis, before, after),
         "bands": tables.bands(before, after),
         "leaving": tables.leaving(before, after),

@@ -10,9 +10,11 @@ from corridor.diagnosis.report.wording import (
     falls,
     listed,
     placed,
+    to_add,
     upper,
     value_and_sigma,
 )
+from corridor.effects import Effect
 
 # Parameters told in the sentence; the table has them all.
 MOST = 4
@@ -76,11 +78,36 @@ def _unknown(d: Diagnosed) -> str:
         text += f" The fit alone takes {names} as well; check points tell them apart."
     if names := called("parts"):
         text += f" It overlaps with {names}, which would explain a part of it only."
+    text += "".join(_looks_like(d))
     if all(one.correction == "none" for one in d.findings.unknown):
         return f"{text} The fit takes them for wrong matches, so nothing was added."
     if not all(one.correction == "helps" for one in d.findings.unknown):
         return f"{text} A smooth shape of it does not help data that the fit has not used."
     return f"{text} {_effect_of_adding(d, 1, 'a smooth shape of it')}"
+
+
+def _looks_like(d: Diagnosed) -> list[str]:
+    """Named effects that show as an unknown does and lack a column: which, and what to hand in."""
+    known, lacking = effects_by_slug(), {}
+    for one in d.untestable:
+        effect = known[one["slug"]]
+        if any(_alike(known[shape.group], effect) for shape in d.findings.unknown):
+            missing = ", ".join(effect.missing(d.block)) or one["missing"]
+            lacking.setdefault(missing, []).append(effect.called)
+    return [
+        f" So would {listed(names, 'or')} look, which could not be tested: add {to_add(missing)}."
+        for missing, names in lacking.items()
+    ]
+
+
+def _alike(shape: Effect, effect: Effect) -> bool:
+    """Whether both differ from row to row, or both change the camera while the flight goes on."""
+    if effect.generic:
+        return False
+    if shape.by_row:
+        return effect.place == "motion"
+    with_time = "images.time_s" in shape.needs and shape.place in ("image", "camera")
+    return with_time and "images.temperature_c" in effect.needs
 
 
 def _suspected(d: Diagnosed) -> str:
@@ -175,7 +202,9 @@ def _either(estimates: list[Estimate]) -> str:
     """An effect with its values, or its look-alikes."""
     known = effects_by_slug()
     mine = listed(f"{name} ({values})" if values else name for name, values in _told(estimates))
-    return " or ".join([mine, *(known[slug].called for slug in estimates[0].alternatives)])
+    others = [known[slug].called for slug in estimates[0].alternatives]
+    instead = [f"of {one.instead}" for one in estimates[:1] if one.instead]
+    return " or ".join([mine, *instead, *others])
 
 
 def _places(d: Diagnosed) -> str:

@@ -282,6 +282,23 @@ def untestable(d: Diagnosed, before: Comparison | None) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["to add", "then tested"])
 
 
+def lens(d: Diagnosed) -> pd.DataFrame:
+    """What the lens has beside its polynomials, and what that does to the ground."""
+    columns = [
+        "RMS (px)", "most (px)", "moves the ground (mm)", "in its sigmas", "held-out ties",
+        "worth a correction",
+    ]  # fmt: skip
+    one = d.lens
+    if one is None:
+        return pd.DataFrame(columns=columns)
+    row = (
+        f"{one['rms_px']:.2f}", f"{one['most_px']:.2f}", f"{1e3 * one['ground_m']:.0f}",
+        f"{one['ground_sigmas']:.1f}", f"{100 * (one['held_out_ratio'] - 1):+.1f} %",
+        "yes" if one["costs"] else "no, as lenses are",
+    )  # fmt: skip
+    return pd.DataFrame([row], columns=columns)
+
+
 def variance(d: Diagnosed) -> pd.DataFrame:
     """Quantities with which the size of the image noise changes, and clusters of wrong matches."""
     rows = [

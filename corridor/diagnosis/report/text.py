@@ -14,6 +14,7 @@ def report_of(diagnosis: Diagnosed) -> Report:
     missing = tables.untestable(diagnosis, None).itertuples(index=False)
     made = [
         Table.of(tables.found(diagnosis)[shown], "What was found"),
+        Table.of(tables.lens(diagnosis), "The lens beside its polynomials"),
         Table.of(
             gap.drop(columns=["noise alone", "closed"], errors="ignore"), "What it does to the data"
         ),

@@ -1,0 +1,134 @@
+"""How often the diagnosis is right on real noise: blocks of `real_noise`, diagnosed and counted.
+
+    python -m benchmarks.diagnosis.real_rates FOLDER OUT.json [--only WORD,WORD]
+
+OUT holds a row for each block, kept as soon as it is done, and the rates. No twins and no other
+methods, as `corridor benchmark-diagnosis --blocks FOLDER` has them: a third of its time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+import corridor
+from benchmarks.diagnosis.assess import parameter_errors
+from benchmarks.diagnosis.judge import judge
+from benchmarks.diagnosis.rates import Rate
+from benchmarks.diagnosis.trials import of_folder
+from benchmarks.diagnosis.truth import Truth
+from corridor.block import Block
+from corridor.effects import every_effect
+from corridor.errors import AdjustmentFailed, InputError
+from corridor.report import plain, whole_file, write_json
+
+# A value is right within so many of its stated sigmas.
+RIGHT_SIGMAS = 3.0
+# Check points are worse where their error grows by more than this share.
+WORSE = 1.1
+# Edges of the probabilities that are held against what came out.
+EDGES = (0.0, 0.9, 0.98, 0.999, 1.0)
+
+
+def row_of(block: Block, truth: Truth) -> dict:
+    """What was said of a block, and whether it is right."""
+    began = time.process_time()
+    try:
+        found = corridor.diagnose(block)
+    except (InputError, AdjustmentFailed) as error:
+        return {"failed": str(error), "kind": truth.kind, "hidden": truth.label}
+    said = plain(found.to_dict())
+    judged = judge(said, truth, block)
+    errors = parameter_errors(said, truth)
+    check = said["gap"]["check_m"]
+    wanted = {one.slug if one.point is None else f"{one.slug}.{one.point}" for one in truth.inside}
+    stated = [one for one in said["effects"] if one["class"] in ("named", "ambiguous")]
+    return {
+        "failed": None,
+        "kind": truth.kind,
+        "hidden": truth.label,
+        "verdict": said["verdict"],
+        "effects": [(one["slug"], one["class"], one.get("point")) for one in said["effects"]],
+        "unknown": [(one["group"], one["class"]) for one in said["unknown"]],
+        "named": wanted <= set(judged.named),
+        "inside": wanted <= set(judged.inside),
+        "right_value": bool(errors) and all(abs(e["sigmas"]) < RIGHT_SIGMAS for e in errors),
+        "wrong": judged.wrong,
+        "stated": bool(stated or judged.unknown),
+        "absurd": [one["slug"] for one in stated if _absurd(one, block)],
+        "worse": bool(stated) and check is not None and check["after"] > WORSE * check["before"],
+        "check": check,
+        "lens": said["lens"],
+        "sure": [
+            (1.0 / (1.0 + float(np.exp(-one["log_evidence"]))), one["slug"] not in judged.wrong)
+            for one in said["effects"]
+        ],
+        "sentence": said["sentence"],
+        "seconds": time.process_time() - began,
+    }
+
+
+def _absurd(said: dict, block: Block) -> bool:
+    """Whether a stated value is one that does not happen."""
+    effect = next(one for one in every_effect() if one.slug == said["slug"])
+    most = {p.name: p.most for p in effect.parameters(block)}
+    return any(abs(p["value"]) > most.get(p["name"], np.inf) for p in said["parameters"])
+
+
+def rates(rows: Iterable[dict]) -> dict[str, str]:
+    """The figures, as text."""
+    read = [row for row in rows if not row["failed"]]
+    hidden = [row for row in read if row["kind"] != "null"]
+    blunders = [row for row in hidden if set(row["hidden"].split("+")) == {"control_blunder"}]
+    others = [row for row in hidden if row not in blunders]
+    out = {
+        "named, effects": Rate.of(row["named"] for row in others),
+        "named with the right value, effects": Rate.of(
+            row["named"] and row["right_value"] for row in others
+        ),
+        "in the set that is named, effects": Rate.of(row["inside"] for row in others),
+        "control blunders named": Rate.of(row["named"] for row in blunders),
+        "wrong names beside hidden effects": Rate.of(bool(row["wrong"]) for row in hidden),
+        "untouched blocks of which something is said": Rate.of(
+            row["stated"] for row in read if row["kind"] == "null"
+        ),
+        "absurd values": Rate.of(bool(row["absurd"]) for row in read),
+        "check points worse by a tenth": Rate.of(row["worse"] for row in read),
+    }
+    sure = [pair for row in read for pair in row["sure"]]
+    for low, high in zip(EDGES[:-1], EDGES[1:], strict=True):
+        some = [right for p, right in sure if low <= p < high or (high == 1.0 and p == 1.0)]
+        out[f"right where called {100 * low:g} to {100 * high:g} % sure"] = Rate.of(some)
+    return {name: str(rate) for name, rate in out.items()}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Diagnose the blocks of a folder and print the rates."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.diagnosis.real_rates")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--only", default="", help="blocks whose name holds one of these words")
+    options = parser.parse_args(arguments)
+    rows = json.loads(options.out.read_text())["rows"] if options.out.is_file() else {}
+    words = options.only.split(",")
+    for trial in of_folder(options.folder):
+        if trial.name in rows or not any(word in trial.name for word in words):
+            continue
+        block, _, truth = trial.load()
+        rows[trial.name] = row = row_of(block, truth)
+        told = [f"{slug} ({kind})" for slug, kind, _ in row.get("effects", ())]
+        told += [f"{group} ({kind})" for group, kind in row.get("unknown", ())]
+        print(f"{trial.name}: {row.get('verdict', row['failed'])}; {', '.join(told)}", flush=True)
+        with whole_file(options.out) as part:
+            write_json({"rates": rates(rows.values()), "rows": rows}, part)
+    for name, rate in rates(rows.values()).items():
+        print(f"{name}: {rate}")
+
+
+if __name__ == "__main__":
+    main()
