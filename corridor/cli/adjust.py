@@ -3,6 +3,8 @@
 examples:
   corridor adjust data_synthetic/dike -o out/dike
       as the block says: control, check points and sigmas from its files
+  corridor adjust BLOCK -o out/a --required 0.02
+      is it good enough? the report begins with that, what is wrong, and what to do
   corridor adjust BLOCK -o out/a --camera fixed
       the camera as in block.toml; also: f,cx,cy,k1,k2 or fraser8 or fraser10
   corridor adjust BLOCK -o out/b --effect rolling_shutter --effect gnss_bias

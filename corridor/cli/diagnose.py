@@ -10,11 +10,11 @@ examples:
   corridor diagnose BLOCK --only rolling_shutter,clock_offset
       these candidates alone, and nothing written; also: --without SLUG
 
-OUT holds report.html (one page: what is missing, the block beside its simulated counterparts
-before and after, where, evidence, detection limits), diagnosis.json (every number), block/ (the
-block adjusted with what was found), corrected/ (the measured block from which it has been taken
-out, for any other program) and the pictures. It appears when all of it is written, or not at all;
-an earlier diagnosis in OUT is replaced.
+OUT holds report.html (one page: what is missing, what to do, the check points before and after,
+then the evidence: the block beside its simulated counterparts), diagnosis.json (every number),
+block/ (the block adjusted with what was found), corrected/ (the measured block from which it has
+been taken out, for any other program) and the pictures. It appears when all of it is written, or
+not at all; an earlier diagnosis in OUT is replaced.
 """
 
 import argparse

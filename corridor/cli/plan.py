@@ -54,11 +54,11 @@ _FLIGHTS = {
     "plans": option("a .toml file, or names of plans joined by +", "PLAN", nargs="+"),
     "--output": {},
     "--control": option(
-        "numbers of control points (default 0,1,3,5)",
+        "numbers of control points (default 0,1,3,5; may be repeated)",
         "N,N",
         several(whole("count", 0), "are no numbers of control points: write 0,1,3"),
-        action="store",
-        default=[0, 1, 3, 5],
+        action="extend",
+        default=None,
     ),
     "--place": option(
         "control spread evenly (default), or where each point helps most",
@@ -66,10 +66,11 @@ _FLIGHTS = {
         default="spread",
     ),
     "--goal": option(
-        "accuracies that the advice is about, m (default 0.01,0.03)",
+        "accuracies that the advice is about, m (default 0.01,0.03; may be repeated)",
         "M,M",
         several(number("is none", above=0.0), "are no accuracies in metres: write 0.01,0.03"),
-        default=[0.01, 0.03],
+        action="extend",
+        default=None,
     ),
 }
 _SETS = {
@@ -141,6 +142,8 @@ def run(options: argparse.Namespace) -> None:
     import corridor
     from corridor import planning
 
+    options.control = sorted(set(options.control or (0, 1, 3, 5)))
+    options.goal = options.goal or [0.01, 0.03]
     noise = planning.GnssNoise(
         sigma_m=options.gnss_sigma,
         correlated=options.correlated[0],
@@ -162,7 +165,7 @@ def run(options: argparse.Namespace) -> None:
         carried = other.carried(dict(options.mounted), held=options.held)
     planned = corridor.plan(
         options.plans,
-        sorted(set(options.control)),
+        options.control,
         options.place,
         options.goal,
         options.combined,

@@ -45,7 +45,7 @@ def rows(words, folder):
 
 def test_it_writes_table_picture_and_advice(plan, tmp_path, capsys):
     out = tmp_path / "out"
-    assert main(["plan", str(plan), "--control", "0,1", "-o", str(out)]) == 0
+    assert main(["plan", str(plan), "--control", "0", "--control", "1", "-o", str(out)]) == 0
     assert sorted(p.name for p in out.iterdir()) == [
         "accuracy.png", "advice.txt", "control.csv", "control.png", "plan.csv", "plan.json",
     ]  # fmt: skip
