@@ -250,6 +250,8 @@ def _features(pycolmap, database, folder, names, photos, cheaply) -> Iterator[in
             options.existing_camera_id = _camera_id(pycolmap, database, names[rows[0]])
             extraction = pycolmap.FeatureExtractionOptions()
             extraction.sift.max_num_features = _features_in(size)
+            # A second orientation is the same point again, and matching costs the square.
+            extraction.sift.max_num_orientations = 1
             pycolmap.extract_features(
                 database, folder, image_names=batch, camera_mode=pycolmap.CameraMode.SINGLE,
                 reader_options=options, extraction_options=extraction,
