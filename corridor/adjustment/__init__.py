@@ -28,6 +28,7 @@ from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
+from corridor.adjustment.warnings import implausible
 from corridor.geometry import Similarity, similarity
 
 __all__ = [
@@ -51,6 +52,7 @@ __all__ = [
     "camera_of",
     "check_table",
     "complete",
+    "implausible",
     "lay_on_control",
     "listed",
     "make_problem",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import explain, free_network, helmert_onto
@@ -23,7 +24,7 @@ from corridor.adjustment.solve import solve
 from corridor.block import Block, read
 from corridor.effects import Effect, check_needs
 from corridor.errors import AdjustmentFailed, InputError
-from corridor.preparation import Prepared, prepare
+from corridor.preparation import Prepared, doubts, prepare
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
 ITERATIONS = 100
@@ -65,8 +66,8 @@ def adjust(
     progress: called with a dictionary: after each iteration iteration, cost, damping, step and
         accepted; while start values are made, message.
     model: a `Model` in place of camera, effects, control, check, loss, priors and lever_arm.
-    strict: refuse points that one image alone shows, and images with fewer than three points,
-        which are left out and named in `warnings` otherwise.
+    strict: refuse wild cells, points that one image alone shows, and images with fewer than three
+        points, which are left out and named in `warnings` otherwise.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
     A focal length that block.toml says is stated (`f_stated`, by photographs) is a prior of a
@@ -92,7 +93,8 @@ def adjust(
         lever_arm=lever_arm,
     )
     check_needs(block, model.effects)
-    block, left_out = (block, []) if strict else sound_part(block, model)
+    block, left_out = sound_part(block, model, strict)
+    doubtful = doubts(block)
     run = Run(min(threads, 2), progress, max_iterations)
 
     def again(part: Block, model: Model = model) -> Adjustment:
@@ -106,10 +108,17 @@ def adjust(
             found.start = part
             return found
 
-    result = again(block)
-    result = _without_false_fixes(result, again) if reject_gnss else result
-    result = without_unseen_arms(weighted_by_scatter(result, again), again)
-    for note in (*_used(prepared, model.effects), *reversed(left_out)):
+    try:
+        result = again(block)
+        result = _without_false_fixes(result, again) if reject_gnss else result
+        result = without_unseen_arms(weighted_by_scatter(result, again), again)
+    except (InputError, AdjustmentFailed) as error:
+        if not doubtful:
+            raise
+        # What looks wrong at first sight is the likelier cause.
+        raise type(error)(f"{doubtful[0]} So: {error}") from None
+    result.doubts = doubtful
+    for note in (*_used(prepared, model.effects), *reversed(left_out), *reversed(doubtful)):
         result.add_note(note)
     return result
 
@@ -203,6 +212,18 @@ def complete(block: Block, progress: Callable[[str], None] | None = None) -> Blo
     """
     from corridor.adjustment import initial  # loads OpenCV: 25 MB
 
+    posed = np.isfinite(block.poses).all(axis=1)
+    if len(block.points) and not posed.any() and (len(block.gnss) or len(block.ground) > 2):
+        # Rough points would hold poses that are made from nothing; they are start values after.
+        bare = block.copy()
+        bare.points = bare.points.iloc[:0]
+        try:
+            made = initial.complete(bare, _interim, progress)
+        except InputError:
+            return initial.complete(block, _interim, progress)
+        given = made.points["point"].isin(block.points.dropna()["point"])
+        made.points = pd.concat([block.points, made.points[~given]], ignore_index=True)
+        return made
     return initial.complete(block, _interim, progress)
 
 
@@ -210,8 +231,7 @@ def _interim(part: Block) -> Block | None:
     """The oriented part adjusted, with k1 and k2 of lenses that are not calibrated."""
     own = {name: camera for name, camera in part.cameras.items() if not camera.calibrated}
     try:
-        return adjust(
-            part,
+        model = Model(
             camera=dict.fromkeys(own, ",".join(START_LENS)),
             loss="huber:3",
             priors={
@@ -219,9 +239,8 @@ def _interim(part: Block) -> Block | None:
                 for name, camera in own.items()
                 for term, sigma in START_LENS.items()
             },
-            max_iterations=10,
-            strict=True,
-        ).block
+        )
+        return _once(part, model, Run(max_iterations=10)).block
     except (InputError, AdjustmentFailed):
         return None
 

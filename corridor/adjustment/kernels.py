@@ -94,12 +94,14 @@ class Looked(NamedTuple):
 
 class Derivatives(NamedTuple):
     """By the effects' parameters: of the interior (m, 15, k), of the image (rays, 2, k), of the
-    motion (m, k, 6 (degree + 1)), of the ground control (c, 3, k)."""
+    motion (m, k, 6 (degree + 1)), of the ground control (c, 3, k). sight (rays, 2, 9): of effects
+    on the image that see object points, by centre, turn and point; (0, 2, 9) without."""
 
     interior: np.ndarray
     image: np.ndarray
     motion: np.ndarray
     ground: np.ndarray
+    sight: np.ndarray
 
 
 class Columns(NamedTuple):
@@ -167,12 +169,13 @@ class Equations(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Room to work in: rays as seen, Jacobian rows by images and by the shared, residuals of
-    control, Y, Z, and the last two images' part of Y'Y and J'J. used: shared columns that any ray
-    touches."""
+    """Room to work in: rays as seen, Jacobian rows by images, by points (where they are not those
+    by the centre, negative; residuals before them) and by the shared, residuals of control, Y, Z,
+    and the last two images' part of Y'Y and J'J. used: shared columns that any ray touches."""
 
     seen: np.ndarray
     jc: np.ndarray
+    jp: np.ndarray
     jb: np.ndarray
     residual: np.ndarray
     y: np.ndarray
@@ -568,6 +571,12 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
     if not moves and derivatives.image.shape[2] == 0:
         return
     k00, k01, k10, k11 = _slope(seen, at)
+    if derivatives.sight.shape[0] > 0:
+        for c in range(6):
+            dx = root * derivatives.sight[e, U(0), U(c)]
+            dy = root * derivatives.sight[e, U(1), U(c)]
+            jc[to.j0 + U(c)] += k00 * dx + k01 * dy
+            jc[to.j1 + U(c)] += k10 * dx + k11 * dy
     for c in range(low, high, PANEL):
         by_x, by_y = _panel(jb, to.b0 + U(c)), _panel(jb, to.b1 + U(c))
         _set(jb, to.b0 + U(c), _two(k00, by_x, k01, by_y))
@@ -586,6 +595,27 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
             away = _less(cross(x, left_jacobian(t, theta)), c)
         _put(columns.slot[i, slot], dot(g, away), dot(h, away), to)
         slot += U(1)
+
+
+@njit(**SCALAR)
+def point_rows(i, e, seen, at, scene):
+    """Weighted Jacobian rows of a ray by its point, where effects on the image see the point.
+
+    i, e, seen, at: as for `jacobian_rows`.
+    """
+    p = _before_rotation(scene.cameras.pose, i, _three(seen, at + U(8)))
+    q = _before_rotation(scene.cameras.pose, i, _three(seen, at + U(11)))
+    if not seen[at + U(2)] > 0.0:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    k00, k01, k10, k11 = _slope(seen, at)
+    root, sight = seen[at + U(3)], scene.derivatives.sight
+    x = sight[e, U(0), U(6)], sight[e, U(0), U(7)], sight[e, U(0), U(8)]
+    y = sight[e, U(1), U(6)], sight[e, U(1), U(7)], sight[e, U(1), U(8)]
+    x, y = _rows_before(k00, k01, k10, k11, x, y)
+    return (
+        (p[0] + root * x[0], p[1] + root * x[1], p[2] + root * x[2]),
+        (q[0] + root * y[0], q[1] + root * y[1], q[2] + root * y[2]),
+    )
 
 
 # --- residuals --------------------------------------------------------------------------------
@@ -781,8 +811,12 @@ def _same_images(img, start, m, following):
     return True
 
 
-def make_assemble(d):
-    """The assembly for images with `d` unknowns (6 and the effects of their own)."""
+def make_assemble(d, sighted=False):
+    """The assembly for images with `d` unknowns (6 and the effects of their own).
+
+    sighted: effects on the image see object points; known when it is compiled, it costs the
+    others nothing.
+    """
     # A ray's row in jc: its residual, then d unknowns, in whole panels.
     row = -(-(d + 1) // PANEL) * PANEL
     sixes = -(-d // 6) * 6  # as many columns as _gram makes
@@ -795,6 +829,7 @@ def make_assemble(d):
         img = observations.image
         d_ground = scene.derivatives.ground
         seen, jc, jb, res, y, z = work.seen, work.jc, work.jb, work.residual, work.y, work.z
+        jp = work.jp
         stripe, own = work.stripe, work.own
         storage, matrix = equations.storage, equations.storage.flat
         wide = columns.wide
@@ -836,10 +871,18 @@ def make_assemble(d):
                 behind += 0 if ahead else 1
                 jc[j0] = seen[at + U(14)] if ahead else 0.0
                 jc[j1] = seen[at + U(15)] if ahead else 0.0
+                if sighted:
+                    a, b = point_rows(U(img[o]), o - U(scene.looked.base), seen, at, scene)
+                    _set(jp, U(8 * k), (jc[j0], -a[0], -a[1], -a[2]))
+                    _set(jp, U(8 * k + 4), (jc[j1], -b[0], -b[1], -b[2]))
 
             # With the residual before the unknowns one panel gives P'e and V.
-            by_p = Strided(jc, j_first + U(1), apart, U(row))
-            w0, w1, w2 = _by_point(by_p, Strided(jc, j_first, apart, U(row)), m)
+            if sighted:
+                by_p = Strided(jp, U(1), U(8), U(4))
+                w0, w1, w2 = _by_point(by_p, Strided(jp, U(0), U(8), U(4)), m)
+            else:
+                by_p = Strided(jc, j_first + U(1), apart, U(row))
+                w0, w1, w2 = _by_point(by_p, Strided(jc, j_first, apart, U(row)), m)
             gp0, gp1, gp2 = -w0[0], -w1[0], -w2[0]
             v0, v1, v2, v3, v4, v5 = w0[1], w1[1], w1[2], w2[1], w2[2], w2[3]
             c0, c1, c2 = 0.0, 0.0, 0.0
@@ -892,7 +935,10 @@ def make_assemble(d):
                 i = img[U(start + k)]
                 t = i if i < equations.split else i + equations.extra
                 # T of both rows: P L^-T
-                a, b = _three(jc, j0), _three(jc, j1)
+                if sighted:
+                    a, b = _three(jp, U(8 * k + 1)), _three(jp, U(8 * k + 5))
+                else:
+                    a, b = _three(jc, j0), _three(jc, j1)
                 a = -i0 * a[0], -i1 * a[0] - i2 * a[1], -i3 * a[0] - i4 * a[1] - i5 * a[2]
                 b = -i0 * b[0], -i1 * b[0] - i2 * b[1], -i3 * b[0] - i4 * b[1] - i5 * b[2]
                 # The last panel runs into the next image's columns, which are filled after it.
@@ -1009,6 +1055,7 @@ def make_assemble(d):
         work = Work(
             seen=np.zeros(longest * SEEN),
             jc=np.zeros(longest * GROUP * 2 * row + PANEL),
+            jp=np.zeros(longest * 8 if sighted else 0),
             jb=np.zeros((2 * longest + 3) * wide),
             residual=np.zeros(3),
             y=np.zeros(GROUP * 3 * n_y + 2 * sixes),
@@ -1023,8 +1070,8 @@ def make_assemble(d):
     return assemble
 
 
-def make_substitute(d):
-    """The way back to the points for images with `d` unknowns."""
+def make_substitute(d, sighted=False):
+    """The way back to the points for images with `d` unknowns; sighted: as of `make_assemble`."""
 
     @compiled(vectorised=True, **KERNEL)
     def core(first, last, scene, damping, step, moved, totals, seen):
@@ -1076,6 +1123,16 @@ def make_substitute(d):
                 sx += dot(g, away) - dot((a0, a1, a2), shift)
                 c0, c1, c2 = _before_rotation(scene.cameras.pose, i, h)
                 sy += dot(h, away) - dot((c0, c1, c2), shift)
+                if sighted:
+                    e = o - U(scene.looked.base)
+                    dx, dy = 0.0, 0.0
+                    for c in range(6):
+                        dx += scene.derivatives.sight[e, U(0), U(c)] * step.poses[n + U(c)]
+                        dy += scene.derivatives.sight[e, U(1), U(c)] * step.poses[n + U(c)]
+                    k00, k01, k10, k11 = _slope(seen, at)
+                    sx += root * (k00 * dx + k01 * dy)
+                    sy += root * (k10 * dx + k11 * dy)
+                    (a0, a1, a2), (c0, c1, c2) = point_rows(i, e, seen, at, scene)
                 g0 += a0 * e0 + c0 * e1
                 g1 += a1 * e0 + c1 * e1
                 g2 += a2 * e0 + c2 * e1

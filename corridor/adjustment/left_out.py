@@ -7,21 +7,30 @@ from __future__ import annotations
 
 import numpy as np
 
+from corridor.adjustment.gross import without_wild
 from corridor.adjustment.model import Model
 from corridor.block import Block
+from corridor.errors import InputError
 
 # Points that a pose needs.
 LEAST_POINTS = 3
 _NAMED = 10
 
 
-def sound_part(block: Block, model: Model) -> tuple[Block, list[str]]:
+def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block, list[str]]:
     """The block without what cannot be adjusted, and a sentence on each kind of what was left out.
 
-    Tie points and check points that one image alone sees; images with fewer than three points.
+    Wild cells; tie points and check points that one image alone sees; images with fewer than three
+    points. strict: nothing is left out; wild cells raise InputError, the adjustment refuses others.
     A block of which not even half of the images would be left comes back as it is: there,
     something else is wrong, and the adjustment says what.
     """
+    sound, wild = without_wild(block, model)
+    if strict:
+        if wild:
+            raise InputError(f"{wild[0]} Correct or delete them, or leave out --strict")
+        return block, []
+    block = sound
     roles = model.roles(block)
     ground = block.ground["point"].to_numpy(dtype=object)
     ties, marks = (getattr(block, table)["point"].cat for table in ("tie_points", "marks"))
@@ -46,8 +55,8 @@ def sound_part(block: Block, model: Model) -> tuple[Block, list[str]]:
         there[scarce] = False
         keep &= there[image]
     if 2 * there.sum() < len(there) or not (alone.any() or few):
-        return block, []
-    notes = [
+        return block, wild
+    notes = wild + [
         _told(names[alone & (is_mark == marked)], what)
         for marked, what in ((False, "tie point"), (True, "check point"))
     ]

@@ -22,6 +22,9 @@ from corridor.geometry import rotation_from_vector
 CHUNK = 16_384
 _FIRST_RADIAL = INTERIOR.index("k1")
 _NO_DERIVATIVE = np.zeros((0, 2, 0))
+_NO_SIGHT = np.zeros((0, 2, 9))
+# By how much centre, turn and point are moved for what effects on the image make of it, m and rad.
+_SIGHT_STEP = (1e-3,) * 3 + (1e-5,) * 3 + (1e-3,) * 3
 
 assemble_for = lru_cache(kernels.make_assemble)
 substitute_for = lru_cache(kernels.make_substitute)
@@ -41,17 +44,19 @@ class Modelled:
     """Where a state puts the observations, as far as effects must know.
 
     row (n,): the row in which a moving camera reads each, px; pixel (n, 4): x, y, u, v at which
-    effects on the image look; slope (n, 4): derivative of the pixel by the one before effects.
+    effects on the image look; slope (n, 4): derivative of the pixel by the one before effects;
+    sight (n, 2, 9): of the effects' shift by centre, turn and point, where they see these.
     Empty where nothing moves or looks.
     """
 
     row: np.ndarray
     pixel: np.ndarray
     slope: np.ndarray
+    sight: np.ndarray
 
     def copy(self) -> Modelled:
         """The same in arrays of its own."""
-        return Modelled(self.row.copy(), self.pixel.copy(), self.slope.copy())
+        return Modelled(self.row.copy(), self.pixel.copy(), self.slope.copy(), self.sight.copy())
 
 
 @dataclass
@@ -112,6 +117,7 @@ class Normal:
         self.reference = np.zeros((rows, p.d))
         self.cross = np.zeros((rows, p.d, p.wide))
         self.has_image_effects = bool(p.stack.at("image"))
+        self.sighted = p.stack.sees_points
         self.has_motion = bool(p.stack.at("motion"))
         self.columns = kernels.Columns(
             p.camera_column, p.slot_column, p.ground_column, p.low, p.high, p.wide
@@ -169,10 +175,13 @@ class Normal:
         if self.has_image_effects:
             slope = modelled.slope[self.problem.ptr[first] : self.problem.ptr[last]]
             shift = np.concatenate([shift, slope], axis=1)
-        return self._scene(view, modelled, first, shift, d_image)
+        sight = _NO_SIGHT
+        if self.sighted:
+            sight = modelled.sight[self.problem.ptr[first] : self.problem.ptr[last]]
+        return self._scene(view, modelled, first, shift, d_image, sight=sight)
 
     def _scene(
-        self, view, modelled, first, shift, d_image=_NO_DERIVATIVE, within=NEAR
+        self, view, modelled, first, shift, d_image=_NO_DERIVATIVE, within=NEAR, sight=_NO_SIGHT
     ) -> kernels.Scene:
         p = self.problem
         straight = view.cameras.motion.shape[2] <= 12
@@ -184,7 +193,7 @@ class Normal:
             kernels.Observations(p.ptr, p.img, p.xy, p.weight),
             view.cameras,
             kernels.Looked(int(p.ptr[first]), shift, modelled.row, modelled.pixel, near),
-            kernels.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground),
+            kernels.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground, sight),
             self.columns,
             kernels.Control(p.control, p.control_weight, view.control_residual),
             self.loss,
@@ -200,9 +209,19 @@ class Normal:
         p = self.problem
         rows = slice(p.ptr[first], p.ptr[last])
         seen = modelled.pixel[rows]
-        context = Context(view.images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:])
+        position = self._seen_points(view, first, last)
+        context = Context(
+            view.images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:], position=position
+        )
         shift, derivative = p.stack.evaluate("image", context, view.state.effects)
         return np.ascontiguousarray(shift), np.ascontiguousarray(derivative)
+
+    def _seen_points(self, view: View, first: int, last: int) -> np.ndarray | None:
+        """Object point (n, 3) of each observation of points first..last, where effects see it."""
+        if not self.sighted:
+            return None
+        rays = np.diff(self.problem.ptr[first : last + 1])
+        return np.repeat(view.state.points[first:last], rays, axis=0)
 
     def _find_slope(self, view: View, modelled: Modelled, first: int, last: int) -> None:
         """Derivative of the pixel by the pixel before image effects, which look at it.
@@ -214,17 +233,43 @@ class Normal:
         seen, image = modelled.pixel[rows], p.img[rows]
         shift, _ = self._shifts(view, modelled, first, last)
         step = 1.0 / view.cameras.interior[image, 0]
+        position = self._seen_points(view, first, last)
+        if self.sighted:
+            self._find_sight(view, modelled, rows, position)
         by = np.empty((len(seen), 2, 2))
         for axis in range(2):
             pixel, ray = seen[:, :2].copy(), seen[:, 2:].copy()
             pixel[:, axis] += 1.0
             ray[:, axis] += step
-            look = Context(view.images, image, pixel=pixel, ray=ray)
+            look = Context(view.images, image, pixel=pixel, ray=ray, position=position)
             by[:, :, axis] = p.stack.evaluate("image", look, view.state.effects)[0] - shift
         (a, b), (c, d) = by[:, 0].T, by[:, 1].T
         inverse = 1.0 / ((1.0 - a) * (1.0 - d) - b * c)
         found = np.stack([1.0 - d, b, c, 1.0 - a], axis=1) * inverse[:, None]
         modelled.slope[rows] = found
+
+    def _find_sight(self, view: View, modelled: Modelled, rows: slice, position) -> None:
+        """Derivative of image effects by the centre, the turn and the point that they see."""
+        p, images = self.problem, view.images
+        image, seen = p.img[rows], modelled.pixel[rows]
+        for k, h in enumerate(_SIGHT_STEP):
+            total = 0.0
+            for sign in (h, -h):
+                centre, rotation, point = images.centre, images.rotation, position
+                unit = sign * np.eye(3)[k % 3]
+                if k < 3:
+                    centre = centre + unit
+                elif k < 6:
+                    rotation = rotation_from_vector(unit) @ rotation
+                else:
+                    point = point + unit
+                look = Context(
+                    images.with_poses(centre, rotation), image,
+                    pixel=seen[:, :2], ray=seen[:, 2:], position=point,
+                )  # fmt: skip
+                shift = p.stack.evaluate("image", look, view.state.effects)[0]
+                total = total + np.sign(sign) * shift
+            modelled.sight[rows, :, k] = total / (2.0 * h)
 
     def chunks(self, first: int, last: int) -> Iterator[tuple[int, int]]:
         """Ranges of points whose effects are evaluated together."""
@@ -287,10 +332,12 @@ class Normal:
         down = p.images.row_axis[p.img[moving]] == 1
         row = np.where(down, p.xy[moving, 1], p.xy[moving, 0])
         if not self.has_image_effects:
-            return Modelled(row, np.zeros((0, 4)), np.zeros((0, 4)))
+            return Modelled(row, np.zeros((0, 4)), np.zeros((0, 4)), _NO_SIGHT)
         inner = p.start.interior[p.images.camera[p.img]]
         ray = (p.xy - inner[:, 1:3]) / inner[:, :1]
-        return Modelled(row, np.concatenate([p.xy, ray], axis=1), np.zeros((len(p.img), 4)))
+        sight = np.zeros((len(p.img), 2, 9)) if self.sighted else _NO_SIGHT
+        pixel = np.concatenate([p.xy, ray], axis=1)
+        return Modelled(row, pixel, np.zeros((len(p.img), 4)), sight)
 
     def _converge(
         self,
@@ -350,7 +397,7 @@ class Normal:
         block = np.zeros((self.threads, wide * wide))
         shared = np.zeros((self.threads, 2, wide))
         totals = np.zeros((self.threads, 3))
-        kernel = assemble_for(p.d)
+        kernel = assemble_for(p.d, self.sighted)
         blocks = self.blocks
         storage = kernels.Storage(
             blocks.flat, blocks.stride, blocks.neighbour_start, blocks.neighbour
@@ -528,7 +575,7 @@ class Normal:
         totals = np.zeros((self.threads, 2))
         padded = np.zeros(p.wide)
         padded[: len(shared)] = shared
-        kernel = substitute_for(p.d)
+        kernel = substitute_for(p.d, self.sighted)
         whole = self._step(view, step, padded)
 
         def work(thread: int, start: int, stop: int) -> None:

@@ -12,6 +12,7 @@ from corridor.adjustment.kernels import (
     block_offset,
     invert_cholesky,
     jacobian_rows,
+    point_rows,
     see,
 )
 from corridor.compiled import compiled
@@ -34,11 +35,13 @@ class Gain(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Room for the rays of one point: what is seen, their derivatives, and these by the point."""
+    """Room for the rays of one point: what is seen, their derivatives, also by the point, and these
+    times V^-1."""
 
     seen: np.ndarray
     by_image: np.ndarray
     by_shared: np.ndarray
+    by_point: np.ndarray
     part: np.ndarray
 
 
@@ -50,6 +53,7 @@ def gain(p, scene, d, work, out):
     img, low, high, wide = observations.image, columns.low, columns.high, columns.wide
     d_ground = scene.derivatives.ground
     seen, jc, jb, part = work.seen, work.by_image, work.by_shared, work.part
+    jp, sighted = work.by_point, scene.derivatives.sight.shape[0] > 0
     kc, kb = out.own, out.shared
     q = len(kb)
     start = observations.start[p]
@@ -64,9 +68,15 @@ def gain(p, scene, d, work, out):
         to = Rows(jc, j0, j0 + U(d), jb, b0, b0 + U(wide))
         e, at = U(start + k - scene.looked.base), U(k * SEEN)
         jacobian_rows(i, e, seen, at, scene, (low[i], high[i]), d, to)
+        if sighted:
+            a, b = point_rows(i, e, seen, at, scene)
+            jp[k, 0, 0], jp[k, 0, 1], jp[k, 0, 2] = a
+            jp[k, 1, 0], jp[k, 1, 1], jp[k, 1, 2] = b
         for row in range(2):
-            at = k * 2 * d + row * d
-            a0, a1, a2 = -jc[at], -jc[at + 1], -jc[at + 2]
+            if not sighted:
+                for x in range(3):
+                    jp[k, row, x] = -jc[k * 2 * d + row * d + x]
+            a0, a1, a2 = jp[k, row, 0], jp[k, row, 1], jp[k, row, 2]
             v[0] += a0 * a0
             v[1] += a1 * a0
             v[2] += a1 * a1
@@ -88,8 +98,7 @@ def gain(p, scene, d, work, out):
     for k in range(m):
         i = img[start + k]
         for row in range(2):
-            at = k * 2 * d + row * d
-            a0, a1, a2 = -jc[at], -jc[at + 1], -jc[at + 2]
+            a0, a1, a2 = jp[k, row, 0], jp[k, row, 1], jp[k, row, 2]
             part[k, row, 0] = n00 * a0 + n10 * a1 + n20 * a2
             part[k, row, 1] = n10 * a0 + n11 * a1 + n21 * a2
             part[k, row, 2] = n20 * a0 + n21 * a1 + n22 * a2
@@ -122,6 +131,7 @@ def make_room(longest, d, wide, q):
         np.zeros(longest * SEEN),
         np.zeros(longest * 2 * d),
         np.zeros(longest * 2 * wide),
+        np.zeros((longest, 2, 3)),
         np.zeros((longest, 2, 3)),
     )
     return work, Gain(np.zeros((longest, d, 3)), np.zeros((q, 3)))

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from corridor.camera import undistort
+from corridor.geometry import Rays, meeting_points
+
 if TYPE_CHECKING:
     from corridor.adjustment.result import Adjustment
 
@@ -23,12 +26,21 @@ MOVED_PX = 1.0
 SQUARE = 2e-3
 # A common delay of the positions: in its sigmas, and the part of the squares that it explains.
 LATE_SIGMAS, LATE_SHARE = 5.0, 0.3
+# An adjusted camera is another than the stated: focal length, principal point (of the width).
+FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
+# No drone carries its antenna so far from the camera.
+LONG_ARM_M = 5.0
+# Two exchanged points lie on each other's place but for this share of their distance.
+EXCHANGED = 0.25
+# A prior that is off by so many of its sigmas is wrong.
+OVERRULED_SIGMAS = 5.0
 
 
 def warnings_of(adjustment: Adjustment) -> list[str]:
     """Sentences, the gravest first."""
     return [
         *_convergence(adjustment),
+        *implausible(adjustment),
         *_inseparable(adjustment),
         *_motion(adjustment),
         *_readout(adjustment),
@@ -38,8 +50,15 @@ def warnings_of(adjustment: Adjustment) -> list[str]:
         *_clock(adjustment),
         *_fit(adjustment),
         *_outliers(adjustment),
+        *_overruled(adjustment),
         *_insignificant(adjustment),
+        *_beside_a_diagnosis(adjustment),
     ]
+
+
+def implausible(adjustment: Adjustment) -> list[str]:
+    """Sentences on results that tell of a mistake in the block, and on which."""
+    return [*_exchanged(adjustment), *_strange_camera(adjustment), *_long_arm(adjustment)]
 
 
 def _convergence(a):
@@ -47,6 +66,128 @@ def _convergence(a):
         yield (
             f"The iterations did not converge in {a.iterations} steps: the numbers below are not "
             "the optimum."
+        )
+
+
+def _strange_camera(a):
+    """An adjusted camera that is another one than block.toml states."""
+    for name, stated in a.start.cameras.items():
+        free = a.problem.free.get(name, ())
+        found = a.state.interior[a.problem.images.camera_names.index(name)]
+        f, cx, cy = found[:3].tolist()
+        ratio = f / stated["f"]
+        sigma = a.camera.query("camera == @name").set_index("parameter")["sigma"]
+        sure = abs(f - stated["f"]) > OVERRULED_SIGMAS * sigma["f"]
+        if "f" in free and sure and abs(np.log(ratio)) > np.log(1.0 + FAR_FOCAL):
+            half = abs(np.log2(ratio) - np.round(np.log2(ratio))) < 0.03 and abs(ratio - 1) > 0.4
+            cause = (
+                "were image points measured on pictures of another size?"
+                if half
+                else "is it that of another camera or zoom, or do GNSS heights pull it?"
+            )
+            yield (
+                f"The focal length of camera {name} came out as {f:.0f} px where block.toml states "
+                f"{stated['f']:.0f} px, {ratio:.2f} times as long: {cause}"
+            )
+        away = np.array([cx - stated["cx"], cy - stated["cy"]])
+        if {"cx", "cy"} & set(free) and np.abs(away).max() > FAR_CENTRE * stated.width:
+            middle = [(stated.width - 1) / 2, (stated.height - 1) / 2]
+            cause = (
+                "are pixels counted from the middle? (0, 0) is the centre of the top-left pixel."
+                if np.abs([cx, cy]).max() < FAR_CENTRE * stated.width
+                else f"the middle of its picture is at {middle[0]:.0f}, {middle[1]:.0f}."
+            )
+            yield (
+                f"The principal point of camera {name} came out at {cx:.0f}, {cy:.0f} px where "
+                f"block.toml states {stated['cx']:.0f}, {stated['cy']:.0f}: {cause}"
+            )
+
+
+def _long_arm(a):
+    """A lever arm that no drone carries is an offset of the GNSS positions."""
+    p = a.problem
+    if not p.arms_free:
+        return
+    for k, name in enumerate(p.images.flight_names):
+        arm, mine = a.state.arms[k], p.images.flight == k
+        length = float(np.linalg.norm(arm))
+        if not mine.any() or length < LONG_ARM_M:
+            continue
+        # Seen from the world, over all images of the flight.
+        world = np.einsum("nij,i->nj", a.state.rotation[mine], arm).mean(axis=0)
+        up = abs(world[2]) > 0.9 * length
+        cause = (
+            "GNSS heights above the ellipsoid and ground control above the geoid?"
+            if up
+            else "are GNSS and ground control in one coordinate system?"
+        )
+        yield (
+            f"The lever arm of flight {name} came out {length:.1f} m long, {world[2]:+.1f} m of it "
+            f"in height: {cause}"
+        )
+
+
+def _exchanged(a):
+    """Pairs of control points each of which lies where the other was surveyed."""
+    left = a.residuals["control"]
+    if len(left) < 2 or not left["outlier"].any():
+        return
+    p = a.problem
+    names = a.system.control_names
+    given = p.control_given
+    seen = _intersected(a, names)
+    for i in range(len(names)):
+        for j in range(i + 1, len(names)):
+            apart = np.linalg.norm(given[i] - given[j])
+            own = min(np.linalg.norm(seen[i] - given[i]), np.linalg.norm(seen[j] - given[j]))
+            other = max(np.linalg.norm(seen[i] - given[j]), np.linalg.norm(seen[j] - given[i]))
+            if other < EXCHANGED * apart and own > (1.0 - EXCHANGED) * apart:
+                yield (
+                    f"Control points {names[i]} and {names[j]}: each lies where the other was "
+                    "surveyed. Are their names exchanged, in ground.csv or in marks.csv?"
+                )
+
+
+def _intersected(a, names) -> np.ndarray:
+    """Where the images alone show control points (n, 3), NaN where they do not."""
+    p, marks = a.problem, a.residuals["mark"]
+    image = pd.Index(p.images.names).get_indexer(marks["image"].astype(str)).astype(np.int32)
+    interior = a.state.interior
+    camera = p.images.camera[image]
+    ray = undistort(marks[["x", "y"]].to_numpy(float), interior, camera)
+    pixel = 1.0 / interior[p.images.camera, 0]
+    rays = Rays(image, ray, a.state.rotation, a.state.centre, pixel)
+    point = pd.Index(names).get_indexer(marks["point"].astype(str))
+    mine = np.flatnonzero(point >= 0)
+    rays = rays._replace(image=image[mine], ray=ray[mine])
+    return meeting_points(rays, point[mine], len(names))
+
+
+def _overruled(a):
+    """Priors that the measurements have moved by more than they allow."""
+    for one in a.parameters.values():
+        if one.prior is None or not one.vary:
+            continue
+        off = abs(one.value - one.prior[0]) / one.prior[1]
+        if off > OVERRULED_SIGMAS:
+            yield (
+                f"The prior of {one.name}, {one.prior[0]:g} +- {one.prior[1]:g} {one.unit}, was "
+                f"overruled by {off:.0f} of its sigmas (now {one.value:.6g} +- {one.sigma:.2g}): "
+                "it is wrong or too tight, or the model lacks something that this parameter takes."
+            )
+
+
+def _beside_a_diagnosis(a):
+    """Why a diagnosis may not name an effect that is significant here."""
+    p, table = a.problem, a.effects
+    mine = {m.effect.slug for m in p.stack.at("antenna")}
+    strong = table[(table["value"].abs() > 2.0 * table["sigma"]) & (table["sigma"] > 0)]
+    slugs = [slug for slug in dict.fromkeys(strong["slug"]) if slug in mine]
+    if slugs:
+        yield (
+            f"The sigmas of {', '.join(slugs)} take GNSS errors of one image and the next as "
+            "independent; a receiver errs slowly. `corridor diagnose` allows for that, and may "
+            "find that nothing is missing where values here reach several sigmas."
         )
 
 
@@ -288,3 +429,15 @@ def _insignificant(a):
     if len(weak):
         names = [f"{row.parameter} of camera {row.camera}" for row in weak.itertuples()]
         yield f"Not significantly different from zero: {', '.join(names)}."
+    told = a.effects[a.effects["sigma"] > 0]
+    for slug, mine in told.groupby("slug", sort=False):
+        share = (mine["value"] / mine["sigma"]).abs()
+        # Of many values some reach two sigmas by chance; all together, two sigmas do not.
+        if len(mine) <= 10 and share.max() < 2.0:
+            values = (
+                f"none of its {len(mine)} values reaches" if len(mine) > 1 else "it stays below"
+            )
+            yield (
+                f"Effect {slug} is not shown by this block: {values} two sigmas (largest "
+                f"{share.max():.1f}). Without it everything else is determined better."
+            )

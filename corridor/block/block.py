@@ -79,8 +79,12 @@ class Block:
         """Whether a column such as `images.time_s` is there with at least one known value.
 
         `camera.readout_s`: whether a camera states it. `gnss`: whether the table has rows.
+        `effect.SLUG.KEY`: whether block.toml states that constant.
         """
         table, _, name = column.partition(".")
+        if table == "effect":
+            slug, _, key = name.partition(".")
+            return key in self.constants.get(slug, {})
         if table == "camera":
             return any(
                 getattr(camera, name, camera.extra.get(name)) is not None
@@ -118,6 +122,11 @@ class Block:
     def poses(self) -> np.ndarray:
         """(images, 7): x, y, z and qw, qx, qy, qz of images.csv, NaN where unknown."""
         return np.column_stack([self.column("images", name) for name in POSE])
+
+    @property
+    def constants(self) -> dict[str, dict]:
+        """What an effect has to know of this block: the tables [effect.SLUG] of block.toml."""
+        return self.extra.get("effect", {})
 
     @property
     def image_flight(self) -> np.ndarray:

@@ -3,7 +3,8 @@
 A verb is a file of this folder, found by looking; a name that begins with an underscore is none.
 It has a docstring (the verb's help: first line in the list of verbs, the rest under `corridor VERB
 --help`), `configure(parser)` for its options, and `run(options)`, which makes one call of the
-package and prints what came of it.
+package and prints what came of it. MARK, where there is one, is the file by which the folder that
+it writes is known: another folder is refused before any work.
 """
 
 import _thread
@@ -47,6 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     with _interruptions() as came:
         try:
             options = _parser().parse_args(_with_signs(arguments))
+            _check_output(options)
             options.run(options)
             sys.stdout.flush()
             return 0
@@ -71,11 +73,26 @@ def _failed(error: Exception) -> int:
         sys.stdout = None
         return 0
     if isinstance(error, OSError):
-        what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        # What is not whole yet has a hidden name, of which nobody knows.
+        name = re.sub(r"\.([^/\\]+)\.[0-9a-f]{8}\.(part|old)", r"\1", str(error.filename or ""))
+        what = f"{name}: {error.strerror}" if name else error.strerror or str(error)
         return _end(1, f"failed: {what}; nothing was written.")
     if isinstance(error, MemoryError):
         return _end(1, "failed: not enough memory for this block; nothing was written.")
     raise error
+
+
+def _check_output(options: argparse.Namespace) -> None:
+    """Whether the result can be written, before it is worked out."""
+    output = getattr(options, "output", None)
+    if output is None:
+        return
+    from corridor.report import check_folder, check_writable
+
+    check_writable(output)
+    mark = getattr(sys.modules[options.run.__module__], "MARK", None)
+    if mark is not None:
+        check_folder(output, mark)
 
 
 @contextmanager

@@ -31,6 +31,7 @@ cost: half the sum of squared residuals over their sigmas; damping: 0 is a full 
 step: how far the unknowns moved (RMS, in their sigmas)
 iteration          cost  damping     step"""
 
+MARK = "adjustment.json"
 _OPTIONS = {
     "--loss": option(
         "squares (default), huber:2 or cauchy:2: from how many sigmas on residuals weigh less",
@@ -88,7 +89,7 @@ def run(options: argparse.Namespace) -> None:
 def _end(adjustment):
     """Say what helps to find the cause; numbers that are no result are not written."""
     print("What measurements and start values say of each other:")
-    for sentence in adjustment.start_misfit():
+    for sentence in (*adjustment.doubts, *adjustment.start_misfit()):
         print(f"  {sentence}")
     raise AdjustmentFailed(
         f"the adjustment of {adjustment.start.name} did not converge in {adjustment.iterations} "

@@ -22,6 +22,7 @@ from pathlib import Path
 
 from corridor.cli._options import add, effect, option, warn, wrote
 
+MARK = "block.toml"
 _OPTIONS = {
     "block": {},
     "--effect": option(

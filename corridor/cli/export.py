@@ -21,6 +21,7 @@ import argparse
 
 from corridor.cli._options import add, flag, option, say, valued_effect, wrote
 
+MARK = "exported_by_corridor.txt"
 _OPTIONS = {
     "form": option("name of a format that is written", "FORMAT"),
     "block": option("a block, or the result of `corridor adjust`"),

@@ -21,7 +21,7 @@ whose sigma is above --max-sigma are refused and named.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import add, announce_compilation, flag, number, option, wrote
+from corridor.cli._options import add, announce_compilation, flag, number, option, warn, wrote
 
 _OPTIONS = {
     "track": option("file with the antenna's track", "TRACK", Path),
@@ -93,4 +93,26 @@ def run(options: argparse.Namespace) -> None:
     )
     written = found.save(options.output, figures.antenna(found))
     print(found)
+    warn(_doubt(options.images, found))
     wrote(*written)
+
+
+def _doubt(images, found):
+    """What the poses in images.csv, where there are some, say against the positions found."""
+    import numpy as np
+    import pandas as pd
+
+    from corridor.preparation import against
+
+    path = images / "images.csv" if images.is_dir() else images
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return
+    table = pd.read_csv(path, dtype={"image": str}, encoding="utf-8-sig")
+    if not {"image", "x", "y", "z"} <= set(table):
+        return
+    posed = table.drop_duplicates("image").set_index("image").reindex(found.gnss["image"])
+    known = posed[["x", "y", "z"]].apply(pd.to_numeric, errors="coerce").to_numpy(float)
+    given = found.gnss[["x", "y", "z"]].to_numpy(float)
+    told = against("the track", np.asarray(given), str(path.name), known)
+    if told:
+        yield told

@@ -23,6 +23,8 @@ import argparse
 
 from corridor.cli._options import add, flag, number, option, say, several, whole, wrote
 
+MARK = "plan.json"
+
 
 def _three(text):
     numbers = several(

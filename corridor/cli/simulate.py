@@ -47,6 +47,7 @@ from pathlib import Path
 
 from corridor.cli._options import Bars, add, effect, flag, option, wrote
 
+MARK = "block.toml"
 _OPTIONS = {
     "plan": option("a .toml file, or names of plans joined by +", "PLAN", nargs="?"),
     "--like": option(

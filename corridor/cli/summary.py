@@ -19,9 +19,12 @@ def run(options: argparse.Namespace) -> None:
     """Print the summary and the effects that want more data; draw the block if asked."""
     import corridor
     from corridor import report
+    from corridor.preparation import doubts
 
     block = corridor.read(options.block)
-    print(corridor.summary(block))
+    look = corridor.summary(block)
+    look.notes = [*doubts(block), *look.notes]
+    print(look)
     if options.output is not None:
         path = options.output / "first_look.png"
         with report.whole_file(path) as part:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from threadpoolctl import threadpool_limits
 
-from corridor.adjustment import Adjustment, Model, listed, sound_part
+from corridor.adjustment import Adjustment, Model, implausible, listed, sound_part
 from corridor.block import Block, read
 from corridor.diagnosis.beside import beside
 from corridor.diagnosis.discontinuity import broken_picture, shows_as
@@ -23,7 +23,7 @@ from corridor.diagnosis.variance import variance_alarms
 from corridor.diagnosis.verdict import detection_limits, findings
 from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
-from corridor.preparation import derived, prepare
+from corridor.preparation import derived, doubts, prepare
 from corridor.report import plain
 
 
@@ -154,9 +154,8 @@ def diagnose(
     model = Model.of(
         model, camera=camera, effects=effects, control=control, check=check, priors=priors
     )
-    if not strict:
-        block, left_out = sound_part(block, model)
-        notes = [*left_out, *notes]
+    block, left_out = sound_part(block, model, strict)
+    notes = [*doubts(block), *left_out, *notes]
     believed = ReferenceModel.of(block, model, threads, max_iterations)
     # Matrices are many and small: threads would wait for each other.
     with threadpool_limits(1):
@@ -185,7 +184,13 @@ def diagnose(
         untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
         lens=held.lens,
         alarms=[*variance_alarms(last.equations), *outlier_clusters(last.adjustment)],
-        notes=[*course.notes, *course.impossible.values(), *notes, *held.notes],
+        notes=[
+            *implausible(before),
+            *course.notes,
+            *course.impossible.values(),
+            *notes,
+            *held.notes,
+        ],
         seconds=time.perf_counter() - began,
         used=used,
         rivals=held.rivals,

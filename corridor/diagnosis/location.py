@@ -73,12 +73,12 @@ def _images(images, size, effect) -> tuple[str, dict]:
 def _picture(system, stack, effect, table) -> tuple[str, dict]:
     """Box of the picture in which the deformation, free of planes, is largest."""
     rows, images = system.image_rows, system.images
-    pixel, image = rows.xy, rows.image
-    step = max(len(image) // 40_000, 1)
-    pixel, image = pixel[::step], image[::step]
+    step = max(len(rows.image) // 40_000, 1)
+    pixel, image, point = (each[::step] for each in (rows.xy, rows.image, rows.point))
     interior = system.state.interior[images.camera[image]]
     ray = (pixel - interior[:, 1:3]) / interior[:, :1]
-    context = Context(images, image, pixel=pixel, ray=ray)
+    position = system.state.points[point]
+    context = Context(images, image, pixel=pixel, ray=ray, position=position)
     shift, _ = stack.evaluate("image", context, {effect.slug: table})
     size = images.size[image]
     place = 2.0 * pixel / (size - 1) - 1.0

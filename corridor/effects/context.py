@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from corridor.block import Block
 from corridor.effects.gyroscope import RATES, Gyroscope
+from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion
 
 # Who may share a set of values.
@@ -23,7 +24,7 @@ class Images:
     the rest comes from images.csv, NaN where unknown. record: row of each image in `gyroscope`,
     which rates.csv gives (None without). start_centre, start_rotation: the pose that
     images.csv states, which stays. ground: mean height of the points, m; elevation: of z = 0
-    above the sea, m.
+    above the sea, m. constants: of the block, by effect, as [effect.SLUG] of block.toml says.
     """
 
     names: np.ndarray
@@ -47,6 +48,7 @@ class Images:
     elevation: float = 0.0
     record: np.ndarray | None = None
     gyroscope: Gyroscope | None = None
+    constants: dict = field(default_factory=dict)
 
     @classmethod
     def of(cls, block: Block) -> Images:
@@ -84,6 +86,7 @@ class Images:
             ground=float(np.mean(block.points["z"])) if len(block.points) else 0.0,
             elevation=float(block.offset[2]),
             record=np.arange(len(table)),
+            constants=block.constants,
             gyroscope=Gyroscope(block)
             if set(RATES) <= set(block.rates) and len(block.rates)
             else None,
@@ -138,6 +141,8 @@ class Context:
     row: (rows,) row fraction: -1/2 in the row that is read first, 1/2 in the last (places motion
     and image).
     point, position: names and given coordinates (rows, 3) of ground control (place ground).
+    At the place image position is the object point (rows, 3), m, world, and depth (rows,) how far
+    before the camera it lies, for effects that say `sees_points`.
     """
 
     def __init__(
@@ -152,7 +157,7 @@ class Context:
     ):
         self.images, self.image = images, image
         self.pixel, self.ray, self._row = pixel, ray, row
-        self.point, self.position = point, position
+        self.point, self._position = point, position
 
     def __len__(self) -> int:
         return len(self.point) if self.image is None else len(self.image)
@@ -164,6 +169,26 @@ class Context:
             return self._row
         axis, factor, offset = self.images.row_of[self.image].T
         return factor * np.where(axis == 1, self.pixel[:, 1], self.pixel[:, 0]) + offset
+
+    @property
+    def position(self) -> np.ndarray:
+        """Ground control as given, or the object point (rows, 3), m, world."""
+        if self._position is None:
+            raise InputError(
+                "an effect looks at object points: it is of the place image, and says "
+                "sees_points = True"
+            )
+        return self._position
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Object point (rows, 3) from the camera, m, in the camera frame."""
+        return np.einsum("nij,nj->ni", self.rotation, self.position - self.centre)
+
+    @property
+    def depth(self) -> np.ndarray:
+        """How far before the camera (rows,) the object point lies, m."""
+        return self.seen[:, 2]
 
     @property
     def plane(self) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from corridor.block import Block
 from corridor.camera import INTERIOR
 from corridor.effects.context import GROUPS, Context
-from corridor.errors import InputError
+from corridor.errors import InputError, did_you_mean
 
 # Shape of one row's shift, by place.
 PLACES = {"camera": len(INTERIOR), "image": 2, "motion": 6, "antenna": 3, "ground": 3}
@@ -67,6 +67,7 @@ class Effect(ABC):
     by_row: it differs from row to row of a picture, and has no one place in it.
     variants: the same effect for other groups, which the catalogue lists beside it. refines: of a
     variant with more sets of values, the slug of the effect.
+    sees_points: of the place image: it looks at the object point and the pose, not at the pixel.
     row_degree: of the place motion: degree of the polynomial in the row that holds the shift.
     stands_in_for: camera parameters that have to be held, or the effect to have a prior: it can
     move what they move.
@@ -85,6 +86,7 @@ class Effect(ABC):
     searched: bool = True
     sudden: bool = False
     by_row: bool = False
+    sees_points: bool = False
     refines: str = ""
     row_degree: int = 1
     stands_in_for: tuple[str, ...] = ()
@@ -152,6 +154,39 @@ class Effect(ABC):
     def missing(self, block: Block) -> list[str]:
         """Those of `needs` that the block does not have."""
         return [column for column in self.needs if not block.has(column)]
+
+
+def check_contract(effect: Effect) -> None:
+    """Refuse a class that cannot work, with a sentence on what it lacks."""
+    name = type(effect).__name__
+    if not isinstance(effect, Effect):
+        raise InputError(f"{name} is no effect: derive it from Effect or LinearEffect")
+    for text, example in (
+        ("slug", '"lens_tilt"'),
+        ("title", '"Lens that tilts with the temperature"'),
+        ("called", '"a tilt of the lens"'),
+        ("place", f"one of {', '.join(PLACES)}"),
+    ):
+        value = getattr(effect, text, None)
+        if not isinstance(value, str) or not value.strip():
+            raise InputError(f"effect {name} has no {text}: write {text} = {example} in the class")
+    if not effect.slug.replace("_", "").isalnum() or effect.slug != effect.slug.lower():
+        raise InputError(
+            f"effect {name}: slug = {effect.slug!r} is no name: lower case, digits and underscores"
+        )
+    if effect.place not in PLACES:
+        near = did_you_mean(effect.place, PLACES)
+        raise InputError(
+            f"effect {effect.slug}: place = {effect.place!r} is none{near}: it is one of "
+            f"{', '.join(PLACES)}"
+        )
+    if effect.group not in GROUPS:
+        raise InputError(
+            f"effect {effect.slug}: group = {effect.group!r} is none: it is one of "
+            f"{', '.join(GROUPS)}"
+        )
+    if isinstance(effect.needs, str) or isinstance(effect.takes, str):
+        raise InputError(f'effect {effect.slug}: needs is a tuple: write ("images.time_s",)')
 
 
 class LinearEffect(Effect):

@@ -85,7 +85,7 @@ def _seen(block, table, images, stack, values):
         ):
             break
         safe = np.nan_to_num(pixel)
-        seen = Context(images, image, pixel=safe, ray=np.nan_to_num(ray))
+        seen = Context(images, image, pixel=safe, ray=np.nan_to_num(ray), position=position)
         motion, _ = stack.evaluate("motion", seen, values)
         moved, _ = stack.evaluate("image", seen, values)
     return pixel

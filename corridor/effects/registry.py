@@ -15,7 +15,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from corridor.block import Block, Summary, read
-from corridor.effects.contract import Effect
+from corridor.effects.contract import Effect, check_contract
 from corridor.errors import InputError, did_you_mean
 
 ENTRY_POINTS = "corridor.effects"
@@ -52,9 +52,10 @@ def summary(block: Block | str | os.PathLike) -> Summary:
 def register(effect: Effect | type[Effect]) -> Effect:
     """Make an effect known by its slug until the session ends; as a decorator of a class, too.
 
-    Raises InputError where another effect has the slug.
+    Raises InputError where another effect has the slug, or the class is no effect.
     """
     one = effect() if isinstance(effect, type) else effect
+    check_contract(one)
     for each in _with_variants(one):
         if each.slug in _installed():
             raise InputError(f"effect {each.slug} is there already: choose another slug")
@@ -84,6 +85,7 @@ def _installed() -> dict[str, Effect]:
         try:
             one = point.load()
             one = one() if isinstance(one, type) else one
+            check_contract(one)
             theirs = {each.slug: each for each in _with_variants(one)}
         except Exception as error:  # what a stranger's package does is not known here
             warnings.warn(

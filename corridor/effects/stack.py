@@ -8,7 +8,7 @@ import numpy as np
 
 from corridor.block import Block
 from corridor.effects.context import Context, Images, group_names
-from corridor.effects.contract import PLACES, Effect, Parameter
+from corridor.effects.contract import PLACES, Effect, Parameter, check_contract
 from corridor.errors import AdjustmentFailed, InputError
 
 # Slug -> (groups, parameters), as the equations have the values of effects.
@@ -46,6 +46,8 @@ class Stack:
         for slug in slugs:
             if slugs.count(slug) > 1:
                 raise InputError(f"effect {slug} is given twice: give it once")
+        for effect in effects:
+            check_contract(effect)
         check_groups(effects)
         check_needs(block, effects)
         self.members = {
@@ -65,6 +67,11 @@ class Stack:
     def at(self, place: str) -> list[Member]:
         """The members that act at a place."""
         return [m for m in self.members.values() if m.effect.place == place]
+
+    @property
+    def sees_points(self) -> bool:
+        """Whether an effect on the image looks at object points."""
+        return any(m.effect.sees_points for m in self.at("image"))
 
     def evaluate(
         self, place: str, context: Context, values: Arrays
@@ -117,6 +124,7 @@ class Stack:
         # Points far outside their picture lead beyond all numbers; that is told below.
         with np.errstate(over="ignore", invalid="ignore"):
             shift, derivative = effect.shift(context, rows)
+            _check_shapes(effect, shift, derivative, (len(context), rows.shape[1]))
             total = derivative.sum()
         # One reduction tells of any NaN; looking for the row is worth it only then.
         bad = np.flatnonzero(np.isnan(derivative).any(axis=(1, 2))) if np.isnan(total) else []
@@ -138,12 +146,34 @@ class Stack:
         return [(m.effect.slug, p.name) for m in self.at(place) for p in m.parameters]
 
 
+def _check_shapes(effect: Effect, shift, derivative, size: tuple[int, int]) -> None:
+    """Refuse what an effect returns where it is not of the shape that its place has."""
+    rows, count = size
+    dimension = PLACES[effect.place]
+    for what, found, wanted in (
+        ("shift", shift, (rows, dimension)),
+        ("derivative", derivative, (rows, dimension, count)),
+    ):
+        if np.shape(found) != wanted:
+            raise InputError(
+                f"effect {effect.slug}: its {what} has the shape {np.shape(found)}; the place "
+                f"{effect.place} wants {wanted} (rows, dimension"
+                f"{', parameters' * (len(wanted) == 3)})"
+            )
+
+
 def check_needs(block: Block, effects: list[Effect]) -> None:
     """Refuse effects that need a column which the block does not have."""
     for effect in effects:
         missing = effect.missing(block)
         if missing:
             table, _, column = missing[0].partition(".")
+            if table == "effect":
+                slug, _, key = column.partition(".")
+                raise InputError(
+                    f"block.toml has no {key} in a table [effect.{slug}], which effect "
+                    f"{effect.slug} needs: add `{key} = ...` there or leave the effect out"
+                )
             file = "block.toml" if table == "camera" else f"{table}.csv"
             raise InputError(
                 f"{file} has no {column}, which effect {effect.slug} needs: add the column "

@@ -271,17 +271,24 @@ def effect_name(name: str | Effect) -> str:
     return name.slug if isinstance(name, Effect) else name
 
 
-def parse_word(text: str) -> tuple[str, dict[str, float] | None]:
+def parse_word(text: str) -> tuple[str, dict[str, float | dict[str, float]] | None]:
     """Slug and values of SLUG:parameter=value,...; None where it is a SLUG alone.
 
+    `parameter.group=value` is the value of one group: `lag.2=0.06` of flight 2.
     Raises ValueError where it is neither.
     """
     slug, colon, rest = text.partition(":")
     if slug and not colon and not any(mark in slug for mark in "=, "):
         return slug.strip(), None
     pairs = [word.partition("=") for word in rest.split(",")]
-    values = {name.strip(): float(number) for name, _, number in pairs}
-    if not slug or not all(values):
+    values: dict = {}
+    for word, _, number in pairs:
+        name, dot, group = word.strip().partition(".")
+        here = values.setdefault(name, {}) if dot else values
+        if not name or not isinstance(here, dict) or (dot and not group):
+            raise ValueError(text)
+        here[group if dot else name] = float(number)
+    if not slug:
         raise ValueError(text)
     return slug.strip(), values
 

@@ -1,6 +1,7 @@
 """What a block can know by itself: velocities, angular rates, antenna positions."""
 
 from corridor.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
+from corridor.preparation.doubts import against, doubts
 from corridor.preparation.preparing import Prepared, prepare
 from corridor.preparation.record import Derived, derived
 from corridor.preparation.record import record as record_derived
@@ -11,7 +12,9 @@ __all__ = [
     "Derived",
     "Prepared",
     "Velocities",
+    "against",
     "derived",
+    "doubts",
     "prepare",
     "rates_from_gyro",
     "rates_from_neighbours",

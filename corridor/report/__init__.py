@@ -16,6 +16,7 @@ from corridor.report.adjustment import (
 )
 from corridor.report.files import (
     check_folder,
+    check_writable,
     files_in,
     listed_in,
     png,
@@ -57,6 +58,7 @@ __all__ = [
     "adjustment_dict",
     "check_folder",
     "check_sigma",
+    "check_writable",
     "coefficient",
     "counted",
     "files_in",

@@ -6,12 +6,14 @@ wins, whole, and nothing hidden stays.
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
 import shutil
 import time
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,6 +23,9 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.report.json import json_text
+
+# The smallest result has a table and a picture.
+LEAST_FREE = 1_000_000
 
 
 @contextmanager
@@ -88,6 +93,17 @@ def whole_folder(
             shutil.rmtree(old, ignore_errors=True)
 
 
+def check_writable(path: str | os.PathLike) -> None:
+    """Raises OSError where nothing can be written at a path: to be told before long work."""
+    target = Path(path).absolute()
+    place = next(one for one in (target, *target.parents) if one.exists())
+    place = place if place.is_dir() else place.parent
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, "no permission to write there", str(place))
+    if shutil.disk_usage(place).free < LEAST_FREE:
+        raise OSError(errno.ENOSPC, "no free place on this disk", str(place))
+
+
 def check_folder(folder: str | os.PathLike, mark: str) -> None:
     """Raises InputError where `whole_folder` would refuse a folder: to be told before long work."""
     target = Path(folder).resolve()
@@ -139,7 +155,10 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
 def png(figure, dpi: float = 144) -> bytes:
     """A matplotlib figure as the bytes of a PNG file, without date or program version."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
+    with warnings.catch_warnings():
+        # A name in letters that the font lacks shows as boxes; a warning tells nobody more.
+        warnings.filterwarnings("ignore", message=r"Glyph \d+ .*missing from")
+        figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
     return stream.getvalue()
 
 

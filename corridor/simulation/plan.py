@@ -252,7 +252,8 @@ class Plan:
 
     axis_m: positions [x, y] of the corridor's axis, its corners rounded by bend_radius_m.
     gnss: whether antenna positions are measured. effects: `{slug: {parameter: value}}`.
-    cameras: of the plan's own, beside those of `cameras()`.
+    effect: what an effect has to know of the block, `{slug: {name: value}}`: the tables
+    [effect.SLUG], as in block.toml. cameras: of the plan's own, beside those of `cameras()`.
     Raises InputError, one sentence, for a plan that cannot be flown.
     """
 
@@ -267,6 +268,7 @@ class Plan:
     noise: Noise = field(default_factory=Noise)
     start: Start = field(default_factory=Start)
     effects: Mapping[str, Mapping] = field(default_factory=dict)
+    effect: Mapping[str, Mapping] = field(default_factory=dict)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     source: str = ""
     description: str = ""

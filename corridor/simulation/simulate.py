@@ -164,6 +164,7 @@ def perfect_block(
                 "role": [*role.tolist(), *["check"] * len(picked)],
             }
         ),
+        extra=_constants(plan),
         gnss=pd.DataFrame({"image": image_name, **_xyz(flown.antenna)})[: images * plan.gnss],
         # One weight for all image points, as long as no noise says otherwise.
         sigma={"tie_px": 0.5, "mark_px": 0.5},
@@ -260,6 +261,12 @@ def _check_number(where: str, value: object) -> None:
         raise InputError(f"{where} = {value!r} is not a number")
 
 
+def _constants(plan: Plan) -> dict:
+    """The tables [effect.SLUG], as a block has them."""
+    stated = {slug: dict(table) for slug, table in plan.effect.items()}
+    return {"effect": stated} if stated else {}
+
+
 def _check_effects(plan: Plan, effects: Mapping) -> None:
     """Try the effects on one image a flight, so that wrong ones are refused before it is flown."""
     if not effects:
@@ -297,6 +304,7 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
             {"point": ["G"], **dict.fromkeys("xyz", zero[:1]), "role": ["control"]}
         ),
         gnss=pd.DataFrame({key: pose[key] for key in ("image", *"xyz")})[: len(names) * plan.gnss],
+        extra=_constants(plan),
     )
     catalogue.predict(sketch, tried)
 

@@ -48,7 +48,18 @@ def apply(
         }
     )  # fmt: skip
     concern = model.concern(warm) if len(out) else None
-    return out, [concern] if concern else []
+    return out, [told for told in (_beyond(model, *at), concern) if told]
+
+
+def _beyond(model: ThermalModel, x: np.ndarray, y: np.ndarray) -> str:
+    """What is to be said of points outside the picture that the model was fitted to."""
+    out = (x < -0.5) | (x > model.width - 0.5) | (y < -0.5) | (y > model.height - 0.5)
+    if not out.any():
+        return ""
+    return (
+        f"{int(out.sum())} of {len(x)} points lie outside the {model.width} x {model.height} px of "
+        "the model's pictures: was it fitted to pictures of another size?"
+    )
 
 
 def _read(path):

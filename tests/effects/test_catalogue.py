@@ -43,6 +43,8 @@ def flown(**options):
     )
     # Cold, warm and cold again: temperature is not another word for time.
     block.images["temperature_c"] = 25 + 10 * np.sin(np.arange(20.0))
+    # The plain lies at 0 m: half of the points are under water.
+    block.extra["effect"] = {"water_refraction": {"level": 1.0}}
     block.check()
     return block
 
@@ -130,7 +132,8 @@ def context_of(effect, block):
         along = np.where(axis == 1, pixel[:, 1], pixel[:, 0])
         return Context(images, image, row=factor * along + offset)
     ray = undistort(pixel, images.interior, image)
-    return Context(images, image, pixel=pixel, ray=ray)
+    point = block.positions("tie_points")[block.tie_points["point"].cat.codes.to_numpy()][::10]
+    return Context(images, image, pixel=pixel, ray=ray, position=point)
 
 
 def same_bits(a, b):
@@ -142,7 +145,9 @@ def without(block, column):
     """The block without one needed column."""
     out = block.copy()
     table, _, name = column.partition(".")
-    if table == "camera":
+    if table == "effect":
+        out.extra.pop("effect")
+    elif table == "camera":
         out.cameras = {k: replace(c, **{name: None}) for k, c in out.cameras.items()}
     else:
         setattr(out, table, getattr(out, table).drop(columns=name))
@@ -219,7 +224,7 @@ class TestEveryEffect:
         assert effect.missing(strip) == []
         for column in effect.needs:
             table, _, name = column.partition(".")
-            file = "block.toml" if table == "camera" else f"{table}.csv"
+            file = "block.toml" if table in ("camera", "effect") else f"{table}.csv"
             block = without(strip, column)
             assert column in effect.missing(block)
             calls = [lambda block=block: predict(block, {effect.slug: {}})]
@@ -229,7 +234,7 @@ class TestEveryEffect:
             for call in calls:
                 with pytest.raises(InputError) as error:
                     call()
-                for word in (file, name, effect.slug):
+                for word in (file, *name.split("."), effect.slug):
                     assert word in str(error.value)
 
     def test_nothing_is_looked_at_that_is_not_declared(self, effect, strip):
@@ -263,7 +268,8 @@ class TestEveryEffect:
         assert (effect.group == "point") <= (effect.place == "ground")
         for need in effect.needs:
             table, _, column = need.partition(".")
-            assert table in ("images", "gnss", "rates", "track", "ground", "camera") and column
+            tables = ("images", "gnss", "rates", "track", "ground", "camera", "effect")
+            assert table in tables and column
         assert find(effect.slug).slug == effect.slug
         assert set(effect.stands_in_for) <= set(INTERIOR)
 

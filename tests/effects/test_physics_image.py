@@ -1,13 +1,18 @@
 """Effects on the image point by hand: size, sign and direction."""
 
+from dataclasses import fields
+
 import numpy as np
+import pandas as pd
 import pytest
 from hovering import HEIGHT, F, hovering, seen
 from numpy.polynomial.legendre import Legendre
 
 from corridor.block import Block
+from corridor.camera import undistort
 from corridor.effects import Context, Images, Stack, find, predict
-from corridor.errors import AdjustmentFailed
+from corridor.errors import AdjustmentFailed, InputError
+from corridor.geometry import quaternion_from_rotation, rotation_from_quaternion
 
 ACROSS, DOWN = 2000.0, 1500.0  # px from the middle of the picture to its edges
 
@@ -248,3 +253,81 @@ class TestRefraction:
         away = (ray - nadir) / np.linalg.norm(ray - nadir)
         assert out[0] @ away == pytest.approx(np.linalg.norm(out[0]), rel=1e-9)
         assert np.linalg.norm(out[0]) > 0.01
+
+
+class TestWater:
+    """The bed of a river: exact rays, traced forward from the camera, meet it where they must."""
+
+    LEVEL, DEPTH = 3.0, 2.0
+    INDEX = 1.333
+
+    def over_water(self, tilt_deg=0.0):
+        block = hovering()
+        block.extra["effect"] = {"water_refraction": {"level": self.LEVEL}}
+        half = np.radians(tilt_deg) / 2
+        turned = rotation_from_quaternion(np.array([[np.cos(half), np.sin(half), 0.0, 0.0]]))
+        nadir = Images.of(block).rotation
+        block.images[["qw", "qx", "qy", "qz"]] = quaternion_from_rotation(turned @ nadir)
+        lens = block.cameras["c"]
+        block.cameras = {"c": lens.with_values(k1=-0.04, k2=0.02, p1=2e-4)}
+        return block
+
+    def traced(self, block, pixels, index):
+        """Where rays of the picture end on the bed (n, 3): Snell's law for vectors."""
+        images = Images.of(block)
+        ray = undistort(pixels, images.interior[0])
+        down = np.column_stack([ray, np.ones(len(ray))]) @ images.rotation[0]
+        down /= np.linalg.norm(down, axis=1, keepdims=True)
+        centre = images.centre[0]
+        surface = centre + down * ((self.LEVEL - centre[2]) / down[:, 2])[:, None]
+        ratio, cosine = 1.0 / index, -down[:, 2]
+        along = np.sqrt(1.0 - ratio**2 * (1.0 - cosine**2))
+        inside = ratio * down + (ratio * cosine - along)[:, None] * [0.0, 0.0, 1.0]
+        return surface + inside * (-self.DEPTH / inside[:, 2])[:, None]
+
+    @pytest.mark.parametrize("index", [1.333, 1.5])
+    @pytest.mark.parametrize("tilt_deg", [0.0, 35.0])
+    def test_a_traced_ray_comes_back_to_its_pixel(self, index, tilt_deg):
+        block = self.over_water(tilt_deg)
+        x, y = np.meshgrid(np.linspace(0, 4000, 9), np.linspace(0, 3000, 7))
+        pixels = np.column_stack([x.ravel(), y.ravel()])
+        names = [f"B{n}" for n in range(len(pixels))]
+        block.points = pd.DataFrame(
+            {"point": names, **dict(zip("xyz", self.traced(block, pixels, index).T, strict=True))}
+        )
+        block.tie_points = pd.DataFrame({"point": names, "image": "a", "x": 0.0, "y": 0.0})
+        block = Block(**{one.name: getattr(block, one.name) for one in fields(Block)})
+        found = predict(block, {"water_refraction": {"raised": 1.0 - 1.0 / index}}).tie
+        assert np.abs(predict(block).tie - pixels).max() > 5.0
+        assert np.abs(found - pixels).max() < 1e-6
+
+    def test_straight_below_the_bed_is_raised_by_a_quarter_of_its_depth(self):
+        """d - d / 1.333 for rays near the vertical: 2 m of water look like 1.5 m."""
+        block = self.over_water()
+        block.points["z"] = self.LEVEL - self.DEPTH
+        block.points[["x", "y"]] *= 1e-3
+        block.cameras = hovering().cameras
+        there = seen(block, water_refraction={"raised": 1.0 - 1.0 / self.INDEX})[1:]
+        here = seen(block)[1:]
+        height = HEIGHT - self.LEVEL
+        raised = self.DEPTH - self.DEPTH / self.INDEX
+        expected = (height + self.DEPTH) / (height + self.DEPTH - raised)
+        assert np.linalg.norm(there, axis=1) / np.linalg.norm(here, axis=1) == pytest.approx(
+            expected, rel=1e-6
+        )
+
+    def test_what_lies_above_the_water_does_not_move(self):
+        block = self.over_water()
+        block.points["z"] = self.LEVEL + 0.01
+        assert not moved(block, water_refraction={"raised": 0.25}).any()
+
+    def test_without_an_index_that_of_water_is_taken_out(self):
+        block = self.over_water()
+        assert find("water_refraction").stated(block) == {"raised": pytest.approx(0.333 / 1.333)}
+        block.constants["water_refraction"]["index"] = 1.34
+        assert find("water_refraction").stated(block) == {"raised": pytest.approx(0.34 / 1.34)}
+
+    def test_an_effect_that_does_not_say_so_sees_no_object_points(self):
+        look = Context(Images.of(hovering()), np.zeros(1, int), pixel=np.zeros((1, 2)))
+        with pytest.raises(InputError, match="sees_points = True"):
+            look.depth  # noqa: B018

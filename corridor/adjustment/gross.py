@@ -1,0 +1,153 @@
+"""Wild cells: one number so far off that no adjustment would get over it, named and set aside.
+
+A comma in the wrong place is enough. Where the rest agrees, the block is none the worse without.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corridor.adjustment.model import Model
+from corridor.block import Block
+from corridor.camera import undistort
+from corridor.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
+
+_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+# Wild: beyond this many robust sigmas of what start values leave, and beyond this share of the
+# flying height; of the pictures, beyond this share of their size outside.
+_SIGMAS, _OF_HEIGHT, _OUTSIDE = 20.0, 0.5, 0.25
+# More than this share is no slip of the pen.
+_MOST = 0.2
+_NAMED = 5
+
+
+def without_wild(block: Block, model: Model) -> tuple[Block, list[str]]:
+    """The block without wild measurements, and a sentence on each kind, with rows.
+
+    Looked for beside the start poses of images.csv, and beside the picture's size. Ground points
+    become unused; GNSS positions and image observations go.
+    """
+    pose = np.stack([block.column("images", name) for name in _POSE], axis=1)
+    notes: list[str] = []
+    out = block
+    for table in ("tie_points", "marks"):
+        out = _outside(out, block, table, notes)
+    posed = np.isfinite(pose).all(axis=1)
+    if posed.sum() < 3:
+        return out, notes
+    out = _gnss(out, block, pose, notes)
+    return _ground(out, block, model, pose, notes), notes
+
+
+def _outside(out: Block, block: Block, table: str, notes: list[str]) -> Block:
+    frame = getattr(block, table)
+    sizes = {c.name: (c.width, c.height) for c in block.cameras.values()}
+    size = np.array([sizes[name] for name in block.images["camera"]], dtype=float)
+    size = size[block.image_rows(table)]
+    xy = frame[["x", "y"]].to_numpy(float)
+    wild = ((xy < -_OUTSIDE * size) | (xy > (1.0 + _OUTSIDE) * size)).any(axis=1)
+    rows = np.flatnonzero(wild)
+    if not len(rows) or len(rows) > 0.02 * len(frame):
+        return out
+    shown = [
+        f"{block.where(table, k)}: point {frame['point'].iloc[k]} in image "
+        f"{frame['image'].iloc[k]} at {xy[k, 0]:g}, {xy[k, 1]:g}"
+        for k in rows[:_NAMED]
+    ]
+    notes.append(_told(rows, "image observation", "far outside the picture", shown))
+    out = _own(out, block)
+    kept = frame[~wild].reset_index(drop=True)
+    kept["point"] = kept["point"].cat.remove_unused_categories()
+    setattr(out, table, kept)
+    return out
+
+
+def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block:
+    if not len(block.gnss):
+        return out
+    given = block.gnss[["x", "y", "z"]].to_numpy(float)
+    far = _far(given - pose[block.image_rows("gnss"), :3], _height(block, pose))
+    rows = np.flatnonzero(far > 0)
+    if not len(rows) or len(rows) > max(_MOST * len(given), 1.0):
+        return out
+    shown = [
+        f"{block.where('gnss', k)}: image {block.gnss['image'].iloc[k]}, {far[k]:,.0f} m off"
+        for k in rows[:_NAMED]
+    ]
+    notes.append(_told(rows, "GNSS position", "far from where the others put the image", shown))
+    out = _own(out, block)
+    out.gnss = block.gnss[far == 0].reset_index(drop=True)
+    return out
+
+
+def _ground(out: Block, block: Block, model: Model, pose: np.ndarray, notes) -> Block:
+    roles = model.roles(block)
+    used = np.flatnonzero((roles == "control") | (roles == "check"))
+    told = model.control is not None or model.check is not None
+    if len(used) < 4 or told or not len(block.marks):
+        return out
+    given = block.ground[["x", "y", "z"]].to_numpy(float)[used]
+    far = _far(given - _met(block, pose)[used], _height(block, pose))
+    rows = np.flatnonzero(far > 0)
+    if not len(rows) or len(rows) > max(_MOST * len(used), 1.0):
+        return out
+    shown = [
+        f"{block.where('ground', used[k])}: {block.ground['point'].iloc[used[k]]} "
+        f"({roles[used[k]]}), {far[k]:,.0f} m off"
+        for k in rows[:_NAMED]
+    ]
+    notes.append(_told(rows, "ground point", "far from where its images show it", shown))
+    out = _own(out, block)
+    out.ground.loc[out.ground.index[used[rows]], "role"] = "unused"
+    return out
+
+
+def _met(block: Block, pose: np.ndarray) -> np.ndarray:
+    """Where the images of each ground point (n, 3) show it, by the start poses; NaN unknown."""
+    marks = block.marks
+    cameras = list(block.cameras.values())
+    which = block.images["camera"].map({c.name: n for n, c in enumerate(cameras)}).to_numpy()
+    image = block.image_rows("marks")
+    interior = np.array([c.interior for c in cameras])
+    ray = undistort(marks[["x", "y"]].to_numpy(float), interior, which[image])
+    quaternion = np.where(np.isfinite(pose[:, 3:]), pose[:, 3:], [1.0, 0.0, 0.0, 0.0])
+    rays = Rays(
+        image.astype(np.int32), ray, rotation_from_quaternion(quaternion), pose[:, :3].copy(),
+        1.0 / interior[which, 0],
+    )  # fmt: skip
+    names = marks["point"].cat.categories
+    found = meeting_points(rays, marks["point"].cat.codes.to_numpy(), len(names))
+    at = names.get_indexer(block.ground["point"])
+    found = np.concatenate([found, np.full((1, 3), np.nan)])
+    return found[at]
+
+
+def _height(block: Block, pose: np.ndarray) -> float:
+    """Flying height above the points or the ground, m; 10 m where nothing tells."""
+    ground = np.concatenate([block.points["z"].to_numpy(float), block.ground["z"].to_numpy(float)])
+    if not np.isfinite(ground).any():
+        return 10.0
+    return max(float(np.nanmedian(pose[:, 2]) - np.nanmedian(ground)), 10.0)
+
+
+def _far(away: np.ndarray, height: float) -> np.ndarray:
+    """Length (n,) of differences (n, 3), m, from their median where they are wild, else 0."""
+    known = np.isfinite(away).all(axis=1)
+    if known.sum() < 4:
+        return np.zeros(len(away))
+    middle = np.median(away[known], axis=0)
+    length = np.where(known, np.linalg.norm(np.nan_to_num(away - middle), axis=1), 0.0)
+    usual = robust_scale(length[known], least=1e-9)
+    return np.where(length > max(_SIGMAS * usual, _OF_HEIGHT * height), length, 0.0)
+
+
+def _own(out: Block, block: Block) -> Block:
+    return block.copy() if out is block else out
+
+
+def _told(rows: np.ndarray, what: str, why: str, shown: list[str]) -> str:
+    more = "; ..." if len(rows) > len(shown) else ""
+    return (
+        f"{len(rows)} {what}{'s' * (len(rows) > 1)} set aside, {why} (a comma or a digit out of "
+        f"place?): {'; '.join(shown)}{more}."
+    )

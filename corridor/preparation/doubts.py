@@ -1,0 +1,332 @@
+"""What in a block is probably a mistake: read without a fault, and still not what was meant.
+
+Each doubt is one sentence with the likely cause. Nothing here stops anything: a block may be odd.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from corridor.block import Block
+from corridor.camera import INTERIOR
+from corridor.errors import did_you_mean
+from corridor.geometry import rotation_from_quaternion
+
+# Readouts of frame sensors end at a quarter of a second.
+SLOWEST_READOUT_S = 0.5
+# A focal length below this share of the picture's long side sees more than 147 degrees.
+_WIDEST = 0.15
+# Observations outside their picture: a few are bad matches, which are named one by one.
+_SHARE_OUTSIDE = 0.02
+# A picture in both directions filled by no more than this was smaller when it was measured.
+_FILLED, _ENOUGH = 0.6, 100
+_KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", "sigma",
+         "lever_arm", "effect", "corrected", "derived")  # fmt: skip
+_CAMERA_KEYS = ("width", "height", *INTERIOR, "pixel_um", "readout_s", "row_direction",
+                "calibrated")  # fmt: skip
+# Units of speed that are none of metres a second, by how much larger their numbers are.
+_SPEEDS = {3.6: "km/h", 1.9438: "knots", 2.2369: "miles an hour", 3.2808: "feet a second"}
+# Measured and modelled image coordinates that agree but for noise and rough start values.
+_CLEAR = 0.9
+# Beyond these two sets of positions of one flight do not belong together.
+_FAR_M, _FAR_UP_M, _GEOID_M = 100.0, 10.0, 120.0
+_XYZ = ("x", "y", "z")
+_POSE = (*_XYZ, "qw", "qx", "qy", "qz")
+_REMEDY = "x is east, y north, in metres less the block's offset."
+
+
+def doubts(block: Block) -> list[str]:
+    """Sentences on what is probably a mistake in a block, the gravest first."""
+    return [
+        *_positions(block), *_pictures(block), *_axes(block), *_settings(block), *_speeds(block)
+    ]  # fmt: skip
+
+
+# --- block.toml -------------------------------------------------------------------------------
+
+
+def _settings(block: Block) -> Iterator[str]:
+    for key, value in block.extra.items():
+        near = did_you_mean(key, _KEYS) if key not in _KEYS else ""
+        if near:
+            shown = f"[{key}]" if isinstance(value, dict) else key
+            yield f"block.toml: {shown} is known to nobody and not used{near}."
+    for name, camera in block.cameras.items():
+        for key in camera.extra:
+            near = did_you_mean(key, _CAMERA_KEYS)
+            if near:
+                yield f"block.toml: {key} of [camera.{name}] is known to nobody and not used{near}."
+        if camera["f"] < _WIDEST * max(camera.width, camera.height):
+            told = "f is in pixels"
+            if camera.pixel_um:
+                told += f", {camera['f']:g} mm are {1000 * camera['f'] / camera.pixel_um:.0f}"
+            yield (
+                f"block.toml: f = {camera['f']:g} of [camera.{name}] is too short for a picture of "
+                f"{camera.width} x {camera.height} px: {told}."
+            )
+        readout = camera.readout_s
+        if readout is not None and readout > SLOWEST_READOUT_S:
+            yield (
+                f"block.toml: readout_s = {readout:g} of [camera.{name}] is longer than any "
+                f"shutter: it is in seconds, {readout:g} ms are {readout / 1000:g}."
+            )
+    if block.crs and not block.crs.startswith("local"):
+        yield from _crs(block.crs)
+
+
+def _crs(text: str) -> Iterator[str]:
+    try:
+        from pyproj import CRS
+        from pyproj.exceptions import CRSError
+    except ImportError:
+        return
+    try:
+        known = CRS.from_user_input(text)
+    except CRSError:
+        yield (
+            f"block.toml: crs = {text!r} is no coordinate system: write the code of a projected "
+            "one, as EPSG:25832."
+        )
+        return
+    if known.is_geographic or known.is_geocentric:
+        what = "counts degrees" if known.is_geographic else "has no height axis"
+        yield (
+            f"block.toml: crs = {text!r} {what}; a block is in metres with z up: name the "
+            "projected system its coordinates are in, as EPSG:25832."
+        )
+
+
+# --- pictures ---------------------------------------------------------------------------------
+
+
+def _pictures(block: Block) -> Iterator[str]:
+    cameras = list(block.cameras.values())
+    of_image = block.images["camera"].map({c.name: n for n, c in enumerate(cameras)}).to_numpy()
+    tables = [table for table in ("tie_points", "marks") if len(getattr(block, table))]
+    pixels = {table: getattr(block, table)[["x", "y"]].to_numpy(float) for table in tables}
+    users = {table: of_image[block.image_rows(table)] for table in tables}
+    for n, camera in enumerate(cameras):
+        size = np.array([camera.width, camera.height], dtype=float)
+        mine = {table: np.flatnonzero(users[table] == n) for table in tables}
+        seen = [pixels[table][rows] for table, rows in mine.items()]
+        seen = np.concatenate(seen) if seen else np.zeros((0, 2))
+        if not len(seen):
+            continue
+        gone = ((seen < -0.5) | (seen > size - 0.5)).any(axis=1)
+        shape = f"{camera.width} x {camera.height} px"
+        if gone.sum() > _SHARE_OUTSIDE * len(seen):
+            yield (
+                f"{gone.sum():,} of {len(seen):,} observations of camera {camera.name} lie outside "
+                f"its picture of {shape}: {_why_outside(seen, size)}"
+            )
+        elif gone.any():
+            yield _outside(block, camera, mine, pixels)
+        elif len(seen) >= _ENOUGH and (seen.max(axis=0) < _FILLED * size).all():
+            x, y = seen.max(axis=0)
+            yield (
+                f"No observation of camera {camera.name} lies beyond x = {x:.0f}, y = {y:.0f} of "
+                f"its picture of {shape}: points measured on reduced pictures, or width and "
+                "height in block.toml too large?"
+            )
+
+
+def _why_outside(seen: np.ndarray, size: np.ndarray) -> str:
+    low, high = np.percentile(seen, [1, 99], axis=0)
+    if (low < -0.2 * size).all() and (high < 0.7 * size).all():
+        return (
+            "pixels counted from the middle of the picture? (0, 0) is the centre of its top-left "
+            "pixel."
+        )
+    turned = size[::-1]
+    if (low > -0.05 * size).all() and (high < turned).all() and (high > size).any():
+        return "x and y exchanged, or the pictures turned by 90 degrees?"
+    return "are width and height in block.toml those of the pictures it was measured in?"
+
+
+def _outside(block, camera, mine, pixels) -> str:
+    """A few observations outside the picture, the farthest with its row."""
+    size = np.array([camera.width, camera.height], dtype=float)
+    count, far, at = 0, 0.0, ("", 0)
+    for table, rows in mine.items():
+        xy = pixels[table][rows]
+        away = np.maximum(-0.5 - xy, xy - (size - 0.5)).max(axis=1)
+        count += int((away > 0).sum())
+        if len(away) and away.max() > far:
+            far, at = float(away.max()), (table, int(rows[away.argmax()]))
+    table, row = at
+    there = getattr(block, table).iloc[row]
+    return (
+        f"{count} observation{'s' * (count > 1)} outside the picture of camera {camera.name} "
+        f"({camera.width} x {camera.height} px), the farthest in {block.where(table, row)}: point "
+        f"{there['point']} in image {there['image']} at {there['x']:g}, {there['y']:g}."
+    )
+
+
+def _axes(block: Block) -> Iterator[str]:
+    """Axes of the image coordinates, where start values tell which way they point."""
+    rows = block.tie_points
+    step = max(len(rows) // 2000, 1)
+    image = block.image_rows("tie_points")[::step]
+    pose = np.stack([block.column("images", name) for name in _POSE], axis=1)[image]
+    point = block.positions("tie_points")[rows["point"].cat.codes.to_numpy()[::step]]
+    known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
+    if known.sum() < _ENOUGH:
+        return
+    image, pose, point = image[known], pose[known], point[known]
+    rotation = rotation_from_quaternion(pose[:, 3:])
+    seen = np.einsum("nij,nj->ni", rotation, point - pose[:, :3])
+    ahead = seen[:, 2] > 0
+    measured = rows[["x", "y"]].to_numpy(float)[::step][known][ahead]
+    if len(measured) < _ENOUGH:
+        return
+    ray = seen[ahead, :2] / seen[ahead, 2:]
+    (xu, xv), (yu, yv) = np.corrcoef(measured.T, ray.T)[:2, 2:]
+    if xu > _CLEAR and yv < -_CLEAR:
+        yield (
+            "Image coordinates run against the start poses in y: is y counted upwards? It is "
+            "counted downwards from the centre of the top-left pixel."
+        )
+    elif xv > _CLEAR and yu > _CLEAR:
+        yield (
+            "Image coordinates fit the start poses with x and y exchanged: x is to the right, y "
+            "downwards."
+        )
+
+
+# --- positions --------------------------------------------------------------------------------
+
+
+def _positions(block: Block) -> Iterator[str]:
+    centres = np.stack([block.column("images", axis) for axis in _XYZ], axis=1)
+    antenna = np.full(centres.shape, np.nan)
+    antenna[block.image_rows("gnss")] = block.gnss[list(_XYZ)].to_numpy(float)
+    told = against("gnss.csv", antenna, "images.csv", centres)
+    if told:
+        yield told
+    posed = np.isfinite(centres).all(axis=1).sum() > 2
+    file, reach = ("images.csv", centres) if posed else ("gnss.csv", antenna)
+    told = _ground(block, reach)
+    if told:
+        yield f"ground.csv {told} {file}: {_REMEDY}"
+
+
+def against(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
+    """What is wrong with positions (n, 3) beside those of the same images; empty where nothing is.
+
+    file, other: where they stand. Rows with NaN are left out.
+    """
+    both = np.isfinite(given).all(axis=1) & np.isfinite(known).all(axis=1)
+    given, known = given[both], known[both]
+    if len(given) < 3:
+        return ""
+    extent = np.ptp(known[:, :2], axis=0).max()
+    away = given - known
+    middle = np.median(away, axis=0)
+    spread = np.median(np.abs(away - middle), axis=0)
+    if not np.linalg.norm(middle) > _FAR_UP_M and spread.max() < 0.2 * extent:
+        return ""
+    if _degrees(given[:, :2], known[:, :2]):
+        return (
+            f"{file} gives x and y in degrees, {other} in metres: convert them to the block's "
+            "coordinates (`corridor gnss` does)."
+        )
+    swapped = given[:, [1, 0]] - known[:, :2]
+    if np.median(np.abs(swapped)) < 0.05 * np.median(np.abs(away[:, :2])):
+        return f"{file} has x and y exchanged beside {other}: x is east, y north."
+    level = np.abs(middle[:2]).max() < min(_FAR_UP_M, 0.3 * abs(middle[2]))
+    if level and spread.max() < max(0.25 * abs(middle[2]), 2.0):
+        if abs(middle[2]) > _GEOID_M:
+            return f"Heights of {file} lie {middle[2]:+.1f} m (median) from those of {other}."
+        return (
+            f"Heights of {file} lie {middle[2]:+.1f} m (median) from those of {other}: one above "
+            "the ellipsoid, the other above the geoid?"
+        )
+    if np.abs(middle[:2]).max() > _FAR_M and spread[:2].max() < 0.1 * np.abs(middle[:2]).max():
+        return (
+            f"{file} lies {_kilometres(np.hypot(*middle[:2]))} from {other}, all images by the "
+            "same way: subtract the block's offset from it."
+        )
+    return ""
+
+
+def _kilometres(metres: float) -> str:
+    return f"{metres / 1000:,.{0 if metres > 1e4 else 2}f} km"
+
+
+def _degrees(given: np.ndarray, known: np.ndarray) -> bool:
+    """Whether plan positions (n, 2) are degrees, as the extent of the known metres says."""
+    if not (np.abs(given[:, 0]) <= 360).all() or not (np.abs(given[:, 1]) <= 360).all():
+        return False
+    extent, metres = np.ptp(given, axis=0).max(), np.ptp(known, axis=0).max()
+    # A degree of latitude has 111 km, one of longitude less.
+    return bool(metres > 10.0 and 5e-6 < extent / metres < 2e-4)
+
+
+def _ground(block: Block, centres: np.ndarray) -> str:
+    """How ground points lie that the images which show them could not see; empty where they could.
+
+    centres: (images, 3), NaN where unknown.
+    """
+    names = block.ground["point"]
+    rows = block.image_rows("marks")
+    shown = pd.DataFrame(centres[rows], columns=list(_XYZ))
+    shown = shown.groupby(block.marks["point"].astype(str).to_numpy()).mean().reindex(names)
+    above, given = shown.to_numpy(float), block.ground[list(_XYZ)].to_numpy(float)
+    known = np.isfinite(above).all(axis=1)
+    above, given = above[known], given[known]
+    if len(given) < 3:
+        return ""
+    # Nobody looks farther to the side than a few times the flying height.
+    height = max(float(np.median(above[:, 2] - given[:, 2])), 10.0)
+    away = np.median(np.linalg.norm(given[:, :2] - above[:, :2], axis=1))
+    turned = np.median(np.linalg.norm(given[:, [1, 0]] - above[:, :2], axis=1))
+    if _degrees(given[:, :2], above[:, :2]):
+        return "is in degrees, not in the metres of"
+    if turned < 0.5 * away and away > 0.3 * height:
+        return "has x and y exchanged beside"
+    if away < 5.0 * height:
+        return ""
+    return f"lies {_kilometres(away)} from"
+
+
+# --- speeds -----------------------------------------------------------------------------------
+
+
+def _speeds(block: Block) -> Iterator[str]:
+    """Velocities beside the way and the time from image to image of one strip."""
+    velocity = np.stack([block.column("images", f"v{axis}") for axis in _XYZ], axis=1)
+    centre = np.stack([block.column("images", axis) for axis in _XYZ], axis=1)
+    time, camera = block.column("images", "time_s"), block.images["camera"].to_numpy()
+    strip = block.images.get("strip")
+    strip = np.zeros(len(time)) if strip is None else strip.astype(str).to_numpy()
+    order = np.lexsort((time, strip, block.image_flight))
+    one, next_one = order[:-1], order[1:]
+    same = (block.image_flight[one] == block.image_flight[next_one]) & (
+        strip[one] == strip[next_one]
+    )
+    same &= camera[one] == camera[next_one]
+    one, next_one = one[same], next_one[same]
+    seconds = time[next_one] - time[one]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flown = np.linalg.norm(centre[next_one] - centre[one], axis=1) / seconds
+        told = np.linalg.norm(velocity[one] + velocity[next_one], axis=1) / 2.0
+        ratio = told / flown
+    # A drone that turns or stops between two images says nothing.
+    good = np.isfinite(ratio) & (seconds > 0) & (told > 1.0)
+    if good.sum() < 5:
+        return
+    good &= flown > 0.3 * np.median(flown[good])
+    if good.sum() < 5:
+        return
+    middle = float(np.median(ratio[good]))
+    if abs(np.log(middle)) < np.log(1.4):
+        return
+    unit = min(_SPEEDS, key=lambda factor: abs(np.log(middle / factor)))
+    cause = f"{_SPEEDS[unit]}?" if abs(middle / unit - 1.0) < 0.1 else "is time_s in seconds?"
+    yield (
+        f"images.csv: vx, vy, vz are {middle:.3g} times what x, y, z and time_s of the same table "
+        f"say (median of {good.sum()} pairs): {cause} Velocities are in m/s."
+    )
