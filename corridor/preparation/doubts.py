@@ -21,6 +21,8 @@ SLOWEST_READOUT_S = 0.5
 _WIDEST = 0.15
 # Observations outside their picture: a few are bad matches, which are named one by one.
 _SHARE_OUTSIDE = 0.02
+# What distortion and simulated effects push over the edge stays within this share of it.
+_FAR_OUTSIDE = 0.02
 # A picture in both directions filled by no more than this was smaller when it was measured.
 _FILLED, _ENOUGH = 0.6, 100
 _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", "sigma",
@@ -122,7 +124,7 @@ def _pictures(block: Block) -> Iterator[str]:
                 f"{gone.sum():,} of {len(seen):,} observations of camera {camera.name} lie outside "
                 f"its picture of {shape}: {_why_outside(seen, size)}"
             )
-        elif gone.any():
+        elif _beyond(seen, size) > _FAR_OUTSIDE * size.max():
             yield _outside(block, camera, mine, pixels)
         elif len(seen) >= _ENOUGH and (seen.max(axis=0) < _FILLED * size).all():
             x, y = seen.max(axis=0)
@@ -131,6 +133,11 @@ def _pictures(block: Block) -> Iterator[str]:
                 f"its picture of {shape}: points measured on reduced pictures, or width and "
                 "height in block.toml too large?"
             )
+
+
+def _beyond(seen: np.ndarray, size: np.ndarray) -> float:
+    """How far the farthest of some pixels lies outside the picture, px; negative inside."""
+    return float(np.maximum(-0.5 - seen, seen - (size - 0.5)).max())
 
 
 def _why_outside(seen: np.ndarray, size: np.ndarray) -> str:
