@@ -19,6 +19,7 @@ from corridor.effects import (
     every_effect,
     find,
     forget,
+    parse_word,
     register,
     registry,
 )
@@ -131,6 +132,56 @@ class TestOneThatIsRegistered:
 
         with pytest.raises(corridor.InputError, match="thermal is there already"):
             register(Thermal)
+
+
+class TestOneThatIsNone:
+    """The class is looked at before it is used, and what it lacks is said."""
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({"place": "picture"}, "place = 'picture' is none.* camera, image, motion, antenna"),
+            ({"place": "images"}, "did you mean image"),
+            ({"title": ""}, "has no title: write title = "),
+            ({"called": None}, "has no called"),
+            ({"slug": "My Ripple"}, "lower case"),
+            ({"group": "week"}, "group = 'week' is none"),
+            ({"needs": "images.time_s"}, "needs is a tuple"),
+        ],
+    )
+    def test_is_refused_with_what_it_lacks(self, changes, words):
+        with pytest.raises(corridor.InputError, match=words):
+            register(type("Broken", (Ripple,), changes))
+
+    def test_so_is_a_class_that_is_no_effect(self):
+        with pytest.raises(corridor.InputError, match="Plain is no effect: derive it"):
+            register(type("Plain", (), {"slug": "plain"}))
+
+    @pytest.mark.parametrize(
+        ("shape", "words"),
+        [
+            ((2,), r"derivative has the shape \(\d+, 2\); the place image wants"),
+            ((3, 1), r"derivative has the shape \(\d+, 3, 1\)|shift has the shape \(\d+, 3\)"),
+        ],
+    )
+    def test_so_are_results_of_another_shape(self, plain, shape, words):
+        class Flat(Ripple):
+            def shift(self, context, values):
+                return np.zeros((len(context), 2)), np.zeros((len(context), *shape))
+
+        with pytest.raises(corridor.InputError, match=words):
+            corridor.effects.predict(plain, {Flat(): {"amplitude": 1.0}})
+
+
+def test_values_of_one_flight_are_given_in_the_command():
+    """`lag.2=0.06` is of flight 2 alone."""
+    word = "clock_offset@flight:offset.F1=0.0,offset.F2=0.06"
+    block = corridor_block(images=8, strips=2, flights=2, seed=5)
+    moved = add(block, dict([parse_word(word)]))
+    there, here = (one.gnss[["x", "y", "z"]].to_numpy() for one in (moved, block))
+    away = np.linalg.norm(there - here, axis=1)
+    second = block.image_flight == 1
+    assert away[~second].max() == 0.0 and away[second].min() > 0.01
 
 
 STRANGER = '''

@@ -10,7 +10,7 @@ from strips import corridor_block
 
 import corridor
 from corridor.cli import main
-from corridor.effects import Values, add, correct, find
+from corridor.effects import Values, add, correct, find, parse_word
 from corridor.interchange import export_project, read_adjusted
 from corridor.simulation import add_noise
 
@@ -199,3 +199,21 @@ def test_a_diagnosis_writes_what_each_image_has(tmp_path):
     off = (found.value - truth) / found.sigma
     assert np.abs(off).max() < 5 and np.sqrt(np.mean(off**2)) < 2
     assert np.corrcoef(found.value[:, 0], truth[:, 0])[0, 1] > 0.95
+
+
+@pytest.mark.parametrize(
+    ("word", "values"),
+    [
+        ("lag:lag.2=0.06", {"lag": {"2": 0.06}}),
+        ("lag:lag.1=0,lag.2=0.06", {"lag": {"1": 0.0, "2": 0.06}}),
+        ("blunder:x.G01.a=1,y=2", {"x": {"G01.a": 1.0}, "y": 2.0}),
+    ],
+)
+def test_a_word_may_give_values_of_single_groups(word, values):
+    assert parse_word(word)[1] == values
+
+
+@pytest.mark.parametrize("word", ["lag:lag.=1", "lag:.2=1", "lag:lag=1,lag.2=2", "lag:lag"])
+def test_a_word_that_gives_none_is_refused(word):
+    with pytest.raises(ValueError):
+        parse_word(word)
