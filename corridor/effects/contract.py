@@ -174,12 +174,7 @@ def check_contract(effect: Effect) -> None:
         raise InputError(
             f"effect {name}: slug = {effect.slug!r} is no name: lower case, digits and underscores"
         )
-    if effect.place not in PLACES:
-        near = did_you_mean(effect.place, PLACES)
-        raise InputError(
-            f"effect {effect.slug}: place = {effect.place!r} is none{near}: it is one of "
-            f"{', '.join(PLACES)}"
-        )
+    check_place(effect)
     if effect.group not in GROUPS:
         raise InputError(
             f"effect {effect.slug}: group = {effect.group!r} is none: it is one of "
@@ -187,6 +182,16 @@ def check_contract(effect: Effect) -> None:
         )
     if isinstance(effect.needs, str) or isinstance(effect.takes, str):
         raise InputError(f'effect {effect.slug}: needs is a tuple: write ("images.time_s",)')
+
+
+def check_place(effect: Effect) -> None:
+    """Refuse a place that is none: nothing would ever ask the effect."""
+    if effect.place not in PLACES:
+        near = did_you_mean(effect.place, PLACES)
+        raise InputError(
+            f"effect {effect.slug}: place = {effect.place!r} is none{near}: it is one of "
+            f"{', '.join(PLACES)}"
+        )
 
 
 class LinearEffect(Effect):

@@ -8,7 +8,7 @@ import numpy as np
 
 from corridor.block import Block
 from corridor.effects.context import Context, Images, group_names
-from corridor.effects.contract import PLACES, Effect, Parameter, check_contract
+from corridor.effects.contract import PLACES, Effect, Parameter, check_place
 from corridor.errors import AdjustmentFailed, InputError
 
 # Slug -> (groups, parameters), as the equations have the values of effects.
@@ -47,7 +47,7 @@ class Stack:
             if slugs.count(slug) > 1:
                 raise InputError(f"effect {slug} is given twice: give it once")
         for effect in effects:
-            check_contract(effect)
+            check_place(effect)
         check_groups(effects)
         check_needs(block, effects)
         self.members = {

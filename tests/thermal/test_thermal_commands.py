@@ -356,6 +356,13 @@ class TestApply:
         assert table["extrapolated"].tolist() == [0, 1, 1, 1, 1]
         assert (np.diff(table["sigma"]) > 0).all()
 
+    def test_points_of_a_larger_picture_are_told(self, made, tmp_path, capsys):
+        path = self.points(tmp_path, "x,y\n100,100\n5000,3800\n")
+        command = ["thermal", "apply", str(made[0] / "m.json"), "--points", path]
+        assert main([*command, "--temperature", "35", "-o", str(tmp_path / "o.csv")]) == 0
+        said = capsys.readouterr().err
+        assert "1 of 2 points lie outside the" in said and "pictures of another size?" in said
+
     def test_inside_nothing_is_said(self, made, tmp_path, capsys):
         path = self.points(tmp_path, "x,y\n0,0\n640.5,300\n")
         command = ["thermal", "apply", str(made[0] / "m.json"), "--points", path]
