@@ -9,8 +9,7 @@ import numpy as np
 
 from corridor.block import Block, read, record_correction
 from corridor.effects.forward import predict, take_out
-from corridor.effects.registry import find
-from corridor.effects.values import Values
+from corridor.effects.values import EffectValues, Values, effect_of
 from corridor.errors import InputError
 from corridor.preparation import rates_from_neighbours, velocities
 
@@ -72,7 +71,10 @@ def _with_motion(
     block: Block, given: Mapping, velocity: str | None, turning: str
 ) -> tuple[Block, list[str]]:
     """The block with the velocities and angular rates that effects look at, and their origin."""
-    forms = [find(slug).form(block) for slug in given]
+    forms = [
+        (mine.effect if isinstance(mine, EffectValues) else effect_of(name)).form(block)
+        for name, mine in given.items()
+    ]
     looked_at = {column for effect in forms for column in (*effect.needs, *effect.takes)}
     notes = []
     if "images.wx" in looked_at and turning == "neighbours":
