@@ -60,7 +60,7 @@ class Adjustment(Checked):
         # Without redundancy there is nothing to estimate sigma naught from.
         self.sigma0 = float(np.sqrt(2 * self.cost / self.redundancy)) if self.redundancy else 1.0
         self._notes = notes
-        # What is probably a mistake in the block: see `corridor.preparation.doubts`.
+        # What is probably a mistake in the block: see `corridor.preparation`.
         self.doubts: list[str] = []
 
     def __repr__(self) -> str:

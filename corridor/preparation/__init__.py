@@ -1,10 +1,10 @@
 """What a block can know by itself: velocities, angular rates, antenna positions."""
 
 from corridor.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
-from corridor.preparation.doubts import against, doubts
 from corridor.preparation.preparing import Prepared, prepare
 from corridor.preparation.record import Derived, derived
 from corridor.preparation.record import record as record_derived
+from corridor.preparation.slips import against, doubts
 from corridor.preparation.velocity import METHODS, Velocities, velocities
 
 __all__ = [
