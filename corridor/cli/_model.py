@@ -35,7 +35,7 @@ def configure(
             "--iterations": {},
             "--required": {},
             "--strict": flag(
-                "refuse points seen in one image only and images with fewer than 3 points "
+                "refuse wild cells, points seen in one image only, images with fewer than 3 points "
                 "(default: leave them out and say so)"
             ),
         },
