@@ -36,6 +36,7 @@ Keys of a plan (`corridor.simulation.Plan` and the types beside it say what each
   [start]       centre_m, rotation_deg, points_m, camera
   [camera.NAME]  as in block.toml
   [effects.SLUG] PARAMETER = VALUE
+  [effect.SLUG]  what that effect has to know of the block, as in block.toml
 
 With --like, the block is adjusted with the model given (as to `corridor adjust`), and every
 measurement is made anew: same images, points, gaps and control, noise as large and of the kinds

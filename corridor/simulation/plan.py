@@ -326,7 +326,7 @@ def keys_of_a_plan() -> dict[str, list[str]]:
         "": Plan, "[[flight]]": Flight, "[terrain]": Terrain, "[tie_points]": TiePoints,
         "[ground]": Ground, "[noise]": Noise, "[start]": Start,
     }  # fmt: skip
-    kept = {"flights", "cameras", "effects", "terrain", "tie_points", "ground", "noise", "start"}
+    kept = {"flights", "cameras", "effects", "effect"} | {key.strip("[]") for key in tables}
     return {
         name: [f.name for f in fields(kind) if name or f.name not in kept]
         for name, kind in tables.items()
