@@ -216,7 +216,7 @@ ADJUSTED = {
         cell("gnss", 7, "x", 1e20), 2, "gnss.csv, row 9.*--strict", "--strict"
     ),
     "a prior that is wrong": (
-        lambda folder: None, 0, "prior of camera.*.k1, 0.05 .* overruled",
+        lambda folder: None, 0, "camlight.k1 comes to .* sigmas from what is stated beforehand",
         "--prior camera.camlight.k1=0.05+-0.0005",
     ),
     "an effect that is not there": (

@@ -33,8 +33,6 @@ FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 LONG_ARM_M = 5.0
 # Two exchanged points lie on each other's place but for this share of their distance.
 EXCHANGED = 0.25
-# A prior that is off by so many of its sigmas is wrong.
-OVERRULED_SIGMAS = 5.0
 
 
 def warnings_of(adjustment: Adjustment) -> list[str]:
@@ -51,7 +49,6 @@ def warnings_of(adjustment: Adjustment) -> list[str]:
         *_clock(adjustment),
         *_fit(adjustment),
         *_outliers(adjustment),
-        *_overruled(adjustment),
         *_insignificant(adjustment),
         *_beside_a_diagnosis(adjustment),
     ]
@@ -78,7 +75,7 @@ def _strange_camera(a):
         f, cx, cy = found[:3].tolist()
         ratio = f / stated["f"]
         sigma = a.camera.query("camera == @name").set_index("parameter")["sigma"]
-        sure = abs(f - stated["f"]) > OVERRULED_SIGMAS * sigma["f"]
+        sure = abs(f - stated["f"]) > FAR_SIGMAS * sigma["f"]
         if "f" in free and sure and abs(np.log(ratio)) > np.log(1.0 + FAR_FOCAL):
             half = abs(np.log2(ratio) - np.round(np.log2(ratio))) < 0.03 and abs(ratio - 1) > 0.4
             cause = (
@@ -163,20 +160,6 @@ def _intersected(a, names) -> np.ndarray:
     mine = np.flatnonzero(point >= 0)
     rays = rays._replace(image=image[mine], ray=ray[mine])
     return meeting_points(rays, point[mine], len(names))
-
-
-def _overruled(a):
-    """Priors that the measurements have moved by more than they allow."""
-    for one in a.parameters.values():
-        if one.prior is None or not one.vary:
-            continue
-        off = abs(one.value - one.prior[0]) / one.prior[1]
-        if off > OVERRULED_SIGMAS:
-            yield (
-                f"The prior of {one.name}, {one.prior[0]:g} +- {one.prior[1]:g} {one.unit}, was "
-                f"overruled by {off:.0f} of its sigmas (now {one.value:.6g} +- {one.sigma:.2g}): "
-                "it is wrong or too tight, or the model lacks something that this parameter takes."
-            )
 
 
 def _beside_a_diagnosis(a):
