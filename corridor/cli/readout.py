@@ -1,6 +1,10 @@
-"""Readout time of a rolling shutter from photographs of a star, a wheel or a blinking LED.
+"""Readout time of a rolling shutter from a survey flight, a star, a wheel or a blinking LED.
 
 examples:
+  corridor readout flight BLOCK -o out/flight
+      from an ordinary survey, with the velocities of its images or what they can be derived from
+  corridor readout flight PHOTOS --model "DJI FC330" -o out/flight
+      from a folder of photographs, which are imported to out/flight_block first
   corridor readout star STILL.jpg TURNING.jpg --turns-per-second 2.2 -o out/star
       a Siemens star at rest and turning, its speed from a sensor or a strobe
   corridor readout wheel STILL.jpg TURNING.jpg --video FILM.mp4 -o out/wheel
@@ -12,15 +16,20 @@ examples:
   corridor readout led PHOTO.jpg --frequency 1000 -o out/led
       something evenly lit by a LED that blinks 1000 times a second
 
-Give the photographs as the camera wrote them: not turned, cut or resized. An error of the speed
-goes into the readout time one to one. OUT holds readout.json and readout.png; it appears when
-both are written, or not at all.
+Give photographs of a target as the camera wrote them: not turned, cut or resized. An error of the
+speed goes into the readout time one to one. OUT holds readout.json and readout.png; it appears
+when both are written, or not at all. A flight tells the readout where its images were taken at
+several speeds in the camera's frame: strips both ways with one heading, cross strips, slow or
+hovering photographs at the ends of strips. Its sigma is the formal one, or what leaving out one
+strip in turn shows, where that is larger than chance makes it; OUT holds report.html too. Where it
+does not tell, the status is 1, and report.html and refused.json say why and which four photographs
+would tell.
 """
 
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import add, below, number, option, say, wrote
+from corridor.cli._options import Bars, add, below, number, option, say, whole, wrote
 
 
 def _sectors(text):
@@ -94,9 +103,28 @@ STILL.jpg TURNING.jpg --video FILM.mp4 -o out/wheel
     "led": """
 PHOTO.jpg --frequency 1000 -o out/led
 """,
+    "flight": """
+BLOCK -o out/flight
+PHOTOS --size 1200 -o out/flight
+""",
     "examples": """
 -o out/photos
 """,
+}
+_FLIGHT = {
+    "source": option("a block, or a folder of photographs", "BLOCK_OR_PHOTOS", Path),
+    "--model": option(
+        "make and model of the camera, for published values (photographs: by EXIF)", "NAME"
+    ),
+    "--size": option(
+        "photographs: make larger pictures smaller, to so many pixels of the long side",
+        "PIXELS",
+        whole("number of pixels", 100),
+    ),
+    "--share": option("photographs: take every N-th only", "N", whole("share", 1)),
+    "--iterations": {"default": 200}
+    | option("iterations within which the adjustment has to converge (default %(default)s)"),
+    "--output": option("folder for the result", required=True),
 }
 
 
@@ -107,6 +135,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     def target(name, text):
         return below(targets, "readout", name, text, _EXAMPLES[name])
 
+    add(target("flight", "an ordinary survey: a block, or its photographs"), _FLIGHT)
     add(target("star", "a Siemens star, at rest and turning"), _STAR)
     wheel = target("wheel", "a bicycle wheel, or a bar smeared by its rotation")
     add(wheel, _WHEEL)
@@ -121,6 +150,9 @@ def run(options: argparse.Namespace) -> None:
     from corridor import readout as room
     from corridor.errors import InputError
 
+    if options.target == "flight":
+        _flight(room, options)
+        return
     if options.target == "examples":
         wrote(*room.write_examples(options.output))
         print("\nWhat they show, and how to measure it:")
@@ -166,3 +198,43 @@ def _measure(room, options):
         photo_time=options.photo_time,
         **known,
     )
+
+
+def _flight(room, options):
+    from corridor.errors import AdjustmentFailed
+
+    room.can_save_flight(options.output)
+    block, model = _block(options)
+    with Bars() as progress:
+        found = room.readout_from_flight(
+            block, model=options.model or model, max_iterations=options.iterations,
+            progress=progress,
+        )  # fmt: skip
+    written = room.save_flight(found, options.output)
+    print(found)
+    wrote(*written)
+    if not found.told:
+        raise AdjustmentFailed(f"this flight does not tell the readout time. {found.reasons[0]}")
+
+
+def _block(options):
+    """The block to look at, imported first where photographs are given; make and model by EXIF."""
+    from corridor import interchange, read
+    from corridor.errors import InputError
+    from corridor.photographs import photographs_in, read_metadata
+
+    source = options.source
+    photos = []
+    if source.is_dir() and not (source / "block.toml").exists():
+        photos = photographs_in(source)
+    if not photos:
+        for name in ("size", "share"):
+            if getattr(options, name) is not None:
+                raise InputError(f"--{name} is for photographs, and {source} holds none")
+        return read(source), ""
+    first = read_metadata(photos[0])
+    output = options.output.with_name(f"{options.output.name}_block")
+    added = interchange.Additions(long_side=options.size, share=options.share or 1)
+    interchange.import_project(source, "photos", output, added, progress=say)
+    wrote(output)
+    return read(output), f"{first.make} {first.model}".strip()

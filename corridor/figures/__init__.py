@@ -10,6 +10,7 @@ from corridor.figures.curves import Panel, curves, histograms
 from corridor.figures.diagnosis import evidence_bars
 from corridor.figures.error_maps import error_maps
 from corridor.figures.first_look import first_look
+from corridor.figures.flight_readout import flight_readout
 from corridor.figures.image_shift import image_shift
 from corridor.figures.planning import accuracy_by_control, control_map
 from corridor.figures.readout import readout_picture
@@ -42,6 +43,7 @@ __all__ = [
     "error_maps",
     "evidence_bars",
     "first_look",
+    "flight_readout",
     "histograms",
     "image_shift",
     "of_adjustment",

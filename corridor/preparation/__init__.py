@@ -5,7 +5,8 @@ from corridor.preparation.preparing import Prepared, prepare
 from corridor.preparation.record import Derived, derived
 from corridor.preparation.record import record as record_derived
 from corridor.preparation.slips import against, doubts
-from corridor.preparation.velocity import METHODS, Velocities, velocities
+from corridor.preparation.smoothing import rounding
+from corridor.preparation.velocity import METHODS, Velocities, track_runs, velocities
 
 __all__ = [
     "METHODS",
@@ -19,5 +20,7 @@ __all__ = [
     "rates_from_gyro",
     "rates_from_neighbours",
     "record_derived",
+    "rounding",
+    "track_runs",
     "velocities",
 ]

@@ -1,7 +1,8 @@
-"""Rolling shutters: readout time from photographs, and photographs as such a shutter takes them.
+"""Rolling shutters: readout time from photographs of a target, or from a survey flight.
 
 readout = corridor.readout.readout_from_star("still.jpg", "turning.jpg", 2.2)
 print(readout)
+print(corridor.readout.readout_from_flight("my_block"))
 """
 
 from importlib import import_module
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from corridor.photographs import published_readouts as published_readouts
     from corridor.readout import render as render
+    from corridor.readout.flight import FlightReadout as FlightReadout
+    from corridor.readout.flight import readout_from_flight as readout_from_flight
     from corridor.readout.measure import readout_from_led as readout_from_led
     from corridor.readout.measure import readout_from_star as readout_from_star
     from corridor.readout.measure import readout_from_wheel as readout_from_wheel
@@ -40,10 +43,16 @@ _HOME = {
     "TwoStep": "corridor.readout.two_step",
     "readout_from_flight": "corridor.readout.flight",
     "FlightReadout": "corridor.readout.flight",
-    "median_residual": "corridor.readout.flight",
-    "level_ground": "corridor.readout.flight",
-    "axis_assignments": "corridor.readout.flight",
-    "cost_of": "corridor.readout.flight",
+    "published_value": "corridor.readout.flight",
+    "use": "corridor.readout.flight",
+    "can_save_flight": "corridor.readout.flight_report",
+    "save_flight": "corridor.readout.flight_report",
+    "GyroscopeReadout": "corridor.readout.gyroscope",
+    "readout_from_gyroscope": "corridor.readout.gyroscope",
+    "median_residual": "corridor.readout.gyroscope",
+    "level_ground": "corridor.readout.gyroscope",
+    "axis_assignments": "corridor.readout.gyroscope",
+    "cost_of": "corridor.readout.gyroscope",
     "readout_with_errors": "corridor.readout.identifiability",
     "supported": "corridor.readout.identifiability",
     "write_examples": "corridor.readout.examples",

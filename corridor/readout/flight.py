@@ -1,179 +1,385 @@
-"""A readout time from a flight: estimated in the adjustment, with what the focal length leaves."""
+"""The readout time of a camera from an ordinary survey flight, or why it does not tell."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import os
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
+from scipy.stats import chi2
 
 from corridor import adjustment as least_squares
-from corridor.adjustment import Adjustment
-from corridor.block import Block
+from corridor.block import Block, read
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.photographs import PublishedReadout, of_picture, published_readouts
+from corridor.readout.motion import Motion, motion_of, strips_of, with_velocities
+from corridor.readout.next_photographs import Advice, advice
+from corridor.readout.row_motion import SHUTTER, RowMotions
 
-# Relative step of the focal length by which its influence is found.
-_STEP = 0.01
-_ANYWHERE_M = 1e4
+# A readout is told where its sigma is below this share of it, or below so many seconds: then a
+# shutter that is nearly global is told as well.
+POOR_SHARE, SHORT_S = 0.2, 0.002
+# Eight and ten camera parameters, or a sign, contradict beyond so many sigmas.
+CONTRADICTS = 3.0
+LEAST_GROUPS, LEAST_IMAGES = 3, 8
+# Sources of one camera differ by 5 to 10 per cent.
+PUBLISHED_SHARE = 0.07
+# Speeds in the camera's frame that differ by less than this share are one speed.
+ONE_SPEED = 0.1
+STANDING_M_S = 0.3
+ERRORS_SHARE = 0.3
+_GNSS_LATE = "clock_offset"
+_FIRST_ITERATIONS, _SETTLED = 40, 1e-5
 
 
-@dataclass
+@dataclass(frozen=True)
+class Left:
+    """The readout, s, and its formal sigma without one strip."""
+
+    strip: str
+    images: int
+    readout: float
+    sigma: float
+
+
+@dataclass(frozen=True)
 class FlightReadout:
-    """Parameters of an effect of motion from a flight.
+    """What a flight tells of its camera's readout time, first to last row. Times in s.
 
-    adjustment: with the camera as stated. value, formal: by parameter, and their standard
-    deviations there. by_focal: change of each for one sigma of the focal length; sigma: both
-    together. focal_sigma: relative. median_px: median length of the tie residuals.
+    camera: its name. told: whether the flight tells it; reasons: sentences, why not.
+    readout, sigma: by the flight, one sigma, all included: the formal one (noise, errors and delay
+        of the velocities, motion that nobody wrote down), or what the strips show when each is
+        left out, where that contradicts it. formal, jackknife: either alone. left: without each
+        strip. eight, eight_sigma: with b1 = b2 = 0.
+    unstated: motion that nobody wrote down, m/s. delay: by which the speeds were written late, s,
+        with its sigma. motion: of the images, in the order of images.csv.
+    published: of this camera and mode; stated: what the block states, s. advice: photographs that
+        would settle it.
+    place (m, 3) m, names: of the images. sigma0: of the adjustment. rows: of a picture. notes:
+        sentences of the preparation.
     """
 
-    adjustment: Adjustment
-    value: dict[str, float]
-    formal: dict[str, float]
-    by_focal: dict[str, float]
-    focal_sigma: float
+    camera: str
+    readout: float
+    sigma: float
+    formal: float
+    jackknife: float
+    left: tuple[Left, ...]
+    eight: float
+    eight_sigma: float
+    unstated: float
+    delay: tuple[float, float]
+    motion: Motion
+    reasons: tuple[str, ...]
+    published: tuple[PublishedReadout, ...] = ()
+    stated: float | None = None
+    advice: Advice | None = None
+    place: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    names: tuple[str, ...] = ()
+    sigma0: float = 1.0
+    rows: int = 0
+    notes: tuple[str, ...] = ()
 
     @property
-    def sigma(self) -> dict[str, float]:
-        """Standard deviation of each parameter, the focal length's part included."""
-        return {k: float(np.hypot(self.formal[k], self.by_focal[k])) for k in self.value}
+    def told(self) -> bool:
+        """Whether the flight tells the readout."""
+        return not self.reasons
 
     @property
-    def median_px(self) -> float:
-        """Median length of the tie residuals, px."""
-        return median_residual(self.adjustment)
+    def is_short(self) -> bool:
+        """Whether what the flight tells is that the shutter is global, or nearly."""
+        return self.told and abs(self.readout) <= CONTRADICTS * self.sigma
 
     def __str__(self) -> str:
-        lines = [
-            f"{name}: {1000 * self.value[name]:.2f} +- {1000 * self.sigma[name]:.2f} ms "
-            f"({1000 * self.formal[name]:.2f} of it from the measurements, "
-            f"{1000 * abs(self.by_focal[name]):.2f} from {100 * self.focal_sigma:g} % of f)"
-            for name in self.value
-        ]
-        return "\n".join([*lines, f"median tie residual {self.median_px:.2f} px"])
+        from corridor.readout.flight_report import report_of
+
+        return str(report_of(self))
+
+    def _repr_html_(self) -> str:
+        from corridor.readout.flight_report import report_of
+
+        return report_of(self).html()
 
 
 def readout_from_flight(
-    block: Block, effect: str, focal_sigma: float = 0.03, loss: str = "huber:4"
+    block: Block | str | os.PathLike,
+    effect: str | None = None,
+    focal_sigma: float | None = None,
+    *,
+    model: str = "",
+    loss: str = "huber:3",
+    max_iterations: int = 200,
+    advise: bool = True,
+    progress: Callable[[str, float], None] | None = None,
 ) -> FlightReadout:
-    """Readout (and delay) that a flight's own pictures show, with a sigma that carries f.
+    """Readout time of the camera of an ordinary survey, with a sigma that holds.
 
-    block: one camera; its calibration is held. effect: slug of an effect of motion whose
-    parameters are seconds, shared by the block. focal_sigma: what the stated focal length may be
-    off by, relative. A short strip over flat ground cannot tell its focal length, and estimated
-    freely f takes up what the model lacks: it is varied by its sigma instead, as one would a
-    constant of known uncertainty (a consider parameter).
-    Raises InputError for several cameras, AdjustmentFailed where the pictures do not fit.
+    block: one camera; with velocities, or what they can be derived from (`corridor.prepare`).
+    model: make and model of the camera, for published values. loss, max_iterations: of `adjust`.
+    advise: look which four photographs more would tell it. progress: what is being done, and the
+    share of all that is done.
+
+    The block is adjusted with ten camera parameters, one readout and, with GNSS, the delay of its
+    positions; see `row_motion` for how the velocities' errors count. Refused, with `reasons`,
+    where it does not tell. effect, focal_sigma: now of `readout_from_gyroscope`, for one release.
+    Raises InputError for a block of several cameras or without velocities, AdjustmentFailed.
     """
-    if len(block.cameras) != 1:
-        raise InputError("the readout from a flight is that of one camera: select its images")
-    (name, camera), *_ = block.cameras.items()
-    options = {"effects": [effect], "loss": loss, "lever_arm": "fixed", "max_iterations": 200}
-    middle = least_squares.adjust(block, camera="fixed", **options)
-    ends = []
-    for sign in (-1, 1):
-        other = middle.block.copy()
-        other.cameras[name] = camera.with_values(f=camera["f"] * (1 + sign * _STEP))
-        ends.append(_values(least_squares.adjust(other, camera="fixed", **options)))
-    value = _values(middle)
-    table = middle.effects.set_index("parameter")["sigma"]
-    return FlightReadout(
-        adjustment=middle,
-        value=value,
-        formal={k: float(table[k]) for k in value},
-        by_focal={k: (ends[1][k] - ends[0][k]) / 2 * focal_sigma / _STEP for k in value},
-        focal_sigma=focal_sigma,
+    if effect is not None:
+        return _by_gyroscope(block, effect, focal_sigma, loss)
+    say = progress or (lambda what, share: None)
+    prepared = with_velocities(read(block))
+    block = prepared.block
+    name = _one_camera(block)
+    motion_of(block)  # says what is missing before the work
+    say("adjusting the block", 0.05)
+    adjustment = _adjusted(block, loss, max_iterations)
+    motion = motion_of(adjustment.block)
+    say("weighing the velocities", 0.4)
+    equations = RowMotions.of(adjustment, motion)
+    found, unstated = equations.best()
+    eight = equations.told(found.readout, unstated, affine=False)
+    left = []
+    groups = strips_of(adjustment.block)
+    for number, (strip, rows) in enumerate(groups):
+        say("leaving out one strip in turn", 0.5 + 0.4 * number / len(groups))
+        one = equations.without(rows).told(found.readout, unstated)
+        left.append(Left(strip, len(rows), one.readout, one.sigma))
+    by_strips = jackknife([one.readout for one in left])
+    sigma = honest(found.sigma, by_strips, len(left))
+    counsel = None
+    if advise:
+        say("looking for photographs that would tell", 0.9)
+        counsel = advice(adjustment, motion, found.readout, unstated, sigma / found.sigma)
+    camera = block.cameras[name]
+    size = camera.width, camera.height
+    result = FlightReadout(
+        camera=name, readout=found.readout, sigma=sigma, formal=found.sigma, jackknife=by_strips,
+        left=tuple(left), eight=eight.readout, eight_sigma=eight.sigma, unstated=unstated,
+        delay=(found.delay, found.delay_sigma), motion=motion, reasons=(),
+        published=tuple(of_picture(published_readouts(model), size)) if model else (),
+        stated=camera.readout_s, advice=counsel,
+        place=np.stack([adjustment.block.column("images", axis) for axis in "xyz"], axis=1),
+        names=tuple(adjustment.block.images["image"].astype(str)), sigma0=adjustment.sigma0,
+        rows=camera.height if camera.row_direction in ("down", "up") else camera.width,
+        notes=tuple(dict.fromkeys([d.sentence for d in prepared.derived] + prepared.notes)),
+    )  # fmt: skip
+    in_camera = np.einsum("nij,nj->ni", adjustment.state.rotation, equations.motion.velocity)
+    return judged(result, in_camera)
+
+
+def _by_gyroscope(block, effect, focal_sigma, loss):
+    """What `readout_from_flight` did before it took any survey."""
+    from corridor.readout.gyroscope import readout_from_gyroscope
+
+    warnings.warn(
+        "readout_from_flight(block, effect) is now readout_from_gyroscope(block, effect)",
+        DeprecationWarning,
+        stacklevel=3,
     )
+    more = {} if focal_sigma is None else {"focal_sigma": focal_sigma}
+    more |= {} if loss == "huber:3" else {"loss": loss}
+    return readout_from_gyroscope(block, effect, **more)
 
 
-def _values(adjustment: Adjustment) -> dict[str, float]:
-    table = adjustment.effects
-    if len(table) != table["parameter"].nunique():
+def _one_camera(block: Block) -> str:
+    used = list(dict.fromkeys(block.images["camera"].astype(str)))
+    if len(used) != 1:
         raise InputError(
-            f"effect {table['slug'].iloc[0]} has values of its own for each {len(table)} groups: "
-            "a flight tells of a readout that the block shares"
+            f"the images are of {len(used)} cameras ({', '.join(used)}), and a readout time is "
+            "that of one: give a block with the images of one camera"
         )
-    return dict(zip(table["parameter"], table["value"].tolist(), strict=True))
+    return used[0]
 
 
-def median_residual(adjustment: Adjustment) -> float:
-    """Median length of the tie residuals of an adjustment, px."""
-    ties = adjustment.residuals["tie"]
-    return float(np.median(np.hypot(ties["vx"], ties["vy"])))
-
-
-def level_ground(block: Block, height_m: float, sigma_m: float, points: int = 60) -> Block:
-    """An adjusted block with the heights of some tie points given as control, good to sigma_m.
-
-    What is known of fields without any survey: they are level. It holds the roll of a single
-    strip, which positions on a line leave free. points: how many of those that three images show.
-    Raises InputError where the block has no coordinates of them.
-    """
-    ties = block.tie_points
-    rays = ties["point"].cat.codes.value_counts()
-    fit = np.sort(rays.index[rays >= 3])
-    names = ties["point"].cat.categories[fit[:: max(1, len(fit) // points)]].astype(str)
-    mine = ties["point"].isin(names).to_numpy()
-    marks = ties[mine].assign(
-        point=ties["point"][mine].astype(str), image=ties["image"][mine].astype(str)
-    )
-    marks["sigma"] = block.tie_sigma()[mine]
-    rest = ties[~mine].reset_index(drop=True)
-    rest["point"] = rest["point"].cat.remove_unused_categories()
-    known = block.points.set_index("point").reindex(names)
-    if known[["x", "y", "z"]].isna().any(axis=None):
-        raise InputError("points.csv lacks tie points of three images: run `corridor adjust` first")
-    ground = pd.DataFrame(
-        {
-            "point": names,
-            "x": known["x"].to_numpy(),
-            "y": known["y"].to_numpy(),
-            "z": height_m,
-            # Nothing is said about where they are in plan.
-            "sx": _ANYWHERE_M,
-            "sy": _ANYWHERE_M,
-            "sz": sigma_m,
-            "role": "control",
-        }
-    )
-    block = replace(block.copy(), tie_points=rest, marks=marks, ground=ground)
-    block.points = block.points[~block.points["point"].isin(names)].reset_index(drop=True)
-    return block
-
-
-def axis_assignments() -> list[np.ndarray]:
-    """All 24 right-handed ways (3, 3) in which a gyroscope's axes can lie along the camera's."""
-    from itertools import permutations, product
-
-    found = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            axes = np.zeros((3, 3))
-            axes[np.arange(3), order] = signs
-            if np.linalg.det(axes) > 0:
-                found.append(axes)
+def _adjusted(block: Block, loss: str, max_iterations: int) -> least_squares.Adjustment:
+    """Adjusted with one readout; gross errors, which the loss follows slowly, are left out."""
+    effects = [SHUTTER, *([_GNSS_LATE] if len(block.gnss) else [])]
+    model = least_squares.Model(camera=least_squares.REFERENCE_CAMERA, effects=effects, loss=loss)
+    found = least_squares.adjust(block, model=model, max_iterations=_FIRST_ITERATIONS)
+    ties = found.residuals["tie"]
+    wrong = pd.MultiIndex.from_frame(ties.loc[ties["gross"], ["point", "image"]].astype(str))
+    block = found.block
+    if len(wrong):
+        all_ties = pd.MultiIndex.from_frame(block.tie_points[["point", "image"]].astype(str))
+        block.tie_points = block.tie_points[~all_ties.isin(wrong)].reset_index(drop=True)
+    if len(wrong) or not found.converged:
+        found = least_squares.adjust(block, model=model, max_iterations=max_iterations)
+    if not found.converged and not _settled(found):
+        raise AdjustmentFailed(
+            f"the adjustment with {', '.join(effects)} did not converge in {max_iterations} "
+            "iterations: look at `corridor adjust` of this block first"
+        )
     return found
 
 
-def cost_of(
-    block: Block, effect: str, delays: Sequence[float] = (0.0,), loss: str = "huber:4"
-) -> float:
-    """Lowest cost of an adjustment with an effect of motion, camera held, over start delays (s).
+def _settled(found: least_squares.Adjustment) -> bool:
+    """Whether the last iterations gained next to nothing: a step of least squares does the rest."""
+    cost = [step["cost"] for step in found.history[-2:]]
+    return len(cost) == 2 and abs(cost[0] - cost[1]) < _SETTLED * cost[1]
 
-    For comparing what is believed of a gyroscope's axes or of the row direction: wrong beliefs
-    have many shallow minima, so the delay starts from several values.
+
+def jackknife(values: Sequence[float]) -> float:
+    """Standard deviation by leaving out one group in turn (Efron and Tibshirani 1993, eq. 11.5)."""
+    count = len(values)
+    if count < 2:
+        return float("nan")
+    return float(np.sqrt((count - 1) / count * np.sum((values - np.mean(values)) ** 2)))
+
+
+def honest(formal: float, by_strips: float, groups: int) -> float:
+    """The formal sigma, or that of a jackknife where it contradicts the formal one.
+
+    A jackknife over few groups scatters itself, with groups - 1 degrees of freedom: it is taken
+    where it is larger than chance makes it in one flight of twenty.
     """
-    costs = []
-    for delay in delays:
-        shifted = block.copy()
-        shifted.rates = block.rates.assign(time_s=block.rates["time_s"] - delay)
-        try:
-            found = least_squares.adjust(
-                shifted, camera="fixed", effects=[effect], loss=loss, lever_arm="fixed",
-                max_iterations=40,
-            )  # fmt: skip
-        except (AdjustmentFailed, InputError):
-            # Without a readout a delay cannot be determined: that belief explains nothing.
-            continue
-        costs.append(found.cost)
-    return min(costs, default=float("inf"))
+    free = groups - 1
+    if free < 1 or not np.isfinite(by_strips):
+        return formal
+    return by_strips if free * (by_strips / formal) ** 2 > chi2.ppf(0.95, free) else formal
+
+
+def judged(found: FlightReadout, in_camera: np.ndarray) -> FlightReadout:
+    """The result with the reasons why the flight does not tell; in_camera (m, 3): velocities."""
+    reasons = [
+        sentence
+        for sentence in (
+            _too_few(found),
+            _uncertain(found, in_camera) or _swamped(found, in_camera),
+            _negative(found),
+            _disagree(found),
+            _stood(found),
+        )
+        if sentence
+    ]
+    return replace(found, reasons=tuple(reasons))
+
+
+def _too_few(found: FlightReadout) -> str:
+    images = len(found.names)
+    if images >= LEAST_IMAGES and len(found.left) >= LEAST_GROUPS:
+        return ""
+    return (
+        f"{images} images in {len(found.left)} strips are too few to tell an error of the flight "
+        "from a readout time."
+    )
+
+
+def _uncertain(found: FlightReadout, in_camera: np.ndarray) -> str:
+    if found.sigma <= max(POOR_SHARE * abs(found.readout), SHORT_S):
+        return ""
+    speed = float(np.median(np.linalg.norm(in_camera, axis=1)))
+    spread = _spread(in_camera)
+    head = f"The readout time is known to {1000 * found.sigma:.1f} ms only: "
+    if speed < STANDING_M_S:
+        return head + (
+            f"the drone stood still at most exposures, say its velocities ({found.motion.source})."
+        )
+    if spread < ONE_SPEED * speed:
+        return head + (
+            f"all images were taken at one speed in the camera's frame ({speed:.1f} m/s, differing "
+            f"by {spread:.2g} m/s), and then poses, ground and lens do what a shutter does."
+        )
+    swamped = _swamped(found, in_camera)
+    if swamped:
+        return head + swamped[0].lower() + swamped[1:]
+    if found.jackknife > 2 * found.formal:
+        low, high = (f(found.left, key=lambda one: one.readout) for f in (min, max))
+        return head + (
+            f"it hangs on single strips ({1000 * low.readout:.1f} ms without {low.strip}, "
+            f"{1000 * high.readout:.1f} ms without {high.strip})."
+        )
+    return head + (
+        "too few images differ in their velocity for what their points can tell "
+        f"(velocities differ by {spread:.1f} m/s)."
+    )
+
+
+def _swamped(found: FlightReadout, in_camera: np.ndarray) -> str:
+    """Derived velocities that differ by little more than their errors attenuate the readout.
+
+    By the square of the share (Fuller 1987, section 1.1): a tenth at ERRORS_SHARE.
+    """
+    spread = _spread(in_camera)
+    errors = float(np.median(np.linalg.norm(found.motion.sigma, axis=1)))
+    if found.motion.given or errors <= ERRORS_SHARE * spread:
+        return ""
+    return (
+        f"The velocities ({found.motion.source}) differ between the images by {spread:.2g} m/s in "
+        f"the camera's frame and are known to {errors:.2g} m/s: what differs may be their errors."
+    )
+
+
+def _spread(in_camera: np.ndarray) -> float:
+    """Standard deviation of the velocities (m, 3) between the images, m/s."""
+    return float(np.sqrt(np.var(in_camera, axis=0).sum()))
+
+
+def _negative(found: FlightReadout) -> str:
+    if found.readout >= -CONTRADICTS * found.sigma:
+        return ""
+    return (
+        f"The readout time comes out negative ({1000 * found.readout:.1f} ms): rows are read the "
+        "other way than row_direction of block.toml says, the pictures were turned, or the "
+        "velocities are wrong."
+    )
+
+
+def _disagree(found: FlightReadout) -> str:
+    if abs(found.eight - found.readout) <= CONTRADICTS * found.sigma:
+        return ""
+    return (
+        f"Eight and ten camera parameters disagree: {1000 * found.eight:.1f} and "
+        f"{1000 * found.readout:.1f} ms, so that what looks like a shutter may be the lens."
+    )
+
+
+def _stood(found: FlightReadout) -> str:
+    if abs(found.readout) > CONTRADICTS * found.sigma or found.motion.measured:
+        return ""
+    return (
+        "No motion of the rows is seen, and the velocities were derived from where the photographs "
+        "were taken: the shutter is global, or the drone stood still at each exposure."
+    )
+
+
+def use(found: FlightReadout) -> tuple[float | None, float | None, str]:
+    """Which readout to use and its sigma, s, and why; None where none is known."""
+    known = published_value(found)
+    told = f"{1000 * found.readout:.1f} +- {1000 * found.sigma:.1f} ms"
+    if known is None:
+        if found.told:
+            return found.readout, found.sigma, f"Use the flight's {told}: no other value is known."
+        return None, None, (
+            "No readout time is known: measure it from photographs (`corridor readout led --help`)"
+            " or fly again as advised."
+        )  # fmt: skip
+    value, sigma, source = known
+    word = f"{source} {1000 * value:.1f} ms"
+    if not found.told:
+        return value, sigma, f"Use the {word}: the flight neither proves nor disproves it."
+    if abs(found.readout - value) > 2 * np.hypot(found.sigma, sigma):
+        return found.readout, found.sigma, (
+            f"The {word} contradicts the flight's {told}: use the flight's, and look whether the "
+            "pictures were taken in another mode."
+        )  # fmt: skip
+    if found.sigma < sigma:
+        return found.readout, found.sigma, f"Use the flight's {told}: the {word} agrees with it."
+    return value, sigma, f"Use the {word}: the flight's {told} agrees and is less certain."
+
+
+def published_value(found: FlightReadout) -> tuple[float, float, str] | None:
+    """Published readout from the first to the last row, its sigma, s, and whose it is."""
+    rows = max(found.rows, 2)
+    if found.published:
+        # Published times count all rows.
+        each = [1e-3 * one.readout_ms * (rows - 1) / rows for one in found.published]
+        value, source = float(np.median(each)), "published"
+        scatter = float(np.std(each, ddof=1)) if len(each) > 1 else 0.0
+    elif found.stated:
+        value, scatter, source = found.stated, 0.0, "block's stated"
+    else:
+        return None
+    return value, max(PUBLISHED_SHARE * value, scatter), source

@@ -136,14 +136,16 @@ def supported(
     readout: slug of the effect with one shared readout and known velocities; per_image: slugs of
     effects with a motion of their own for each image. options: of `adjust`.
 
-    One readout is supported where its standard deviation, freed of errors of the velocities, is
-    below a fifth of the readout; motions of the images where the standard deviations of the
-    measured ground points (else of the tie points) grow by less than half.
+    One readout is supported where it is positive and its standard deviation, freed of errors of
+    the velocities, is below a fifth of it; motions of the images where the standard deviations of
+    the measured ground points (else of the tie points) grow by less than half.
     """
     told = []
     found = readout_with_errors(block, readout, _method(block, velocity), camera, **options)
-    size = abs(found.readout)
-    good = bool(np.isfinite(size) and found.sigma < POOR_READOUT * max(size, 1e-12))
+    # Rows are read forward in time: what is negative is no readout, however small its sigma.
+    good = bool(
+        np.isfinite(found.readout) and found.sigma < POOR_READOUT * max(found.readout, 1e-12)
+    )
     word = "supports" if good else "does not support"
     told.append(Support(readout, good, f"The block {word} one shared readout ({readout}): {found}"))
     reference = least_squares.adjust(block, camera=camera, **options)

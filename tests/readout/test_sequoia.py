@@ -17,7 +17,7 @@ from corridor.readout import (
     level_ground,
     median_residual,
     rates_from_gyro,
-    readout_from_flight,
+    readout_from_gyroscope,
 )
 
 OPTIONS = {"camera": "fixed", "loss": "huber:4", "lever_arm": "fixed"}
@@ -47,7 +47,7 @@ def still(block):
 
 @pytest.fixture(scope="module")
 def flight(still, gyro):
-    return readout_from_flight(rates_from_gyro(still.block, gyro), CURVE)
+    return readout_from_gyroscope(rates_from_gyro(still.block, gyro), CURVE)
 
 
 def test_rates_csv_has_each_record_on_the_clock_of_the_images(block, gyro):

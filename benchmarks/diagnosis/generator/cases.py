@@ -17,7 +17,8 @@ class Case:
         `unknown`.
     geometry: see `ground.plan`. strips: along the corridor, 0 for the geometry's own number.
     sortie: strips are shared out among flights in order (`in_turn`), or each flies `all` of them.
-    height m, speed m/s, pause_s between flights; forward, side: overlap.
+    height m, speed m/s, pause_s between flights; forward, side: overlap. beyond_s: photographs go
+        on so long before and after each strip.
     width, lines, f: of the camera, px. family: of the lens, `any` for one that is not Fraser's.
     texture_px: rms of what no smooth law describes; Fraser leaves another 0.001 px of the
         families. Both stay below what 60,000 observations of 0.3 px can show; 0.03 px would be an
@@ -47,6 +48,7 @@ class Case:
     side: float = 0.6
     azimuth_deg: float = 62.0
     pause_s: float = 400.0
+    beyond_s: float = 0.0
     width: int = 5120
     lines: int = 3840
     f: float = 5500.0

@@ -85,7 +85,9 @@ def make_scene(case, rng) -> Scene:
         case.geometry, case.images, case.strips, case.height, footprint, case.forward, case.side,
         azimuth,
     )  # fmt: skip
-    trajectory = fly(_sorties(strips, case), case.speed, case.air, case.pause_s, rng["flight"])
+    trajectory = fly(
+        _sorties(strips, case), case.speed, case.air, case.pause_s, rng["flight"], case.beyond_s
+    )
     count = len(trajectory.exposure)
     flights = [f"F{k + 1}" for k in range(case.flights)]
     images = np.array([f"{flights[f]}_{n + 1:04d}" for n, f in enumerate(trajectory.flight)])

@@ -141,10 +141,12 @@ def quaternion(matrices):
     return found * np.where(found[:, :1] < 0, -1.0, 1.0)
 
 
-def fly(flights, speed, air, pause_s, rng):
+def fly(flights, speed, air, pause_s, rng, beyond_s=0.0):
     """A Trajectory.
 
     flights: list of lists of Strip; speed: m/s through the air; pause_s: s between two flights.
+    beyond_s: photographs go on so long before and after each strip, where the drone speeds up,
+    brakes and stands.
     """
     legs = [_plan(strips, speed, air, rng) for strips in flights]
     tables, windows, clock = [], [], 30.0
@@ -157,10 +159,14 @@ def fly(flights, speed, air, pause_s, rng):
     exposure, flight, strip, number = [], [], [], 0
     for k, (strips, window) in enumerate(zip(flights, windows, strict=True)):
         for one, (begin, end) in zip(strips, window, strict=True):
-            time = np.linspace(begin, end, one.images) + rng.normal(0, 0.02, one.images)
+            step = (end - begin) / (one.images - 1)
+            more = int(beyond_s / step)
+            count = one.images + 2 * more
+            time = np.linspace(begin - more * step, end + more * step, count)
+            time += rng.normal(0, 0.02, count)
             exposure.append(np.round(time, 6))
-            flight.append(np.full(one.images, k))
-            strip.append(np.full(one.images, number))
+            flight.append(np.full(count, k))
+            strip.append(np.full(count, number))
             number += 1
     span = np.array([[np.ceil(part[0, 0]), np.floor(part[-1, 0])] for part in parts])
     return Trajectory(

@@ -1,0 +1,157 @@
+"""How often a flight tells its camera's readout time, and whether its sigma holds.
+
+python benchmarks/readout_flight.py [--count 100] [--first 0] [--json FILE] [--untold] [--short]
+
+Simulated surveys of the independent generator (`benchmarks/diagnosis/generator`): a continuous
+flight that brakes, stands and turns, a shaken camera whose turning nobody writes down, lenses that
+are not Fraser's, GNSS with slow errors. Readouts of 5 to 60 ms, several plans, and velocities as
+they come: written by the flight controller to 0.1 m/s and with a delay, or derived from positions,
+from whole seconds, from a track. Prints for each the error over the stated sigma, or why it was
+refused; with --untold for surveys that cannot tell, which are all to be refused.
+"""
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.diagnosis.generator import CALM, NOISES, Air, Case
+from benchmarks.diagnosis.generator.generate import draw, make_scene, streams, write_down
+from benchmarks.diagnosis.generator.trajectory import ACCELERATION
+from benchmarks.diagnosis.generator.world import World
+from corridor.errors import AdjustmentFailed, InputError
+from corridor.readout import readout_from_flight
+
+VELOCITIES = ("written", "positions", "whole seconds", "track")
+GEOMETRIES = ("nadir", "fixed_yaw", "cross", "oblique", "multi_height")
+_COLUMNS = ["vx", "vy", "vz"]
+# Positions of one receiver, and of two.
+_COARSE_M, _RTK_M = (1.0, 1.0, 2.0), NOISES["everyday"].gnss_white_m
+# Standard deviation of the delay of what the flight controller writes, s.
+DELAY_S = 0.15
+
+
+def survey(seed, images=(28, 42), observations=80, untold=False):
+    """A block, its readout (s) and how it was made, of a number.
+
+    untold: of those that cannot tell it: in calm air at one speed in the camera's frame, with
+    positions to a metre, or, every other one, stop and go with velocities from positions.
+    """
+    rng = np.random.default_rng([seed, 18])
+    readout, speed = rng.uniform(0.005, 0.060), rng.uniform(4.0, 11.0)
+    kind, geometry = VELOCITIES[seed % 4], str(rng.choice(GEOMETRIES))
+    # To where the drone stands: run in, braking, and up to three seconds of standing.
+    beyond = 1.5 * speed / ACCELERATION + 2.0 + rng.uniform(0.0, 3.0)
+    beyond = beyond if rng.random() < 0.75 else 0.0
+    stands, steady = untold and seed % 2 == 1, untold and seed % 2 == 0
+    if untold:
+        kind = "positions" if stands else "written"
+        geometry, beyond = "fixed_yaw" if stands else "nadir", 0.0
+    case = Case(
+        geometry=geometry, images=int(rng.integers(*images)), height=rng.uniform(40, 90),
+        strips=0 if geometry in ("cross", "multi_height") else int(rng.integers(2, 5)),
+        speed=speed, forward=rng.uniform(0.68, 0.78), beyond_s=beyond,
+        gnss="track" if kind == "track" else "exposures", gyro="none", control=2, check=0,
+        row_direction=str(rng.choice(["down", "up", "left", "right"])),
+        observations=observations, air=CALM if untold else Air(),
+        noise=replace(NOISES["everyday"], gnss_white_m=_COARSE_M if steady else _RTK_M),
+    )  # fmt: skip
+    draws = streams(seed)
+    scene = make_scene(case, draws)
+    world = World()
+    # Where the drone stands while it photographs, rows show no motion.
+    world.readout = 0.0 if stands else readout
+    block, _ = write_down(scene, world, case, draw(scene, case, draws), f"survey_{seed}")
+    # Ordinary surveys from photographs have no ground control.
+    block.marks, block.ground = block.marks.iloc[:0], block.ground.iloc[:0]
+    if kind == "written":
+        late = rng.normal(0, DELAY_S)
+        seen = scene.trajectory.velocity(scene.trajectory.exposure - late)
+        block.images[_COLUMNS] = np.round(seen, 1)
+    else:
+        block.images = block.images.drop(columns=_COLUMNS)
+    if kind == "whole seconds":
+        block.images["time_s"] = np.floor(block.images["time_s"])
+    made = {"seed": seed, "velocities": kind, "geometry": geometry, "beyond_s": round(beyond, 1)}
+    return block, readout, made | {"images": len(block.images), "true_ms": 1000 * readout}
+
+
+def measured(seed, **more):
+    """One row: what was simulated, and what the flight told."""
+    block, readout, row = survey(seed, **more)
+    began = time.process_time()
+    try:
+        found = readout_from_flight(block, advise=False)
+    except (InputError, AdjustmentFailed) as failed:
+        return row | {"told": False, "why": str(failed)}
+    return row | {
+        "told": found.told,
+        "why": " ".join(found.reasons),
+        "readout_ms": 1000 * found.readout,
+        "sigma_ms": 1000 * found.sigma,
+        "formal_ms": 1000 * found.formal,
+        "jackknife_ms": 1000 * found.jackknife,
+        "ratio": (found.readout - readout) / found.sigma,
+        "unstated_m_s": found.unstated,
+        "delay_s": found.delay[0],
+        "seconds": time.process_time() - began,
+    }
+
+
+def summary(rows):
+    """Errors over sigma of what was told, and of what was refused but estimated."""
+    told = np.array([row["ratio"] for row in rows if row["told"]])
+    other = np.array([row["ratio"] for row in rows if not row["told"] and "ratio" in row])
+    formal = np.array(
+        [(r["readout_ms"] - r["true_ms"]) / r["formal_ms"] for r in rows if r["told"]]
+    )
+    return {
+        "surveys": len(rows),
+        "told": len(told),
+        "error_over_sigma": _rms(told),
+        "beyond_2_sigma": int((np.abs(told) > 2).sum()),
+        "beyond_3_sigma": int((np.abs(told) > 3).sum()),
+        "error_over_formal_sigma": _rms(np.array(formal)),
+        "error_over_sigma_of_refused": _rms(other),
+    }
+
+
+def _rms(values):
+    return float(np.sqrt(np.mean(values**2))) if len(values) else None
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--count", type=int, default=100, help="surveys (default 100)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first one")
+    parser.add_argument("--untold", action="store_true", help="surveys that cannot tell it")
+    parser.add_argument("--short", action="store_true", help="twelve small ones")
+    parser.add_argument("--json", type=Path, help="write the rows and the summary to this file")
+    options = parser.parse_args()
+    small = {"images": (24, 30), "observations": 60} if options.short else {}
+    small |= {"untold": True} if options.untold else {}
+    rows = []
+    for seed in range(options.first, options.first + (12 if options.short else options.count)):
+        rows.append(measured(seed, **small))
+        row = rows[-1]
+        said = row["why"]
+        if row["told"]:
+            said = f"{row['readout_ms']:.2f} +- {row['sigma_ms']:.2f} ms: {row['ratio']:+.2f} sigma"
+        print(
+            f"{seed:3d} {row['velocities']:13s} {row['geometry']:12s} {row['images']:3d} images, "
+            f"true {row['true_ms']:.2f} ms; {said}",
+            flush=True,
+        )
+        if options.json:
+            content = {"summary": summary(rows), "surveys": rows}
+            options.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    json.dump(summary(rows), sys.stdout, indent=1)
+    print()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,190 @@
+"""What a flight tells of a readout time: sentences, tables, a folder with page and picture."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from corridor import figures
+from corridor.readout.flight import FlightReadout, published_value, use
+from corridor.report import (
+    Report,
+    Table,
+    check_folder,
+    png,
+    rounded,
+    short,
+    whole_folder,
+    write_json,
+)
+
+_PAGE, _PICTURE = "report.html", "readout.png"
+# A readout that was not told is none: whoever reads readout.json finds no number.
+_RESULT = {True: "readout.json", False: "refused.json"}
+_OURS = (_PAGE, _PICTURE, *_RESULT.values())
+_MOST_PUBLISHED = 6
+
+
+def report_of(found: FlightReadout) -> Report:
+    """The result as a report: the sentence, why or why not, and what it rests on."""
+    _, _, why = use(found)
+    if found.told:
+        value = _ms(found.readout, found.sigma)
+        said, warnings = f"The readout time is {value} by the flight itself.", []
+        if found.is_short:
+            most = 1000 * (max(found.readout, 0.0) + 2 * found.sigma)
+            said = f"The flight shows no rolling shutter: {value}, at most {most:.2g} (two sigma)."
+        opening = f"{said} {why}"
+    else:
+        opening = f"This flight does not tell the readout time. {why}"
+        warnings = list(found.reasons)
+    return Report(
+        f"Readout time of camera {found.camera} from a flight",
+        f"{opening} {_advice(found)}".strip(),
+        warnings,
+        [_values(found), _strips(found), *_published(found), _rests_on(found)],
+    )
+
+
+def _ms(value: float, sigma: float) -> str:
+    text, error = rounded(1000 * value, 1000 * sigma)
+    return f"{text} \u00b1 {error} ms"
+
+
+def _advice(found: FlightReadout) -> str:
+    if found.advice is None or found.advice.sigma > 0.8 * found.sigma:
+        return ""
+    places = ", ".join(found.advice.images)
+    return (
+        f"Four more photographs from where {places} were taken, {found.advice.how}, would bring it "
+        f"to {1000 * found.advice.sigma:.2g} ms."
+    )
+
+
+def _values(found: FlightReadout) -> Table:
+    rows = [
+        ("by the flight", *_pair(found.readout, found.sigma), "all included"),
+        ("", "", rounded(0.0, 1000 * found.formal)[1], "of it formal"),
+        ("", "", _sigma(found.jackknife), "by the jackknife over strips alone"),
+        ("with eight camera parameters", *_pair(found.eight, found.eight_sigma), "b1 = b2 = 0"),
+    ]
+    known = published_value(found)
+    if known is not None:
+        rows.append((known[2], *_pair(known[0], known[1]), "modes and sources differ by so much"))
+    return Table("Readout time, first to last row", ("", "ms", "sigma", ""), tuple(rows), "lrrl")
+
+
+def _pair(value: float, sigma: float) -> tuple[str, str]:
+    return rounded(1000 * value, 1000 * sigma)
+
+
+def _sigma(value: float) -> str:
+    return rounded(0.0, 1000 * value)[1] if np.isfinite(value) and value > 0 else "\u2013"
+
+
+def _strips(found: FlightReadout) -> Table:
+    rows = tuple((one.strip, str(one.images), *_pair(one.readout, one.sigma)) for one in found.left)
+    return Table("Without one strip", ("left out", "images", "ms", "formal"), rows, "lrrr")
+
+
+def _published(found: FlightReadout) -> list[Table]:
+    if not found.published:
+        return []
+    shown = found.published[:_MOST_PUBLISHED]
+    rows = tuple((f"{o.readout_ms:g}", o.mode or "not stated", short(o.source, 60)) for o in shown)
+    more = len(found.published) - len(shown)
+    notes = (f"and {more} more",) if more else ()
+    return [Table("Published, all rows", ("ms", "mode", "source"), rows, "rll", notes)]
+
+
+def _rests_on(found: FlightReadout) -> Table:
+    speed = np.linalg.norm(found.motion.velocity, axis=1)
+    low, middle, high = np.percentile(speed, [0, 50, 100])
+    delay, delay_sigma = found.delay
+    rows = (
+        ("velocities", found.motion.source),
+        ("speeds", f"{low:.1f} to {high:.1f} m/s, median {middle:.1f} m/s"),
+        ("sigma of a velocity", f"{np.median(found.motion.independent):.2g} m/s (median)"),
+        ("motion nobody wrote down", f"{found.unstated:.2g} m/s"),
+        ("speeds written late by", f"{delay:.2f} \u00b1 {delay_sigma:.2f} s"),
+        ("images, sigma naught", f"{len(found.names)}, {found.sigma0:.2f}"),
+    )
+    return Table("What it rests on", (), rows, "ll", found.notes)
+
+
+def to_dict(found: FlightReadout) -> dict:
+    """The content of readout.json; times in milliseconds where the key says so."""
+    value, sigma, why = use(found)
+    known = published_value(found)
+    return {
+        "target": "flight",
+        "method": "least-squares adjustment of a survey with the velocities of its images",
+        "told": found.told,
+        "reasons": list(found.reasons),
+        "camera": found.camera,
+        "readout_ms": 1000 * found.readout,
+        "sigma_ms": 1000 * found.sigma,
+        "formal_sigma_ms": 1000 * found.formal,
+        "jackknife_sigma_ms": 1000 * found.jackknife,
+        "rows": found.rows,
+        "eight_parameters": {
+            "readout_ms": 1000 * found.eight, "sigma_ms": 1000 * found.eight_sigma
+        },
+        "without_strip": [
+            {"strip": one.strip, "images": one.images, "readout_ms": 1000 * one.readout,
+             "sigma_ms": 1000 * one.sigma}
+            for one in found.left
+        ],
+        "published": None if known is None else {
+            "readout_ms": 1000 * known[0], "sigma_ms": 1000 * known[1], "whose": known[2],
+            "values": [
+                {"readout_ms": one.readout_ms, "mode": one.mode, "source": one.source}
+                for one in found.published
+            ],
+        },
+        "use": {
+            "readout_ms": None if value is None else 1000 * value,
+            "sigma_ms": None if sigma is None else 1000 * sigma,
+            "why": why,
+        },
+        "next_photographs": None if found.advice is None else {
+            "images": list(found.advice.images), "how": found.advice.how,
+            "sigma_ms": 1000 * found.advice.sigma,
+        },
+        "velocities": {
+            "source": found.motion.source, "measured": found.motion.measured,
+            "sigma_m_s": float(np.median(found.motion.independent)),
+            "unstated_m_s": found.unstated, "delay_s": found.delay[0],
+            "delay_sigma_s": found.delay[1],
+        },
+        "warnings": list(found.notes),
+        "pictures": [_PICTURE],
+    }  # fmt: skip
+
+
+def can_save_flight(folder: str | os.PathLike) -> None:
+    """Raises InputError, before any work is done, where `save_flight` would refuse `folder`."""
+    check_folder(folder, _PAGE)
+
+
+def save_flight(found: FlightReadout, folder: str | os.PathLike) -> list[Path]:
+    """Writes report.html, readout.png and readout.json, whole or not at all; returns the paths.
+
+    Where the flight does not tell, refused.json stands in place of readout.json.
+    Raises InputError where `folder` is a file or a folder of something else.
+    """
+    picture = png(figures.flight_readout(found, published_value(found)))
+    caption = (
+        "Left: the readout time by the whole flight (thick bar: the honest sigma), without each "
+        "strip, with eight camera parameters, and as published. Right: where the images were taken "
+        "and how fast the drone flew; circles: where four more photographs would tell most."
+    )
+    page = report_of(found).page([("Readout time from the flight", caption, picture)])
+    files = (_RESULT[found.told], _PAGE, _PICTURE)
+    with whole_folder(folder, _PAGE, lambda name: name in _OURS) as part:
+        (part / _PICTURE).write_bytes(picture)
+        (part / _PAGE).write_text(page, encoding="utf-8", newline="\n")
+        write_json(to_dict(found), part / files[0])
+    return [Path(folder) / name for name in files]
