@@ -546,7 +546,7 @@ if here:
     still = corridor.adjust(five, **options)
     steady = corridor.adjust(five, effects=["rolling_shutter"], **options)
     turning = shutter.rates_from_gyro(still.block, pd.read_csv(folder / "gyro.csv"))
-    curve = shutter.readout_from_flight(turning, "rolling_shutter_rotation")
+    curve = shutter.readout_from_gyroscope(turning, "rolling_shutter_rotation")
     for name, found in (
         ("no shutter", still), ("one rate an image", steady), ("gyroscope", curve.adjustment)
     ):  # fmt: skip

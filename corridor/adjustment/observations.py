@@ -11,6 +11,9 @@ from corridor.block import Block
 from corridor.effects import Images
 from corridor.errors import InputError
 
+# Coordinates of ground points known no better than this are worse start values than a result, m.
+VAGUE_M = 1.0
+
 
 @dataclass
 class Network:
@@ -58,6 +61,21 @@ class Gnss:
     gnss_weight: np.ndarray
 
 
+def _starts_of_marks(block: Block) -> np.ndarray:
+    """Start coordinates (points, 3) of marked points: of points.csv where the ground's are vague.
+
+    An adjustment that starts from the result of another stays where that one came to rest.
+    """
+    starts = block.positions("marks")
+    vague = block.ground.loc[(block.ground_sigma() > VAGUE_M).any(axis=1), "point"]
+    rows = block.points[block.points["point"].isin(vague)]
+    at = block.marks["point"].cat.categories.get_indexer(rows["point"])
+    xyz = rows[["x", "y", "z"]].to_numpy(float)
+    known = (at >= 0) & np.isfinite(xyz).all(axis=1)
+    starts[at[known]] = xyz[known]
+    return starts
+
+
 def network_of(block: Block, images: Images, control: set[str], unused: set[str]) -> Network:
     """Observations sorted by point and image, points by their images, images by place."""
     tie, mark = block.tie_points, block.marks
@@ -72,7 +90,7 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
     )
     del codes
     count = len(tie_names) + len(mark_names)
-    xyz = np.concatenate([block.positions("tie_points"), block.positions("marks")])
+    xyz = np.concatenate([block.positions("tie_points"), _starts_of_marks(block)])
     skip = np.zeros(count, dtype=bool)
     skip[len(tie_names) :] = [name in unused for name in mark_names]
     multiplicity = np.bincount(point, minlength=count)

@@ -17,7 +17,8 @@ from corridor.errors import AdjustmentFailed, InputError
 from corridor.photographs import PublishedReadout, of_picture, published_readouts
 from corridor.readout.motion import Motion, motion_of, strips_of, with_velocities
 from corridor.readout.next_photographs import Advice, advice
-from corridor.readout.row_motion import SHUTTER, RowMotions
+from corridor.readout.roles import late_clock, shutter
+from corridor.readout.row_motion import RowMotions
 
 # A readout is told where its sigma is below this share of it, or below so many seconds: then a
 # shutter that is nearly global is told as well.
@@ -31,7 +32,6 @@ PUBLISHED_SHARE = 0.07
 ONE_SPEED = 0.1
 STANDING_M_S = 0.3
 ERRORS_SHARE = 0.3
-_GNSS_LATE = "clock_offset"
 _FIRST_ITERATIONS, _SETTLED = 40, 1e-5
 
 
@@ -196,7 +196,7 @@ def _one_camera(block: Block) -> str:
 
 def _adjusted(block: Block, loss: str, max_iterations: int) -> least_squares.Adjustment:
     """Adjusted with one readout; gross errors, which the loss follows slowly, are left out."""
-    effects = [SHUTTER, *([_GNSS_LATE] if len(block.gnss) else [])]
+    effects = [shutter(), *([late_clock()] if len(block.gnss) else [])]
     model = least_squares.Model(camera=least_squares.REFERENCE_CAMERA, effects=effects, loss=loss)
     found = least_squares.adjust(block, model=model, max_iterations=_FIRST_ITERATIONS)
     ties = found.residuals["tie"]

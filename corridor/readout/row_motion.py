@@ -21,10 +21,9 @@ from scipy.sparse import csc_array, diags_array, eye_array, hstack
 from scipy.sparse.linalg import splu
 
 from corridor.adjustment import Adjustment, LinearSystem, Loss
-from corridor.effects import find
 from corridor.readout.motion import Motion
+from corridor.readout.roles import free_motion, shutter
 
-SHUTTER, FREE = "rolling_shutter", "motion_per_image"
 # Below this a readout scales no error of a velocity any more: a global shutter.
 LEAST_S = 0.002
 # Motion that nobody wrote down, m/s: what is looked at.
@@ -61,7 +60,7 @@ class RowMotions:
 
     @classmethod
     def of(cls, adjustment: Adjustment, motion: Motion) -> RowMotions:
-        """The equations at an adjustment with `rolling_shutter`; motion: as in images.csv."""
+        """The equations at an adjustment with the shutter's readout; motion: as in images.csv."""
         loss = Loss.parse(adjustment.problem.model.loss)
         system = LinearSystem(adjustment.problem, adjustment.state, loss)
         return cls.at(system, adjustment.sigma0, motion)
@@ -69,7 +68,7 @@ class RowMotions:
     @classmethod
     def at(cls, system: LinearSystem, sigma0: float, motion: Motion) -> RowMotions:
         """The equations of a system that has no columns for the motions yet."""
-        system = replace(system.testing([find(FREE)]), gnss_counts=True)
+        system = replace(system.testing([free_motion(system.block)]), gnss_counts=True)
         return cls(system, sigma0, motion.rows(system.image_order))
 
     @cached_property
@@ -87,11 +86,11 @@ class RowMotions:
     @cached_property
     def _motions(self) -> np.ndarray:
         """Columns (m, 6) of the motions and turns of the images."""
-        return self.system.columns.of_image[FREE]
+        return self.system.columns.of_image[free_motion(self.system.block).slug]
 
     @cached_property
     def _readout(self) -> int:
-        return int(self.system.columns.of(SHUTTER)[0])
+        return int(self.system.columns.of(shutter().slug)[0])
 
     @cached_property
     def _height(self) -> float:

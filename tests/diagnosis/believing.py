@@ -12,7 +12,7 @@ from corridor.simulation import CAMLIGHT, add_noise
 NOISE = {"tie_px": 0.3, "mark_px": 0.3, "gnss_m": 0.010, "control_m": 0.004}
 
 
-def flown(effects=None, noise=None, seed=1, calibrated=False, **options):
+def flown(effects=None, noise=None, seed=1, calibrated=False, constants=None, **options):
     """36 images in two flights at two heights, warming up; effects and noise on top."""
     options = {
         "images": 36,
@@ -24,6 +24,8 @@ def flown(effects=None, noise=None, seed=1, calibrated=False, **options):
         observations_per_image=90, control=5, check=4, seed=seed, relief=6.0,
         camera=replace(CAMLIGHT, calibrated=calibrated), turned=False, **options,
     )  # fmt: skip
+    if constants:
+        block.extra["effect"] = constants
     count = len(block.images)
     block.images["temperature_c"] = 25 + 8 * np.sin(np.arange(count) / 5)
     return add_noise(add(block, effects or {}), **(NOISE | (noise or {})), seed=seed)
