@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from corridor.change.result import Change
 from corridor.change.surface import SurfaceChange
 from corridor.errors import InputError
 from corridor.report import Layer, write_geopackage, write_las
+
+if TYPE_CHECKING:
+    from corridor.change.result import Change
 
 
 def write_gis(change: Change, folder: Path) -> list[str]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from corridor import figures
 from corridor.change.export import write_gis
-from corridor.change.result import Change
 from corridor.change.sentence import millimetres, remedies, verdict_sentence
 from corridor.change.surface import SurfaceChange
 from corridor.report import (
@@ -22,6 +22,9 @@ from corridor.report import (
     write_json,
     write_picture,
 )
+
+if TYPE_CHECKING:
+    from corridor.change.result import Change
 
 RESULT = "change.json"
 _VERDICTS = {

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from corridor.change.result import Change
 from corridor.change.surface import SurfaceChange
 from corridor.effects import find
 from corridor.report import DASH
+
+if TYPE_CHECKING:
+    from corridor.change.result import Change
 
 # What tells an effect of this place from motion of the ground.
 _HELP = {

@@ -26,8 +26,6 @@ POOR_SHARE, SHORT_S = 0.2, 0.002
 # Eight and ten camera parameters, or a sign, contradict beyond so many sigmas.
 CONTRADICTS = 3.0
 LEAST_GROUPS, LEAST_IMAGES = 3, 8
-# Sources of one camera differ by 5 to 10 per cent.
-PUBLISHED_SHARE = 0.07
 # Speeds in the camera's frame that differ by less than this share are one speed.
 ONE_SPEED = 0.1
 STANDING_M_S = 0.3
@@ -343,43 +341,3 @@ def _stood(found: FlightReadout) -> str:
         "No motion of the rows is seen, and the velocities were derived from where the photographs "
         "were taken: the shutter is global, or the drone stood still at each exposure."
     )
-
-
-def use(found: FlightReadout) -> tuple[float | None, float | None, str]:
-    """Which readout to use and its sigma, s, and why; None where none is known."""
-    known = published_value(found)
-    told = f"{1000 * found.readout:.1f} +- {1000 * found.sigma:.1f} ms"
-    if known is None:
-        if found.told:
-            return found.readout, found.sigma, f"Use the flight's {told}: no other value is known."
-        return None, None, (
-            "No readout time is known: measure it from photographs (`corridor readout led --help`)"
-            " or fly again as advised."
-        )  # fmt: skip
-    value, sigma, source = known
-    word = f"{source} {1000 * value:.1f} ms"
-    if not found.told:
-        return value, sigma, f"Use the {word}: the flight neither proves nor disproves it."
-    if abs(found.readout - value) > 2 * np.hypot(found.sigma, sigma):
-        return found.readout, found.sigma, (
-            f"The {word} contradicts the flight's {told}: use the flight's, and look whether the "
-            "pictures were taken in another mode."
-        )  # fmt: skip
-    if found.sigma < sigma:
-        return found.readout, found.sigma, f"Use the flight's {told}: the {word} agrees with it."
-    return value, sigma, f"Use the {word}: the flight's {told} agrees and is less certain."
-
-
-def published_value(found: FlightReadout) -> tuple[float, float, str] | None:
-    """Published readout from the first to the last row, its sigma, s, and whose it is."""
-    rows = max(found.rows, 2)
-    if found.published:
-        # Published times count all rows.
-        each = [1e-3 * one.readout_ms * (rows - 1) / rows for one in found.published]
-        value, source = float(np.median(each)), "published"
-        scatter = float(np.std(each, ddof=1)) if len(each) > 1 else 0.0
-    elif found.stated:
-        value, scatter, source = found.stated, 0.0, "block's stated"
-    else:
-        return None
-    return value, max(PUBLISHED_SHARE * value, scatter), source

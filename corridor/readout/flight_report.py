@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from corridor import figures
-from corridor.readout.flight import FlightReadout, published_value, use
+from corridor.readout.flight_value import published_value, use
 from corridor.report import (
     Report,
     Table,
@@ -19,6 +20,9 @@ from corridor.report import (
     whole_folder,
     write_json,
 )
+
+if TYPE_CHECKING:
+    from corridor.readout.flight import FlightReadout
 
 _PAGE, _PICTURE = "report.html", "readout.png"
 # A readout that was not told is none: whoever reads readout.json finds no number.
