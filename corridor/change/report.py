@@ -123,13 +123,13 @@ def _points(change: Change) -> Table | None:
         numbers = [
             millimetres(v, s) for v, s in ((row.dx, row.sx), (row.dy, row.sy), (row.dz, row.sz))
         ]
-        probability = "" if np.isnan(row.probability) else significant(row.probability)
+        probability = "" if np.isnan(row.probability) else _chance(row.probability)
         rows.append((str(row.point), *numbers, probability, row.verdict))
     frame = pd.DataFrame(rows, columns=["point", "dx", "dy", "dz", "probability", "verdict"])
     overall = points.overall
     notes = [
         f"All together: {overall.statistic:.1f} with {overall.freedom} independent numbers, "
-        f"probability {overall.probability:.2g} were nothing moved."
+        f"probability {_chance(overall.probability)} were nothing moved."
     ]
     return Table.of(frame, "Points, second date minus first", notes)
 
@@ -169,7 +169,7 @@ def _effects(change: Change, most: int = 8) -> Table | None:
             "yes" if row.log_evidence > 7.6 else "no",
             f"{100 * row.shape_share:.0f} %",
             f"{100 * row.explained:.0f} %",
-            significant(row.probability),
+            _chance(row.probability),
             "yes" if row.hides else "no",
         )
         for row in table.head(most).itertuples()
@@ -239,3 +239,8 @@ def detection_report(surface: SurfaceChange) -> Report:
         f"{low:.0f} to {high:.0f} mm from best to worst); one of 10 mm in {share:.0f} % of it."
     )
     return Report("Level of detection", opening, [], [_surface_table(surface)])
+
+
+def _chance(probability: float) -> str:
+    """A probability to two digits; far below what any test tells apart it is only said so."""
+    return "below 1e-9" if probability < 1e-9 else significant(probability)

@@ -27,8 +27,8 @@ from pathlib import Path
 from corridor.cli._options import add, flag, number, option, say, several, whole, wrote
 from corridor.errors import InputError
 
-# A block, its diagnosis and the baselines on one idle core, 40 and 80 images.
-_SECONDS_SHORT, _SECONDS = 10.0, 30.0
+# A block of 40 images, its diagnosis and the baselines on one idle core: 7 to 14 s.
+_SECONDS = 10.0
 KINDS = ("null", "single", "lookalike", "together", "unknown", "perfect", "all")
 
 
@@ -109,11 +109,12 @@ def _how_long(trials, options):
     blocks = counted(len(trials), "block")
     if options.cluster is not None:
         return f"{blocks}, on the workers of {options.cluster}"
-    each = _SECONDS_SHORT if options.short else _SECONDS
-    minutes = max(round(len(trials) * each / options.jobs / 60), 1)
+    if not options.short:
+        return f"{blocks}; Ctrl-C keeps what is done"
+    minutes = max(round(len(trials) * _SECONDS / options.jobs / 60), 1)
     long = f"{minutes / 60:.1f} hours" if minutes >= 90 else counted(minutes, "minute")
     return (
-        f"{blocks}: about {long} on an idle machine ({each:.0f} s a block and process); Ctrl-C "
+        f"{blocks}: about {long} on an idle machine ({_SECONDS:.0f} s a block and process); Ctrl-C "
         "keeps what is done"
     )
 

@@ -123,9 +123,9 @@ def point_changes(points: PointChanges) -> Figure:
     """Displacements of named points, an axis a panel, with two standard deviations."""
     names = [str(name) for name in points.names]
     keys = [
-        style.key("moved", **style.dot("o", style.MIDDLE)),
+        style.key("moved", **style.dot("s", style.MIDDLE)),
         style.key("stable", **style.dot("o", style.DARK)),
-        style.key("held as control", **style.dot("o", style.FAINT)),
+        style.key("held as control", **style.dot("^", style.FAINT)),
     ]
     figure, panels = style.charts(
         "displacements of named points",
@@ -133,15 +133,17 @@ def point_changes(points: PointChanges) -> Figure:
         [2.6],
         3,
         keys,
+        sharex=True,
         sharey=True,
     )
+    shapes = np.where(points.held, "^", np.where(points.moved, "s", "o"))
     colours = np.where(points.held, style.FAINT, np.where(points.moved, style.MIDDLE, style.DARK))
     row = np.arange(len(names))
     for axis, axes in enumerate(panels[0]):
         d, s = 1000 * points.shift[:, axis], 1000 * points.sigma[:, axis]
         for k in row:
             axes.plot([d[k] - 2 * s[k], d[k] + 2 * s[k]], [k, k], color=colours[k], lw=1.2)
-            axes.plot(d[k], k, **style.dot("o", colours[k], 4.0))
+            axes.plot(d[k], k, **style.dot(shapes[k], colours[k], 4.0))
         axes.axvline(0.0, color=style.QUIET, lw=0.5, zorder=0)
         style.label(axes, f"d{'xyz'[axis]} (mm)")
         axes.set_ylim(len(names) - 0.5, -0.5)
