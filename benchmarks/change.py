@@ -18,11 +18,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import csr_array
 
 import corridor
 from corridor import effects
 from corridor.change import (
     Chosen,
+    Functions,
     Joint,
     Settlement,
     clouds,
@@ -63,31 +65,45 @@ def middle(block):
     return tuple(np.median(block.points[["x", "y"]].to_numpy(float), axis=0))
 
 
-def rates(count: int) -> dict:
-    """Scatter over stated sigma (1 is right), false alarms, detection."""
+def draws(count: int, first: int = 5000) -> dict:
+    """Changes over their stated sigma in so many comparisons of the dike at rest, by kind; seen
+    (count, 2): share of the surface that is significant at the level of detection and at twice;
+    moved: draws in which a point is said to have moved.
+    """
     block = dike()
     x, y = middle(block)
     polygon = np.array([[x - 15, y - 10], [x + 15, y - 10], [x + 15, y + 10], [x - 15, y + 10]])
-    cores, kinds, seen, alarms = None, {"surface": [], "points": [], "volume": []}, [], 0
+    cores, out = None, {"surface": [], "points": [], "volume": [], "seen": [], "moved": 0}
     for k in range(count):
-        pair = [corridor.adjust(flown(block, 5000 + 2 * k + n)) for n in (0, 1)]
+        pair = [corridor.adjust(flown(block, first + 2 * k + n)) for n in (0, 1)]
         joint = Joint(*clouds(*pair, Chosen(), True))
         cores = cores or make_cores(joint.before.xyz, joint.after.xyz, spacing=12.0)
         surface = surface_change(joint, cores, sampled=False)
         points = point_changes(joint, 0.01, "stated", "rigid")
         one = volume(joint, polygon, cores, sampled=False)
-        kinds["surface"].append(surface.distance / surface.sigma)
-        kinds["points"].append((points.shift / points.sigma).ravel())
-        kinds["volume"].append(np.array([one.value / one.sigma]))
+        out["surface"].append(surface.distance / surface.sigma)
+        out["points"].append((points.shift / points.sigma).ravel())
+        out["volume"].append(np.array([one.value / one.sigma]))
+        # The distance is linear: a rise of its level of detection is added as such.
         risen = np.abs(surface.distance + np.outer([1, 2], surface.detection))
-        seen.append((risen > surface.detection).mean(axis=1))
-        alarms += bool(points.moved.any())
-    scatter = {k: float(np.sqrt(np.mean(np.concatenate(v) ** 2))) for k, v in kinds.items()}
-    once, twice = np.mean(seen, axis=0)
+        out["seen"].append((risen > surface.detection).mean(axis=1))
+        out["moved"] += bool(points.moved.any())
+    return out
+
+
+def scatter(values: list[np.ndarray]) -> float:
+    """Root mean square of numbers over their stated sigma: 1 is right."""
+    return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
+
+
+def rates(count: int) -> dict:
+    """Scatter over stated sigma (1 is right), false alarms, detection."""
+    found = draws(count)
+    once, twice = np.mean(found["seen"], axis=0)
     return {
         "draws": count,
-        "scatter_over_sigma": scatter,
-        "draws_with_a_false_point": alarms,
+        "scatter_over_sigma": {k: scatter(found[k]) for k in ("surface", "points", "volume")},
+        "draws_with_a_false_point": found["moved"],
         "seen_at_level_of_detection": float(once),
         "seen_at_twice": float(twice),
     }
@@ -109,7 +125,7 @@ def verdicts(count: int) -> dict:
     return {name: dict(counts) for name, counts in found.items()}
 
 
-def speed(images: int, cores: int) -> dict:
+def speed(images: int, same_ties: bool) -> dict:
     """Seconds and memory (GB) of a surface beyond two adjustments."""
     plan = read_plan(Path(__file__).parents[1] / "data_synthetic" / "dike.toml")
     grown = images / 42
@@ -120,44 +136,73 @@ def speed(images: int, cores: int) -> dict:
     pair = [corridor.adjust(flown(block, draw), threads=2) for draw in (1, 2)]
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     began = time.perf_counter()
-    joint = Joint(*clouds(*pair, Chosen(), True))
-    area = np.prod(np.ptp(joint.before.xyz[:, :2], axis=0))
-    found = surface_change(
-        joint,
-        make_cores(joint.before.xyz, joint.after.xyz, spacing=float(np.sqrt(area / cores) / 3)),
-        sampled=False,
-    )
+    joint = Joint(*clouds(*pair, Chosen(), same_ties))
+    # As close as the most core points allow.
+    cores = make_cores(joint.before.xyz, joint.after.xyz, spacing=0.1)
+    found = surface_change(joint, cores, sampled=not same_ties)
+    seconds = time.perf_counter() - began
     after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     return {
         "images": len(block.images),
+        "observations": len(block.tie_points),
         "core_points": len(found),
-        "seconds": time.perf_counter() - began,
+        "same_ties": same_ties,
+        "seconds": seconds,
         "peak_gb_before": before,
         "peak_gb_after": after,
     }
 
 
 def maps(count: int) -> dict:
-    """Sigma of tie points from so many simulated adjustments against ours, and the seconds."""
+    """Sigmas of one date from so many simulated adjustments against ours, and the seconds.
+
+    Of tie points, as precision maps have them; of the surface at core points; of a volume.
+    """
     block = dike()
     began = time.perf_counter()
     one = corridor.adjust(flown(block, 1))
     ours = one.point_sigma / one.sigma0
     exact = time.perf_counter() - began
+    surface = surface_over(one, corridor.adjust(flown(block, 2)))
+    inside = np.ones((1, len(surface))) / len(surface)
+    functions = [surface.functions.before, surface.sums(inside).before]
+    stated = [one_sided(surface.joint, rows) / one.sigma0 for rows in functions]
     began = time.perf_counter()
-    names, drawn = one.points["point"], []
+    names, drawn = surface.joint.before.epoch.names, []
     for k in range(count):
         points = corridor.adjust(flown(block, 100 + k)).points.set_index("point")
         drawn.append(points.loc[names, ["x", "y", "z"]].to_numpy(float))
-    scattered = np.std(drawn, axis=0, ddof=1)
     seconds = time.perf_counter() - began
-    ratio = np.sqrt(np.mean((scattered / ours) ** 2, axis=0))
+    drawn = np.array(drawn)
+    spread = np.std(drawn, axis=0, ddof=1)[[list(names).index(n) for n in one.points["point"]]]
+    values = [drawn.reshape(count, -1) @ rows.T for rows in functions]
+    ratios = [np.std(v, axis=0, ddof=1) / s for v, s in zip(values, stated, strict=True)]
     return {
         "draws": count,
-        "scatter_over_sigma_xyz": ratio.tolist(),
+        "standard_error": float(np.sqrt(0.5 / (count - 1))),
+        "scatter_over_sigma_xyz": np.sqrt(np.mean((spread / ours) ** 2, axis=0)).tolist(),
+        "scatter_over_sigma_surface": float(np.sqrt(np.mean(ratios[0] ** 2))),
+        "scatter_over_sigma_volume": float(ratios[1][0]),
         "seconds_simulated": seconds,
         "seconds_exact": exact,
     }
+
+
+def surface_over(before, after):
+    """The change of the surface in the polygon of the volumes, upright cells."""
+    joint = Joint(*clouds(before, after, Chosen(), True))
+    x, y = np.median(joint.before.xyz[:, :2], axis=0)
+    grid = np.stack(np.meshgrid(np.arange(-13.5, 15, 3), np.arange(-8.5, 10, 3)), axis=-1)
+    places = grid.reshape(-1, 2) + [x, y]
+    first, second = joint.before.xyz, joint.after.xyz
+    return surface_change(
+        joint, make_cores(first, second, normal="vertical", at=places), sampled=False
+    )
+
+
+def one_sided(joint, rows) -> np.ndarray:
+    """Standard deviations (r,), m, of functions of the points of the first date alone."""
+    return np.sqrt(joint.variance(Functions(rows, csr_array(rows.shape))))
 
 
 def m3c2() -> dict | None:
@@ -198,14 +243,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--verdicts", type=int, default=50)
     parser.add_argument("--maps", type=int, default=1000)
     parser.add_argument("--images", type=int, default=1000)
-    parser.add_argument("--cores", type=int, default=20000)
     options = parser.parse_args(arguments)
     found = {
         "rates": rates(options.draws) if options.draws else None,
         "verdicts": verdicts(options.verdicts) if options.verdicts else None,
         "maps": maps(options.maps) if options.maps else None,
         "m3c2": m3c2(),
-        "speed": speed(options.images, options.cores) if options.images else None,
+        "speed": [speed(options.images, same) for same in (True, False) if options.images],
     }
     print(found)
     with whole_file(options.output / "change.json") as part:

@@ -23,7 +23,7 @@ from corridor.change.joint import Joint
 from corridor.change.lines import read_line
 from corridor.change.motion import Settlement, Slide, Tilt, moved_ground
 from corridor.change.points import PointChanges, point_changes
-from corridor.change.report import detection_report, of_change, save
+from corridor.change.report import detection_report, detection_table, of_change, save
 from corridor.change.result import Change
 from corridor.change.sentence import remedies, verdict_sentence
 from corridor.change.signature import Signatures
@@ -52,6 +52,7 @@ __all__ = [
     "clouds",
     "detection",
     "detection_report",
+    "detection_table",
     "displacements",
     "explain",
     "gathered",

@@ -227,7 +227,7 @@ class _Run:
         )
         remaining = self.compared(adjusted)
         again = self._evidence(remaining)
-        plain = tested(again.value, again.covariance, self.asked.level)
+        plain = again.test(self.asked.level)
         visible = _visible(evidence, again, self.asked.level)
         last = explain(again, self.asked.level, first.shown)
         return remaining, replace(
@@ -254,7 +254,7 @@ def _visible(before, after, level: float) -> bool:
     """Whether the change as it was would be significant with the errors as they are now."""
     if len(before) != len(after):
         return True
-    return tested(before.value, after.covariance, level).significant
+    return tested(before.value, after.covariance, level, after.freedom).significant
 
 
 def _stable_names(compared: Compared, stable: Iterable[str] | None) -> list[str]:

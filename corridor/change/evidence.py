@@ -12,7 +12,7 @@ from corridor.change.clouds import Functions
 from corridor.change.joint import Joint
 from corridor.change.points import PointChanges
 from corridor.change.signature import Signatures
-from corridor.change.significance import congruency, discoveries, two_sided
+from corridor.change.significance import congruency, discoveries, normal_scores, two_sided
 from corridor.change.surface import SurfaceChange
 
 # Cells of the surface at most: their covariance is a dense matrix.
@@ -23,6 +23,7 @@ MOST_CELLS = 240
 class Evidence:
     """Changes (k,), m, with their covariance (k, k), places (k, 2) and kinds (k,), and what the
     effects of each epoch would do to them: effect (k, e), a column a parameter of `Signatures`.
+    freedom (k,): degrees of freedom of each variance, see `SurfaceChange`.
     """
 
     value: np.ndarray
@@ -31,6 +32,7 @@ class Evidence:
     kinds: np.ndarray
     signatures: tuple[Signatures, ...]
     effect: tuple[np.ndarray, ...]
+    freedom: np.ndarray
 
     def __len__(self) -> int:
         return len(self.value)
@@ -46,6 +48,11 @@ class Evidence:
             value -= effect[:, at] @ found.value
             covariance += effect[:, at] @ found.covariance @ effect[:, at].T
         return value, covariance
+
+    def test(self, level: float, slugs: tuple[set[str], ...] = ()) -> Test:
+        """Whether the changes are significant, with some effects of each epoch estimated."""
+        value, covariance = self.without(slugs) if slugs else (self.value, self.covariance)
+        return tested(value, covariance, level, self.freedom)
 
     @property
     def every(self) -> tuple[set[str], ...]:
@@ -63,12 +70,16 @@ class Test:
     freedom: int
 
 
-def tested(value: np.ndarray, covariance: np.ndarray, level: float) -> Test:
-    """The global test and the single ones, at half the level each."""
+def tested(value: np.ndarray, covariance: np.ndarray, level: float, freedom: np.ndarray) -> Test:
+    """The global test and the single ones, at half the level each.
+
+    freedom (k,): of each variance; a change counts as the normal one that is as unlikely.
+    """
     if not len(value):
         return Test(False, 1.0, 0)
-    overall = congruency(value, covariance)
-    z = value / np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    z = normal_scores(value / sigma, freedom)
+    overall = congruency(z * sigma, covariance)
     single = two_sided(z)
     found = discoveries(single, 0.5 * level).any() or overall.probability < 0.5 * level
     least = min(overall.probability, float(single.min()) * len(single))
@@ -91,7 +102,14 @@ def gathered(
     spreads = [part.spread for part in joint.parts(functions)]
     effect = tuple(s.on(spread) for s, spread in zip(signatures, spreads, strict=True))
     value, places, kinds = (np.concatenate([part[n] for part in parts]) for n in (1, 2, 3))
-    return Evidence(value, covariance, places, kinds, signatures, effect)
+    freedom = np.full(len(value), np.inf)
+    if surface is not None:
+        # Only what comes from rough ground is uncertain, and no surer than at one core point.
+        rough = joint.roughness(functions)
+        some = (kinds == "surface") & (rough > 0)
+        least = max(float(np.median(surface.count.min(axis=1))) - 1.0, 1.0)
+        freedom[some] = least * (np.diag(covariance)[some] / rough[some]) ** 2
+    return Evidence(value, covariance, places, kinds, signatures, effect, freedom)
 
 
 def _of_points(found: PointChanges | None):

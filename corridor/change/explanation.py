@@ -69,12 +69,15 @@ def explain(
     as_adjusted: the test before they were.
     """
     modelled = modelled or tuple(set() for _ in evidence.signatures)
-    plain = as_adjusted or tested(evidence.value, evidence.covariance, level)
-    every = tested(*evidence.without(evidence.every), level)
+    plain = as_adjusted or evidence.test(level)
+    every = evidence.test(level, evidence.every)
     shown = tuple(shown_in(signatures) for signatures in evidence.signatures)
     value, covariance = evidence.without(shown)
-    some = tested(value, covariance, level)
-    visible = as_adjusted is not None or tested(evidence.value, covariance, level).significant
+    some = evidence.test(level, shown)
+    visible = (
+        as_adjusted is not None
+        or tested(evidence.value, covariance, level, evidence.freedom).significant
+    )
     table = _table(evidence, level, plain.significant)
     both = tuple(a | b for a, b in zip(shown, modelled, strict=True))
     gone = _Shares.of(evidence, plain.significant).of_values(value)
@@ -138,7 +141,8 @@ def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
                     "shape_share": shares.of_values(evidence.value - shape @ fitted),
                     "explained": shares.of_values(value),
                     "probability": float(1.0 / (1.0 + np.exp(-np.clip(likely, -700, 700)))),
-                    "hides": significant and not tested(value, covariance, level).significant,
+                    "hides": significant
+                    and not tested(value, covariance, level, evidence.freedom).significant,
                     "needed": float(np.abs(fitted).max(initial=0.0)),
                     "value": float(estimate.value[0]) * signatures.scale[at[0]],
                     "sigma": float(np.sqrt(max(free.covariance[0, 0], 0.0)))

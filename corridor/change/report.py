@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -147,14 +148,21 @@ def _surface_table(surface: SurfaceChange) -> Table:
         ("core points", f"{len(surface):,}"),
         ("of them significant", f"{surface.moved.sum():,}"),
         ("change, 5 and 95 %", f"{1000 * low:.0f} to {1000 * high:.0f} mm"),
+        *_accuracy(surface),
+    ]
+    frame = pd.DataFrame(rows, columns=["what", "value"])
+    return Table.of(frame, "Surface, second date minus first along the normal")
+
+
+def _accuracy(surface: SurfaceChange) -> list[tuple[str, str]]:
+    """What is known of a surface before any change is asked for."""
+    return [
         ("sigma of the measurements, median", f"{1000 * np.median(surface.sigma):.1f} mm"),
         ("sampling of rough ground, median", f"{1000 * np.median(surface.sampling):.1f} mm"),
         ("level of detection (95 %), median", f"{1000 * np.median(surface.detection):.0f} mm"),
         ("points in a cylinder, median", f"{np.median(surface.count):.0f}"),
         ("radius of the cylinder", f"{surface.cores.radius:.2f} m"),
     ]
-    frame = pd.DataFrame(rows, columns=["what", "value"])
-    return Table.of(frame, "Surface, second date minus first along the normal")
 
 
 def _effects(change: Change, most: int = 8) -> Table | None:
@@ -232,13 +240,27 @@ def _datum(change: Change) -> list[str]:
 
 def detection_report(surface: SurfaceChange) -> Report:
     """What could be seen at one date's accuracy, in words."""
+    table = detection_table(surface)
+    return Report(table.title, table.notes[0], [], [replace(table, notes=())])
+
+
+def detection_table(surface: SurfaceChange) -> Table:
+    """The same for a report of something else: the sentence is the table's note."""
     low, middle, high = 1000 * np.percentile(surface.detection, [5, 50, 95])
     share = 100 * np.mean(surface.detection <= 0.01)
-    opening = (
+    said = (
         f"Two such flights would show a change of {middle:.0f} mm in half of the surface (95 %; "
         f"{low:.0f} to {high:.0f} mm from best to worst); one of 10 mm in {share:.0f} % of it."
     )
-    return Report("Level of detection", opening, [], [_surface_table(surface)])
+    floor = 1000 * np.median(surface.floor)
+    if floor < 0.8 * middle:
+        said += (
+            f" The measurements alone would show {floor:.0f} mm; the rest is rough ground between "
+            "few tie points, and falls with more of them, or with surfaces fitted to them."
+        )
+    rows = [("core points", f"{len(surface):,}"), *_accuracy(surface)]
+    frame = pd.DataFrame(rows, columns=["what", "value"])
+    return Table.of(frame, "Level of detection", [said])
 
 
 def _chance(probability: float) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, f, norm
+from scipy.stats import chi2, f, norm, t
 
 # Directions of a covariance without information, against its largest.
 OPEN = 1e-9
@@ -49,9 +49,18 @@ def congruency(
     return Congruency(statistic, freedom, float(probability))
 
 
-def two_sided(z: np.ndarray) -> np.ndarray:
-    """Probability of a standard normal number as large as each of z, whatever its sign."""
-    return 2.0 * norm.sf(np.abs(z))
+def two_sided(z: np.ndarray, freedom: np.ndarray | float = np.inf) -> np.ndarray:
+    """Probability of a number as large as each of z, whatever its sign: normal, or Student's.
+
+    freedom: of the standard deviation that z was divided by.
+    """
+    return 2.0 * t.sf(np.abs(z), freedom)
+
+
+def normal_scores(z: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """The normal numbers that are as unlikely as Student's z of so many degrees of freedom."""
+    # Far out both tails end in zero; there a normal number of 37 stands for all.
+    return np.sign(z) * norm.isf(np.maximum(t.sf(np.abs(z), freedom), 1e-300))
 
 
 def spatial(squares: np.ndarray, freedom: np.ndarray) -> np.ndarray:

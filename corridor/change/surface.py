@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
+from scipy.stats import t
 
 from corridor.change.clouds import Cloud, Functions
 from corridor.change.cores import Cores
@@ -14,9 +15,6 @@ from corridor.change.laying import Laying, lay
 from corridor.change.m3c2 import LEAST, Members, distance_functions, members
 from corridor.change.roughness import excess, sampling, with_roughness
 from corridor.change.significance import discoveries, two_sided
-
-# Two-sided 95 % of a normal number.
-LEVEL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +25,8 @@ class SurfaceChange:
     both dates show at other points. count, roughness (k, 2): points in the cylinders before and
     after, and the standard deviation of their heights. probability (k,) of so large a distance,
     were nothing changed. moved (k,): significant at the false discovery rate asked for.
+    freedom (k,): degrees of freedom of the standard deviation: a handful of points does not tell
+    how rough the ground is, and Student's distribution takes the normal one's place.
     functions: the distances as functions of the points of `joint`.
     """
 
@@ -36,6 +36,7 @@ class SurfaceChange:
     sampling: np.ndarray
     count: np.ndarray
     roughness: np.ndarray
+    freedom: np.ndarray
     level: float
     functions: Functions = field(repr=False)
     joint: Joint = field(repr=False)
@@ -58,12 +59,17 @@ class SurfaceChange:
     @property
     def detection(self) -> np.ndarray:
         """Level of detection (k,), m: a change of this size is seen with 95 % confidence."""
-        return LEVEL_95 * self.total
+        return t.ppf(0.975, self.freedom) * self.total
+
+    @property
+    def floor(self) -> np.ndarray:
+        """The same (k,), m, were the ground covered with points: of the measurements alone."""
+        return t.ppf(0.975, np.inf) * self.sigma
 
     @property
     def probability(self) -> np.ndarray:
         """Of so large a distance, were nothing changed (k,)."""
-        return two_sided(self.distance / self.total)
+        return two_sided(self.distance / self.total, self.freedom)
 
     @property
     def moved(self) -> np.ndarray:
@@ -104,10 +110,10 @@ def surface_change(
     kept = np.flatnonzero((found[0].count >= least) & (found[1].count >= least))
     cores = only(cores, kept)
     found = _both(clouds, cores, degree, sampled)
-    between = np.zeros(len(cores))
+    between = np.zeros((2, len(cores)))
     if sampled:
         rough = [excess(c, f, cores) for c, f in zip(clouds, found, strict=True)]
-        between = sum(sampling(f, r) for f, r in zip(found, rough, strict=True))
+        between = np.array([sampling(f, r) for f, r in zip(found, rough, strict=True)])
         joint = joint.with_clouds(
             *(with_roughness(c, f, cores, r) for c, f, r in zip(clouds, found, rough, strict=True))
         )
@@ -115,7 +121,7 @@ def surface_change(
     distance, variance = found[1].mean - found[0].mean, joint.variance(functions)
     laying = None
     if datum == "stable":
-        alone = np.sqrt(joint.own_variance(functions) + between)
+        alone = np.sqrt(joint.own_variance(functions) + between.sum(axis=0))
         laying = lay(distance, alone, functions, cores, kind)
         variance = np.maximum(laying.variance(joint, functions, variance), 0.0)
         distance = laying.apply(distance)
@@ -123,14 +129,25 @@ def surface_change(
         cores=cores,
         distance=distance,
         sigma=np.sqrt(variance),
-        sampling=np.sqrt(between),
+        sampling=np.sqrt(between.sum(axis=0)),
         count=np.column_stack([f.count for f in found]),
         roughness=np.column_stack([f.spread for f in found]),
+        freedom=_freedom(variance, between, np.array([f.count - f.fit for f in found])),
         level=level,
         functions=functions,
         joint=joint,
         laying=laying,
     )
+
+
+def _freedom(variance: np.ndarray, between: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Degrees of freedom (k,) of a variance (k,) that is known and two (2, k) that are estimated.
+
+    free (2, k): points of each beyond what was fitted. Source: Welch 1947.
+    """
+    doubt = np.sum(between**2 / free, axis=0)
+    whole = (variance + between.sum(axis=0)) ** 2
+    return np.divide(whole, doubt, out=np.full(len(whole), np.inf), where=doubt > 0)
 
 
 def _both(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, sampled: bool) -> list[Members]:

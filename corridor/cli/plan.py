@@ -13,10 +13,13 @@ examples:
       the adjustment estimates a bias of the GNSS, in height known beforehand to 5 cm
   corridor plan thesis_s1_n50 --carry-over thesis_s2_n50+thesis_s2_o50 --mounted s1-n50=s2-n50
       camera and lever arm of another flight set taken over, its own adjustment with --carry-control
+  corridor plan PLAN.toml --control 5 --change -o out/plan
+      also the level of detection of two flights like the advised ones, as a map
 
 Sigmas are those of the plan's table [noise], and are printed. Nothing is drawn at random but the
-ground and the small unrest of the flight (--seed). OUT holds advice.txt, control.csv and
-control.png (where control is to be), plan.csv and plan.json (metres) and accuracy.png.
+ground and the small unrest of the flight (--seed), and with --change the noise of one flight. OUT
+holds advice.txt, control.csv and control.png (where control is to be), plan.csv and plan.json
+(metres) and accuracy.png; with --change also detection.png and detection.csv.
 """
 
 import argparse
@@ -80,6 +83,7 @@ _SETS = {
     "--as-given": option("compare the plans as they are", dest="combined", action="store_false"),
 }
 _MODEL = {
+    "--change": flag("also: where would two such flights show which change of the ground?"),
     "--camera": option(
         "free camera parameters, as of `corridor adjust`: "
         "fixed for a pre-calibrated camera (default fraser8)"
@@ -171,6 +175,7 @@ def run(options: argparse.Namespace) -> None:
         options.place,
         options.goal,
         options.combined,
+        options.change,
         progress=_progress,
         jobs=options.jobs,
         cluster=options.cluster,

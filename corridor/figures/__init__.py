@@ -2,7 +2,13 @@
 
 from corridor.figures.alike import alike
 from corridor.figures.camera_views import camera_views
-from corridor.figures.change import change_maps, change_profile, of_change, point_changes
+from corridor.figures.change import (
+    change_maps,
+    change_profile,
+    detection_map,
+    of_change,
+    point_changes,
+)
 from corridor.figures.check_points import check_points, check_points_moved, compare_check_points
 from corridor.figures.correlation import correlation_matrix
 from corridor.figures.counterpart import counterpart, counterpart_axes, counterpart_maps
@@ -40,6 +46,7 @@ __all__ = [
     "counterpart_maps",
     "curves",
     "deformation_maps",
+    "detection_map",
     "error_maps",
     "evidence_bars",
     "first_look",

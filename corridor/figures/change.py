@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,45 +45,76 @@ def of_change(change: Change) -> dict[str, tuple[Figure, str]]:
 
 def change_maps(surface: SurfaceChange) -> Figure:
     """Maps of the change, of its level of detection and of what is significant."""
+    largest = max(float(np.percentile(np.abs(surface.distance), 99)), 1e-4)
+    z = np.clip(surface.distance / surface.total, -6, 6)
+    change = _Panel("change", 1000 * surface.distance, _BOTH, 1000 * largest, "mm")
+    significant = _Panel("significant: by its sigma", z, _BOTH, 6.0, "\u03c3", surface.moved)
+    return _maps(surface, "change of the surface", [change, _detection(surface), significant])
+
+
+def detection_map(surface: SurfaceChange) -> Figure:
+    """What could be seen, before any change is asked for: so, and with points everywhere."""
+    panels = [_detection(surface)]
+    if surface.sampling.any():
+        floor = 1000 * surface.floor
+        alone = "with points everywhere: the measurements alone, 95 %"
+        panels.append(_Panel(alone, floor, _SIGMA, float(np.percentile(floor, 98)), "mm"))
+    return _maps(surface, "where a change could be seen", panels)
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """A map: value (k,) by colours from zero, or both ways, to `largest`; shown (k,): others are
+    dots."""
+
+    name: str
+    value: np.ndarray
+    colours: LinearSegmentedColormap
+    largest: float
+    unit: str
+    shown: np.ndarray | None = None
+
+    @property
+    def limits(self) -> dict:
+        """Of the colours, for matplotlib."""
+        if self.colours is _BOTH:
+            return {"norm": TwoSlopeNorm(0.0, -self.largest, self.largest)}
+        return {"vmin": 0.0, "vmax": self.largest}
+
+
+def _detection(surface: SurfaceChange) -> _Panel:
+    largest = 1000 * float(np.percentile(surface.detection, 98))
+    return _Panel("level of detection, 95 %", 1000 * surface.detection, _SIGMA, largest, "mm")
+
+
+def _maps(surface: SurfaceChange, title: str, panels: list[_Panel]) -> Figure:
     xy = surface.cores.xyz[:, :2]
     frame = maps.frame_through(xy, "y")
-    limits = maps.extent(frame.place(xy))
     places = frame.place(xy)
+    limits = maps.extent(places)
     width = 8.0
     height = maps.map_height(limits, width, 3.4)
     step = height + 0.75
     note = f"{len(surface):,} core points, cylinders of {surface.cores.radius:.1f} m radius"
-    figure = style.sheet(1.0 + 3 * step, "change of the surface", note)
-    largest = max(float(np.percentile(np.abs(surface.distance), 99)), 1e-4)
-    z = np.clip(surface.distance / surface.total, -6, 6)
-    rows = (
-        ("change", 1000 * surface.distance, _BOTH, (-1000 * largest, 1000 * largest), "mm"),
-        (
-            "level of detection, 95 %", 1000 * surface.detection, _SIGMA,
-            (0.0, 1000 * float(np.percentile(surface.detection, 98))), "mm",
-        ),
-        ("significant: by its sigma", z, _BOTH, (-6, 6), "\u03c3"),
-    )  # fmt: skip
+    figure = style.sheet(1.0 + len(panels) * step, title, note)
     metres = max((limits[1] - limits[0]) / width, (limits[3] - limits[2]) / height)
-    size = (72.0 * surface.cores.spacing / metres) ** 2
-    shown = np.ones(len(surface), dtype=bool)
-    for row, (name, value, colours, (low, high), unit) in enumerate(rows):
+    size = np.clip((72.0 * surface.cores.spacing / metres) ** 2, 2.0, 400.0)
+    for row, panel in enumerate(panels):
         top = 1.05 + row * step
         axes = maps.map_panel(figure, frame, limits, 0.65, top, width, height)
-        norm = TwoSlopeNorm(0.0, low, high) if low < 0 else None
-        options = {"norm": norm} if norm else {"vmin": low, "vmax": high}
-        if row == 2:
+        shown = np.ones(len(surface), dtype=bool)
+        if panel.shown is not None:
             axes.plot(*places.T, zorder=1, **style.dot(".", style.FAINT, 1.5, line=0.0))
-            shown = surface.moved
+            shown = panel.shown
         image = axes.scatter(
-            *places[shown].T, c=value[shown], s=np.clip(size, 2.0, 400.0), marker="s", lw=0,
-            cmap=colours, **options,
+            *places[shown].T, c=panel.value[shown], s=size, marker="s", lw=0, cmap=panel.colours,
+            **panel.limits,
         )  # fmt: skip
-        style.caption(axes, name)
-        if row < 2:
+        style.caption(axes, panel.name)
+        if row < len(panels) - 1:
             axes.set_xlabel("")
         tall = max(height - 0.75, 0.5)
-        style.shade_bar(figure, image, 0.65 + width + 0.2, top + height - tall, tall, unit)
+        style.shade_bar(figure, image, 0.65 + width + 0.2, top + height - tall, tall, panel.unit)
     return figure
 
 

@@ -275,11 +275,15 @@ class Network:
         )
 
 
+def without_control(plan: Plan, seed: int) -> Block:
+    """The perfect block of a plan, without the ground points that the plan states."""
+    none = {"control": 0, "check": 0, "every_m": None, "check_from_ties": 0}
+    return perfect_block(replace(plan, ground=replace(plan.ground, **none)), seed)
+
+
 def _block_of(plan: Plan, surveyed: Surveyed, seed: int) -> tuple[Block, Surveyed, list[str]]:
     """The perfect block with the surveyed points measured in it; names of those not seen twice."""
-    bare = replace(plan, ground=replace(plan.ground, control=0, check=0, every_m=None,
-                                        check_from_ties=0))  # fmt: skip
-    block = perfect_block(bare, seed)
+    block = without_control(plan, seed)
     stated = {key: value for key, value in asdict(plan.noise).items() if key in _SIGMAS}
     block.sigma |= {
         key: np.broadcast_to(np.asarray(value, float), 3).copy() if key.endswith("_m") else value

@@ -10,7 +10,9 @@ from pathlib import Path
 import pandas as pd
 
 from corridor.block import Block
+from corridor.change import SurfaceChange
 from corridor.planning.advice import advice, cheapest
+from corridor.planning.detection import detectable
 from corridor.planning.planner import Control
 from corridor.planning.report import as_html, as_text, save
 from corridor.planning.sweep import flight_sets, swept
@@ -24,7 +26,9 @@ class Planned:
     table: a row a flight set and control set, as of `planning.sweep`, metres.
     flown: flight set -> a block of its images and of all points that could be surveyed.
     goals: 3D RMS of check points that was asked for, metres. sigmas: a sentence on what is assumed
-    of the measurements. settings: what was asked, kept in plan.json.
+    of the measurements. settings: what was asked, kept in plan.json. detection: the surface with
+    its levels of detection, of two flights like the row that the advice names first; None where
+    it was not asked for.
     """
 
     table: pd.DataFrame
@@ -32,6 +36,7 @@ class Planned:
     goals: Sequence[float]
     sigmas: str
     settings: dict = field(default_factory=dict)
+    detection: SurfaceChange | None = None
 
     @property
     def advice(self) -> str:
@@ -68,8 +73,9 @@ class Planned:
     def save(self, folder: str | os.PathLike) -> list[Path]:
         """Writes plan.csv, plan.json, control.csv, advice.txt, accuracy.png and control.png.
 
-        Whole or not at all; metres, NaN is null, an empty cell. Raises InputError where `folder`
-        holds something else.
+        Where a level of detection was asked for, also detection.csv and detection.png. Whole or
+        not at all; metres, NaN is null, an empty cell. Raises InputError where `folder` holds
+        something else.
         """
         return save(self, folder)
 
@@ -80,6 +86,7 @@ def plan(
     place: str = "spread",
     goals: float | Sequence[float] = (0.01, 0.03),
     combined: bool | None = None,
+    detection: bool = False,
     progress: Callable[[int, int], None] | None = None,
     **options,
 ) -> Planned:
@@ -90,6 +97,7 @@ def plan(
         points are `spread` evenly, or at the `best` places.
     goals: accuracies that the advice is about, 3D RMS of check points, metres.
     combined: compare every combination of the flights; default: where one plan has two or three.
+    detection: also where two flights like the advised ones would show which change of the ground.
     progress: called with the flight sets done and all of them.
     options: of `planning.sweep` (jobs, cluster) and `planning.Planner` (camera, lever_arm, effects,
         priors, noise, carried, seed).
@@ -105,7 +113,11 @@ def plan(
     counts = [control] if isinstance(control, int) else list(control)
     table, flown = swept(sets, counts, place, progress=progress, **options)
     wanted = [goals] if isinstance(goals, int | float) else list(goals)
-    return Planned(table, flown, wanted, _sigmas(sets, flown))
+    planned = Planned(table, flown, wanted, _sigmas(sets, flown))
+    if detection and planned.chosen is not None:
+        (chosen,) = (one for one in sets if one.name == planned.chosen["flights"])
+        planned.detection = detectable(chosen, planned.laid_out(), options)
+    return planned
 
 
 def _sigmas(sets: Sequence[Plan], flown: dict[str, Block]) -> str:

@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from corridor.figures import accuracy_by_control, control_map
+from corridor import change
+from corridor.figures import accuracy_by_control, control_map, detection_map
+from corridor.planning.detection import columns
 from corridor.report import (
     DASH,
     Report,
@@ -26,7 +28,10 @@ if TYPE_CHECKING:
     from corridor.planning.plan import Planned
 
 RESULT = "plan.json"
-_FILES = (RESULT, "plan.csv", "control.csv", "advice.txt", "accuracy.png", "control.png")
+_FILES = (
+    RESULT, "plan.csv", "control.csv", "advice.txt", "accuracy.png", "control.png",
+    "detection.csv", "detection.png",
+)  # fmt: skip
 _MOST_POINTS = 12
 _ACCURACY = (
     ("in plan", "xy", 100, ".1f"),
@@ -61,6 +66,8 @@ def report_of(planned: Planned) -> Report:
         _of(table, _ACCURACY, "Expected errors", (accuracy, planned.sigmas)),
         _of(table, _KNOWN, "What the flights can tell apart", (known,)),
     ]
+    if planned.detection is not None:
+        made.append(change.detection_table(planned.detection))
     holes = dict.fromkeys(table.loc[table["open"] != "", "open"])
     names = ", ".join(dict.fromkeys(table["flights"]))
     return Report(
@@ -101,6 +108,9 @@ def save(planned: Planned, folder: str | os.PathLike) -> list[Path]:
             write_csv(planned.control, part / "control.csv")
             block = planned.laid_out()
             write_picture(control_map(block, _count(planned.chosen)), part / "control.png")
+        if planned.detection is not None:
+            write_csv(columns(planned.detection), part / "detection.csv")
+            write_picture(detection_map(planned.detection), part / "detection.png")
         written = [name for name in _FILES if (part / name).is_file()]
     return [folder / name for name in sorted(written)]
 

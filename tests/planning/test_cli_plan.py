@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -150,3 +151,27 @@ def test_a_folder_of_something_else_is_not_replaced(plan, tmp_path):
     (other / "diary.txt").write_text("dear diary", encoding="utf-8")
     assert main(["plan", str(plan), "--control", "0", "-o", str(other)]) == 2
     assert [p.name for p in other.iterdir()] == ["diary.txt"]
+
+
+def test_with_change_it_also_says_where_a_change_would_be_seen(plan, tmp_path, capsys):
+    """The level of detection of `corridor change` for the plan flown twice, in words and a map."""
+    out = tmp_path / "out"
+    words = ["plan", str(plan), "--as-given", "--control", "3", "--change", "-o", str(out)]
+    assert main(words) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Two such flights would show a change of" in said
+    assert (out / "detection.png").is_file()
+    table = pd.read_csv(out / "detection.csv")
+    total = np.hypot(table["sigma"], table["sampling"])
+    # Student's factor is never below the normal one.
+    assert (table["detection_95"] > 1.9599 * total).all()
+    tight = ["plan", str(plan), "--as-given", "--control", "3", "--change", "--gnss-sigma", "1,1,1"]
+    assert main([*tight, "--bias-sigma", "0.5", "-o", str(tmp_path / "b")]) == 0
+    biased = pd.read_csv(tmp_path / "b" / "detection.csv")
+    assert biased["sigma"].median() > table["sigma"].median()
+
+
+def test_a_carried_camera_has_no_level_of_detection(plan, tmp_path, capsys):
+    words = ["plan", str(plan), "--as-given", "--control", "3", "--change", "-o", "x"]
+    assert main([*words, "--carry-over", str(plan)]) == 2
+    assert "without --carry-over" in capsys.readouterr().err
