@@ -30,7 +30,7 @@ Keys of a plan (`corridor.simulation.Plan` and the types beside it say what each
                 attitude_jitter_deg, position_jitter_m, velocity_jitter_m_s, angular_rate_deg_s,
                 wind_m_s, start_s, pause_s, turn_s, lever_arm_m, temperature_c, warming_c
   [terrain]     relief_m, level_m, roughness_m
-  [tie_points]  per_image, border_px
+  [tie_points]  per_image, border_px, match_angle_deg, match_scale
   [ground]      control, check, layout, every_m, offset_m, check_from_ties, within_m
   [noise]       tie_px, mark_px, gnss_m, control_m, outliers, rounding_px, gnss_slow, gnss_slow_s
   [start]       centre_m, rotation_deg, points_m, camera

@@ -22,7 +22,7 @@ def alike(table: pd.DataFrame, name: str = "", least: float = 0.0) -> Figure:
     title = f"{name}: which effects look alike" if name else "Which effects look alike"
     values = table.to_numpy(float) - np.eye(len(table))
     kept = np.maximum(values.max(axis=0, initial=0), values.max(axis=1, initial=0)) >= least
-    names = [slug for slug, keep in zip(table.index, kept, strict=True) if keep]
+    names = [slug.replace("_", " ") for slug, keep in zip(table.index, kept, strict=True) if keep]
     if len(names) < 2:
         return style.sentence("No two effects are alike here.", title)
     values = values[np.ix_(kept, kept)]

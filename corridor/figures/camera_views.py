@@ -17,15 +17,16 @@ from corridor.report import short
 if TYPE_CHECKING:
     from corridor.block import Block
 
-MOST_IMAGES = 600
+MOST_IMAGES, MOST_FOOTPRINTS = 600, 30
 
 
 def camera_views(block: Block) -> Figure:
     """Footprints of the pictures in plan, and the cameras over the ground from the side.
 
-    block: its poses as they stand; one in so many where there are more than 600. Footprints are
-    on a plane at the mean height of the points. In space a camera is a pyramid that opens towards
-    what it sees, 4 m high; heights and distances have one scale.
+    block: its poses as they stand; one in so many where there are more than 600, and footprints
+    of 30 or so, which cannot be told apart otherwise. They are on a plane at the mean height of
+    the points. In space a camera is a pyramid that opens towards what it sees, 4 m high; heights
+    and distances have one scale.
     """
     title = f"{short(block.name, 60)}: what the cameras see"
     pose = block.poses
@@ -36,6 +37,9 @@ def camera_views(block: Block) -> Figure:
     parts = [(name, rows[known[rows]], *look) for name, rows, *look in maps.group_styles(block)]
     step = -(-int(known.sum()) // MOST_IMAGES)
     note = f"one image in {step} is drawn" if step > 1 else ""
+    drawn = -(-int(known.sum()) // MOST_FOOTPRINTS)
+    if drawn > step:
+        note = "; ".join(filter(None, (note, f"footprints of one image in {drawn}")))
     rotation = np.full((len(pose), 3, 3), np.nan)
     rotation[known] = rotation_from_quaternion(pose[known, 3:])
     level = float(np.nanmean(block.points["z"])) if len(block.points) else 0.0
@@ -51,8 +55,8 @@ def camera_views(block: Block) -> Figure:
     axes = maps.map_panel(figure, frame, limits, 0.8, 1.15, 8.5, height)
     keys = []
     for name, rows, colour, marker in parts:
+        outline = np.concatenate([flat[rows], flat[rows][:, :1]], axis=1)[:: max(drawn, step)]
         rows = rows[::step]
-        outline = np.concatenate([flat[rows], flat[rows][:, :1]], axis=1)
         axes.add_collection(LineCollection(outline, colors=colour, linewidths=0.5, alpha=0.55))
         axes.plot(*frame.place(pose[rows, :2]).T, ls="", marker=marker, ms=3, color=colour)
         keys.append(style.key(name, ls="-", lw=0.8, marker=marker, ms=5, color=colour))
@@ -60,8 +64,8 @@ def camera_views(block: Block) -> Figure:
     style.legend(figure, 0.87, keys)
     box = (0.05, 0.0, 0.9, 3.9 / figure.get_size_inches()[1])
     axes = figure.add_axes(box, projection="3d", facecolor="white", computed_zorder=False)
-    drawn = [(rows[::step], colour) for _, rows, colour, _ in parts]
-    _space(axes, block, frame, drawn, pose, away, level)
+    flown = [(rows[::step], colour) for _, rows, colour, _ in parts]
+    _space(axes, block, frame, flown, pose, away, level)
     return figure
 
 

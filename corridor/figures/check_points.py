@@ -19,7 +19,7 @@ _CHECK = style.dot("o", "white", 4.5, style.INK)
 def check_points(adjustment: Adjusted) -> Figure:
     """Map of the check-point differences, adjusted minus given.
 
-    Plan as arrows, height as a bar up (too high) or down (too low), both at one stated scale.
+    Horizontal as arrows, height as a bar up (too high) or down (too low), both at one stated scale.
     """
     title = f"{short(adjustment.block.name, 50)}: check points, adjusted minus given"
     if not len(adjustment.check_points):
@@ -71,7 +71,7 @@ def _maps(results: list[Adjusted], labels: list[str], title: str, one_map: bool 
     figure = style.sheet(
         head + rows * (height + gap) - 0.15,
         title,
-        f"plan and height exaggerated {readable(exaggeration)} times",
+        f"horizontal and height exaggerated {readable(exaggeration)} times",
     )
     keys: list = []
     if one_map:
@@ -147,8 +147,8 @@ def _draw_earlier(axes, table, exaggeration) -> None:
 
 def _keys(result: Adjusted) -> list:
     keys = [
-        style.key("in plan", color=style.DARK, marker=">", ms=5, lw=1.2),
-        style.key("in height (up: too high)", color=style.LIGHT, lw=4),
+        style.key("horizontal", color=style.DARK, marker=">", ms=5, lw=1.2),
+        style.key("height (up: too high)", color=style.LIGHT, lw=4),
         style.key("check point", **_CHECK),
     ]
     if (result.block.ground["role"].astype(str) == "control").any():
@@ -161,7 +161,7 @@ def _numbers(result: Adjusted, brief: bool) -> str:
     if not len(result.check_points):
         return ""
     rms = result.check_rms
-    text = f"RMS plan {millimetres(rms.xy)}, height {millimetres(rms.z)}"
+    text = f"RMS horizontal {millimetres(rms.xy)}, height {millimetres(rms.z)}"
     if not brief:
         text += f", 3D {millimetres(rms.d3)} at {counted(len(result.check_points), 'check point')}"
     return text

@@ -45,6 +45,8 @@ USUAL = (
 )
 # Inches.
 HEIGHT, BETWEEN, LEFT, PER_ROW = 1.1, 0.24, 0.65, 4
+# Letters of a name, and the inches that one takes upright.
+LONGEST_NAME, UPRIGHT = 26, 0.05
 
 
 class Compared(Protocol):
@@ -108,7 +110,10 @@ def counterpart(
             if one is not None:
                 _curve(axes, one, factor, names)
             if names:
-                _names(axes, names, name in wide)
+                shown = names
+                if statistic.kind == "signature":
+                    shown = tuple(one.replace("_", " ") for one in names)
+                _names(axes, shown, name in wide)
             axes.tick_params(labelbottom=last)
             if last and not _crowded(names):
                 axes.set_xlabel(statistic.axis, size=style.SMALL, color=style.INK, labelpad=2)
@@ -131,8 +136,10 @@ def _places(before, wide, small, cases) -> tuple[dict, float]:
         row = small[first : first + PER_ROW]
         for column, name in enumerate(row):
             places[name] = LEFT + column * (width + LEFT), top, width
-        crowded = any(_crowded(_find(before, name).statistic.labels) for name in row)
-        top += stack + (1.35 if crowded else 0.48) + 0.42
+        every = (_find(before, name).statistic.labels for name in row)
+        upright = [len(one) for names in every if _crowded(names) for one in names]
+        below = 0.15 + UPRIGHT * min(max(upright), LONGEST_NAME) if upright else 0.0
+        top += stack + max(below, 0.48) + 0.42
     return places, top - 0.3
 
 
@@ -341,7 +348,7 @@ def _names(axes: Axes, names: Sequence[str], wide: bool) -> None:
     crowded = _crowded(names)
     axes.set_xticks(at)
     axes.set_xticklabels(
-        [short(names[k], 26) for k in at],
+        [short(names[k], LONGEST_NAME) for k in at],
         rotation=(38 if wide else 90) if crowded else 0,
         ha="right" if crowded and wide else "center",
         rotation_mode="anchor" if crowded and wide else "default",

@@ -20,6 +20,7 @@ class Panel:
     x: (n,). series: name -> (n,) or (n, draws), of which the median is drawn as a line and the
     range as a band. x_label, y_label: with units. zero: the y axis begins at zero.
     known: the x between which something was measured; beyond them the panel is grey.
+    joined: by lines; else dots only.
     """
 
     title: str
@@ -29,6 +30,7 @@ class Panel:
     y_label: str
     zero: bool = True
     known: tuple[float, float] | None = None
+    joined: bool = True
 
 
 def curves(panels: Sequence[Panel], title: str, note: str = "") -> Figure:
@@ -47,7 +49,8 @@ def curves(panels: Sequence[Panel], title: str, note: str = "") -> Figure:
         for name, values in panel.series.items():
             values = np.asarray(values, dtype=float)
             values = values[:, None] if values.ndim == 1 else values
-            axes.plot(panel.x, np.median(values, axis=1), ms=3.5, zorder=4, **looks[name])
+            look = looks[name] if panel.joined else looks[name] | {"ls": ""}
+            axes.plot(panel.x, np.median(values, axis=1), ms=3.5, zorder=4, **look)
             if values.shape[1] > 1:
                 ends = values.min(axis=1), values.max(axis=1)
                 look = {"color": looks[name]["color"], "alpha": 0.18, "linewidth": 0}

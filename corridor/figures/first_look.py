@@ -15,6 +15,7 @@ from corridor.report import counted, short
 
 if TYPE_CHECKING:
     from corridor.block import Block
+    from corridor.camera import Camera
 
 MOST_POINTS = 6000
 MOST_RAYS = 20
@@ -40,13 +41,15 @@ def first_look(block: Block, camera: str | None = None) -> Figure:
         plan = maps.map_panel(figure, frame, limits, 0.8, 1.15, 8.5, height)
         top = 1.15 + height + 0.95
         _rays(style.panel(figure, 0.8, top, 3.7, 2.3), block)
-        _coverage(figure, block, camera, 5.35, top, 3.75, 2.3)
+        _coverage(figure, block, camera or _most_seen(block), 5.35, top, 3.75, 2.3)
     else:
-        figure = style.sheet(7.35, title, _counts(block))
+        camera = camera or _most_seen(block)
         height = maps.map_height(limits, 4.7, 5.55)
+        lowest = max(1.15 + height, 3.85 + _fitted(block.cameras[camera], 2.35, 2.4)[1])
+        figure = style.sheet(lowest + 0.65, title, _counts(block))
         plan = maps.map_panel(figure, frame, limits, 0.8, 1.15, 4.7, height)
-        _rays(style.panel(figure, 6.75, 1.25, 2.95, 2.0), block)
-        _coverage(figure, block, camera, 6.75, 4.15, 2.35, 2.4)
+        _rays(style.panel(figure, 6.75, 1.25, 2.95, 1.75), block)
+        _coverage(figure, block, camera, 6.75, 3.85, 2.35, 2.4)
     style.legend(figure, 0.87, _plan(plan, frame, block, points))
     return figure
 
@@ -119,7 +122,7 @@ def _rays(axes: Axes, block: Block) -> None:
 def _coverage(
     figure: Figure,
     block: Block,
-    camera: str | None,
+    camera: str,
     left: float,
     top: float,
     width: float,
@@ -127,14 +130,10 @@ def _coverage(
 ) -> None:
     """Counts of observations over the image; the panel is at most width by height inches."""
     tables = [table for table in (block.tie_points, block.marks) if len(table)]
-    name = np.concatenate([camera_of(block, table) for table in tables])
+    chosen = np.concatenate([camera_of(block, table) for table in tables]) == camera
     x, y = np.concatenate([maps.columns(table) for table in tables]).T
-    if camera is None:
-        camera = max(block.cameras, key=lambda key: np.count_nonzero(name == key))
-    chosen = name == camera
     size = block.cameras[camera]
-    scale = min(width / size.width, height / size.height)
-    wide, high = scale * size.width, scale * size.height
+    wide, high = _fitted(size, width, height)
     axes = style.panel(figure, left, top, wide, high)
     edges_x, edges_y = cells(size.width, size.height, int(chosen.sum()), most=32)
     count, _, _ = np.histogram2d(y[chosen], x[chosen], bins=(edges_y, edges_x))
@@ -151,6 +150,22 @@ def _coverage(
     style.caption(axes, text)
     style.label(axes, "x (px)", "y (px)")
     style.shade_bar(figure, image, left + wide + 0.12, top, high, "observations a cell", True)
+
+
+def _most_seen(block: Block) -> str:
+    """The camera with most observations."""
+    count = sum(
+        pd.Series(camera_of(block, table)).value_counts().reindex(list(block.cameras), fill_value=0)
+        for table in (block.tie_points, block.marks)
+        if len(table)
+    )
+    return str(count.idxmax())
+
+
+def _fitted(camera: Camera, width: float, height: float) -> tuple[float, float]:
+    """Breadth and height, inches, of a picture that fits into so much room."""
+    scale = min(width / camera.width, height / camera.height)
+    return scale * camera.width, scale * camera.height
 
 
 def camera_of(block: Block, table: pd.DataFrame) -> np.ndarray:

@@ -24,7 +24,7 @@ def accuracy_by_control(
 ) -> Figure:
     """Error against number of control points: a line a flight set, plan and height beside.
 
-    series: flight set -> numbers of control points (n,), errors in plan and in height (n,),
+    series: flight set -> numbers of control points (n,), errors horizontal and in height (n,),
     metres; NaN where the flight set cannot be adjusted. Logarithmic, so that one look tells
     factors; flight sets that lie on each other are drawn one inside the other.
     """
@@ -46,7 +46,7 @@ def accuracy_by_control(
     ticks = _STEPS[(low <= _STEPS) & (high >= _STEPS)]
     span = max(float(np.ptp(counts)), 1.0)
     for k, (axes, caption) in enumerate(
-        zip(panels, ("in plan (x and y together)", "in height"), strict=True)
+        zip(panels, ("horizontal (x and y together)", "height"), strict=True)
     ):
         style.caption(axes, caption)
         style.label(axes, "control points", "cm" if k == 0 else None)

@@ -17,6 +17,7 @@ from corridor.report import short
 if TYPE_CHECKING:
     from corridor.readout import Readout
 
+_MOST_SHOWN = 400  # measured points in a photograph
 _LONG = 1000  # px, long side of a photograph as drawn
 _MARGIN, _GAP = 0.65, 0.7  # inches
 
@@ -50,11 +51,13 @@ def _turning(readout):
     smeared = readout.extra.get("exposure_ms") is not None
     for k, (name, grey) in enumerate(photos):
         axes = style.panel(figure, _MARGIN + k * (wide + _GAP), top, wide, tall)
-        what = "at rest, straight" if k == 0 and not smeared else "turning, bent"
+        what = "straight" if k == 0 and not smeared else "bent"
         style.caption(axes, f"{short(name, 40)}: {what}")
         _photo(axes, grey)
-        used = drawing.used & (drawing.which == k)
-        axes.plot(*drawing.points[used].T, **measured, markersize=1.6, zorder=2)
+        shown = drawing.points[drawing.used & (drawing.which == k)]
+        # Not all of them: the edge is to be seen between them.
+        shown = shown[:: -(-len(shown) // _MOST_SHOWN) or 1]
+        axes.plot(*shown.T, **measured, markersize=3.0, zorder=2)
         axes.add_collection(
             LineCollection(drawing.curves[k], colors=style.DARK, linewidths=0.6, zorder=3)
         )

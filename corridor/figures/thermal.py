@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from corridor.thermal import CameraDifference, Fit, Maps
 
 _MAP = "cividis"  # its lightness grows: the sign shows in grey print too
+# The lighter half of the counts: arrows show on it in grey print too.
+_PALE = style.COUNTS.resampled(256).from_list("corridor_pale", style.COUNTS(np.linspace(0, 0.5)))
 _LEFT, _GAP, _KEY = 0.75, 0.6, 0.95
 
 
@@ -48,7 +50,7 @@ def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = 
     measured = [maps.dx[picture], maps.dy[picture]]
     calm = [maps.dx[null], maps.dy[null], maps.sigma[picture]]
     top = 1.15
-    norm = Normalize(*_ends(measured))
+    norm = _about_zero(measured)
     for k, (values, name) in enumerate(zip(measured, ("dx", "dy"), strict=True)):
         axes = style.panel(figure, _LEFT + k * (wide + _GAP), top, wide, tall)
         image = _field(axes, maps, values, norm, name, k == 0)
@@ -56,7 +58,7 @@ def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = 
     _vectors(figure, axes, maps, picture, _LEFT + 2 * (wide + _GAP), top, wide)
     style.shade_bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "dx, dy (px)")
     top += row
-    norm = Normalize(*_ends(calm))
+    norm = _about_zero(calm)
     name = short(maps.picture[null], 18)
     for k, (values, what) in enumerate(
         zip(calm, (f"null map ({name}): dx", "null map: dy", "predicted sigma"), strict=True)
@@ -107,6 +109,10 @@ def thermal_parameters(fit: Fit) -> Figure:
             axes.plot(table["optics_c"][of], table[key][of], zorder=3, **look)
         axes.plot(line, curve[key], zorder=2, **optics)
         style.label(axes, "temperature of the optics (\u00b0C)", name)
+    # A microradian is a millionth of the distance from the middle, as a ppm of the scale is.
+    least = 0.1 * max(map(abs, panels[1, 0].get_ylim()))
+    low, high = panels[1, 1].get_ylim()
+    panels[1, 1].set_ylim(min(low, -least), max(high, least))
     left, temperatures = panels[:, 2]
     time = table["time_s"] / 60
     for _, of, look in parts:
@@ -135,7 +141,7 @@ def camera_difference(difference: CameraDifference, title: str = "Two cameras") 
         x,
         y,
         difference.length.reshape(shape),
-        cmap=style.COUNTS,
+        cmap=_PALE,
         vmin=0,
         vmax=max(difference.largest, 1e-12),
         shading="nearest",
@@ -147,7 +153,7 @@ def camera_difference(difference: CameraDifference, title: str = "Two cameras") 
     space = step * (x[1] - x[0])
     exaggeration = style.nice(space / max(difference.largest, 1e-12))
     shown = (getattr(difference, name)[pick] for name in ("x", "y", "dx", "dy"))
-    arrows(axes, *shown, exaggeration, style.MIDDLE)
+    arrows(axes, *shown, exaggeration, style.INK)
     _frame(axes, difference, True)
     style.shade_bar(figure, image, _LEFT + wide + 0.2, 1.2, tall, "distance (px)")
     size = style.nice(0.8 / (wide / difference.width * exaggeration))
@@ -175,12 +181,13 @@ def _note(maps, picture):
     return " \u00b7 ".join(parts)
 
 
-def _ends(fields):
+def _about_zero(fields):
+    """One scale for all fields, zero in its middle."""
     values = np.concatenate([field[np.isfinite(field)] for field in fields])
     # A few wild nodes must not wash out the rest.
-    low, high = np.percentile(values, [0.5, 99.5])
-    pad = 0.02 * (high - low) + 1e-9
-    return low - pad, high + pad
+    most = float(np.abs(np.percentile(values, [0.5, 99.5])).max())
+    most = 1.02 * most + 1e-9
+    return Normalize(-most, most)
 
 
 def _field(axes: Axes, maps, values, norm, name, first):
@@ -200,14 +207,18 @@ def _vectors(figure, axes, maps, picture, left, top, wide):
     order = np.lexsort((maps.x, maps.y))
     place = np.empty(len(order), int)
     place[order] = np.arange(len(order))
-    pick = (place % columns % step == 0) & (place // columns % step == 0) & np.isfinite(dx)
+    inner = step // 2
+    pick = (place % columns % step == inner) & (place // columns % step == inner)
+    pick &= np.isfinite(dx)
     longest = max(float(np.nanmax(np.hypot(dx, dy))), 1e-12)
-    exaggeration = style.nice(step * maps.width / columns / longest)
+    exaggeration = style.nice(0.75 * step * maps.width / columns / longest)
+    style.caption(axes, "dx and dy")
     arrows(axes, maps.x[pick], maps.y[pick], dx[pick], dy[pick], exaggeration, style.DARK)
     _frame(axes, maps, False)
     inch = wide / maps.width
     size = style.nice(longest)
-    stated_arrow(figure, left, top - 0.13, size * exaggeration * inch, f"{readable(size)} px")
+    length = size * exaggeration * inch
+    stated_arrow(figure, left + wide - length - 0.5, top - 0.13, length, f"{readable(size)} px")
 
 
 def _frame(axes, picture, first):

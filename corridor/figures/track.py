@@ -151,8 +151,9 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
     axes.set_yscale("log")
     axes.set_ylim(0.8 * np.percentile(values, 0.5), 1.25 * top)
     low, high = axes.get_ylim()
-    few = high / low < 300
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
+    range_ = high / low
+    subs = range(1, 10) if range_ < 6 else (1, 2, 5) if range_ < 300 else (1,)
+    axes.yaxis.set_major_locator(LogLocator(subs=subs))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: readable(float(value))))
     axes.yaxis.set_minor_formatter(NullFormatter())
     if max_sigma and low < 1000 * max_sigma < high:

@@ -88,7 +88,7 @@ def _gnss(row: pd.Series, table: pd.DataFrame) -> str:
         points = "point" if row["control"] == 1 else "points"
         rest.append(f"without the control {points} the height is only as good as the GNSS")
     if plan > 0.5:
-        rest.append(f"in plan {100 * plan:.0f} % of its constant error remains")
+        rest.append(f"horizontally {100 * plan:.0f} % of its constant error remains")
     return "".join(f"; {text}" for text in rest)
 
 

@@ -34,11 +34,11 @@ _FILES = (
 )  # fmt: skip
 _MOST_POINTS = 12
 _ACCURACY = (
-    ("in plan", "xy", 100, ".1f"),
-    ("in height", "z", 100, ".1f"),
+    ("horizontal", "xy", 100, ".1f"),
+    ("height", "z", 100, ".1f"),
     ("3D", "d3", 100, ".1f"),
-    ("GNSS in plan", "transfer_xy", 100, ".0f"),
-    ("GNSS in height", "transfer_z", 100, ".0f"),
+    ("GNSS horizontal", "transfer_xy", 100, ".0f"),
+    ("GNSS height", "transfer_z", 100, ".0f"),
 )
 _KNOWN = (
     ("f (px)", "sigma_f", 1, ".2f"),

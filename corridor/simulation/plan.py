@@ -160,14 +160,29 @@ class TiePoints:
 
     Points are thinned as a whole, so that each is seen in every image that contains it and
     multiplicity stays what the overlap makes it (Zhou 2019, section 5.6.4).
+    match_angle_deg, match_scale: a matcher knows a feature again only in images that see it from
+        nearly the same side and as large. Each point has one of its images, drawn by lot, as its
+        reference; images whose ray differs from its by a larger angle, or which are nearer or
+        farther by a larger factor, do not measure it. Default: all that see it do.
     """
 
     per_image: int = 440
     border_px: float = 10.0
+    match_angle_deg: float | None = None
+    match_scale: float | None = None
 
     def __post_init__(self):
-        _Checker("tie_points", self).at_least("per_image", 1)
-        _Checker("tie_points", self).at_least("border_px", 0)
+        say = _Checker("tie_points", self)
+        say.at_least("per_image", 1)
+        say.at_least("border_px", 0)
+        if self.match_angle_deg is not None and not self.match_angle_deg > 0:
+            say.fail(f"match_angle_deg = {self.match_angle_deg:g} matches nothing: raise it")
+        say.at_least("match_scale", 1)
+
+    @property
+    def limits(self) -> tuple[float | None, float | None]:
+        """Of a matcher: match_angle_deg, match_scale."""
+        return self.match_angle_deg, self.match_scale
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import json
 import numbers
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +25,14 @@ from corridor.report import whole_file
 from corridor.simulation.fly import Flown, bank_of, check_plan, fly, ground_width
 from corridor.simulation.ground_points import evenly, surveyed
 from corridor.simulation.noise import add_noise
-from corridor.simulation.plan import Ground, Noise, Plan, Start, build, read_plan
+from corridor.simulation.plan import Ground, Noise, Plan, Start, TiePoints, build, read_plan
 from corridor.simulation.terrain import Dike
-from corridor.simulation.views import Network, Views, thin
+from corridor.simulation.views import Network, Views, matched, thin
 
 # Observations that fit in memory with all that hangs on them.
 _MOST_OBSERVATIONS = 200_000_000
+# Points that an image sees for one that it measures, where a matcher does not know all again.
+_UNMATCHED = 8
 
 
 @dataclass(eq=False, repr=False)
@@ -137,7 +139,7 @@ def perfect_block(
     seen = look(
         *_candidates(plan, flown, network, draw[0]),
         lambda share: say("looking what pictures show", share),
-    ).of_a_matcher(images, per_image, draw[1])
+    ).of_a_matcher(plan.tie_points, flown.centre, draw[1])
     begin, end = float(flown.station.min()), float(flown.station.max())
     *where, role = surveyed(plan.ground, begin, end, bank_of(plan), draw[2])
     marked = look(*where)
@@ -189,13 +191,25 @@ class _Points:
         """Some of the points, in the order given."""
         return _Points(self.station[rows], self.across[rows], self.place[rows], self.views.of(rows))
 
-    def of_a_matcher(self, images: int, per_image: int, draw: np.random.Generator) -> _Points:
-        """As many as give an image `per_image`, numbered as they appear in the flight."""
-        kept = thin(self.views, images, per_image, draw)
+    def of_a_matcher(
+        self, ties: TiePoints, centre: np.ndarray, draw: np.random.Generator
+    ) -> _Points:
+        """As many as give an image `per_image`, numbered as they appear in the flight.
+
+        centre (images, 3): of the images, metres.
+        """
+        views, limits = self.views, ties.limits
+        if limits != (None, None):
+            away = centre[views.image] - self.place[views.point]
+            views = matched(views, away, *limits, draw)
+        kept = thin(views, len(centre), ties.per_image, draw)
         if not len(kept):
-            raise InputError("no point is seen twice: raise forward or side overlap")
-        first = self.views.image[self.views.start[kept]]
-        return self.of(kept[np.argsort(first, kind="stable")])
+            raise InputError(
+                "no point is seen twice: raise forward or side overlap, or what tie_points say of "
+                "matching"
+            )
+        first = views.image[views.start[kept]]
+        return replace(self, views=views).of(kept[np.argsort(first, kind="stable")])
 
 
 def _candidates(
@@ -211,12 +225,15 @@ def _candidates(
     width = np.array([np.prod(ground_width(plan.camera(f), f.long_side)) for f in plan.flights])
     smallest = float(np.min(width * [f.heights.min() ** 2 for f in plan.flights]))
     per_image = plan.tie_points.per_image
+    if plan.tie_points.limits != (None, None):
+        per_image *= _UNMATCHED
     # Images at the rim share less ground with others and need their points more densely.
     count = int(np.prod(np.ptp(box, axis=1)) * per_image / smallest * 2) + 100
     if count > _MOST_OBSERVATIONS:
         raise InputError(
-            f"{count:.0e} points are needed to give the lowest pictures {per_image} each: "
-            "lower per_image, or plan flights of such different heights apart"
+            f"{count:.0e} points are needed to give the lowest pictures "
+            f"{plan.tie_points.per_image} each: lower per_image, or plan flights of such "
+            "different heights apart"
         )
     return tuple(draw.uniform(box[:, 0], box[:, 1], (count, 2)).T)
 

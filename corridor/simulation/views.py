@@ -118,6 +118,33 @@ class Network:
         return _project(points, views.point, views.image, self._pictures)
 
 
+def matched(
+    views: Views,
+    away: np.ndarray,
+    angle_deg: float | None,
+    scale: float | None,
+    draw: np.random.Generator,
+) -> Views:
+    """The rays that a matcher would find: those like that of one image of the point, by lot.
+
+    away (rays, 3): from the point to the images, metres. angle_deg, scale: largest angle between
+    the two rays, and largest ratio of their lengths; None: any.
+    """
+    count = views.multiplicity
+    lot = np.minimum((draw.random(len(count)) * count).astype(np.int64), np.maximum(count - 1, 0))
+    reference = away[(views.start[:-1] + lot)[views.point]] if len(away) else away
+    length, other = np.linalg.norm(away, axis=1), np.linalg.norm(reference, axis=1)
+    kept = np.ones(len(away), dtype=bool)
+    if angle_deg is not None:
+        cosine = np.einsum("ni,ni->n", away, reference) / (length * other)
+        # Rounding alone must not part a ray from itself.
+        kept &= cosine >= np.cos(np.radians(min(angle_deg, 180.0))) - 1e-12
+    if scale is not None:
+        kept &= np.maximum(length / other, other / length) <= scale * (1 + 1e-12)
+    start = np.concatenate([[0], np.cumsum(kept)])[views.start]
+    return Views(start, views.image[kept])
+
+
 def thin(views: Views, images: int, target: float, draw: np.random.Generator) -> np.ndarray:
     """Points to keep, such that an image has `target` of them on average; in ascending order.
 

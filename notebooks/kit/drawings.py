@@ -17,11 +17,16 @@ from corridor.geometry import rotation_from_quaternion
 def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") -> Figure:
     """Strips of each case as arrows in the sense of flight, flights by colour and line."""
     flights = list(dict.fromkeys(n for block in cases.values() for n in block.flight_names))
+    # Flights that lie on each other show all the same: each is thinner than the one below it.
     looks = {
-        name: (style.SERIES[k % 4][0], ("-", "--", "-.", ":")[k % 4])
+        name: {
+            "color": style.SERIES[k % 4][0],
+            "ls": ("-", "--", "-.", ":")[k % 4],
+            "lw": max(1.0, 2.2 - 0.6 * k),
+        }
         for k, name in enumerate(flights)
     }
-    keys = [style.key(name, color=c, ls=line, lw=1.6) for name, (c, line) in looks.items()]
+    keys = [style.key(name, **look) for name, look in looks.items()]
     first = next(iter(cases.values()))
     frame = maps.frame_of(first)
     high = 1.5 if frame.turned else 3.0
@@ -34,14 +39,14 @@ def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") ->
         for (flight, _), strip in images.groupby(["flight", "strip"], sort=False, observed=True):
             strip = strip.sort_values("time_s")
             ends = frame.place(strip[["x", "y"]].to_numpy(float)[[0, -1]])
-            colour, line = looks[flight]
-            axes.plot(
-                *frame.place(strip[["x", "y"]].to_numpy(float)).T, color=colour, ls=line, lw=1
-            )
+            axes.plot(*frame.place(strip[["x", "y"]].to_numpy(float)).T, **looks[flight])
             middle = ends.mean(axis=0)
             axes.annotate(
                 "", middle + 0.03 * (ends[1] - ends[0]), middle,
-                arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1, "mutation_scale": 16},
+                arrowprops={
+                    "arrowstyle": "-|>", "color": looks[flight]["color"], "lw": 1,
+                    "mutation_scale": 16,
+                },
                 zorder=7,
             )  # fmt: skip
         surveyed = block.copy()
@@ -53,18 +58,22 @@ def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") ->
 
 
 def multiplicity(blocks: Mapping[str, Block], title: str) -> Figure:
-    """Share of the tie points that so many images see, a line a block."""
-    figure, ((axes,),) = style.charts(
-        title, "how many images see a tie point", [3.0], 1,
-        [
-            style.key(name, color=colour, marker=marker, ms=4, lw=1.4)
-            for name, (colour, marker) in zip(blocks, style.SERIES, strict=False)
-        ],
-    )  # fmt: skip
-    for block, (colour, marker) in zip(blocks.values(), style.SERIES, strict=False):
+    """Share of the tie points that so many images see: bars of the first block, lines of others."""
+    first, *others = blocks
+    looks = {
+        name: {"color": colour, "marker": marker, "ls": ("-", "--", "-.")[k % 3], "lw": 1.2}
+        for k, (name, (colour, marker)) in enumerate(zip(others, style.SERIES, strict=False))
+    }
+    keys = [Patch(label=first, color=style.FAINT)]
+    keys += [style.key(name, ms=4, **look) for name, look in looks.items()]
+    figure, ((axes,),) = style.charts(title, "how many images see a tie point", [3.0], 1, keys)
+    for name, block in blocks.items():
         rays = block.tie_points.groupby("point", observed=True).size()
         share = 100 * rays.value_counts(normalize=True).sort_index()
-        axes.plot(share.index, share.to_numpy(), color=colour, marker=marker, ms=3, lw=1.2)
+        if name == first:
+            axes.bar(share.index, share.to_numpy(), color=style.FAINT)
+        else:
+            axes.plot(share.index, share.to_numpy(), ms=3, **looks[name])
     style.label(axes, "images", "tie points (%)")
     axes.set_ylim(bottom=0)
     return figure

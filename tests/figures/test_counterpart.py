@@ -92,7 +92,7 @@ class TestCurves:
     def test_effects_are_named_under_their_signatures(self, pair):
         axes = panels(figures.counterpart(pair[0]))[0]
         shown = [text.get_text() for text in axes.get_xticklabels()]
-        assert shown == ["rolling_shutter", "thermal", "focal_drift"]
+        assert shown == ["rolling shutter", "thermal", "focal drift"]
 
     def test_the_note_tells_the_gap_before_and_after(self, pair):
         (note,) = [

@@ -44,8 +44,8 @@ def test_a_point_that_changes_nothing_of_the_bias_does_not_say_so():
 
 
 def test_what_is_left_of_a_bias_in_plan_is_said():
-    assert "in plan 100 % of its constant error remains" in advice(TABLE)
-    assert "in plan" not in advice(TABLE.assign(transfer_x=0.1, transfer_y=0.1))
+    assert "horizontally 100 % of its constant error remains" in advice(TABLE)
+    assert "horizontally" not in advice(TABLE.assign(transfer_x=0.1, transfer_y=0.1))
 
 
 def test_no_control_at_all_rests_on_the_gnss():

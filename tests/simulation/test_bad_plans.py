@@ -63,6 +63,14 @@ WRONG = {
         "[tie_points]\nborder_px = 1920\n" + FLIGHT,
         "border_px = 1920 leaves nothing of 5120 x 3840 px",
     ),
+    "a matcher that needs bigger than big": (
+        "[tie_points]\nmatch_scale = 0.5\n" + FLIGHT,
+        "match_scale = 0.5 is below 1",
+    ),
+    "a matcher that knows nothing again": (
+        "[tie_points]\nmatch_angle_deg = 0\n" + FLIGHT,
+        "match_angle_deg = 0 matches nothing",
+    ),
     "stations without length": (FLIGHT + "stations_m = [80, 80]", "has no length"),
     # --- what contradicts itself
     "the same thing twice": (

@@ -11,6 +11,7 @@ from corridor.simulation import (
     Noise,
     Plan,
     Start,
+    TiePoints,
     cameras,
     read_plan,
     ready_made,
@@ -33,6 +34,8 @@ roughness_m = 0.1
 [tie_points]
 per_image = 100
 border_px = 20
+match_angle_deg = 25
+match_scale = 1.5
 
 [ground]
 control = 3
@@ -87,7 +90,7 @@ def test_a_plan_holds_what_its_file_says(everything):
     assert plan.name == "all of it" and plan.gnss is False
     assert plan.axis_m == ((0, 0), (0, 100), (50, 150)) and plan.bend_radius_m == 40
     assert (plan.terrain.relief_m, plan.terrain.level_m, plan.terrain.roughness_m) == (2, 120, 0.1)
-    assert (plan.tie_points.per_image, plan.tie_points.border_px) == (100, 20)
+    assert plan.tie_points == TiePoints(100, 20, 25, 1.5)
     assert (plan.ground.layout, plan.ground.offset_m, plan.ground.within_m) == ("spread", 9, 20)
     assert plan.noise == Noise(tie_px=0.5, gnss_m=(0.01, 0.02, 0.03), rounding_px=1e-3)
     assert plan.start == Start(centre_m=1.0, camera={"f": 50, "k1": 0.01})

@@ -1,6 +1,7 @@
 """From a plan to a block: everything that is put in is true, and nothing else is wrong."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,7 @@ from corridor.simulation import (
     Plan,
     Simulated,
     Start,
+    TiePoints,
     perfect_block,
     read_plan,
     simulate,
@@ -449,3 +451,21 @@ def test_a_wrong_focal_length_comes_back_when_it_is_free():
     assert found == pytest.approx(5489.0, abs=1e-4)
     # Issue 3: below 1 micrometre.
     assert laid.check_rms.d3 < 1e-6
+
+
+def test_a_matcher_ties_no_nadir_image_to_one_that_looks_far_ahead():
+    """Nadir, and 55 degrees ahead: from 50 m a point is seen under angles far apart."""
+    flights = (
+        Flight("down", 50.0, strips=1, forward=0.8),
+        Flight("ahead", 50.0, strips=1, forward=0.8, tilt_deg=55.0, attitude_jitter_deg=0.0),
+    )
+    plan = Plan("two", flights, ((0.0, 0.0), (0.0, 150.0)))
+    for limits, tied in (({}, True), ({"match_angle_deg": 10.0, "match_scale": 1.5}, False)):
+        block = perfect_block(replace(plan, tie_points=TiePoints(100, 10.0, **limits)), seed=2)
+        flight = block.tie_points["image"].astype(str).str.partition("_")[0]
+        flights_of_a_point = flight.groupby(block.tie_points["point"], observed=True).nunique()
+        assert (flights_of_a_point.max() == 2) == tied
+        rays = block.tie_points.groupby("point", observed=True).size()
+        assert rays.min() >= 2
+        # Images at the ends of a single strip share too little to be filled.
+        assert len(block.tie_points) / len(block.images) == pytest.approx(100, rel=0.1)

@@ -6,7 +6,7 @@ import pytest
 from corridor.camera import project, undistort
 from corridor.simulation import Flight, Plan
 from corridor.simulation.fly import fly
-from corridor.simulation.views import Network, Views, thin
+from corridor.simulation.views import Network, Views, matched, thin
 
 BEND = ((0.0, 0.0), (0.0, 120.0), (90.0, 190.0))
 PLANS = {
@@ -115,6 +115,33 @@ def test_looking_in_several_goes_sees_the_same(seen, monkeypatch):
 def test_no_points_are_seen_by_nobody(seen):
     views = seen[1].look(np.empty((0, 3)))
     assert views.multiplicity.tolist() == [] and len(views.image) == 0
+
+
+# --- matching --------------------------------------------------------------------------------
+
+
+def test_a_matcher_knows_a_point_again_only_from_near_its_reference(seen):
+    """Every ray that is left agrees with one and the same ray of its point; none else does."""
+    flown, _, points, views = seen
+    away = flown.centre[views.image] - points[views.point]
+    found = matched(views, away, 20.0, 1.3, np.random.default_rng(5))
+    assert len(found.start) == len(views.start)
+    unit = away / np.linalg.norm(away, axis=1)[:, None]
+    length = np.linalg.norm(away, axis=1)
+    for p in np.flatnonzero(views.multiplicity > 1)[:300]:
+        mine = slice(views.start[p], views.start[p + 1])
+        near = (unit[mine] @ unit[mine].T >= np.cos(np.radians(20.0)) - 1e-9) & (
+            np.abs(np.log(length[mine][:, None] / length[mine])) <= np.log(1.3) + 1e-9
+        )
+        left = found.image[found.start[p] : found.start[p + 1]].tolist()
+        assert left in [views.image[mine][one].tolist() for one in near]
+
+
+def test_a_matcher_without_limits_finds_every_ray(seen):
+    flown, _, points, views = seen
+    away = flown.centre[views.image] - points[views.point]
+    found = matched(views, away, None, None, np.random.default_rng(5))
+    assert np.array_equal(found.start, views.start) and np.array_equal(found.image, views.image)
 
 
 # --- thinning --------------------------------------------------------------------------------
