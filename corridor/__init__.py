@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from corridor.block import Block as Block
     from corridor.block import read as read
     from corridor.camera import Camera as Camera
+    from corridor.campaign import batch as batch
     from corridor.diagnosis import Diagnosis as Diagnosis
     from corridor.diagnosis import diagnose as diagnose
     from corridor.effects import correct as correct
@@ -44,6 +45,7 @@ _HOME = {
     "prepare": "corridor.preparation",
     "adjust": "corridor.adjustment",
     "diagnose": "corridor.diagnosis",
+    "batch": "corridor.campaign",
     "simulate": "corridor.simulation",
     "plan": "corridor.planning",
     "correct": "corridor.effects",
@@ -61,7 +63,7 @@ _HOME = {
 # Commands of several functions (`corridor.thermal.fit`), and what draws.
 _ROOMS = ("change", "data", "effects", "figures", "gnss", "readout", "thermal")
 # What stands behind a function above; there when asked for.
-_BEHIND = ("diagnosis", "interchange", "planning", "preparation", "simulation")
+_BEHIND = ("campaign", "diagnosis", "interchange", "planning", "preparation", "simulation")
 
 __all__ = [*_HOME, *_ROOMS]
 

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import signal
 import threading
+import warnings
 from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 
 import joblib
 
 from corridor.errors import InputError
+
+
+class WorkerDied(RuntimeError):
+    """A worker ended in the midst of its work: killed, out of memory, or switched off."""
 
 
 @contextmanager
@@ -20,7 +26,9 @@ def parallel(
 
     jobs: processes. cluster: address of a Dask scheduler (extra `cluster`) whose workers have
     corridor, used in their place. ordered: results in the order of the calls, else the first ready
-    first. Raises InputError for no process, where Dask is not installed or no scheduler answers.
+    first. Raises InputError for no process, where Dask is not installed or no scheduler answers;
+    WorkerDied when a process ends in the midst of its work, or workers of a cluster again and again
+    with the same piece.
     """
     come = "generator" if ordered else "generator_unordered"
     if cluster is None:
@@ -28,11 +36,16 @@ def parallel(
             raise InputError("0 processes do no work: use 1 or more")
         if jobs != 1:
             _start(jobs)
-        with joblib.Parallel(n_jobs=jobs, return_as=come) as share_out:
-            yield share_out
+        try:
+            with warnings.catch_warnings(), joblib.Parallel(jobs, return_as=come) as share_out:
+                # Processes that have grown or waited for long are replaced, and nothing is lost.
+                warnings.filterwarnings("ignore", "A worker stopped while some jobs")
+                yield share_out
+        except BrokenExecutor as broken:
+            raise WorkerDied(str(broken)) from broken
         return
     try:
-        from dask.distributed import Client
+        from dask.distributed import Client, KilledWorker
     except ImportError:
         raise InputError("a cluster needs Dask: install corridor with the extra cluster") from None
     try:
@@ -40,7 +53,10 @@ def parallel(
     except (OSError, TimeoutError, ValueError) as error:
         raise InputError(f"no Dask scheduler answers at {cluster} ({error}): start one") from None
     with client, joblib.parallel_config("dask", client=client):
-        yield joblib.Parallel(n_jobs=-1, return_as=come)
+        try:
+            yield joblib.Parallel(n_jobs=-1, return_as=come)
+        except KilledWorker as killed:
+            raise WorkerDied(str(killed)) from killed
 
 
 def _start(jobs: int) -> None:

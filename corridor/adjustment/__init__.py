@@ -15,6 +15,7 @@ from corridor.adjustment.gains import PointGains, point_gains
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.adjustment.matrix import Singular
+from corridor.adjustment.misfit import not_converged
 from corridor.adjustment.model import (
     LOSSES,
     REFERENCE_CAMERA,
@@ -56,6 +57,7 @@ __all__ = [
     "lay_on_control",
     "listed",
     "make_problem",
+    "not_converged",
     "point_gains",
     "similarity",
     "solve",

@@ -7,10 +7,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from corridor.errors import AdjustmentFailed
+
 if TYPE_CHECKING:
     from corridor.adjustment.result import Adjustment
 
 _NAMED = 3
+
+
+def not_converged(adjustment: Adjustment) -> AdjustmentFailed:
+    """The error that says so: numbers that are no result are not written."""
+    return AdjustmentFailed(
+        f"the adjustment of {adjustment.start.name} did not converge in {adjustment.iterations} "
+        "iterations, so there is no result and nothing was written: check the axes, units and "
+        "names of what lies farthest off above, or allow more with --iterations"
+    )
 
 
 def start_misfit(adjustment: Adjustment) -> list[str]:

@@ -1,6 +1,6 @@
 """The block: one flight, or several, as plain tables. Read, check, select, write, summarise."""
 
-from corridor.block.block import Block, read
+from corridor.block.block import Block, is_block, read
 from corridor.block.reading import place, read_columns, row_numbers
 from corridor.block.record import forget_correction, record_correction, taken_out
 from corridor.block.summary import Summary
@@ -14,6 +14,7 @@ __all__ = [
     "Layout",
     "Summary",
     "forget_correction",
+    "is_block",
     "place",
     "read",
     "read_columns",

@@ -371,6 +371,11 @@ def read(folder: str | os.PathLike | Block) -> Block:
     return block
 
 
+def is_block(folder: Path) -> bool:
+    """Whether a folder is that of a block."""
+    return (folder / FILE).is_file()
+
+
 def _chosen(names: Iterable[str], known: pd.Series | pd.Index, what: str) -> list[str]:
     names = [names] if isinstance(names, str) else [str(name) for name in names]
     unknown = pd.Index(names).difference(pd.Index(known), sort=False)

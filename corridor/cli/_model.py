@@ -7,6 +7,9 @@ from corridor.cli._options import SHARED, add, flag, option
 
 _PRIOR = re.compile(r"(?P<name>[^=\s]+)=(?P<value>[^=]+?)(?:\+-|\+/-|±)(?P<sigma>[^=]+)")
 
+_BLOCKS = option("folders of blocks, or folders that hold such folders", nargs="+")
+_CAMPAIGN = option("folder for table, page and results", required=True)
+
 
 def configure(
     parser: argparse.ArgumentParser,
@@ -15,17 +18,20 @@ def configure(
     prior: str,
     threads: int,
     block: str | None = None,
+    many: bool = False,
 ) -> None:
     """Options of the block and of the model; the texts say what differs between the verbs.
 
     camera: the default of --camera. effect, prior, block: help of these. threads: default.
+    many: blocks are named, and a folder for all of them.
     """
     default = f"(default: {camera}, fixed where block.toml says calibrated = true)"
     add(
         parser,
         {
-            "block": {} if block is None else option(block),
-            "--output": option("folder for the results (none: print only)"),
+            "block": _BLOCKS if many else {} if block is None else option(block),
+            "--output": option("folder for the results (none: print only)")
+            | (_CAMPAIGN if many else {}),
             "--camera": option(f"{SHARED['--camera']['help']} {default}"),
             "--effect": option(effect),
             "--control": {},

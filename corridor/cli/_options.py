@@ -145,7 +145,11 @@ SHARED = {
     ),
     "--seed": option("of everything drawn (default 0)", "N", whole("seed", 0), default=0),
     "--jobs": option("processes (default 1)", "N", whole("number of processes", 1), default=1),
-    "--cluster": option("Dask scheduler that does the work", "ADDRESS"),
+    "--cluster": option(
+        "Dask scheduler whose workers do the work (needs the extra `cluster`)",
+        "ADDRESS",
+        dest="cluster",
+    ),
     "--level": option(
         "probability of a false name in a block that lacks nothing (default 0.01)",
         "P",
@@ -168,7 +172,7 @@ SHARED = {
 }
 
 
-_SHORT = {"--output": "-o", "--verbose": "-v"}
+_OTHER = {"--output": "-o", "--verbose": "-v", "--cluster": "--scheduler"}
 
 
 def below(parsers, verb: str, name: str, text: str, examples: str):
@@ -191,7 +195,7 @@ def add(parser, options: Mapping[str, Mapping]) -> None:
     options: name -> what differs from `SHARED`, or all that argparse is told of it.
     """
     for name, own in options.items():
-        flags = (_SHORT[name], name) if name in _SHORT else (name,)
+        flags = (_OTHER[name], name) if name in _OTHER else (name,)
         parser.add_argument(*flags, **{**SHARED.get(name, {}), **own})
 
 
@@ -265,6 +269,27 @@ class Line:
         if self.shown:
             print("\r" + " " * self.shown, end="\r", file=sys.stderr, flush=True)
             self.shown = 0
+
+
+class BlockBar:
+    """A bar of blocks with the time left, and what became of the one that was done last."""
+
+    def __init__(self, total: int):
+        self.total = total
+
+    def __enter__(self):
+        from tqdm import tqdm
+
+        self.bar = tqdm(total=self.total, unit="block", file=sys.stderr, mininterval=1.0)
+        return self
+
+    def __exit__(self, *_):
+        self.bar.close()
+
+    def __call__(self, name: str, what: str, done: int) -> None:
+        """Name of a block, what became of it, and how many are done."""
+        self.bar.set_postfix_str(f"{name}: {what}", refresh=False)
+        self.bar.update(done - self.bar.n)
 
 
 class Bars:

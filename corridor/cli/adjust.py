@@ -24,7 +24,6 @@ import argparse
 
 from corridor.cli import _model
 from corridor.cli._options import Line, add, announce_compilation, flag, option, say, wrote
-from corridor.errors import AdjustmentFailed
 
 _COLUMNS = """\
 cost: half the sum of squared residuals over their sigmas; damping: 0 is a full Gauss-Newton step;
@@ -42,40 +41,49 @@ _OPTIONS = {
     "--reject-gnss": flag(
         "leave out antenna positions beyond five sigmas (false fixes) and adjust again"
     ),
-    "--verbose": flag("print every iteration"),
 }
+_ALONE = {"--verbose": flag("print every iteration")}
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor adjust`."""
+def configure(parser: argparse.ArgumentParser, many: bool = False) -> None:
+    """Options of `corridor adjust`; many: of several blocks."""
     _model.configure(
         parser,
         camera="fraser8",
         effect="estimate this effect too (commas, may be repeated; `corridor effects` lists them)",
         prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
         threads=1,
+        many=many,
     )
-    add(parser, _OPTIONS)
+    add(parser, _OPTIONS if many else _OPTIONS | _ALONE)
+
+
+def keywords(options: argparse.Namespace) -> dict:
+    """What the options say to `corridor.adjust`."""
+    return {
+        "model": _model.of_options(options),
+        "threads": options.threads,
+        "max_iterations": options.iterations or 100,
+        "reject_gnss": options.reject_gnss,
+        "strict": options.strict,
+    }
 
 
 def run(options: argparse.Namespace) -> None:
     """Adjust, print the report, save what was asked for."""
     import corridor
+    from corridor.adjustment import not_converged
 
     announce_compilation("half a minute", "assemble")
     with _Iterations(options.verbose) as progress:
-        adjustment = corridor.adjust(
-            corridor.read(options.block),
-            model=_model.of_options(options),
-            threads=options.threads,
-            progress=progress,
-            max_iterations=options.iterations or 100,
-            reject_gnss=options.reject_gnss,
-            strict=options.strict,
-        )
+        block = corridor.read(options.block)
+        adjustment = corridor.adjust(block, progress=progress, **keywords(options))
     adjustment.required = options.required
     if not adjustment.converged:
-        _end(adjustment)
+        print("What measurements and start values say of each other:")
+        for sentence in (*adjustment.doubts, *adjustment.start_misfit()):
+            print(f"  {sentence}")
+        raise not_converged(adjustment)
     print(adjustment)
     if options.output is None:
         print(
@@ -84,18 +92,6 @@ def run(options: argparse.Namespace) -> None:
         return
     pictures = corridor.figures.of_adjustment(adjustment)
     wrote(*adjustment.save(options.output, pictures))
-
-
-def _end(adjustment):
-    """Say what helps to find the cause; numbers that are no result are not written."""
-    print("What measurements and start values say of each other:")
-    for sentence in (*adjustment.doubts, *adjustment.start_misfit()):
-        print(f"  {sentence}")
-    raise AdjustmentFailed(
-        f"the adjustment of {adjustment.start.name} did not converge in {adjustment.iterations} "
-        "iterations, so there is no result and nothing was written: check the axes, units and "
-        "names of what lies farthest off above, or allow more with --iterations"
-    )
 
 
 class _Iterations:

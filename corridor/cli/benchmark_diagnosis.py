@@ -21,10 +21,9 @@ for each block, blocks/NAME.json, written as soon as it is done.
 """
 
 import argparse
-import sys
 from pathlib import Path
 
-from corridor.cli._options import add, flag, number, option, say, several, whole, wrote
+from corridor.cli._options import BlockBar, add, flag, number, option, say, several, whole, wrote
 from corridor.errors import InputError
 
 # A block of 40 images, its diagnosis and the baselines on one idle core: 7 to 14 s.
@@ -79,7 +78,7 @@ def run(options: argparse.Namespace) -> None:
         trials = benchmark.of_generator(options.cases, options.count, options.seed, options.short)
     say(_how_long(trials, options))
     try:
-        with _Progress(len(trials)) as progress:
+        with BlockBar(len(trials)) as bar:
             rows = benchmark.run(
                 trials,
                 options.output,
@@ -87,7 +86,7 @@ def run(options: argparse.Namespace) -> None:
                 options.cluster,
                 options.again,
                 not options.without_baselines,
-                progress,
+                lambda row, done, of: bar(row["name"], row.get("verdict") or "failed", done),
                 level=options.level,
             )
     except KeyboardInterrupt:
@@ -117,23 +116,3 @@ def _how_long(trials, options):
         f"{blocks}: about {long} on an idle machine ({_SECONDS:.0f} s a block and process); Ctrl-C "
         "keeps what is done"
     )
-
-
-class _Progress:
-    """A bar with the time left, and the block that was done last."""
-
-    def __init__(self, total: int):
-        self.total = total
-
-    def __enter__(self):
-        from tqdm import tqdm
-
-        self.bar = tqdm(total=self.total, unit="block", file=sys.stderr, mininterval=1.0)
-        return self
-
-    def __exit__(self, *_):
-        self.bar.close()
-
-    def __call__(self, row: dict, done: int, of: int) -> None:
-        self.bar.set_postfix_str(f"{row['name']}: {row.get('verdict') or 'failed'}", refresh=False)
-        self.bar.update(done - self.bar.n)

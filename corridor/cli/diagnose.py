@@ -40,8 +40,8 @@ _OPTIONS = {
 }
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor diagnose`."""
+def configure(parser: argparse.ArgumentParser, many: bool = False) -> None:
+    """Options of `corridor diagnose`; many: of several blocks."""
     _model.configure(
         parser,
         camera="fraser10",
@@ -50,8 +50,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
         prior="what is known of camera.NAME.f, of SLUG.parameter, or of a candidate SLUG by its "
         "first parameter (may be repeated)",
         threads=min(2, os.cpu_count() or 1),
+        many=many,
     )
     add(parser, _OPTIONS)
+
+
+def keywords(options: argparse.Namespace) -> dict:
+    """What the options say to `corridor.diagnose`."""
+    return {
+        "model": _model.of_options(options),
+        "threads": options.threads,
+        "only": options.only or None,
+        "without": options.without,
+        "level": options.level,
+        "seed": options.seed,
+        "max_iterations": options.iterations,
+        "strict": options.strict,
+    }
 
 
 def run(options: argparse.Namespace) -> None:
@@ -61,18 +76,8 @@ def run(options: argparse.Namespace) -> None:
     announce_compilation("half a minute", "assemble")
     if options.output is not None:
         corridor.diagnosis.check_output(options.output)
-    diagnosis = corridor.diagnose(
-        corridor.read(options.block),
-        model=_model.of_options(options),
-        threads=options.threads,
-        only=options.only or None,
-        without=options.without,
-        level=options.level,
-        seed=options.seed,
-        progress=_progress,
-        max_iterations=options.iterations,
-        strict=options.strict,
-    )
+    block = corridor.read(options.block)
+    diagnosis = corridor.diagnose(block, progress=_progress, **keywords(options))
     diagnosis.required = options.required
     print(diagnosis)
     if options.output is None:

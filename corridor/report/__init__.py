@@ -11,15 +11,19 @@ from corridor.report.adjustment import (
     Adjusted,
     adjustment_dict,
     check_sigma,
+    doubted,
     of_adjustment,
     save_adjustment,
+    steps,
 )
 from corridor.report.files import (
     check_folder,
     check_writable,
     files_in,
+    forget_parts,
     listed_in,
     png,
+    sole,
     whole_file,
     whole_files,
     whole_folder,
@@ -45,12 +49,13 @@ from corridor.report.numbers import (
     times,
 )
 from corridor.report.page import Report, numbered, page
-from corridor.report.table import WIDTH, Table
+from corridor.report.table import WIDTH, Link, Table
 
 __all__ = [
     "CAPTIONS",
     "DASH",
     "Layer",
+    "Link",
     "WIDTH",
     "Adjusted",
     "Report",
@@ -61,8 +66,10 @@ __all__ = [
     "check_writable",
     "coefficient",
     "counted",
+    "doubted",
     "files_in",
     "fixed",
+    "forget_parts",
     "json_text",
     "listed_in",
     "metre_digits",
@@ -78,6 +85,8 @@ __all__ = [
     "save_adjustment",
     "short",
     "significant",
+    "sole",
+    "steps",
     "times",
     "whole_file",
     "whole_files",

@@ -67,6 +67,7 @@ _MOST_POINTS = 20
 _MOST_PAIRS = 12
 # A sum of squares of check points that chance exceeds this rarely; a sigma naught worth a question.
 _RARE, _LARGE = 0.01, 1.1
+_MOST_STEPS = 3
 
 
 class Adjusted(Protocol):
@@ -275,16 +276,34 @@ def check_sigma(adjustment: Adjusted) -> np.ndarray:
     return np.hypot(adjustment.check_points[_SIGMAS].to_numpy(float), surveyed)
 
 
+def doubted(adjustment: Adjusted) -> bool:
+    """Whether check points or residuals are larger than their standard deviations say."""
+    return _beyond(adjustment) or bool(adjustment.sigma0 > _LARGE)
+
+
+def _beyond(adjustment: Adjusted) -> bool:
+    """Whether check points are off by more than chance makes of their standard deviations."""
+    check = adjustment.check_points
+    if not len(check):
+        return False
+    # The sum of squares of n normalised numbers is a chi-square of n degrees of freedom.
+    scaled = check[_DIFFERENCES].to_numpy(float) / check_sigma(adjustment)
+    return bool(np.sum(np.square(scaled)) > chdtri(np.size(scaled), _RARE))
+
+
 def _actions(adjustment: Adjusted) -> list[str]:
     """What to do next, the most useful first, at most three."""
     if not adjustment.converged:
         return []
+    go_on = "Go on with OUT/block, or in another program: `corridor export FORMAT OUT -o OUT2`."
+    return steps(adjustment) or [go_on]
+
+
+def steps(adjustment: Adjusted) -> list[str]:
+    """What has to be done about an adjustment, the most useful first, at most three sentences."""
     out, check = [], adjustment.check_points
-    rms = adjustment.check_rms
+    rms, beyond = adjustment.check_rms, _beyond(adjustment)
     missed = len(check) and adjustment.required is not None and rms.d3 > adjustment.required
-    # The sum of squares of n normalised numbers is a chi-square of n degrees of freedom.
-    scaled = check[_DIFFERENCES].to_numpy(float) / check_sigma(adjustment) if len(check) else ()
-    beyond = len(check) and np.sum(np.square(scaled)) > chdtri(np.size(scaled), _RARE)
     if beyond or missed or adjustment.sigma0 > _LARGE:
         why = "Check points are off by more than their standard deviations say" if beyond else ""
         why = why or ("It is not accurate enough" if missed else "The residuals are too large")
@@ -306,11 +325,7 @@ def _actions(adjustment: Adjusted) -> list[str]:
         kept = ",".join(name for name in free if name not in {name for _, name in doubtful})
         named = ", ".join(name for _, name in doubtful)
         out.append(f"Leave out {named}, which may be zero: `--camera {kept or 'fixed'}`")
-    if not out:
-        out.append(
-            "Go on with OUT/block, or in another program: `corridor export FORMAT OUT -o OUT2`"
-        )
-    return [f"{action}." for action in out[:3]]
+    return [f"{action}." for action in out[:_MOST_STEPS]]
 
 
 def _compared(sigma0: float) -> str:

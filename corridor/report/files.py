@@ -7,8 +7,10 @@ wins, whole, and nothing hidden stays.
 from __future__ import annotations
 
 import errno
+import glob
 import io
 import json
+import math
 import os
 import shutil
 import time
@@ -175,7 +177,8 @@ def _alone_in(folder: Path) -> Iterator[None]:
     try:
         import fcntl
     except ImportError:
-        with _holding(folder / ".corridor.lock"):
+        # Who has waited for half a minute goes on without it.
+        with _existing(folder / ".corridor.lock", 30.0):
             yield
         return
     lock = os.open(folder, os.O_RDONLY)
@@ -188,28 +191,73 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _holding(path: Path) -> Iterator[None]:
-    """The lock of a system whose folders cannot be locked (Windows): a file that is there.
+def sole(path: Path, wait: bool = False) -> Iterator[bool]:
+    """Whether nobody else holds this file, also on another machine that shares the disk.
+
+    The system lets go of it when the process that holds it dies. It is gone when the `with` ends.
+    wait: until nobody else holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        with _existing(path, math.inf if wait else 0.0) as ours:
+            yield ours
+        return
+    while True:
+        lock = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            os.close(lock)
+            yield False
+            return
+        except OSError:  # a disk without locks: nobody can be asked
+            break
+        with suppress(FileNotFoundError):
+            # Who held it may have removed it: then another file of that name is the one to hold.
+            if os.path.samestat(os.stat(path), os.fstat(lock)):
+                break
+        os.close(lock)
+    try:
+        yield True
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(lock)
+
+
+@contextmanager
+def _existing(path: Path, seconds: float) -> Iterator[bool]:
+    """Whether this file is ours within so many seconds, where files cannot be locked (Windows).
 
     Only one can create it, and the system removes it once it is closed, also when its process
-    dies. Who has waited for half a minute goes on without it.
+    dies.
     """
     removed = getattr(os, "O_TEMPORARY", 0)
-    until, lock = time.monotonic() + 30.0, None
-    while lock is None and time.monotonic() < until:
+    until, lock = time.monotonic() + seconds, None
+    while lock is None:
         try:
             lock = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR | removed)
         except (FileExistsError, PermissionError):  # it is there, or on its way out
+            if time.monotonic() >= until:
+                break
             time.sleep(0.01)
         except OSError:
             break
     try:
-        yield
+        yield lock is not None
     finally:
         if lock is not None:
             os.close(lock)
             if not removed:
                 path.unlink(missing_ok=True)
+
+
+def forget_parts(folder: str | os.PathLike) -> None:
+    """Removes what a killed run left of a folder, which nobody may be writing now."""
+    target = Path(folder).resolve()
+    for end in ("part", "old"):
+        for left in target.parent.glob(f".{glob.escape(target.name)}.????????.{end}"):
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _remove_empty(folders: list[Path]) -> None:

@@ -6,6 +6,7 @@ import html
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
+from urllib.parse import quote
 
 import pandas as pd
 
@@ -14,12 +15,25 @@ WIDTH = 100  # columns of a terminal
 _ROOM = 24
 
 
+class Link(str):
+    """A text of a table that leads somewhere from a page; address: relative to the page."""
+
+    address: str
+
+    def __new__(cls, text: str, address: str) -> Link:
+        """The text with its address."""
+        made = super().__new__(cls, text)
+        made.address = address
+        return made
+
+
 @dataclass(frozen=True)
 class Table:
     """A small table of texts; without rows, a title with notes.
 
     header: () for a table whose columns need no names.
-    align: one letter for each column: l for texts, r for numbers.
+    align: one letter for each column: l for texts, w for long ones (sentences, which a page sets in
+    several lines), r for numbers.
     """
 
     title: str
@@ -52,11 +66,11 @@ class Table:
         widths = [max(map(len, column)) for column in zip(*grid, strict=True)]
         begin = sum(width + 2 for width in widths[:-1])
         last = WIDTH - 2 - begin
-        wraps = self.align.endswith("l") and last >= _ROOM
+        wraps = self.align.endswith(("l", "w")) and last >= _ROOM
         lines = []
         for row in grid:
             cells = [
-                text.ljust(width) if side == "l" else text.rjust(width)
+                text.rjust(width) if side == "r" else text.ljust(width)
                 for text, width, side in zip(row, widths, self.align, strict=True)
             ]
             more: list[str] = []
@@ -83,11 +97,16 @@ class Table:
         return "\n".join(lines)
 
     def _cells(self, tag: str, row: Sequence[str]) -> str:
-        kinds = {"l": ' class="name"', "r": ""}
+        kinds = {"l": ' class="name"', "w": ' class="name text"', "r": ""}
         return "".join(
-            f"<{tag}{kinds[side]}>{html.escape(text)}</{tag}>"
+            f"<{tag}{kinds[side]}>{_html(text)}</{tag}>"
             for text, side in zip(row, self.align, strict=True)
         )
+
+
+def _html(text: str) -> str:
+    said = html.escape(text)
+    return f'<a href="{quote(text.address)}">{said}</a>' if isinstance(text, Link) else said
 
 
 def _are_numbers(column: Sequence[str]) -> bool:
