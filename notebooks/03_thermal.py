@@ -308,7 +308,7 @@ figures.curves(
             {"f": "focal length", "cx": "principal point, x", "cy": "principal point, y"}[name],
             shown["temperature_c"].to_numpy(),
             {"pose held": (shown[name] - middle[name]).to_numpy()},
-            "temperature (°C)", f"{name} less its mean (px)", zero=False,
+            "temperature (°C)", f"{name} less its mean (px)", zero=False, joined=False,
         )
         for name in ("f", "cx", "cy")
     ],

@@ -6,8 +6,8 @@ when it ended. Along either, and along both wings of the bar,
     angle about the axis = edge + rate y      (mod 180 degrees)
 
 so that readout = rate (L - 1) / angular velocity, and the length of the exposure falls out. The
-difference of the two photographs shows nothing but the two fans. The answer hangs on the axis (ten
-pixels are a tenth of the readout), which is therefore found with the rest.
+difference of the two photographs shows nothing but the two fans. The answer depends on the axis
+(ten pixels are a tenth of the readout), which is therefore found with the rest.
 
 Source of the measurement: Wallace, camfi (doi 10.5281/zenodo.4971144), who clicked the edges.
 """

@@ -286,7 +286,7 @@ def _uncertain(found: FlightReadout, in_camera: np.ndarray) -> str:
     if found.jackknife > 2 * found.formal:
         low, high = (f(found.left, key=lambda one: one.readout) for f in (min, max))
         return head + (
-            f"it hangs on single strips ({1000 * low.readout:.1f} ms without {low.strip}, "
+            f"it depends on single strips ({1000 * low.readout:.1f} ms without {low.strip}, "
             f"{1000 * high.readout:.1f} ms without {high.strip})."
         )
     return head + (

@@ -37,12 +37,14 @@ def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") ->
         style.label(axes, x_name if axes is panels[-1, 0] else None, y_name)
         images = block.images
         for (flight, _), strip in images.groupby(["flight", "strip"], sort=False, observed=True):
-            strip = strip.sort_values("time_s")
-            ends = frame.place(strip[["x", "y"]].to_numpy(float)[[0, -1]])
-            axes.plot(*frame.place(strip[["x", "y"]].to_numpy(float)).T, **looks[flight])
-            middle = ends.mean(axis=0)
+            track = frame.place(strip.sort_values("time_s")[["x", "y"]].to_numpy(float))
+            axes.plot(*track.T, **looks[flight])
+            # In the middle of the strip, along it there: a strip may bend.
+            middle = len(track) // 2
+            along = track[middle] - track[middle - 1]
+            along *= 0.03 * np.linalg.norm(np.ptp(track, axis=0)) / np.linalg.norm(along)
             axes.annotate(
-                "", middle + 0.03 * (ends[1] - ends[0]), middle,
+                "", track[middle] + along, track[middle],
                 arrowprops={
                     "arrowstyle": "-|>", "color": looks[flight]["color"], "lw": 1,
                     "mutation_scale": 16,
@@ -181,8 +183,8 @@ def beside_published(
         name: {"facecolor": colour, "hatch": hatch, "edgecolor": style.INK, "linewidth": 0.4}
         for name, colour, hatch in zip(
             names,
-            (style.FAINT, style.DARK, style.LIGHT, style.MIDDLE),
-            ("////", "", "", "...."),
+            (style.FAINT, style.DARK, "white", style.LIGHT, style.MIDDLE),
+            ("////", "", "xxxx", "", "...."),
             strict=False,
         )
     }

@@ -88,7 +88,7 @@ class TestRefused:
 
     def test_what_hangs_on_one_strip(self, found):
         said = changed(found, readout=0.030, sigma=0.009, formal=0.003, jackknife=0.02)
-        assert "hangs on single strips" in said.reasons[0]
+        assert "depends on single strips" in said.reasons[0]
 
     def test_too_few_strips(self, found):
         assert "too few" in changed(found, left=found.left[:2]).reasons[0]
