@@ -11,6 +11,7 @@ from corridor.adjustment.adjust import adjust, complete
 from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
+from corridor.adjustment.design import Design, Sets
 from corridor.adjustment.gains import PointGains, point_gains
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import Columns, ImageRows, LinearSystem
@@ -39,6 +40,7 @@ __all__ = [
     "Adjustment",
     "Columns",
     "Covariance",
+    "Design",
     "AbsoluteOrientation",
     "ImageRows",
     "LinearSystem",
@@ -47,6 +49,7 @@ __all__ = [
     "Normal",
     "ParameterId",
     "PointGains",
+    "Sets",
     "Similarity",
     "Singular",
     "adjust",

@@ -459,6 +459,15 @@ class LinearSystem:
         return out
 
     @cached_property
+    def right_of_priors(self) -> np.ndarray:
+        """The part (n,) of t that comes from priors."""
+        p, out = self.problem, np.zeros(len(self.columns))
+        shared, own = Normal(p, self.loss, storage=self.storage).from_priors(self.state)
+        out[self.columns.pose[:, :1] + np.arange(6, p.d)] = p.per_image_prior[1] * own
+        out[p.image_count * p.d : self._of_problem] = p.prior_weight * shared
+        return out
+
+    @cached_property
     def matrix(self) -> csc_array:
         """N (n, n), symmetric."""
         normal = self._normal

@@ -206,15 +206,26 @@ class Normal:
         """
         if not self.has_image_effects:
             return np.zeros((0, 2)), _NO_DERIVATIVE
+        seen = self._seen(view, modelled, first, last)
+        shift, derivative = self.problem.stack.evaluate("image", seen, view.state.effects)
+        return np.ascontiguousarray(shift), np.ascontiguousarray(derivative)
+
+    def _shift(self, view: View, modelled: Modelled, first: int, last: int) -> np.ndarray:
+        """As `_shifts`, without the derivative."""
+        if not self.has_image_effects:
+            return np.zeros((0, 2))
+        seen = self._seen(view, modelled, first, last)
+        return self.problem.stack.shift("image", seen, view.state.effects)
+
+    def _seen(self, view: View, modelled: Modelled, first: int, last: int) -> Context:
+        """What effects on the image look at of the observations of points first..last."""
         p = self.problem
         rows = slice(p.ptr[first], p.ptr[last])
         seen = modelled.pixel[rows]
         position = self._seen_points(view, first, last)
-        context = Context(
+        return Context(
             view.images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:], position=position
         )
-        shift, derivative = p.stack.evaluate("image", context, view.state.effects)
-        return np.ascontiguousarray(shift), np.ascontiguousarray(derivative)
 
     def _seen_points(self, view: View, first: int, last: int) -> np.ndarray | None:
         """Object point (n, 3) of each observation of points first..last, where effects see it."""
@@ -231,7 +242,7 @@ class Normal:
         p = self.problem
         rows = slice(p.ptr[first], p.ptr[last])
         seen, image = modelled.pixel[rows], p.img[rows]
-        shift, _ = self._shifts(view, modelled, first, last)
+        shift = self._shift(view, modelled, first, last)
         step = 1.0 / view.cameras.interior[image, 0]
         position = self._seen_points(view, first, last)
         if self.sighted:
@@ -242,7 +253,7 @@ class Normal:
             pixel[:, axis] += 1.0
             ray[:, axis] += step
             look = Context(view.images, image, pixel=pixel, ray=ray, position=position)
-            by[:, :, axis] = p.stack.evaluate("image", look, view.state.effects)[0] - shift
+            by[:, :, axis] = p.stack.shift("image", look, view.state.effects) - shift
         (a, b), (c, d) = by[:, 0].T, by[:, 1].T
         inverse = 1.0 / ((1.0 - a) * (1.0 - d) - b * c)
         found = np.stack([1.0 - d, b, c, 1.0 - a], axis=1) * inverse[:, None]
@@ -267,7 +278,7 @@ class Normal:
                     images.with_poses(centre, rotation), image,
                     pixel=seen[:, :2], ray=seen[:, 2:], position=point,
                 )  # fmt: skip
-                shift = p.stack.evaluate("image", look, view.state.effects)[0]
+                shift = p.stack.shift("image", look, view.state.effects)
                 total = total + np.sign(sign) * shift
             modelled.sight[rows, :, k] = total / (2.0 * h)
 
@@ -321,7 +332,7 @@ class Normal:
         if len(p.gnss_image):
             predicted, *_ = self.antenna(state, view.images)
             cost += float(np.sum(p.gnss_weight * (p.gnss_given - predicted) ** 2))
-        shared, own = self._from_priors(state)
+        shared, own = self.from_priors(state)
         cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.per_image_prior[1] * own**2))
         return 0.5 * float(cost), int(behind)
 
@@ -360,7 +371,7 @@ class Normal:
             def work(thread: int, start: int, stop: int, totals=totals) -> None:
                 seen = np.zeros(self.longest * kernels.SEEN)
                 for first, last in self.chunks(start, stop):
-                    shift, _ = self._shifts(view, modelled, first, last)
+                    shift = self._shift(view, modelled, first, last)
                     scene = self._scene(view, modelled, first, shift, within=within)
                     if plain:
                         unweighted = scene.observations._replace(weight=np.ones(1))
@@ -523,7 +534,7 @@ class Normal:
             self.shared_reference += np.diag(block)
         return float(np.sum(weight * residual**2))
 
-    def _from_priors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+    def from_priors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Prior minus value of the shared unknowns (q,) and of every image's own (m, k)."""
         p = self.problem
         own = [state.effects[slug][:, number] for slug, number in p.per_image_unknowns]
@@ -532,7 +543,7 @@ class Normal:
 
     def _add_priors(self, state: State) -> float:
         p = self.problem
-        shared, own = self._from_priors(state)
+        shared, own = self.from_priors(state)
         self.shared_block[np.diag_indices(p.shared_count)] += p.prior_weight
         self.shared_reference += p.prior_weight
         self.shared_gradient += p.prior_weight * shared

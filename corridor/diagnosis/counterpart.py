@@ -1,14 +1,14 @@
 """The simulated counterpart: this very block, had the believed model been the whole truth.
 
 Same images, points, gaps, control and epochs; every observation anew, from the adjusted model and
-noise of the sizes and kinds that the residuals show; then adjusted again. What many counterparts
+noise of the sizes and kinds that the residuals show; then fitted again. What many counterparts
 have in common is what the believed model produces after poses and points have absorbed what they
 can, and beside it stands what was measured.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -30,6 +30,8 @@ COUNT = 39
 LEAST = 19
 # Share of the raw noise below which a value says nothing: the adjustment makes it zero.
 ABSORBED = 0.01
+# Counterparts that are fitted together, and residuals of them.
+MOST_AT_ONCE, AT_ONCE = 10, 10_000_000
 
 
 @dataclass(eq=False)
@@ -69,7 +71,7 @@ def counterparts(
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Counterparts:
-    """Simulate the block of an adjustment again and again, and adjust it with the same model.
+    """Simulate the block of an adjustment again and again, and fit the same model to it.
 
     count: how many counterparts, at least 19; 39 make the 95 % limits exact. threads: 1 or 2.
     progress: called with how many are done, and of how many.
@@ -82,18 +84,28 @@ def counterparts(
     with threadpool_limits(1):
         replicator = Replicator(adjustment)
         summary = SummaryStatistics(replicator)
-        measured = summary(replicator.fit)
+        (measured,) = summary([replicator.fit])
         simulated = np.empty((count, len(measured)))
+        some = int(np.clip(AT_ONCE // len(replicator.is_tie), 1, MOST_AT_ONCE))
 
-        def one(k: int) -> None:
-            drawn = replicator.draw(np.random.default_rng([seed, k]))
-            simulated[k] = summary(replicator.adjust(drawn))
+        def work(first: int) -> int:
+            several = range(first, min(first + some, count))
+            drawn = [replicator.draw(np.random.default_rng([seed, k])) for k in several]
+            simulated[first : several.stop] = summary(replicator.fits(drawn))
+            return len(several)
 
-        for done, _ in enumerate(_each(one, count, threads), start=1):
+        done = 0
+        for more in _each(work, range(0, count, some), threads):
+            done += more
             if progress:
                 progress(done, count)
         streams = np.random.default_rng([seed, count]).spawn(8)
-        raw = np.stack([summary(replicator.errors(replicator.draw(rng))) for rng in streams])
+        raw = np.concatenate(
+            [
+                summary([replicator.errors(replicator.draw(rng)) for rng in streams[k : k + some]])
+                for k in range(0, len(streams), some)
+            ]
+        )
     # Signatures are normed to what is left of them.
     normed = np.repeat([s.kind == "signature" for s in summary.statistics], summary.lengths)
     absorbed = (_spread(simulated) < ABSORBED * _spread(raw)) & ~normed
@@ -113,13 +125,12 @@ def _spread(values: np.ndarray) -> np.ndarray:
     return np.subtract(*np.percentile(values, [75, 25], axis=0))
 
 
-def _each(work: Callable[[int], None], count: int, threads: int) -> Iterator[None]:
+def _each(work: Callable[[int], int], each: Sequence[int], threads: int) -> Iterator[int]:
     if threads < 2:
-        for k in range(count):
-            yield work(k)
+        yield from map(work, each)
         return
     with ThreadPoolExecutor(min(threads, 2)) as pool:
-        for job in as_completed([pool.submit(work, k) for k in range(count)]):
+        for job in as_completed([pool.submit(work, k) for k in each]):
             yield job.result()
 
 
@@ -132,7 +143,7 @@ def measure(adjustment: Adjustment) -> pd.DataFrame:
     with threadpool_limits(1):
         replicator = Replicator(adjustment)
         summary = SummaryStatistics(replicator)
-        return _table(summary.statistics, summary(replicator.fit))
+        return _table(summary.statistics, summary([replicator.fit])[0])
 
 
 def _table(statistics: list[Statistic], values: np.ndarray) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Draws counterparts of a block from the model one believes in, and adjusts them as it was.
+"""Draws counterparts of a block from the model one believes in, and fits them as it was.
 
 Every observation anew, from the adjusted model and noise of the sizes and kinds that the residuals
 show.
@@ -6,7 +6,7 @@ show.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ import pandas as pd
 
 from corridor.adjustment import LOSSES, ImageRows, LinearSystem, Loss
 from corridor.diagnosis.hold_out import spared
+from corridor.diagnosis.linear_fits import LinearFits, Measured
 from corridor.diagnosis.residual_noise import (
     GRID,
     TRUST,
@@ -42,26 +43,12 @@ TRIALS = 3
 PULL = 2.5
 
 
-@dataclass(frozen=True)
-class Measured:
-    """Everything measured, in the order of the problem; px and m.
-
-    prior: value of the priors of shared unknowns. check: given coordinates of the check points.
-    """
-
-    xy: np.ndarray
-    gnss: np.ndarray
-    control: np.ndarray
-    prior: np.ndarray
-    check: np.ndarray
-
-
 class Replicator:
-    """The model one believes in, as an adjustment found it; draws counterparts and adjusts them.
+    """The model one believes in, as an adjustment found it; draws counterparts and fits them.
 
     held_out: (observations,) bool, image observations that no fit uses. fit: the measured block
-    adjusted without them, `Fit`. noise: `EstimatedNoise`. Blocks with many wrong matches are fitted
-    robustly, the measured one and its counterparts.
+    adjusted without them, `Fit`. fits: of counterparts, `LinearFits`. noise: `EstimatedNoise`.
+    Blocks with many wrong matches are fitted robustly, the measured one and its counterparts.
     """
 
     def __init__(self, adjustment: Adjustment):
@@ -82,26 +69,14 @@ class Replicator:
         self.check_sigma = system.block.ground_sigma()[self.check_rows]
         self.series: list[Series] = series_of(system)
         system = system.measuring(sigma=np.where(self.held_out, np.inf, self.sigma))
-        self.system = replace(system, loss=_loss(adjustment))
-        self.system = self._with(self.measured).minimised(20, TOLERANCE, near=False)
-        self.fit = self._fit(self.system, self.measured)
-        self.noise = self._estimate()
-
-    # --- adjusting ---------------------------------------------------------------------------
-
-    def adjust(self, measured: Measured) -> Fit:
-        """The believed model fitted to other measurements of the same things."""
-        return self._fit(self._with(measured).minimised(20, TOLERANCE, near=True), measured)
-
-    def _with(self, measured: Measured) -> LinearSystem:
-        return self.system.measuring(
-            measured.xy, gnss=measured.gnss, control=measured.control, prior=measured.prior
+        self.system = replace(system, loss=_loss(adjustment)).minimised(20, TOLERANCE, near=False)
+        left, state = self.system.residuals(), self.system.state
+        check = state.points[self.check_points] - self.measured.check
+        self.fit = Fit(state, left.pixels, left.gnss, left.control, check)
+        self.fits = LinearFits(
+            self.system, self.measured, self.fit, self.sigma, self.held_out, self.check_points
         )
-
-    def _fit(self, system: LinearSystem, measured: Measured) -> Fit:
-        left, state = system.residuals(), system.state
-        check = state.points[self.check_points] - measured.check
-        return Fit(state, left.pixels, left.gnss, left.control, check)
+        self.noise = self._estimate()
 
     # --- noise -------------------------------------------------------------------------------
 
@@ -124,9 +99,9 @@ class Replicator:
         trials = int(np.clip(MANY // max(int(ties.sum()), 1), 1, 6))
         for trial in range(TRIALS):
             left, squares = [], []
-            for k in range(trials):
-                drawn = self.draw(np.random.default_rng([17, trial, k]), noise.changed(control=1.0))
-                fit = self.adjust(drawn)
+            plain = noise.changed(control=1.0)
+            drawn = [self.draw(np.random.default_rng([17, trial, k]), plain) for k in range(trials)]
+            for fit in self.fits(drawn):
                 again = fit.pixels / self.sigma[:, None]
                 left.append(again[ties])
                 squares.append(

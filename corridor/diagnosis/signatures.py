@@ -9,12 +9,13 @@ deviations of it the residuals hold.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from corridor.adjustment import LinearSystem, Loss
+from corridor.adjustment import Design, LinearSystem, Loss, Sets
 from corridor.diagnosis.candidates import make_groups
 from corridor.diagnosis.equations import take_apart
 from corridor.diagnosis.reduced import Elimination
@@ -40,6 +41,7 @@ class Signatures:
         system = replace(replicator.system, loss=Loss())
         effects = _missing_effects(system)
         self._tested = tested = system.testing(effects)
+        self._design = Design(tested)
         columns, gnss = tested.columns, tested.gnss
         groups = make_groups(columns, len(tested.control_names), effects, {})
         e = take_apart(tested, groups)
@@ -84,16 +86,19 @@ class Signatures:
                 self.single.append(f"{slug} {parameter.name}")
                 self._images.append((at[touched], raw[at[touched]]))
 
-    def score(self, pixels: np.ndarray, gnss: np.ndarray, control: np.ndarray) -> np.ndarray:
-        """B'Wr (n,) of residuals (n, 2) px, (k, 3) m, (c, 3) m, by all columns."""
-        fit, given = self._replicator.fit, self._replicator.measured
-        seen = np.isfinite(fit.pixels)
-        system = self._tested.measuring(
-            xy=np.where(seen, given.xy - fit.pixels + pixels, given.xy),
-            gnss=given.gnss - fit.gnss + gnss,
-            control=given.control - fit.control + control,
+    def scores(self, fits: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+        """B'Wr (k, n) by all columns of the residuals of k fits.
+
+        Each: of images (n, 2) px, antenna (k, 3) m and control (c, 3) m. The state is that of the
+        replicator's own fit for all of them.
+        """
+        pixels, gnss, control = (
+            np.stack([one.ravel() for one in part], axis=1) for part in zip(*fits, strict=True)
         )
-        return system.right + self._tested.gnss.jacobian.T @ (self._weight * gnss.ravel())
+        weight = np.repeat(self._design.weight, 2)[:, None]
+        found = self._design.right(Sets(weight * np.nan_to_num(pixels), control))
+        found += self._tested.gnss.jacobian.T @ (self._weight[:, None] * gnss)
+        return (found + self._tested.right_of_priors[:, None]).T
 
     def strengths(self, score: np.ndarray) -> np.ndarray:
         """What residuals share with each effect (names,), in standard deviations.

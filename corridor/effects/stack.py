@@ -92,6 +92,17 @@ class Stack:
             parts.append(derivative)
         return total, np.concatenate(parts, axis=2)
 
+    def shift(self, place: str, context: Context, values: Arrays) -> np.ndarray:
+        """Sum of the shifts (rows, dimension) at a place, as of `evaluate`.
+
+        Effects that stand at zero are not asked: they move nothing.
+        """
+        total = np.zeros((len(context), PLACES[place]))
+        for member in self.at(place):
+            if values[member.effect.slug].any():
+                total += self._one(member, context, values)[0]
+        return total
+
     def motion_by_row(self, images: Images, values: Arrays) -> tuple[np.ndarray, np.ndarray]:
         """Motion of every image as a polynomial in s = row fraction / `ROW_REACH`.
 

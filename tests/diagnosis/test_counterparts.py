@@ -10,6 +10,7 @@ from corridor import diagnosis
 from corridor.diagnosis.replicator import Replicator
 from corridor.diagnosis.residual_noise import GRID, lengths
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.statistics import Fit, SummaryStatistics
 from corridor.errors import InputError
 
 
@@ -36,7 +37,7 @@ class TestDrawing:
         )
         assert np.array_equal(again.simulated, found.simulated)
         assert np.array_equal(again.measured, found.measured)
-        assert said == [(k, 19) for k in range(1, 20)]
+        assert said == [(10, 19), (19, 19)] or said == [(9, 19), (19, 19)]
 
     def test_another_seed_draws_others(self, model):
         one, two = (model.draw(np.random.default_rng([seed, 0])) for seed in (3, 4))
@@ -50,11 +51,54 @@ class TestDrawing:
         """Six counterparts of 3,000 observations: the median is known to 1 %, the tail to 5 %."""
         ties = model.is_tie & ~model.held_out
         sigma = model.sigma[ties, None]
-        again = [model.adjust(model.draw(np.random.default_rng(k))) for k in range(6)]
+        again = model.fits([model.draw(np.random.default_rng(k)) for k in range(6)])
         drawn = lengths(np.concatenate([fit.pixels[ties] / sigma for fit in again]))
         measured = lengths(model.fit.pixels[ties] / sigma)
         at = [np.searchsorted(GRID, p) for p in (0.25, 0.5, 0.9)]
         assert drawn[at] == pytest.approx(measured[at], rel=0.04)
+
+
+class TestFits:
+    """Right sides of one factorisation stand for adjustments anew."""
+
+    @pytest.mark.parametrize(
+        ("loss", "usual", "nearly_all"), [("squares", 0.003, 0.03), ("cauchy:1.4", 0.04, 0.3)]
+    )
+    def test_statistics_are_those_of_full_adjustments(self, loss, usual, nearly_all):
+        """In standard deviations of a statistic, which 20 counterparts know to 16 %."""
+        model = Replicator(believed(flown(), loss=loss))
+        drawn = [model.draw(np.random.default_rng([0, k])) for k in range(7)]
+        values = SummaryStatistics(model)
+        linear, full = values(model.fits(drawn)), values([adjusted_anew(model, d) for d in drawn])
+        spread = full.std(axis=0, ddof=1)
+        there = linear.std(axis=0) > 1e-9  # a lever arm takes all of the mean up
+        apart = np.sqrt(np.mean((linear - full)[:, there] ** 2, axis=0)) / spread[there]
+        assert np.median(apart) < usual
+        assert np.quantile(apart, 0.99) < nearly_all
+        ratio = linear[:, there].std(axis=0, ddof=1) / spread[there]
+        assert np.median(ratio) == pytest.approx(1.0, abs=0.01)
+
+    def test_a_prior_pulls_as_it_does_in_a_full_adjustment(self):
+        """Half of what is known of the focal length comes from the prior, drawn anew each time."""
+        block = flown()
+        (camera,) = block.cameras
+        prior = {f"camera.{camera}.f": (block.cameras[camera]["f"], 0.5)}
+        model = Replicator(believed(block, priors=prior))
+        drawn = model.draw(np.random.default_rng(5))
+        (linear,), full = model.fits([drawn]), adjusted_anew(model, drawn)
+        moved = full.pixels - model.fit.pixels
+        assert np.abs(linear.pixels - full.pixels).max() < 0.01 * np.abs(moved).max()
+        assert linear.gnss == pytest.approx(full.gnss, abs=0.01 * np.abs(full.gnss).max())
+
+
+def adjusted_anew(model, drawn):
+    """The fit of a counterpart by iterations from the measured block's."""
+    system = model.system.measuring(
+        drawn.xy, gnss=drawn.gnss, control=drawn.control, prior=drawn.prior
+    ).minimised(100, 1e-4, near=True)
+    left, state = system.residuals(), system.state
+    check = state.points[model.check_points] - drawn.check
+    return Fit(state, left.pixels, left.gnss, left.control, check)
 
 
 class TestHeldOut:
@@ -67,12 +111,14 @@ class TestHeldOut:
         assert 0.03 < model.held_out.sum() / rows.tie.sum() < 0.07
 
     def test_what_is_held_out_has_no_say(self, model):
-        """Moved by 50 px, they change no pose."""
+        """Moved by 50 px, they change no other residual."""
         moved = model.measured.xy.copy()
         moved[model.held_out] += 50.0
-        fit = model.adjust(model.measured.__class__(**(vars(model.measured) | {"xy": moved})))
-        again = model.adjust(model.measured)
-        assert np.array_equal(fit.state.centre, again.state.centre)
+        fit, again = model.fits([model.measured._replace(xy=moved), model.measured])
+        assert np.array_equal(fit.pixels[~model.held_out], again.pixels[~model.held_out])
+        assert np.array_equal(fit.gnss, again.gnss)
+        held = fit.pixels[model.held_out] - again.pixels[model.held_out]
+        assert held == pytest.approx(np.full_like(held, 50.0))
 
     def test_it_is_farther_off_than_what_was_fitted(self, found):
         """A fitted observation is drawn towards its point, one held out is not."""

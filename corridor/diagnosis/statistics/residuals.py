@@ -36,12 +36,11 @@ class Residuals:
     """Residuals of a fit, none beyond its limit.
 
     ties (u, 2), held (h, 2), marks (m, 2) px; gnss (k, 3) m. frame: see `TieFrame`. score: by the
-    columns of the signatures, once it was asked for.
+    columns of the signatures, where these are asked for.
     """
 
-    def __init__(self, fit: Fit, limits: Limits):
-        self.fit, self._limits, self.frame = fit, limits, limits.frame
-        self.score: np.ndarray | None = None
+    def __init__(self, fit: Fit, limits: Limits, score: np.ndarray | None = None):
+        self.fit, self._limits, self.frame, self.score = fit, limits, limits.frame, score
         if self.frame is not None:
             self.ties = self._cut(fit.pixels, self.frame.used)
             self.held = self._cut(fit.pixels, self.frame.held)

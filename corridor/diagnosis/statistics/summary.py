@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -18,8 +18,8 @@ class SummaryStatistics:
     """Summary statistics of fits, in the same bins for a block and all its replicates.
 
     replicator: the model and its own fit. statistics: what they are. missing: what could not be
-    formed, and the column to add; unseen: effects that leave no signature. Call it with a `Fit`:
-    (values,) of all statistics end to end.
+    formed, and the column to add; unseen: effects that leave no signature. Call it with `Fit`s:
+    (fits, values) of all statistics end to end.
     """
 
     def __init__(self, replicator):
@@ -29,8 +29,15 @@ class SummaryStatistics:
         self._forms = [form for form in self._made(replicator) if len(form.statistic)]
         self.statistics = [form.statistic for form in self._forms]
 
-    def __call__(self, fit: Fit) -> np.ndarray:
-        residuals = Residuals(fit, self._limits)
+    def __call__(self, fits: Sequence[Fit]) -> np.ndarray:
+        cut = [Residuals(fit, self._limits).pixels for fit in fits]
+        scores = self._found.scores(
+            [(pixels, fit.gnss, fit.control) for pixels, fit in zip(cut, fits, strict=True)]
+        )
+        return np.array([self._of(fit, score) for fit, score in zip(fits, scores, strict=True)])
+
+    def _of(self, fit: Fit, score: np.ndarray) -> np.ndarray:
+        residuals = Residuals(fit, self._limits, score)
         return np.concatenate([form.of(residuals) for form in self._forms])
 
     @property
@@ -55,17 +62,11 @@ class SummaryStatistics:
 
     def _signatures(self, replicator) -> Iterator[Form]:
         found, unit = Signatures(replicator), "stated deviations"
-        self.unseen = found.absorbed
-
-        def score(r: Residuals) -> np.ndarray:
-            if r.score is None:
-                r.score = found.score(r.pixels, r.fit.gnss, r.fit.control)
-            return r.score
-
+        self._found, self.unseen = found, found.absorbed
         for name, effects, of in (
             ("signatures of the physical effects", found.names, found.strengths),
             ("signatures in single images", found.single, found.in_single_images),
         ):
             yield Form(
-                named(name, "signature", unit, "effect", effects), lambda r, of=of: of(score(r))
+                named(name, "signature", unit, "effect", effects), lambda r, of=of: of(r.score)
             )

@@ -1,0 +1,304 @@
+"""The design matrix at a state, for the right sides of many sets of measurements at once.
+
+With A the rows by images and by what they share, P those by the points, all weighted, and e the
+weighted residuals, the points eliminated:
+
+    t = A' (e - P V^-1 P' e),  V = P' P,    and back    dp = V^-1 P' (e - A dx)
+
+The rows are those of the assembly (`kernels.jacobian_rows`), some points at a time.
+Source: Triggs et al. 2000, section 6 (elimination of the points).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from corridor.adjustment.kernels import (
+    SEEN,
+    Rows,
+    U,
+    invert_cholesky,
+    jacobian_rows,
+    point_rows,
+    see,
+)
+from corridor.adjustment.linear_system import LinearSystem
+from corridor.adjustment.normal import Loss, Normal
+from corridor.compiled import KERNEL, compiled
+
+# Observations whose rows are made together.
+CHUNK = 8192
+
+
+class _Out(NamedTuple):
+    """Where rows go, all flat but the last: by the image, by the point, by what is shared; inverse
+    of the Cholesky factor of V (points, 6)."""
+
+    own: np.ndarray
+    point: np.ndarray
+    shared: np.ndarray
+    root: np.ndarray
+
+
+class Rays(NamedTuple):
+    """Rows of the observations of some points, two an observation, as kernels take them.
+
+    image (n,); start (points + 1,): where the rays of each point begin. own (2 n, d): by the
+    image's unknowns; point (2 n, 3): by the point. root (points, 6): L^-1 of V = L L', as of
+    `invert_cholesky`.
+    """
+
+    image: np.ndarray
+    start: np.ndarray
+    own: np.ndarray
+    point: np.ndarray
+    root: np.ndarray
+
+
+class Part(NamedTuple):
+    """points, rows: which of the problem's are in rays; shared (2 n, q): by what images share."""
+
+    points: slice
+    rows: slice
+    rays: Rays
+    shared: np.ndarray
+
+
+class Sets(NamedTuple):
+    """Residuals of k sets of measurements: of images (2 n, k), weighted; of control (3 c, k), m."""
+
+    image: np.ndarray
+    control: np.ndarray
+
+
+class Design:
+    """The rows of a system at its state, with the stated weights: its loss has no part in them.
+
+    weight (n,): root of the weight of each observation. kept: rows stay from one pass to the next.
+    followed (f,): points of which `back` tells where they go.
+    """
+
+    def __init__(self, system: LinearSystem, kept: bool = False, followed: Sequence[int] = ()):
+        self.system = system = replace(system, loss=Loss())
+        p = self._problem = system.problem
+        self._normal = Normal(p, system.loss)
+        self._view = self._normal.view(system.state)
+        self._modelled = self._normal.modelled_at(system.state)
+        self.weight = np.broadcast_to(p.weight, len(p.img))
+        self._control = system.control
+        self._control_weight = self._control.sigma.reshape(-1, 1) ** -2.0
+        # Points with a row of their own: the control, and those that are followed.
+        controls = len(p.control_rows)
+        self._row = p.control.astype(np.int64)
+        followed = np.array(followed, dtype=np.int64)
+        fresh = np.unique(followed[p.control[followed] < 0])
+        self._row[fresh] = controls + np.arange(len(fresh))
+        self._followed = self._row[followed]
+        self._numbered = controls + len(fresh)
+        self._kept = list(self._made()) if kept else None
+
+    def _parts(self) -> Iterator[Part]:
+        yield from self._made() if self._kept is None else self._kept
+
+    def _made(self) -> Iterator[Part]:
+        p, normal = self._problem, self._normal
+        # Kernels move it on.
+        modelled = self._modelled.copy()
+        ptr, kernel = p.ptr, rows_for(p.d, normal.sighted)
+        weight = np.zeros((self._numbered + 1, 3))
+        weight[: len(p.control_rows)] = p.control_weight
+        seen = np.zeros(normal.longest * SEEN)
+        first, count = 0, len(ptr) - 1
+        while first < count:
+            upto = int(np.searchsorted(ptr, ptr[first] + CHUNK, side="right")) - 1
+            last = min(max(upto, first + 1), count)
+            rows = slice(2 * int(ptr[first]), 2 * int(ptr[last]))
+            n = rows.stop - rows.start
+            own, point, shared = np.zeros(n * p.d), np.zeros(n * 3), np.zeros(n * p.wide)
+            root = np.zeros((last - first, 6))
+            scene = normal.scene(self._view, modelled, first, last)
+            to = _Out(own, point, shared, root)
+            kernel(first, last, scene, weight[self._row[first:last]], to, seen)
+            rays = Rays(
+                p.img[rows.start // 2 : rows.stop // 2],
+                ptr[first : last + 1] - ptr[first],
+                own.reshape(n, p.d),
+                point.reshape(n, 3),
+                root,
+            )
+            shared = shared.reshape(n, p.wide)[:, : p.shared_count]
+            yield Part(slice(first, last), rows, rays, shared)
+            first = last
+
+    def right(self, sets: Sets) -> np.ndarray:
+        """What image points and control say (columns, k), as `LinearSystem.right` has it."""
+        p, k = self._problem, sets.image.shape[1]
+        own = np.zeros((p.image_count * p.d, k))
+        shared = np.zeros((p.shared_count, k))
+        heavy, moved = self._heavy(sets.control), np.zeros((self._numbered, 3, k))
+        for part in self._parts():
+            left = sets.image[part.rows].copy()
+            _eliminate(part.rays, self._row[part.points], heavy, left, moved, own, np.zeros((6, k)))
+            shared += part.shared.T @ left
+        out = np.concatenate([own, shared, np.zeros((len(self.system.columns), k))])
+        out = out[: len(self.system.columns)]
+        if len(self._control.names):
+            left = sets.control - moved[: len(self._control.names)].reshape(-1, k)
+            out += self._control.jacobian.T @ (self._control_weight * left)
+        return out
+
+    def back(self, sets: Sets, step: np.ndarray) -> tuple[Sets, np.ndarray]:
+        """What a step (columns, k) leaves of residuals, the points following it.
+
+        Also by how much the followed points move (f, 3, k), m.
+        """
+        p, k = self._problem, step.shape[1]
+        n = p.image_count * p.d
+        own, shared = np.ascontiguousarray(step[:n]), step[n : n + p.shared_count]
+        control = sets.control - self._control.jacobian @ step
+        heavy, moved = self._heavy(control), np.zeros((self._numbered, 3, k))
+        image = np.empty_like(sets.image)
+        for part in self._parts():
+            left = sets.image[part.rows] - part.shared @ shared
+            _follow(part.rays, self._row[part.points], heavy, left, moved, own, np.zeros((6, k)))
+            image[part.rows] = left
+        control = control - moved[: len(self._control.names)].reshape(-1, k)
+        return Sets(image, control), moved[self._followed]
+
+    def _heavy(self, control: np.ndarray) -> np.ndarray:
+        """Weighted residuals (numbered, 3, k) of the points with a row of their own."""
+        k = control.shape[1]
+        out = np.zeros((self._numbered, 3, k))
+        out[: len(self._control.names)] = (self._control_weight * control).reshape(-1, 3, k)
+        return out
+
+
+@lru_cache
+def rows_for(d: int, sighted: bool):
+    """The kernel that makes the rows, for images with `d` unknowns; arguments as of the assembly's.
+
+    It gets the weight (points, 3) of control, where rows go (`_Out`), and room for a point's rays.
+    """
+
+    @compiled(vectorised=True, **KERNEL)
+    def core(first, last, scene, weight, to, seen):
+        observations, wide = scene.observations, scene.columns.wide
+        q = U(wide)
+        for p in range(first, last):
+            point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
+            start = observations.start[p]
+            m = observations.start[p + 1] - start
+            see(start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen)
+            v0, v2, v5 = weight[p - first, 0], weight[p - first, 1], weight[p - first, 2]
+            v1, v3, v4 = 0.0, 0.0, 0.0
+            for k in range(m):
+                o, at = U(start + k), U(k * SEEN)
+                i, e = U(observations.image[o]), U(o - U(scene.looked.base))
+                n = U(o - U(observations.start[first]))
+                j0, b0, p0 = n * U(2 * d), n * q * U(2), n * U(6)
+                j1 = j0 + U(d)
+                jacobian_rows(
+                    i, e, seen, at, scene, (0, wide), d,
+                    Rows(to.own, j0, j1, to.shared, b0, b0 + q),
+                )  # fmt: skip
+                if sighted:
+                    a, b = point_rows(i, e, seen, at, scene)
+                elif seen[at + U(2)] > 0.0:
+                    # By the point as by the centre, negative.
+                    a = -to.own[j0], -to.own[j0 + U(1)], -to.own[j0 + U(2)]
+                    b = -to.own[j1], -to.own[j1 + U(1)], -to.own[j1 + U(2)]
+                else:
+                    a = b = (0.0, 0.0, 0.0)
+                for c in range(3):
+                    to.point[p0 + U(c)] = a[c]
+                    to.point[p0 + U(3 + c)] = b[c]
+                v0 += a[0] * a[0] + b[0] * b[0]
+                v1 += a[1] * a[0] + b[1] * b[0]
+                v2 += a[1] * a[1] + b[1] * b[1]
+                v3 += a[2] * a[0] + b[2] * b[0]
+                v4 += a[2] * a[1] + b[2] * b[1]
+                v5 += a[2] * a[2] + b[2] * b[2]
+            i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v0, v1, v2, v3, v4, v5))
+            to.root[p - first, 0], to.root[p - first, 1], to.root[p - first, 2] = i0, i1, i2
+            to.root[p - first, 3], to.root[p - first, 4], to.root[p - first, 5] = i3, i4, i5
+
+    return core
+
+
+@compiled(**KERNEL)
+def _moves(rays, p, row, heavy, left, work):
+    """V^-1 (P' left + heavy) of a point, into the first three rows of work (6, k)."""
+    k = left.shape[1]
+    for c in range(3):
+        for s in range(k):
+            work[3 + c, s] = heavy[row, c, s] if row >= 0 else 0.0
+    for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
+        for c in range(3):
+            f = rays.point[n, c]
+            for s in range(k):
+                work[3 + c, s] += f * left[n, s]
+    i0, i1, i2 = rays.root[p, 0], rays.root[p, 1], rays.root[p, 2]
+    i3, i4, i5 = rays.root[p, 3], rays.root[p, 4], rays.root[p, 5]
+    for s in range(k):
+        a, b, c = work[3, s], work[4, s], work[5, s]
+        a, b, c = i0 * a, i1 * a + i2 * b, i3 * a + i4 * b + i5 * c
+        work[0, s] = i0 * a + i1 * b + i3 * c
+        work[1, s] = i2 * b + i4 * c
+        work[2, s] = i5 * c
+
+
+@compiled(vectorised=True, **KERNEL)
+def _eliminate(rays, numbered, heavy, left, moved, own, work):
+    """Take from residuals left (2 n, k) what their points follow; add A' of the rest to own.
+
+    numbered (points,): row in heavy and moved (f, 3, k), or -1: what is known of points beside, and
+    by how much they follow. work: (6, k).
+    """
+    d, k = rays.own.shape[1], left.shape[1]
+    for p in range(len(rays.start) - 1):
+        row = numbered[p]
+        _moves(rays, p, row, heavy, left, work)
+        if row >= 0:
+            for c in range(3):
+                for s in range(k):
+                    moved[row, c, s] = work[c, s]
+        for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
+            to = rays.image[n // 2] * d
+            a, b, c = rays.point[n, 0], rays.point[n, 1], rays.point[n, 2]
+            for s in range(k):
+                left[n, s] -= a * work[0, s] + b * work[1, s] + c * work[2, s]
+            for r in range(d):
+                f = rays.own[n, r]
+                for s in range(k):
+                    own[to + r, s] += f * left[n, s]
+
+
+@compiled(vectorised=True, **KERNEL)
+def _follow(rays, numbered, heavy, left, moved, own, work):
+    """Take from residuals left (2 n, k) a step own (m d, k) of the images, and what points follow.
+
+    Other arguments as of `_eliminate`.
+    """
+    d, k = rays.own.shape[1], left.shape[1]
+    for p in range(len(rays.start) - 1):
+        row = numbered[p]
+        for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
+            to = rays.image[n // 2] * d
+            for r in range(d):
+                f = rays.own[n, r]
+                for s in range(k):
+                    left[n, s] -= f * own[to + r, s]
+        _moves(rays, p, row, heavy, left, work)
+        if row >= 0:
+            for c in range(3):
+                for s in range(k):
+                    moved[row, c, s] = work[c, s]
+        for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
+            a, b, c = rays.point[n, 0], rays.point[n, 1], rays.point[n, 2]
+            for s in range(k):
+                left[n, s] -= a * work[0, s] + b * work[1, s] + c * work[2, s]
