@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.sparse import block_diag, sparray
 
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.reduced import Reduced
@@ -31,11 +32,16 @@ class Spectrum:
     """Eigenvalues (p,) and vectors (p, p) of a group's M."""
 
     value: np.ndarray
-    vector: np.ndarray
+    vector: np.ndarray | sparray
 
     @classmethod
-    def of(cls, M: np.ndarray) -> Spectrum:
-        """Spectrum of M (p, p), symmetric."""
+    def of(cls, M: np.ndarray, most: int | None = None) -> Spectrum:
+        """Spectrum of M (p, p), symmetric; in pieces of `most` along its diagonal where given."""
+        if most is not None and len(M) > most:
+            pieces = np.array_split(np.arange(len(M)), -(-len(M) // most))
+            each = [cls.of(M[at[0] : at[-1] + 1, at[0] : at[-1] + 1]) for at in pieces]
+            vector = block_diag([one.vector for one in each], format="csr")
+            return cls(np.concatenate([one.value for one in each]), vector)
         value, vector = eigh(0.5 * (M + M.T), check_finite=False)
         return cls(np.maximum(value, 0.0), vector)
 
@@ -97,7 +103,10 @@ class Evidence:
     def alone(self, n: int) -> Spectrum:
         """Spectrum of the n-th group."""
         if n not in self._alone:
-            self._alone[n] = Spectrum.of(self.block(self.groups[n])[0])
+            group = self.groups[n]
+            # Images far apart share little of what each has for itself.
+            most = None if group.own is None else SETTINGS.most_own_together
+            self._alone[n] = Spectrum.of(self.block(group)[0], most)
         return self._alone[n]
 
     def across(self, a: Group, b: Group) -> np.ndarray:

@@ -149,7 +149,8 @@ class Likelihood:
     """-2 log L of the noise of some blocks (rows, flight, axis).
 
     Arguments x: logarithms of w of each block, of c over the stated sigma of each, of tau of each
-    flight. own: P and rho hold the rows of these blocks only. bounds: least and most of w, c and
+    flight. own: P and rho hold the rows of these blocks only; a long block of them is taken in
+    pieces of time, beyond which it remembers nothing. bounds: least and most of w, c and
     tau, where nothing else is known of them; default: the weak prior knowledge of the settings.
     """
 
@@ -160,7 +161,8 @@ class Likelihood:
         self.stated = np.array([np.sqrt(np.mean(noise.stated[rows] ** 2)) for rows, *_ in blocks])
         self.first = [noise.stated[rows] ** 2 for rows, *_ in blocks]
         time = [noise.time[rows // 3] for rows, *_ in blocks]
-        self.lags = [np.abs(t[:, None] - t) for t in time]
+        in_pieces = own and len(rho) > SETTINGS.most_at_a_time
+        self.lags = [] if in_pieces else [np.abs(t[:, None] - t) for t in time]
         self.place = [np.arange(len(rows)) if own else rows for rows, *_ in blocks]
         many = [self.count, self.count, len(self.flights)]
         prior = SETTINGS.white_prior, SETTINGS.slow_prior, SETTINGS.time_constant_prior
@@ -174,6 +176,16 @@ class Likelihood:
         if bounds is not None:
             self.precision = np.zeros_like(covariance)
         self.low, self.high = (np.repeat(np.log([e[k] for e in ends]), many) for k in (0, 1))
+        self.pieces: list[Likelihood] = []
+        if in_pieces:
+            ((rows, *which),) = blocks
+            count = -(-len(rho) // SETTINGS.most_at_a_time)
+            for at in np.array_split(np.argsort(time[0], kind="stable"), count):
+                some = [(rows[at], *which)]
+                # What is known beforehand counts once, here.
+                one = Likelihood(noise, P[np.ix_(at, at)], rho[at], some, own=True, bounds=ends)
+                one.stated = self.stated
+                self.pieces.append(one)
 
     def minimum(self, start: np.ndarray | None = None, low=None, high=None):
         """Where -2 log L is least (x, fun), as of `scipy.optimize.minimize`.
@@ -245,6 +257,9 @@ class Likelihood:
 
     def value(self, x) -> float:
         """-2 log L at x."""
+        if self.pieces:
+            away = x - self.centre
+            return sum(one.value(x) for one in self.pieces) + float(away @ self.precision @ away)
         factor, right = self.factor(list(self.parts(x)))
         away = x - self.centre
         v = lu_solve(factor, self.rho, check_finite=False)
@@ -252,6 +267,11 @@ class Likelihood:
 
     def __call__(self, x):
         """-2 log L at x, and its gradient."""
+        if self.pieces:
+            pull = self.precision @ (x - self.centre)
+            each = [one(x) for one in self.pieces]
+            value = sum(one for one, _ in each) + float((x - self.centre) @ pull)
+            return value, sum(slope for _, slope in each) + 2.0 * pull
         parts = list(self.parts(x))
         factor, right = self.factor(parts)
         logdet = _logdet(factor)

@@ -45,6 +45,8 @@ class Settings:
     # A group of more columns, values for each image, keeps the spectrum it has alone when others
     # join the model: what it would bring is then somewhat underrated, and much sooner known.
     large_group: int = 130
+    # Values for each image of which the spectrum is found as a whole, else piece by piece.
+    most_own_together: int = 1000
     # Information below which a direction is one that nothing determines.
     blind_information: float = 1e-4
     # Log prior of a generic shape, of values per image, and of errors of the ground, which defines
@@ -109,9 +111,11 @@ class Settings:
     time_constant_prior: tuple[float, float, float] = (60.0, 0.4, 0.4)
     noise_factor_range: tuple[float, float] = (0.03, 30.0)
     time_constant_range: tuple[float, float] = (4.0, 240.0)
-    # Coordinates below which nothing is estimated; positions estimated together, else by axis.
+    # Coordinates below which nothing is estimated; coordinates estimated together, else by axis;
+    # and positions of one axis, else in pieces of time: several of the longest time constant.
     few_antenna_coordinates: int = 12
     most_together: int = 900
+    most_at_a_time: int = 400
     # Noises that an effect's uncertainty is averaged over (more flights: fewer), and how much wider
     # than the curvature says they are drawn.
     noise_draws: int = 48
