@@ -78,7 +78,7 @@ compare = partial(corridor.change, model=calibrated, **same)
 spring = without_control(flight(3))
 next_spring = without_control(flight(4, added={"focal": {"f": -2.4}}))
 naive = compare(spring, next_spring, camera=False)
-figures.change_maps(naive.surface)
+figures.change_map(naive.surface)
 
 # %%
 surface = naive.surface
@@ -125,7 +125,8 @@ shown.round(1).reset_index(drop=True)
 # %% [markdown]
 # ## 3. A settlement that is one
 #
-# The camera behaves. A bowl of 30 mm, 15 m wide, forms under the crest.
+# The camera behaves. A bowl of 30 mm, 15 m wide, forms under the crest. Guess: which of all the
+# core points will be called moved, and does any of the others join them by chance?
 
 # %%
 centre = np.median(dike.points[["x", "y"]].to_numpy(float), axis=0)
@@ -138,7 +139,8 @@ print(corridor.change.verdict_sentence(found))
 figures.change_maps(found.surface)
 
 # %% [markdown]
-# And both at once: the bowl, and a rolling shutter that nobody told us of.
+# And both at once: the bowl, and a rolling shutter that nobody told us of. Will one hide the
+# other?
 
 # %%
 both = compare(flight(3), flight(6, sunk, {"rolling_shutter": {"readout": 0.015}}))
@@ -177,7 +179,8 @@ print(f"scatter over stated sigma within {limit:.2f} of 1: {abs(scatter - 1) < l
 # ## 5. Before the flight
 #
 # The same covariance answers the first question of all: where could which change be seen? It needs
-# one flight, or a plan that nobody has flown.
+# one flight, or a plan that nobody has flown (`corridor plan PLAN --change`). Guess: where does
+# this flight see best, and how much worse is it at its worst?
 
 # %%
 possible = corridor.change.detection(
@@ -186,7 +189,7 @@ possible = corridor.change.detection(
 print(corridor.change.detection_report(possible).opening)
 
 # %%
-figures.change_maps(possible)
+figures.detection_map(possible)
 
 # %% [markdown]
 # ## What to take home

@@ -111,7 +111,6 @@ def change(
         for one, block, name in zip(given, blocks, _DATES, strict=True)
     )
     check_datum(*adjusted, datum)
-    run.cores_at(adjusted)
     compared = run.compared(adjusted)
     gained, notes = None, []
     if together:
@@ -123,7 +122,7 @@ def change(
             gained = float(np.median(apart.surface.sigma)), float(np.median(compared.surface.sigma))
     remaining, explanation = None, None
     if camera and (compared.points is not None or compared.surface is not None):
-        remaining, explanation = run.explained(compared, blocks)
+        compared, remaining, explanation = run.explained(compared, blocks)
     names = tuple(block.name for block in blocks)
     return Change(names, asked, compared, remaining, explanation, gained, tuple(notes))
 
@@ -140,7 +139,7 @@ def _asked(level, common, datum, motion, together) -> Asked:
 
 @dataclass
 class _Run:
-    """One comparison and how it is made. cores: the same ones each time."""
+    """One comparison and how it is made. cores: those of the first surface."""
 
     model: Model | None
     asked: Asked
@@ -169,15 +168,21 @@ class _Run:
             )
         return adjustment.adjust(block, model=model, threads=self.threads)
 
-    def cores_at(self, adjusted: tuple[Adjustment, Adjustment]) -> None:
-        """Core points of both clouds; they stay when more is modelled."""
-        first, second = self._clouds(adjusted)
-        check_overlap(first.epoch.xyz, second.epoch.xyz)
-        if self.with_surface:
-            how = self.how
+    def _cores_of(self, first: Cloud, second: Cloud) -> Cores:
+        """Core points of both clouds, the same ones in plan each time, on the ground as it is.
+
+        Modelled otherwise, the ground of a weak datum lies metres higher or lower.
+        """
+        how = self.how
+        if self.cores is None:
             self.cores = make_cores(
                 first.xyz, second.xyz, how.spacing, how.radius, how.normal, how.profile
             )
+            return self.cores
+        known = self.cores
+        return make_cores(
+            first.xyz, second.xyz, known.spacing, known.radius, how.normal, at=known.xyz
+        )
 
     def _clouds(self, adjusted) -> tuple[Cloud, Cloud]:
         return clouds(*adjusted, Chosen(self.how.rays), self.how.same_ties)
@@ -193,32 +198,37 @@ class _Run:
 
     def _compared(self, adjusted, pair: tuple[Cloud, Cloud]) -> Compared:
         asked, how = self.asked, self.how
+        check_overlap(pair[0].epoch.xyz, pair[1].epoch.xyz)
         joint = Joint(*pair, asked.common, self.bias)
         self.say("covariances of the points")
         points = point_changes(joint, asked.level, asked.datum, asked.motion)
         if points is not None:
             check_names(points.names, points.shift, points.sigma, how.largest)
         surface, volumes = None, {}
-        if self.cores is not None:
-            self.say(f"covariances of {len(self.cores)} core points")
+        if self.with_surface:
+            cores = self._cores_of(*pair)
+            self.say(f"covariances of {len(cores)} core points")
             options = {"degree": how.degree, "sampled": not how.same_ties}
             options |= {"datum": asked.datum, "kind": asked.motion}
-            surface = surface_change(joint, self.cores, asked.level, **options)
+            surface = surface_change(joint, cores, asked.level, **options)
             for name, polygon in (how.polygons or {}).items():
-                volumes[name] = volume(joint, polygon, self.cores, how.degree, not how.same_ties)
+                volumes[name] = volume(
+                    joint, polygon, cores, how.degree, not how.same_ties, surface.laying
+                )
         return Compared(adjusted, joint, points, surface, volumes)
 
-    def explained(self, compared: Compared, blocks) -> tuple[Compared | None, Explanation | None]:
-        """The change with what the measurements show modelled, and what effects say of it."""
+    def explained(
+        self, compared: Compared, blocks
+    ) -> tuple[Compared, Compared | None, Explanation | None]:
+        """The change, the one with what the measurements show modelled, and what effects say."""
         self.say("what the camera could do to the ground")
-        evidence = self._evidence(compared)
+        evidence, level = self._evidence(compared), self.asked.level
         if evidence is None:
-            return None, None
-        first = explain(evidence, self.asked.level)
-        if not any(first.shown):
-            return None, first
-        if compared.joint.together:
-            return None, first
+            return compared, None, None
+        compared = replace(compared, points=evidence.judged(compared.points, level))
+        first = explain(evidence, level)
+        if not any(first.shown) or compared.joint.together:
+            return compared, None, first
         adjusted = tuple(
             self.adjusted(block, f"{name} with {', '.join(sorted(slugs))}", slugs) if slugs else one
             for block, name, slugs, one in zip(
@@ -227,16 +237,21 @@ class _Run:
         )
         remaining = self.compared(adjusted)
         again = self._evidence(remaining)
-        plain = again.test(self.asked.level)
-        visible = _visible(evidence, again, self.asked.level)
-        last = explain(again, self.asked.level, first.shown)
-        return remaining, replace(
-            last,
-            as_adjusted=first.as_adjusted,
-            shown_modelled=plain,
-            visible=visible,
-            table=first.table,
-            explained=first.explained,
+        remaining = replace(remaining, points=again.judged(remaining.points, level))
+        plain = again.test(level)
+        visible = _visible(evidence, again, level)
+        last = explain(again, level, first.shown)
+        return (
+            compared,
+            remaining,
+            replace(
+                last,
+                as_adjusted=first.as_adjusted,
+                shown_modelled=plain,
+                visible=visible,
+                table=first.table,
+                explained=first.explained,
+            ),
         )
 
     def _evidence(self, compared: Compared):

@@ -109,7 +109,7 @@ def _control(epochs: list[Epoch]) -> list[Common]:
     for epoch in epochs:
         control = epoch.system.control
         rows = [list(control.names).index(name) for name in names]
-        point = {n: k for k, n in enumerate(epoch.names) if epoch.system.points.mark[k]}
+        point = {epoch.names[k]: k for k in epoch.marks}
         points = np.array([point[name] for name in names])
         gains, number = epoch.gains(points)
         weight = control.sigma[rows] ** -2.0

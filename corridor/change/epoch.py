@@ -29,12 +29,12 @@ class Epoch:
         """Adjusted points (n, 3), m."""
         return self.system.state.points
 
-    @property
+    @cached_property
     def names(self) -> np.ndarray:
         """Names (n,) of the points."""
         return self.system.points.names
 
-    @property
+    @cached_property
     def marks(self) -> np.ndarray:
         """Positions of the points that were measured as marks."""
         return np.flatnonzero(self.system.points.mark)

@@ -54,6 +54,14 @@ class Evidence:
         value, covariance = self.without(slugs) if slugs else (self.value, self.covariance)
         return tested(value, covariance, level, self.freedom)
 
+    def judged(self, points: PointChanges | None, level: float) -> PointChanges | None:
+        """Points that moved beside every effect told from those that an effect could have moved."""
+        at = np.flatnonzero(self.kinds == "point")
+        if points is None or not len(at):
+            return points
+        value, covariance = self.without(self.every)
+        return points.beside_effects(value[at], covariance[np.ix_(at, at)], level)
+
     @property
     def every(self) -> tuple[set[str], ...]:
         """All effects of each epoch."""

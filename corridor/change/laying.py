@@ -9,27 +9,33 @@ core points agree; t is itself a linear function of the points, so every varianc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from corridor.change.clouds import Functions
+from corridor.change.cores import Cores
 from corridor.change.joint import Joint
 from corridor.change.stable import motions_at, s_transformation, stable_weights
 
 
 @dataclass(frozen=True, eq=False)
 class Laying:
-    """A motion that was taken out of changes. kind: of `stable.MOTIONS`; gain (k, m): of the
-    changes by it; found: it as functions of the points; motion (m,): m, rad, share; stable (k,):
-    which changes carry the datum.
+    """A motion that was taken out of changes. kind: of `stable.MOTIONS`; middle (3,), m: of the
+    rotation; gain (k, m): of the changes by it; found: it as functions of the points; motion (m,):
+    m, rad, share; stable (k,): which changes carry the datum.
     """
 
     kind: str
+    middle: np.ndarray
     gain: np.ndarray
     found: Functions
     motion: np.ndarray
     stable: np.ndarray
+
+    def elsewhere(self, cores: Cores) -> Laying:
+        """The same motion for the changes at other core points."""
+        return replace(self, gain=_gain(cores, self.kind, self.middle))
 
     def apply(self, change: np.ndarray) -> np.ndarray:
         """Changes (k,) without the motion."""
@@ -47,10 +53,12 @@ class Laying:
         return functions.combined(matrix).minus(self.found.combined(matrix @ self.gain))
 
 
-def lay(distance: np.ndarray, sigma: np.ndarray, functions: Functions, cores, kind: str) -> Laying:
+def lay(
+    distance: np.ndarray, sigma: np.ndarray, functions: Functions, cores: Cores, kind: str
+) -> Laying:
     """The motion that makes most core points stand still, robustly. sigma (k,): of each alone."""
-    xyz, normal = cores.xyz, cores.normal
-    gain = np.einsum("kx,kxm->km", normal, motions_at(xyz, kind).reshape(len(xyz), 3, -1))
+    middle = cores.xyz.mean(axis=0)
+    gain = _gain(cores, kind, middle)
     weight = stable_weights(distance, gain, sigma)
     stable = np.ones(len(distance), dtype=bool)
     for _ in range(10):
@@ -63,4 +71,10 @@ def lay(distance: np.ndarray, sigma: np.ndarray, functions: Functions, cores, ki
             break
         stable = new
     finder = s_transformation(gain, weight)
-    return Laying(kind, gain, functions.combined(finder), finder @ distance, stable)
+    return Laying(kind, middle, gain, functions.combined(finder), finder @ distance, stable)
+
+
+def _gain(cores: Cores, kind: str, middle: np.ndarray) -> np.ndarray:
+    """Changes (k, m) along the normals by a motion of the second date."""
+    motions = motions_at(cores.xyz, kind, middle).reshape(len(cores), 3, -1)
+    return np.einsum("kx,kxm->km", cores.normal, motions)

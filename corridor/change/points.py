@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -23,6 +23,9 @@ class PointChanges:
     (k,) of so large a displacement, were there none; moved, stable (k,). overall: the global test
     of all that are not held. datum: `stated`, or the motion taken out on the stable points.
     motion (m,): that one, metres, radians, share. functions: the displacements (3k,).
+    beside (k,): the probability once every effect of camera and flight is estimated in each epoch,
+    within what its prior allows; None where that was not asked for. undecided (k,): moved by its
+    own covariance, but not beside the effects.
     """
 
     names: np.ndarray
@@ -36,6 +39,8 @@ class PointChanges:
     functions: Functions = field(repr=False)
     datum: str = "stated"
     motion: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    beside: np.ndarray | None = None
+    undecided: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -43,7 +48,8 @@ class PointChanges:
     @property
     def stable(self) -> np.ndarray:
         """Points that do not move as far as can be seen (k,)."""
-        return ~self.moved & ~self.held
+        unmoved = ~self.moved & ~self.held
+        return unmoved if self.undecided is None else unmoved & ~self.undecided
 
     @property
     def sigma(self) -> np.ndarray:
@@ -52,13 +58,31 @@ class PointChanges:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """point, x, y, z; dx, dy, dz, sx, sy, sz (m), probability, verdict."""
+        """point, x, y, z; dx, dy, dz, sx, sy, sz (m), probability, beside_effects, verdict."""
         words = np.where(self.held, "held", np.where(self.moved, "moved", "stable"))
+        if self.undecided is not None:
+            words = np.where(self.undecided, "undecided", words)
         table = pd.DataFrame({"point": self.names})
         table[["x", "y", "z"]] = self.xyz
         table[["dx", "dy", "dz"]] = self.shift
         table[["sx", "sy", "sz"]] = self.sigma
-        return table.assign(probability=self.probability, verdict=words)
+        table["probability"] = self.probability
+        if self.beside is not None:
+            table["beside_effects"] = self.beside
+        return table.assign(verdict=words)
+
+    def beside_effects(self, shift: np.ndarray, covariance: np.ndarray, level: float):
+        """The same points with what is left beside effects of camera and flight.
+
+        shift (3f,), m, covariance (3f, 3f) of the f points that are not held, with every effect
+        estimated. level: false discovery rate.
+        """
+        beside, free = np.full(len(self), np.nan), np.flatnonzero(~self.held)
+        for row, k in enumerate(free):
+            at = slice(3 * row, 3 * row + 3)
+            beside[k] = congruency(shift[at], covariance[at, at]).probability
+        undecided = self.moved & ~discoveries(beside, level)
+        return replace(self, beside=beside, undecided=undecided, moved=self.moved & ~undecided)
 
 
 def point_changes(joint: Joint, level: float, datum: str, kind: str) -> PointChanges | None:

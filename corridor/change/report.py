@@ -132,6 +132,11 @@ def _points(change: Change) -> Table | None:
         f"All together: {overall.statistic:.1f} with {overall.freedom} independent numbers, "
         f"probability {_chance(overall.probability)} were nothing moved."
     ]
+    if points.undecided is not None and points.undecided.any():
+        notes.append(
+            "undecided: beyond the noise of the measurements, but with every effect of camera and "
+            "flight estimated, each within what is usual of it, nothing significant is left."
+        )
     return Table.of(frame, "Points, second date minus first", notes)
 
 

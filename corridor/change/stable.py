@@ -19,9 +19,9 @@ PASSES = 100
 MOTIONS = {"similarity": 7, "rigid": 6, "translation": 3}
 
 
-def motions_at(xyz: np.ndarray, kind: str) -> np.ndarray:
-    """G (3n, k): what the whole block may do, by its points."""
-    middle = xyz.mean(axis=0)
+def motions_at(xyz: np.ndarray, kind: str, middle: np.ndarray | None = None) -> np.ndarray:
+    """G (3n, k): what the whole block may do, by its points (n, 3) about their middle."""
+    middle = xyz.mean(axis=0) if middle is None else middle
     return helmert_motions(xyz - middle).reshape(3 * len(xyz), 7)[:, : MOTIONS[kind]]
 
 

@@ -15,6 +15,7 @@ from corridor.change.laying import Laying, lay
 from corridor.change.m3c2 import LEAST, Members, distance_functions, members
 from corridor.change.roughness import excess, sampling, with_roughness
 from corridor.change.significance import discoveries, two_sided
+from corridor.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,17 +98,27 @@ def surface_change(
     sampled: bool = True,
     datum: str = "stated",
     kind: str = "rigid",
+    laying: Laying | None = None,
 ) -> SurfaceChange:
     """The change between both clouds of `joint` at core points where each shows a surface.
 
     level: false discovery rate. degree: see `members`. sampled: False where both surfaces are the
     very same points of the ground, one for one, so that its roughness cancels. datum: `stated`, or
     `stable`: laid together by a motion of the kind of `stable.MOTIONS` on what stands still.
+    laying: the motion found by another surface of the same dates, in place of one's own.
+    Raises InputError where no core point shows a surface at both dates.
     """
+    if not len(cores):
+        raise InputError("no core points are given: there is no surface to compare")
     clouds = (joint.before, joint.after)
     found = _both(clouds, cores, degree, sampled)
     least = max(LEAST, found[0].fit + 2)
     kept = np.flatnonzero((found[0].count >= least) & (found[1].count >= least))
+    if not len(kept):
+        raise InputError(
+            f"no core point has {least} tie points within {cores.radius:.1f} m at both dates: give "
+            "a larger radius (--radius), or measure more tie points"
+        )
     cores = only(cores, kept)
     found = _both(clouds, cores, degree, sampled)
     between = np.zeros((2, len(cores)))
@@ -119,10 +130,12 @@ def surface_change(
         )
     functions = distance_functions(*found, cores, joint)
     distance, variance = found[1].mean - found[0].mean, joint.variance(functions)
-    laying = None
-    if datum == "stable":
+    if laying is not None:
+        laying = laying.elsewhere(cores)
+    elif datum == "stable":
         alone = np.sqrt(joint.own_variance(functions) + between.sum(axis=0))
         laying = lay(distance, alone, functions, cores, kind)
+    if laying is not None:
         variance = np.maximum(laying.variance(joint, functions, variance), 0.0)
         distance = laying.apply(distance)
     return SurfaceChange(

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from corridor.change.cores import Cores
 from corridor.change.joint import Joint
+from corridor.change.laying import Laying
 from corridor.change.surface import SurfaceChange, surface_change
 from corridor.errors import InputError
 
@@ -41,21 +42,24 @@ class Volume:
 
 
 def volume(
-    joint: Joint, polygon: np.ndarray, cores: Cores, degree: int = 0, sampled: bool = True
-) -> Volume:
+    joint: Joint, polygon: np.ndarray, cores: Cores, degree: int = 0, sampled: bool = True,
+    laying: Laying | None = None,
+) -> Volume:  # fmt: skip
     """The change of volume within a polygon (n, 2), after minus before, up is more.
 
-    cores: whose spacing and radius are used; the cells are upright. Raises InputError where the
+    cores: whose spacing and radius are used; the cells are upright. laying: of the whole surface,
+    see `surface_change`. Raises InputError where the
     polygon holds no cell that both epochs show.
     """
     polygon = np.asarray(polygon, float)[:, :2]
     upright = _cells(polygon, cores, joint)
-    found = surface_change(joint, upright, degree=degree, sampled=sampled)
-    if not len(found):
+    try:
+        found = surface_change(joint, upright, degree=degree, sampled=sampled, laying=laying)
+    except InputError:
         raise InputError(
             "the polygon holds no ground that both epochs show: check its coordinates, which are "
             "those of the block (world minus offset)"
-        )
+        ) from None
     return summed(found, len(found) / len(upright), abs(_area(polygon)))
 
 

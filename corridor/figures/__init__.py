@@ -3,6 +3,7 @@
 from corridor.figures.alike import alike
 from corridor.figures.camera_views import camera_views
 from corridor.figures.change import (
+    change_map,
     change_maps,
     change_profile,
     detection_map,
@@ -34,6 +35,7 @@ __all__ = [
     "antenna",
     "camera_difference",
     "camera_views",
+    "change_map",
     "change_maps",
     "change_profile",
     "check_points",

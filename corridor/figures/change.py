@@ -45,11 +45,15 @@ def of_change(change: Change) -> dict[str, tuple[Figure, str]]:
 
 def change_maps(surface: SurfaceChange) -> Figure:
     """Maps of the change, of its level of detection and of what is significant."""
-    largest = max(float(np.percentile(np.abs(surface.distance), 99)), 1e-4)
     z = np.clip(surface.distance / surface.total, -6, 6)
-    change = _Panel("change", 1000 * surface.distance, _BOTH, 1000 * largest, "mm")
     significant = _Panel("significant: by its sigma", z, _BOTH, 6.0, "\u03c3", surface.moved)
-    return _maps(surface, "change of the surface", [change, _detection(surface), significant])
+    panels = [_change(surface), _detection(surface), significant]
+    return _maps(surface, "change of the surface", panels)
+
+
+def change_map(surface: SurfaceChange) -> Figure:
+    """The change alone, as a program shows it that does not know how sure it is."""
+    return _maps(surface, "change of the surface", [_change(surface)])
 
 
 def detection_map(surface: SurfaceChange) -> Figure:
@@ -82,6 +86,11 @@ class _Panel:
         return {"vmin": 0.0, "vmax": self.largest}
 
 
+def _change(surface: SurfaceChange) -> _Panel:
+    largest = max(float(np.percentile(np.abs(surface.distance), 99)), 1e-4)
+    return _Panel("change", 1000 * surface.distance, _BOTH, 1000 * largest, "mm")
+
+
 def _detection(surface: SurfaceChange) -> _Panel:
     largest = 1000 * float(np.percentile(surface.detection, 98))
     return _Panel("level of detection, 95 %", 1000 * surface.detection, _SIGMA, largest, "mm")
@@ -98,7 +107,8 @@ def _maps(surface: SurfaceChange, title: str, panels: list[_Panel]) -> Figure:
     note = f"{len(surface):,} core points, cylinders of {surface.cores.radius:.1f} m radius"
     figure = style.sheet(1.0 + len(panels) * step, title, note)
     metres = max((limits[1] - limits[0]) / width, (limits[3] - limits[2]) / height)
-    size = np.clip((72.0 * surface.cores.spacing / metres) ** 2, 2.0, 400.0)
+    # A little large, as the squares stand upright and the grid follows the corridor.
+    size = np.clip((1.2 * 72.0 * surface.cores.spacing / metres) ** 2, 2.0, 400.0)
     for row, panel in enumerate(panels):
         top = 1.05 + row * step
         axes = maps.map_panel(figure, frame, limits, 0.65, top, width, height)
@@ -156,9 +166,16 @@ def point_changes(points: PointChanges) -> Figure:
     names = [str(name) for name in points.names]
     keys = [
         style.key("moved", **style.dot("s", style.MIDDLE)),
+        style.key("moved, or an effect", **style.dot("D", style.MIDDLE)),
         style.key("stable", **style.dot("o", style.DARK)),
         style.key("held as control", **style.dot("^", style.FAINT)),
     ]
+    either = np.zeros(len(names), bool) if points.undecided is None else points.undecided
+    if not either.any():
+        del keys[1]
+    shapes = np.where(points.held, "^", np.where(points.moved, "s", np.where(either, "D", "o")))
+    colours = np.where(points.moved | either, style.MIDDLE, style.DARK)
+    colours = np.where(points.held, style.FAINT, colours)
     figure, panels = style.charts(
         "displacements of named points",
         "bars: two standard deviations",
@@ -168,8 +185,6 @@ def point_changes(points: PointChanges) -> Figure:
         sharex=True,
         sharey=True,
     )
-    shapes = np.where(points.held, "^", np.where(points.moved, "s", "o"))
-    colours = np.where(points.held, style.FAINT, np.where(points.moved, style.MIDDLE, style.DARK))
     row = np.arange(len(names))
     for axis, axes in enumerate(panels[0]):
         d, s = 1000 * points.shift[:, axis], 1000 * points.sigma[:, axis]

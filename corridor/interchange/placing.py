@@ -124,8 +124,14 @@ def _with_times(project, folder, photos):
         ), None
     images = project.block.images["image"].to_numpy()[rows].astype(str)
     table = table.assign(image=pd.array(images, dtype="str")).reset_index(drop=True)
+    # A change of two dates asks which of them came first.
+    dated = {} if exposures.day is None else {"date": exposures.day}
     return (
-        project.having(notes=[*notes, *exposures.notes], images=_having(project, time_s=time)),
+        project.having(
+            notes=[*notes, *exposures.notes],
+            images=_having(project, time_s=time),
+            extra={**project.block.extra, **dated},
+        ),
         replace(exposures, table=table),
     )
 

@@ -1,11 +1,14 @@
 """M3C2 distances, volumes, and their standard deviations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made import adjusted, flown, joint, middle
 
 import corridor
 from corridor.change import Settlement, Slide, make_cores, moved_ground, surface_change, volume
+from corridor.errors import InputError
 
 
 def test_a_block_that_rises_as_a_whole_rises_everywhere(pair, cores):
@@ -63,6 +66,33 @@ def test_neighbouring_cells_err_together(pair, cores):
     found = volume(pair, polygon, cores, sampled=False)
     assert found.area == pytest.approx(600.0, rel=0.15)
     assert found.sigma > 3 * found.independent
+
+
+def test_a_volume_is_laid_together_like_its_surface(pair, cores):
+    """Half a metre higher as a whole, it is the same where the datum is what stands still."""
+    x, y = middle()
+    polygon = np.array([[x - 15, y - 10], [x + 15, y - 10], [x + 15, y + 10], [x - 15, y + 10]])
+
+    def laid():
+        surface = surface_change(
+            pair, cores, sampled=False, datum="stable", kind="translation"
+        )  # fmt: skip
+        return volume(pair, polygon, cores, sampled=False, laying=surface.laying)
+
+    at_rest, epoch = laid(), pair.after.epoch
+    epoch.xyz[:, 2] += 0.5
+    try:
+        risen = laid()
+        plain = volume(pair, polygon, cores, sampled=False)
+    finally:
+        epoch.xyz[:, 2] -= 0.5
+    assert risen.value == pytest.approx(at_rest.value, abs=1e-3)
+    assert plain.value == pytest.approx(0.5 * plain.area, rel=0.05)
+
+
+def test_a_radius_without_points_is_refused(pair, cores):
+    with pytest.raises(InputError, match="no core point has 5 tie points within 0.1 m"):
+        surface_change(pair, replace(cores, radius=0.1), sampled=False)
 
 
 def test_a_slide_is_found_where_it_is():

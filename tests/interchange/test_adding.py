@@ -112,6 +112,8 @@ def test_photographs_place_a_free_model_and_tell_times_and_temperatures(flown):
     assert np.abs(back - block.images[POSE[:3]].to_numpy(float)).max() < 0.01
     assert project.placed and len(made.gnss) == 12
     assert made.column("images", "time_s")[:3] == pytest.approx([37200.25, 37202.25, 37204.25])
+    # The day of the flight: `corridor change` tells by it which of two dates came first.
+    assert made.extra["date"] == "2024-06-24"
     assert made.column("images", "temperature_c")[1] == 21.5
     # No RTK flag: a code receiver, not two centimetres.
     assert (made.gnss["sx"] == 3.0).all()
