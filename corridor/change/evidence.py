@@ -60,7 +60,8 @@ class Evidence:
         if points is None or not len(at):
             return points
         value, covariance = self.without(self.every)
-        return points.beside_effects(value[at], covariance[np.ix_(at, at)], level)
+        changed = self.test(level).significant
+        return points.beside_effects(value[at], covariance[np.ix_(at, at)], level, changed)
 
     @property
     def every(self) -> tuple[set[str], ...]:

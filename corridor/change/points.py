@@ -25,7 +25,7 @@ class PointChanges:
     motion (m,): that one, metres, radians, share. functions: the displacements (3k,).
     beside (k,): the probability once every effect of camera and flight is estimated in each epoch,
     within what its prior allows; None where that was not asked for. undecided (k,): moved by its
-    own covariance, but not beside the effects.
+    own covariance, but not beside the effects, or while all that was compared does not change.
     """
 
     names: np.ndarray
@@ -71,17 +71,20 @@ class PointChanges:
             table["beside_effects"] = self.beside
         return table.assign(verdict=words)
 
-    def beside_effects(self, shift: np.ndarray, covariance: np.ndarray, level: float):
+    def beside_effects(
+        self, shift: np.ndarray, covariance: np.ndarray, level: float, changed: bool
+    ) -> PointChanges:
         """The same points with what is left beside effects of camera and flight.
 
         shift (3f,), m, covariance (3f, 3f) of the f points that are not held, with every effect
-        estimated. level: false discovery rate.
+        estimated. level: false discovery rate. changed: whether points and surface together show
+        a change; without one, none is localised (Pelzer 1971: first the global test).
         """
         beside, free = np.full(len(self), np.nan), np.flatnonzero(~self.held)
         for row, k in enumerate(free):
             at = slice(3 * row, 3 * row + 3)
             beside[k] = congruency(shift[at], covariance[at, at]).probability
-        undecided = self.moved & ~discoveries(beside, level)
+        undecided = self.moved & ~(discoveries(beside, level) & changed)
         return replace(self, beside=beside, undecided=undecided, moved=self.moved & ~undecided)
 
 

@@ -134,8 +134,8 @@ def _points(change: Change) -> Table | None:
     ]
     if points.undecided is not None and points.undecided.any():
         notes.append(
-            "undecided: beyond the noise of the measurements, but with every effect of camera and "
-            "flight estimated, each within what is usual of it, nothing significant is left."
+            "undecided: beyond its own noise, but among all points and the whole surface one so "
+            "large comes by chance, or effects of camera and flight can make it."
         )
     return Table.of(frame, "Points, second date minus first", notes)
 

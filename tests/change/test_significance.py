@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from corridor.change.significance import congruency, discoveries
+from corridor.change.points import PointChanges
+from corridor.change.significance import congruency, discoveries, normal_scores, two_sided
 from corridor.change.stable import motions_at, s_transformation, stable_weights
 
 
@@ -51,3 +52,30 @@ def test_an_s_transformation_takes_out_motions_and_nothing_else():
     away = np.eye(24) - motions @ s_transformation(motions, np.ones(24))
     np.testing.assert_allclose(away @ motions, 0.0, atol=1e-10)
     np.testing.assert_allclose(away @ away, away, atol=1e-10)
+
+
+def test_a_point_is_not_localised_while_nothing_as_a_whole_changes():
+    """One displacement of 3.5 sigma by itself is significant at 1 %; without a change of all that
+    was compared it is undecided, and so it is where effects leave nothing of it."""
+    points = PointChanges(
+        names=np.array(["A", "B"], dtype=object), xyz=np.zeros((2, 3)),
+        shift=np.array([[0.0, 0.0, 0.035], [0.0, 0.0, 0.001]]), covariance=1e-4 * np.eye(6),
+        held=np.zeros(2, bool), probability=np.array([0.006, 0.99]),
+        moved=np.array([True, False]), overall=congruency(np.zeros(6), np.eye(6)),
+        functions=None,
+    )  # fmt: skip
+    shift, covariance = points.shift.ravel(), points.covariance
+    told = points.beside_effects(2.0 * shift, covariance, 0.01, changed=True)
+    assert list(told.frame["verdict"]) == ["moved", "stable"]
+    alone = points.beside_effects(2.0 * shift, covariance, 0.01, changed=False)
+    assert list(alone.frame["verdict"]) == ["undecided", "stable"]
+    explained = points.beside_effects(0.1 * shift, covariance, 0.01, changed=True)
+    assert list(explained.frame["verdict"]) == ["undecided", "stable"]
+    assert not explained.stable[0] and not explained.moved[0]
+
+
+def test_student_counts_as_the_normal_number_that_is_as_unlikely():
+    """Tables of Student's t: 12.706 with one degree of freedom and 1.96 both leave 5 %."""
+    scores = normal_scores(np.array([12.7062, -1.959964]), np.array([1.0, np.inf]))
+    np.testing.assert_allclose(scores, [1.959964, -1.959964], atol=1e-5)
+    np.testing.assert_allclose(two_sided(np.array([2.0860]), 20.0), 0.05, atol=1e-5)
