@@ -26,9 +26,10 @@ _FAR_OUTSIDE = 0.02
 # A picture in both directions filled by no more than this was smaller when it was measured.
 _FILLED, _ENOUGH = 0.6, 100
 _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", "sigma",
-         "lever_arm", "effect", "corrected", "derived")  # fmt: skip
+         "lever_arm", "effect", "corrected", "derived", "date", "local_frame")  # fmt: skip
+# The last two are written by `corridor import photos`.
 _CAMERA_KEYS = ("width", "height", *INTERIOR, "pixel_um", "readout_s", "row_direction",
-                "calibrated")  # fmt: skip
+                "calibrated", "readout_from", "f_stated")  # fmt: skip
 # Units of speed that are none of metres a second, by how much larger their numbers are.
 _SPEEDS = {3.6: "km/h", 1.9438: "knots", 2.2369: "miles an hour", 3.2808: "feet a second"}
 # Measured and modelled image coordinates that agree but for noise and rough start values.
@@ -58,7 +59,7 @@ def _settings(block: Block) -> Iterator[str]:
             yield f"block.toml: {shown} is known to nobody and not used{near}."
     for name, camera in block.cameras.items():
         for key in camera.extra:
-            near = did_you_mean(key, _CAMERA_KEYS)
+            near = did_you_mean(key, _CAMERA_KEYS) if key not in _CAMERA_KEYS else ""
             if near:
                 yield f"block.toml: {key} of [camera.{name}] is known to nobody and not used{near}."
         if camera["f"] < _WIDEST * max(camera.width, camera.height):
