@@ -30,7 +30,7 @@ from corridor.photographs import Metadata, photographs_in, read_metadata, stated
 from corridor.report import whole_folder
 
 # Neighbours by position, all with all up to so many images, along the sequence beyond.
-_NEIGHBOURS, _ALL, _SEQUENCE = 20, 60, 12
+_NEIGHBOURS, _ALL, _SEQUENCE = 16, 60, 12
 _BATCH_PAIRS = 20
 # A focal length further from the stated one than this is of a model that bends, or of a wrong
 # statement: the stated one is held unless the other fits so much better.
@@ -39,7 +39,7 @@ _FOCAL_RANGE, _FITS_BETTER = 0.10, 0.7
 _REFUSED, _KEPT = 0.5, 0.9
 _MODEL = "RADIAL"
 # Features a pixel: in small pictures the smallest ones are noise. COLMAP's most, and enough to map.
-_DENSITY, _FEWEST, _MOST = 6e-3, 2000, 8192
+_DENSITY, _FEWEST, _MOST = 4e-3, 2000, 8192
 _LEAST = 3
 
 
