@@ -43,6 +43,16 @@ def test_readout_times_in_photographs_are_timed_and_right(tmp_path):
         assert abs(figures[target]["error_percent"]) < percent
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="peak memory is asked of Unix")
+def test_diagnoses_are_timed_and_say_something_before_the_counterparts(tmp_path):
+    done = run("diagnosis_speed.py", "--short", "--json", str(tmp_path / "speed.json"))
+    assert done.returncode == 0, done.stderr
+    rows = json.loads((tmp_path / "speed.json").read_text())["rows"]
+    assert [row["images"] for row in rows] == [24, 48]
+    assert all(0 < row["first_s"] < row["wall_s"] and row["peak_mb"] > 50 for row in rows)
+    assert rows[0]["exponent"] is None and -1 < rows[1]["exponent"] < 3
+
+
 @pytest.mark.skipif(
     importlib.util.find_spec("pyceres") is not None, reason="pyceres is installed: the next test"
 )
