@@ -55,7 +55,7 @@ def scene():
 
     view, wheel, camera = lesson._VIEW, lesson._WHEEL, lesson._CAMERA
     origin, axes = view.pose()
-    ends, circles = render.wheel_parts(**wheel)
+    ends, circles = render.Wheel(**wheel).parts()
     return {
         "width": camera.width,
         "height": camera.height,

@@ -175,7 +175,9 @@ def quiet(axes: Axes, text: str) -> None:
 
 def caption(axes: Axes, text: str) -> None:
     """Name of one panel, above its upper left corner."""
-    axes.set_title(text, loc="left", size=TEXT, color=INK, weight="bold", pad=5, parse_math=False)
+    axes.set_title(
+        text, loc="left", y=1.0, size=TEXT, color=INK, weight="bold", pad=5, parse_math=False
+    )
 
 
 def label(axes: Axes, x: str | None = None, y: str | None = None) -> None:

@@ -15,12 +15,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 
 from corridor.camera import ROW_DIRECTIONS, Camera, project_rays, undistort
+from corridor.compiled import compiled
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 
@@ -84,142 +85,134 @@ class View:
         return self.distance * np.append(ray, 1.0), axes
 
 
-def wheel_spokes(
-    spokes: int = 36, crosses: int = 3, hub_radius: float = 0.022, flange: float = 0.03
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lacing of a wheel: angle at the hub and at the rim (radians), height of the flange (m).
+@dataclass(frozen=True)
+class Star:
+    """A Siemens star of black and white sectors, together `sectors` of them.
 
-    Neighbours at the rim belong to opposite flanges; on a flange every other spoke leans the
-    other way, by `crosses` spokes of its flange. Heights are along the axis, away from the camera.
+    radius, hub: metres; inside the hub it is black. white, black: light.
+    Raises InputError where `sectors` is odd or below 2.
     """
-    rim = 2 * np.pi * np.arange(spokes) / spokes
-    lean = np.where((np.arange(spokes) // 2) % 2 == 0, 1.0, -1.0)
-    hub = rim + lean * crosses * 2 * np.pi / max(spokes / 2, 1)
-    side = np.where(np.arange(spokes) % 2 == 0, 1.0, -1.0)
-    return hub, rim, side * flange
+
+    sectors: int = 16
+    radius: float = 0.5
+    hub: float = 0.02
+    white: float = 0.8
+    black: float = 0.05
+
+    def __post_init__(self):
+        if self.sectors < 2 or self.sectors % 2:
+            raise InputError(f"sectors = {self.sectors}: a star has an even number, 2 or more")
+
+    def light(self, view: View, across: bool, turned: np.ndarray, turn: float) -> np.ndarray:
+        """Light and cover (rows, columns, 2), see `Wheel.light`."""
+        smear, period = max(abs(turn), 1e-6), 4 * math.pi / self.sectors
+        x, y = _on_the_plane(view, across)
+        middle, half = 0.5 * (self.white + self.black), 0.5 * (self.white - self.black)
+        return _star(x, y, turned, smear, period, (self.hub, self.radius), middle, half)
 
 
-def wheel_parts(
-    radius: float = 0.3,
-    tyre: float = 0.035,
-    spoke_width: float = 0.002,
-    valve: bool = True,
-    **lacing,
-) -> tuple[np.ndarray, np.ndarray]:
-    """What a wheel is made of: bars (spokes, valve) and circles.
+@dataclass(frozen=True)
+class Wheel:
+    """A bicycle wheel; lengths in metres.
 
-    lacing: see `wheel_spokes`. Returns a row (7,) for each bar: radius (m), angle (radians) and
-    height (m) of its inner end, the same of its outer end, width (m); and the radii (4,), m, of
-    hub, rim inside, rim outside and tyre.
+    radius: of the rim; `tyre` stands out beyond it, a rim of the same width inside.
+    spokes, crosses, hub_radius, flange: lacing, see `lacing`. valve: a stub on the rim.
+    spoke_light, dark: light of spokes and rim, and of the tyre.
     """
-    hub_angle, rim_angle, height = wheel_spokes(**lacing)
-    spokes, hub_radius = len(rim_angle), lacing.get("hub_radius", 0.022)
-    inner = radius - 0.6 * tyre
-    ends = np.empty((spokes + int(valve), 7))
-    ends[:spokes] = np.column_stack(
-        [
-            np.full(spokes, hub_radius),
-            hub_angle,
-            height,
-            np.full(spokes, inner),
-            rim_angle,
-            np.zeros(spokes),
-            np.full(spokes, spoke_width),
-        ]
-    )
-    if valve:
-        half = rim_angle[:2].mean() if spokes > 1 else 0.5
-        ends[-1] = [inner - 0.04, half, 0.0, inner, half, 0.0, 0.008]
-    return ends, np.array([hub_radius * 1.15, inner, radius, radius + tyre])
+
+    spokes: int = 36
+    crosses: int = 3
+    radius: float = 0.3
+    hub_radius: float = 0.022
+    flange: float = 0.03
+    spoke_width: float = 0.002
+    tyre: float = 0.035
+    valve: bool = True
+    spoke_light: float = 0.7
+    dark: float = 0.03
+
+    def lacing(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Angle of each spoke at the hub and at the rim (radians), height of its flange (m).
+
+        Neighbours at the rim belong to opposite flanges; on a flange every other spoke leans the
+        other way, by `crosses` spokes of its flange. Heights are along the axis, away from the
+        camera.
+        """
+        number = np.arange(self.spokes)
+        rim = 2 * np.pi * number / self.spokes
+        lean = np.where((number // 2) % 2 == 0, 1.0, -1.0)
+        hub = rim + lean * self.crosses * 2 * np.pi / max(self.spokes / 2, 1)
+        return hub, rim, np.where(number % 2 == 0, 1.0, -1.0) * self.flange
+
+    def parts(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the wheel is made of: bars (spokes, valve) and circles.
+
+        Returns a row (7,) for each bar: radius (m), angle (radians) and height (m) of its inner
+        end, the same of its outer end, width (m); and the radii (4,), m, of hub, rim inside, rim
+        outside and tyre.
+        """
+        hub_angle, rim_angle, height = self.lacing()
+        inner = self.radius - 0.6 * self.tyre
+        ends = np.zeros((self.spokes + int(self.valve), 7))
+        own = ends[: self.spokes]
+        own[:, 0], own[:, 1], own[:, 2] = self.hub_radius, hub_angle, height
+        own[:, 3], own[:, 4], own[:, 6] = inner, rim_angle, self.spoke_width
+        if self.valve:
+            half = rim_angle[:2].mean() if self.spokes > 1 else 0.5
+            ends[-1] = [inner - 0.04, half, 0.0, inner, half, 0.0, 0.008]
+        rims = [self.hub_radius * 1.15, inner, self.radius, self.radius + self.tyre]
+        return ends, np.array(rims)
+
+    def light(self, view: View, across: bool, turned: np.ndarray, turn: float) -> np.ndarray:
+        """Light and cover (rows, columns, 2) of the target as the sensor's rows see it.
+
+        across: rows of the sensor are columns of the picture. turned: (rows,) radians by which it
+        has turned in the middle of a row's exposure; turn: radians during one exposure.
+        """
+        rays = _rays(_key(view.camera))
+        u, v = (np.ascontiguousarray(a.T) if across else a for a in rays)
+        origin, axes = view.pose()
+        pieces = max(1, math.ceil(abs(turn) / _FINEST))
+        seen = _Seen(*_on_the_plane(view, across), u, v)
+        camera = _Camera(origin, np.ascontiguousarray(axes), view.camera["f"])
+        ends, circles = self.parts()
+        shades = (self.spoke_light, self.dark)
+        return _wheel(seen, camera, turned, turn, pieces, ends, circles, shades)
 
 
 def star(
-    view: View,
-    shutter: Shutter,
-    turns_per_second: float = 0.0,
-    *,
-    sectors: int = 16,
-    radius: float = 0.5,
-    hub: float = 0.02,
-    phase_deg: float = 0.0,
-    white: float = 0.8,
-    black: float = 0.05,
-    background: np.ndarray | float = 0.3,
-) -> np.ndarray:
-    """Linear light (height, width) of a turning Siemens star.
+    view: View, shutter: Shutter, turns_per_second: float = 0.0,
+    *, phase_deg: float = 0.0, background: np.ndarray | float = 0.3, **drawn,
+) -> np.ndarray:  # fmt: skip
+    """Linear light (height, width) of a turning Siemens star; drawn: fields of `Star`.
 
-    sectors: black and white ones together, even. radius, hub: metres; inside the hub it is black.
     phase_deg: angle of the first edge, clockwise, at the middle row.
     background: light beside the star, one number or a picture.
-    Raises InputError where `sectors` is odd or below 2.
     """
-    if sectors < 2 or sectors % 2:
-        raise InputError(f"sectors = {sectors}: a star has an even number, 2 or more")
-    x, y, times, across = _on_the_plane(view, shutter)
-    omega = 2 * math.pi * turns_per_second
-    light = _star(
-        x,
-        y,
-        math.radians(phase_deg) + omega * times,
-        max(abs(omega) * shutter.exposure_s, 1e-6),
-        4 * math.pi / sectors,
-        radius,
-        hub,
-        white,
-        black,
-    )
-    return _over(light, across, background)
+    return _turning(Star(**drawn), view, shutter, turns_per_second, phase_deg, background)
 
 
 def wheel(
-    view: View,
-    shutter: Shutter,
-    turns_per_second: float = 0.0,
-    *,
-    spokes: int = 36,
-    crosses: int = 3,
-    radius: float = 0.3,
-    hub_radius: float = 0.022,
-    flange: float = 0.03,
-    spoke_width: float = 0.002,
-    tyre: float = 0.035,
-    valve: bool = True,
-    phase_deg: float = 0.0,
-    spoke_light: float = 0.7,
-    dark: float = 0.03,
-    background: np.ndarray | float = 0.2,
-) -> np.ndarray:
-    """Linear light (height, width) of a turning bicycle wheel.
+    view: View, shutter: Shutter, turns_per_second: float = 0.0,
+    *, phase_deg: float = 0.0, background: np.ndarray | float = 0.2, **drawn,
+) -> np.ndarray:  # fmt: skip
+    """Linear light (height, width) of a turning bicycle wheel; drawn: fields of `Wheel`.
 
-    radius: of the rim, metres; `tyre` stands out beyond it, a rim of the same width inside.
-    spokes, crosses, hub_radius, flange: lacing, see `wheel_spokes`. valve: a stub on the rim.
     phase_deg: angle of the first spoke at the rim, clockwise, at the middle row.
+    background: light behind the wheel, one number or a picture.
     """
-    x, y, times, across = _on_the_plane(view, shutter)
-    origin, axes = view.pose()
-    rays = _rays(_key(view.camera))
-    u, v = (np.ascontiguousarray(a.T) if across else a for a in (rays[0], rays[1]))
-    lacing = {"spokes": spokes, "crosses": crosses, "hub_radius": hub_radius, "flange": flange}
-    ends, circles = wheel_parts(radius, tyre, spoke_width, valve, **lacing)
+    return _turning(Wheel(**drawn), view, shutter, turns_per_second, phase_deg, background)
+
+
+def _turning(target, view, shutter, turns_per_second, phase_deg, background):
+    """A target over what is behind it."""
+    times, across = shutter.times(view.camera.width, view.camera.height)
     omega = 2 * math.pi * turns_per_second
-    turn = omega * shutter.exposure_s
-    light = _wheel(
-        x,
-        y,
-        u,
-        v,
-        math.radians(phase_deg) + omega * times,
-        turn,
-        max(1, math.ceil(abs(turn) / _FINEST)),
-        ends,
-        origin,
-        np.ascontiguousarray(axes),
-        view.camera["f"],
-        circles,
-        spoke_light,
-        dark,
-    )
-    return _over(light, across, background)
+    turned = math.radians(phase_deg) + omega * times
+    light = target.light(view, across, turned, omega * shutter.exposure_s)
+    if across:
+        light = np.ascontiguousarray(light.transpose(1, 0, 2))
+    return light[..., 0] + (1 - light[..., 1]) * background
 
 
 def led(
@@ -316,13 +309,27 @@ def _rays(key):
     return guess[:, 0].reshape(height, width).copy(), guess[:, 1].reshape(height, width).copy()
 
 
-def _on_the_plane(view, shutter):
-    """Metres X, Y on the target's plane of all pixels, rows first, and the times of the rows."""
-    times, across = shutter.times(view.camera.width, view.camera.height)
+class _Seen(NamedTuple):
+    """Pixels as the sensor's rows see them (rows, columns): metres on the target's plane, rays."""
+
+    x: np.ndarray
+    y: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+
+
+class _Camera(NamedTuple):
+    """Origin (3,) and axes (3, 3) of the target in the camera frame, focal length in px."""
+
+    origin: np.ndarray
+    axes: np.ndarray
+    focal: float
+
+
+def _on_the_plane(view, across):
+    """Metres X, Y on the target's plane of all pixels, rows of the sensor first."""
     x, y = _plane(_key(view.camera), *(tuple(a.ravel()) for a in view.pose()))
-    if across:
-        x, y = np.ascontiguousarray(x.T), np.ascontiguousarray(y.T)
-    return x, y, times, across
+    return (np.ascontiguousarray(x.T), np.ascontiguousarray(y.T)) if across else (x, y)
 
 
 @lru_cache(maxsize=2)
@@ -335,14 +342,7 @@ def _plane(key, origin, axes):
     return x / depth, y / depth
 
 
-def _over(light, across, background):
-    """Light and cover (rows, columns, 2) of the target over what is behind it."""
-    if across:
-        light = np.ascontiguousarray(light.transpose(1, 0, 2))
-    return light[..., 0] + (1 - light[..., 1]) * background
-
-
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _second_integral(angle, period):
     """Second antiderivative, periodic, of the square wave +1, -1."""
     a = angle - period * math.floor(angle / period)
@@ -353,12 +353,12 @@ def _second_integral(angle, period):
     return -0.5 * a * (a - half)
 
 
-@njit(cache=True, error_model="numpy")
-def _star(x, y, turned, smear, period, radius, hub, white, black):
+@compiled(error_model="numpy")
+def _star(x, y, turned, smear, period, circles, middle, half):
     """Light and cover of a star: the square wave under two boxes, exposure and pixel."""
     rows, columns = x.shape
+    hub, radius = circles
     out = np.zeros((rows, columns, 2))
-    middle, half = 0.5 * (white + black), 0.5 * (white - black)
     for i in range(rows):
         for j in range(columns):
             px, py = x[i, j], y[i, j]
@@ -385,14 +385,14 @@ def _star(x, y, turned, smear, period, radius, hub, white, black):
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _clamped(x, half):
     """Integral from 0 to x of the clamp to -half .. half."""
     size = abs(x)
     return 0.5 * x * x if size < half else half * size - 0.5 * half * half
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _covered(d0, d1, half):
     """Mean share of a pixel under a band of half width `half` that moves from d0 to d1 (px)."""
     if abs(d1 - d0) < 1e-4:
@@ -407,15 +407,18 @@ def _covered(d0, d1, half):
     ) / (d1 - d0)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _share(r, edge, pixel):
     """Share of a pixel at distance r from the axis that lies inside the circle `edge`."""
     return min(max((edge - r) / pixel + 0.5, 0.0), 1.0)
 
 
-@njit(cache=True, error_model="numpy")
-def _wheel(x, y, u, v, turned, turn, pieces, ends, origin, axes, focal, circles, bright, dark):
+@compiled(error_model="numpy")
+def _wheel(seen, camera, turned, turn, pieces, ends, circles, shades):
     """Light and cover of a wheel; circles: hub, rim inside, rim outside, tyre."""
+    x, y, u, v = seen
+    origin, axes, focal = camera
+    bright, dark = shades
     rows, columns = x.shape
     count = ends.shape[0]
     out = np.zeros((rows, columns, 2))

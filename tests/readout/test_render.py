@@ -119,7 +119,7 @@ def test_exposure_moves_no_light_of_a_spoke_but_spreads_it():
 
 
 def test_neighbouring_spokes_reach_opposite_flanges_and_lean_in_turns():
-    hub, rim, height = render.wheel_spokes(36, 3, flange=0.03)
+    hub, rim, height = render.Wheel(36, 3, flange=0.03).lacing()
     assert list(height[:4]) == [0.03, -0.03, 0.03, -0.03]
     lean = (hub - rim + np.pi) % (2 * np.pi) - np.pi
     # Three crosses on a flange of 18 spokes: 3 x 20 degrees ahead or behind.
