@@ -165,7 +165,12 @@ def adjustment(block, effects=(), seed=5, **changes):
         "high_correlations": high, "correlation_matrix": (names, matrix), "warnings": [],
     }  # fmt: skip
     made["values"] = _values(made["effects"])
-    return SimpleNamespace(**(made | changes))
+    made |= changes
+    made["correlations"] = pd.DataFrame(
+        made["correlations"], columns=["a", "b", "mean", "std", "sigma_a", "sigma_b"]
+    )
+    made["high_correlations"] = pd.DataFrame(made["high_correlations"], columns=["a", "b", "value"])
+    return SimpleNamespace(**made)
 
 
 def _values(frame):

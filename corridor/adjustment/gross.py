@@ -66,9 +66,8 @@ def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block
     if not len(block.gnss):
         return out
     given = block.gnss[["x", "y", "z"]].to_numpy(float)
-    far = _far(given - pose[block.image_rows("gnss"), :3], _height(block, pose))
-    rows = np.flatnonzero(far > 0)
-    if not len(rows) or len(rows) > max(_MOST * len(given), 1.0):
+    rows, far = _far(given - pose[block.image_rows("gnss"), :3], _height(block, pose))
+    if not len(rows):
         return out
     shown = [
         f"{block.where('gnss', k)}: image {block.gnss['image'].iloc[k]}, {far[k]:,.0f} m off"
@@ -76,7 +75,7 @@ def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block
     ]
     notes.append(_told(rows, "GNSS position", "far from where the others put the image", shown))
     out = _own(out, block)
-    out.gnss = block.gnss[far == 0].reset_index(drop=True)
+    out.gnss = block.gnss.drop(index=block.gnss.index[rows]).reset_index(drop=True)
     return out
 
 
@@ -87,9 +86,8 @@ def _ground(out: Block, block: Block, model: Model, pose: np.ndarray, notes) -> 
     if len(used) < 4 or told or not len(block.marks):
         return out
     given = block.ground[["x", "y", "z"]].to_numpy(float)[used]
-    far = _far(given - _met(block, pose)[used], _height(block, pose))
-    rows = np.flatnonzero(far > 0)
-    if not len(rows) or len(rows) > max(_MOST * len(used), 1.0):
+    rows, far = _far(given - _met(block, pose)[used], _height(block, pose))
+    if not len(rows):
         return out
     shown = [
         f"{block.where('ground', used[k])}: {block.ground['point'].iloc[used[k]]} "
@@ -130,15 +128,19 @@ def _height(block: Block, pose: np.ndarray) -> float:
     return max(float(np.nanmedian(pose[:, 2]) - np.nanmedian(ground)), 10.0)
 
 
-def _far(away: np.ndarray, height: float) -> np.ndarray:
-    """Length (n,) of differences (n, 3), m, from their median where they are wild, else 0."""
+def _far(away: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Which differences (n, 3), m, are wild, and how far (n,) all are from their median.
+
+    None where they are too many for slips of the pen, or too few to tell.
+    """
     known = np.isfinite(away).all(axis=1)
     if known.sum() < 4:
-        return np.zeros(len(away))
+        return np.zeros(0, int), np.zeros(len(away))
     middle = np.median(away[known], axis=0)
     length = np.where(known, np.linalg.norm(np.nan_to_num(away - middle), axis=1), 0.0)
     usual = robust_scale(length[known], least=1e-9)
-    return np.where(length > max(_SIGMAS * usual, _OF_HEIGHT * height), length, 0.0)
+    rows = np.flatnonzero(length > max(_SIGMAS * usual, _OF_HEIGHT * height))
+    return (rows if len(rows) <= max(_MOST * len(away), 1.0) else rows[:0]), length
 
 
 def _own(out: Block, block: Block) -> Block:

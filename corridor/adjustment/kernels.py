@@ -842,7 +842,8 @@ def make_assemble(d, sighted=False):
             point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
             start = observations.start[p]
             m = observations.start[p + 1] - start
-            lo, hi = wide, 0
+            # No literal 0: what takes it would be compiled once more for that.
+            lo, hi = wide, np.int64(0)
             for k in range(m):
                 i = U(img[U(start + k)])
                 lo, hi = min(lo, columns.low[i]), max(hi, columns.high[i])

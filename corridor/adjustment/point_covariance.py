@@ -46,6 +46,7 @@ class Work(NamedTuple):
 
 
 # Of the module and not of a maker's: a function that a maker's holds is compiled in each process.
+# Number by number: a line on whole arrays takes seconds to compile.
 @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
 def gain(p, scene, d, work, out):
     """Fills K of point p; returns the lower half of V^-1, m^2. d: unknowns of an image."""
@@ -58,8 +59,10 @@ def gain(p, scene, d, work, out):
     q = len(kb)
     start = observations.start[p]
     m = observations.start[p + 1] - start
-    v = np.zeros(6)
-    kb[:] = 0.0
+    v0, v1, v2, v3, v4, v5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for c in range(q):
+        for x in range(3):
+            kb[c, x] = 0.0
     point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
     see(start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen)
     for k in range(m):
@@ -77,18 +80,18 @@ def gain(p, scene, d, work, out):
                 for x in range(3):
                     jp[k, row, x] = -jc[k * 2 * d + row * d + x]
             a0, a1, a2 = jp[k, row, 0], jp[k, row, 1], jp[k, row, 2]
-            v[0] += a0 * a0
-            v[1] += a1 * a0
-            v[2] += a1 * a1
-            v[3] += a2 * a0
-            v[4] += a2 * a1
-            v[5] += a2 * a2
+            v0 += a0 * a0
+            v1 += a1 * a0
+            v2 += a1 * a1
+            v3 += a2 * a0
+            v4 += a2 * a1
+            v5 += a2 * a2
     r = control.row[p]
     if r >= 0:
-        v[0] += control.weight[r, 0]
-        v[2] += control.weight[r, 1]
-        v[5] += control.weight[r, 2]
-    i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v[0], v[1], v[2], v[3], v[4], v[5]))
+        v0 += control.weight[r, 0]
+        v2 += control.weight[r, 1]
+        v5 += control.weight[r, 2]
+    i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v0, v1, v2, v3, v4, v5))
     n00 = i0 * i0 + i1 * i1 + i3 * i3
     n10 = i2 * i1 + i4 * i3
     n11 = i2 * i2 + i4 * i4
@@ -155,10 +158,14 @@ def make_point_gains(d):
             found = gain(p, scene, d, work, out)
             for n in range(6):
                 inverse[number, n] = found[n]
-            shared[number] = out.shared
+            for c in range(shared.shape[1]):
+                for x in range(3):
+                    shared[number, c, x] = out.shared[c, x]
             start = observations.start[p]
             for k in range(observations.start[p + 1] - start):
-                own[start + k] = out.own[k]
+                for c in range(d):
+                    for x in range(3):
+                        own[start + k, c, x] = out.own[k, c, x]
 
     return point_gains
 
@@ -180,6 +187,7 @@ def make_point_covariance(d):
         q = shared.shape[0]
         work, gained = make_room(longest, d, scene.columns.wide, q)
         kc, kb = gained.own, gained.shared
+        sums = np.zeros((3, 3))
         for p in range(first, last):
             start = observations.start[p]
             m = observations.start[p + 1] - start
@@ -195,7 +203,6 @@ def make_point_covariance(d):
                         for a in range(d):
                             total += kc[k, a, x] * poses_shared[i * d + a, c]
                     cross[p, x, c] = -total
-            sums = np.zeros((3, 3))
             for x in range(3):
                 for w in range(3):
                     # K_b' Q_sc K_c + K_c' Q_cs K_b + K_b' Q_ss K_b, of which cross holds the most

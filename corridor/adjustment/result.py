@@ -246,18 +246,15 @@ class Adjustment(Checked):
         return names, self.covariance.shared / sigma[:, None] / sigma
 
     @cached_property
-    def high_correlations(self) -> list[dict]:
-        """Pairs of shared parameters that are correlated beyond 0.95."""
+    def high_correlations(self) -> pd.DataFrame:
+        """Pairs of shared parameters that are correlated beyond 0.95: a, b, value."""
         names, matrix = self.correlation_matrix
-        return [
-            {"a": names[i], "b": names[j], "value": float(matrix[i, j])}
-            for i in range(len(names))
-            for j in range(i + 1, len(names))
-            if abs(matrix[i, j]) > HIGH
-        ]
+        high = np.argwhere(np.triu(np.abs(matrix) > HIGH, 1))
+        rows = [(names[i], names[j], matrix[i, j]) for i, j in high]
+        return pd.DataFrame(rows, columns=["a", "b", "value"]).astype({"value": float})
 
     @cached_property
-    def correlations(self) -> list[dict]:
+    def correlations(self) -> pd.DataFrame:
         """Of focal lengths and lever arms (z) with camera and ground height, and each other.
 
         The mean and standard deviation are over the cameras or ground points concerned (points
@@ -265,8 +262,14 @@ class Adjustment(Checked):
         several flights, focal lengths come with the heights of each (`height.FLIGHT`) as well.
         sigma_a, sigma_b: standard deviations of the two (b: mean), without which a coefficient
         hides how large either error is.
-        Source: Zhou 2019, table 5.3.
+        Columns: a, b, mean, std, sigma_a, sigma_b. Source: Zhou 2019, table 5.3.
         """
+        columns = ["a", "b", "mean", "std", "sigma_a", "sigma_b"]
+        return pd.DataFrame(self._pairs(), columns=columns).astype(
+            dict.fromkeys(columns[2:], float)
+        )
+
+    def _pairs(self) -> list[tuple]:
         p = self.problem
         if not p.unknowns:
             return []
@@ -305,18 +308,13 @@ class Adjustment(Checked):
                     out.append(self._pair(n, a.label, b.label, *other))
         return out
 
-    def _pair(self, n: int, a: str, b: str, covariance: np.ndarray, sigma_b: np.ndarray) -> dict:
+    def _pair(self, n: int, a: str, b: str, covariance: np.ndarray, sigma_b: np.ndarray) -> tuple:
         """Correlation of the n-th shared unknown with others: mean and spread."""
         sigma_a = np.sqrt(self.covariance.shared[n, n])
         values = covariance / sigma_a / sigma_b
-        return {
-            "a": a,
-            "b": b,
-            "mean": float(values.mean()),
-            "std": float(values.std(ddof=1)) if len(values) > 1 else 0.0,
-            "sigma_a": float(self.sigma0 * sigma_a),
-            "sigma_b": float(self.sigma0 * sigma_b.mean()),
-        }
+        spread = values.std(ddof=1) if len(values) > 1 else 0.0
+        sigmas = self.sigma0 * sigma_a, self.sigma0 * sigma_b.mean()
+        return a, b, values.mean(), spread, *sigmas
 
     # --- poses and points --------------------------------------------------------------------
 

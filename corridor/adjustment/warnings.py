@@ -181,14 +181,14 @@ def _inseparable(a):
     if not (len(p.gnss_image) or len(p.control_rows)):
         return
     with_what = "this GNSS" if len(p.gnss_image) else "this ground control"
-    for pair in a.correlations:
-        if not pair["a"].startswith("camera.") or pair["b"] not in ("height", "ground height"):
+    for pair in a.correlations.itertuples():
+        if not pair.a.startswith("camera.") or pair.b not in ("height", "ground height"):
             continue
-        if abs(pair["mean"]) < INSEPARABLE:
+        if abs(pair.mean) < INSEPARABLE:
             continue
-        name = pair["a"].split(".")[1]
+        name = pair.a.split(".")[1]
         focal = a.camera.query("camera == @name and parameter == 'f'").iloc[0]
-        if pair["b"] == "height":
+        if pair.b == "height":
             sigma = float(np.median(a.poses["sz"]))
             which = "camera heights"
         else:
@@ -197,7 +197,7 @@ def _inseparable(a):
             which = "ground heights"
         yield (
             f"Camera {name}: focal length and height cannot be separated by these images and "
-            f"{with_what} (correlation {pair['mean']:.4f}; sigma of f {focal['sigma']:.3g} px, of "
+            f"{with_what} (correlation {pair.mean:.4f}; sigma of f {focal['sigma']:.3g} px, of "
             f"the {which} {sigma:.3g} m): add a ground control point, fly at two heights or with "
             "oblique images, or hold a calibrated focal length."
         )

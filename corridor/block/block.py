@@ -176,6 +176,10 @@ class Block:
         path = self._files.get(table, Path(f"{table}.csv"))
         return place(path, int(row))
 
+    def image_at(self, row: int) -> str:
+        """`images.csv, row 3: image A17` for row 1 (from 0), to begin a sentence on one image."""
+        return f"{self.where('images', row)}: image {self.images['image'].iloc[row]}"
+
     # --- standard deviations -----------------------------------------------------------------
 
     def tie_sigma(self) -> np.ndarray:

@@ -95,9 +95,8 @@ def _refuse_incomplete(block: Block) -> None:
     lost = np.flatnonzero(~np.isfinite(pose).all(axis=1))
     if len(lost):
         raise InputError(
-            f"{block.where('images', lost[0])}: image {block.images['image'].iloc[lost[0]]} has no "
-            f"pose ({len(lost)} of {len(pose)} images have none): run `corridor adjust` first and "
-            "correct OUT/block"
+            f"{block.image_at(lost[0])} has no pose ({len(lost)} of {len(pose)} images have "
+            "none): run `corridor adjust` first and correct OUT/block"
         )
     for table in ("tie_points", "marks"):
         rows = getattr(block, table)

@@ -30,8 +30,8 @@ def rates_from_neighbours(block: Block) -> Block:
     lost = np.flatnonzero(~np.isfinite(pose).all(axis=1))
     if len(lost):
         raise InputError(
-            f"{block.where('images', lost[0])}: image {block.images['image'].iloc[lost[0]]} has no "
-            "pose, from which angular rates follow: run `corridor adjust` first"
+            f"{block.image_at(lost[0])} has no pose, from which angular rates follow: run "
+            "`corridor adjust` first"
         )
     time = times(block)
     rotation = rotation_from_quaternion(pose[:, 3:])

@@ -107,9 +107,8 @@ def _from_metadata(block: Block, given: np.ndarray) -> Velocities:
     unknown = np.flatnonzero(~np.isfinite(given).all(axis=1))
     if len(unknown):
         raise InputError(
-            f"{block.where('images', unknown[0])}: image {block.images['image'].iloc[unknown[0]]} "
-            f"lacks vx, vy or vz ({len(unknown)} images do): fill them in, or take velocities from "
-            "neighbours, strip or gnss"
+            f"{block.image_at(unknown[0])} lacks vx, vy or vz ({len(unknown)} images do): fill "
+            "them in, or take velocities from neighbours, strip or gnss"
         )
     return Velocities(given, np.full(len(given), np.nan), "metadata")
 
@@ -120,13 +119,14 @@ def _from_antennas(block: Block) -> Velocities:
     table = of_track(block) if len(block.track) else of_gnss(block)
     lost = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if len(lost):
-        name, many = block.images["image"].iloc[lost[0]], len(lost)
+        many = len(lost)
         if len(block.track):
             raise InputError(
-                f"{block.where('images', lost[0])}: image {name} was taken outside track.csv or in "
-                f"a gap of it ({many} images were): correct time_s, or take velocities from "
-                "neighbours or strip"
+                f"{block.image_at(lost[0])} was taken outside track.csv or in a gap of it "
+                f"({many} images were): correct time_s, or take velocities from neighbours or "
+                "strip"
             )
+        name = block.images["image"].iloc[lost[0]]
         raise InputError(
             f"gnss.csv has no position of image {name}, or none near it ({many} images have none): "
             "take velocities from neighbours or strip"
@@ -271,9 +271,8 @@ def times(block: Block) -> np.ndarray:
     unknown = np.flatnonzero(np.isnan(time))
     if len(unknown):
         raise InputError(
-            f"{block.where('images', unknown[0])}: image {block.images['image'].iloc[unknown[0]]} "
-            f"has no time_s ({len(unknown)} images have none), from which velocities follow: fill "
-            "it in, or give vx, vy, vz"
+            f"{block.image_at(unknown[0])} has no time_s ({len(unknown)} images have none), from "
+            "which velocities follow: fill it in, or give vx, vy, vz"
         )
     return time
 
@@ -283,9 +282,8 @@ def _centres(block: Block) -> np.ndarray:
     unknown = np.flatnonzero(np.isnan(centre).any(axis=1))
     if len(unknown):
         raise InputError(
-            f"{block.where('images', unknown[0])}: image {block.images['image'].iloc[unknown[0]]} "
-            "has no position, from which velocities follow: run `corridor adjust` first and take "
-            "the adjusted block"
+            f"{block.image_at(unknown[0])} has no position, from which velocities follow: run "
+            "`corridor adjust` first and take the adjusted block"
         )
     return centre
 
@@ -294,9 +292,8 @@ def _alone(block: Block, velocity: np.ndarray) -> None:
     lost = np.flatnonzero(~np.isfinite(velocity).all(axis=1))
     if len(lost):
         raise InputError(
-            f"{block.where('images', lost[0])}: image {block.images['image'].iloc[lost[0]]} has no "
-            f"neighbour in its strip with another time stamp ({len(lost)} images have none): "
-            "correct time_s, or give vx, vy, vz"
+            f"{block.image_at(lost[0])} has no neighbour in its strip with another time stamp "
+            f"({len(lost)} images have none): correct time_s, or give vx, vy, vz"
         )
 
 
@@ -307,7 +304,7 @@ def _checked(block: Block, found: Velocities) -> Velocities:
         time = block.column("images", "time_s")[worst]
         many = int(np.sum(found.speed > FASTEST_M_S))
         raise InputError(
-            f"{block.where('images', worst)}: image {block.images['image'].iloc[worst]} would fly "
+            f"{block.image_at(worst)} would fly "
             f"{found.speed[worst]:.0f} m/s at time_s = {time:g} ({many} of {len(found.speed)} "
             f"images faster than {FASTEST_M_S:g} m/s): its time stamp or its flight and strip are "
             "wrong, correct them or give vx, vy, vz"

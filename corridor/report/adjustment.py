@@ -92,8 +92,8 @@ class Adjusted(Protocol):
     check_rms: Any
     check_mean: Any
     check_std: Any
-    correlations: list[dict]
-    high_correlations: list[dict]
+    correlations: pd.DataFrame
+    high_correlations: pd.DataFrame
     correlation_matrix: tuple[list[str], np.ndarray]
 
 
@@ -189,8 +189,8 @@ def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
         "effect_groups": {slug: one.kind for slug, one in adjustment.values.items()},
         "lever_arm": lever_arm,
         "check_points": {"rows": adjustment.check_points.to_dict(orient="records"), **check},
-        "correlations": adjustment.correlations,
-        "high_correlations": adjustment.high_correlations,
+        "correlations": adjustment.correlations.to_dict(orient="records"),
+        "high_correlations": adjustment.high_correlations.to_dict(orient="records"),
         "parameters": len(adjustment.correlation_matrix[0]),
         "warnings": adjustment.warnings,
     }
@@ -521,14 +521,14 @@ def _correlations(adjustment: Adjusted) -> Table | None:
     """Focal length and lever arm with the heights they can stand in for."""
     rows = tuple(
         (
-            short(c["a"], 30),
-            short(c["b"], 28),
-            coefficient(c["mean"]),
-            fixed(c["std"], 3),
-            significant(c["sigma_a"]),
-            significant(c["sigma_b"]),
+            short(pair.a, 30),
+            short(pair.b, 28),
+            coefficient(pair.mean),
+            fixed(pair.std, 3),
+            significant(pair.sigma_a),
+            significant(pair.sigma_b),
         )
-        for c in adjustment.correlations
+        for pair in adjustment.correlations.itertuples()
     )
     if not rows:
         return None
@@ -539,15 +539,18 @@ def _correlations(adjustment: Adjusted) -> Table | None:
 
 def _strong_correlations(adjustment: Adjusted) -> Table | None:
     """Parameters that can hardly be told apart, the strongest first."""
-    pairs = sorted(adjustment.high_correlations, key=lambda c: -abs(c["value"]))
+    pairs = adjustment.high_correlations.sort_values("value", key=lambda v: -v.abs(), kind="stable")
     names, _ = adjustment.correlation_matrix
-    if not pairs:
+    if not len(pairs):
         if len(names) < 2:
             return None
         note = f"none of the {len(names):,} parameters' correlations is above {_STRONG}"
         return Table("Strong correlations", notes=(note,))
     shown = pairs[:_MOST_PAIRS]
-    rows = tuple((short(c["a"], 38), short(c["b"], 38), coefficient(c["value"])) for c in shown)
+    rows = tuple(
+        (short(pair.a, 38), short(pair.b, 38), coefficient(pair.value))
+        for pair in shown.itertuples()
+    )
     notes = [f"between parameters, above {_STRONG} in size"]
     if len(pairs) > len(shown):
         notes.append(f"{counted(len(pairs) - len(shown), 'further pair')} above it left out")

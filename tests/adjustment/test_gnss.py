@@ -81,8 +81,7 @@ class TestClock:
 
 @pytest.fixture(scope="module")
 def pairs(clean):
-    found = corridor.adjust(clean, control=[]).correlations
-    return {(c["a"], c["b"]): c for c in found}
+    return corridor.adjust(clean, control=[]).correlations.set_index(["a", "b"]).T
 
 
 class TestCorrelations:
@@ -101,5 +100,5 @@ class TestCorrelations:
     def test_flights_are_told_apart(self):
         plan = read_plan("thesis_50vt+thesis_50ob")
         plan = replace(plan, gnss=True, tie_points=replace(plan.tie_points, per_image=60))
-        names = {c["b"] for c in corridor.adjust(corridor.simulate(plan)).correlations}
+        names = set(corridor.adjust(corridor.simulate(plan)).correlations["b"])
         assert {"height", "height.50vt", "height.50ob"} <= names

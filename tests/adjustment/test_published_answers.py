@@ -366,17 +366,17 @@ class TestSaraburiWithoutControl:
         assert held.cost - free.cost == pytest.approx(rise, rel=0.1)
 
     def test_f_and_ground_height_are_one_quantity(self, saraburi):
-        pair = next(c for c in saraburi("A").correlations if c["b"] == "ground height")
+        pair = saraburi("A").correlations.set_index("b").loc["ground height"]
         assert pair["a"] == "camera.P1.f"
         assert pair["mean"] < -0.999
-        with_control = next(c for c in saraburi("B").correlations if c["b"] == "ground height")
+        with_control = saraburi("B").correlations.set_index("b").loc["ground height"]
         assert -0.95 < with_control["mean"] < -0.86  # the README's -0.95, -0.92, -0.86
 
     def test_f_and_camera_height_are_one_quantity_when_a_gnss_offset_is_estimated(self, saraburi):
-        pair = next(c for c in saraburi("K").correlations if c["b"] == "height")
+        pair = saraburi("K").correlations.set_index("b").loc["height"]
         holds("saraburi.gnss_offset.f_with_camera_height", pair["mean"])
         # Without the offset GNSS holds the cameras.
-        pair = next(c for c in saraburi("A").correlations if c["b"] == "height")
+        pair = saraburi("A").correlations.set_index("b").loc["height"]
         assert abs(pair["mean"]) < 0.01
 
     @pytest.mark.parametrize("letter", ["J", "K"])

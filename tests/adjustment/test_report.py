@@ -74,8 +74,8 @@ class TestText:
         made = adjustment(named, effects=[(long, "readout", long, 0.0248, 0.00051, "s")])
         made.warnings = ["A long sentence about " + "quantities " * 40 + "ends here."]
         pair = {"a": long, "b": long, "mean": 0.3, "std": 0.1}
-        made.correlations = [pair | {"sigma_a": 1.2345e-9, "sigma_b": 123456.0}]
-        made.high_correlations = [{"a": long, "b": long, "value": 0.97}]
+        made.correlations = pd.DataFrame([pair | {"sigma_a": 1.2345e-9, "sigma_b": 123456.0}])
+        made.high_correlations = pd.DataFrame([{"a": long, "b": long, "value": 0.97}])
         made.lever_arm = pd.DataFrame(
             [(long, -0.512, 0.12345, 1234.5, 0.00012, 0.0034, 0.1, False)],
             columns=["flight", "x", "y", "z", "sx", "sy", "sz", "fixed"],

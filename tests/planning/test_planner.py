@@ -51,7 +51,7 @@ class TestAgainstTheAdjustment:
     def test_correlations_are_those_of_the_adjustment(self, small, control):
         expected = small.expect(control)
         _, adjusted = direct(small, expected)
-        pairs = {(pair["a"], pair["b"]): pair for pair in adjusted.correlations}
+        pairs = adjusted.correlations.set_index(["a", "b"]).T
         for row in expected.correlations.itertuples():
             arm = pairs[f"lever_arm.{row.flight}.z", "height"]
             assert row.height_arm == pytest.approx(abs(arm["mean"]), abs=1e-3)
