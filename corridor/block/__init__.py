@@ -4,12 +4,13 @@ from corridor.block.block import Block, is_block, read
 from corridor.block.reading import place, read_columns, row_numbers
 from corridor.block.record import forget_correction, record_correction, taken_out
 from corridor.block.summary import Summary
-from corridor.block.tables import LAYOUTS, POSE, QUATERNION, Layout
+from corridor.block.tables import LAYOUTS, POSE, QUATERNION, SIGMAS, Layout
 
 __all__ = [
     "LAYOUTS",
     "POSE",
     "QUATERNION",
+    "SIGMAS",
     "Block",
     "Layout",
     "Summary",

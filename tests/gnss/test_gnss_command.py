@@ -137,6 +137,12 @@ class TestWhatIsWrong:
         track.to_csv(block / "track.csv", index=False)
         self.fails(2, "track.csv, row 12: the time goes back", capsys, block)
 
+    def test_a_sigma_that_is_none_names_the_row(self, block, capsys):
+        track = pd.read_csv(block / "track.csv")
+        track.loc[10, "sx"] = -0.01
+        track.to_csv(block / "track.csv", index=False)
+        self.fails(2, "track.csv, row 12: sx = -0.01 is not a standard deviation", capsys, block)
+
     def test_all_single_is_said(self, block, capsys):
         track = pd.read_csv(block / "track.csv").assign(quality=5)
         track.to_csv(block / "track.csv", index=False)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from corridor.block import LAYOUTS, Layout, place, read_columns, row_numbers
+from corridor.block import LAYOUTS, SIGMAS, Layout, place, read_columns, row_numbers
 from corridor.errors import InputError
 from corridor.gnss.epochs import in_order
 from corridor.gnss.exposures import Exposures
@@ -48,6 +48,14 @@ def read(path: Path) -> Track | Exposures:
             raise InputError(
                 f"{place(path, int(unknown.argmax()))}: {name} is empty; fill it in or delete the "
                 "row"
+            )
+    for name in set(SIGMAS) & set(frame):
+        wrong = (frame[name] <= 0).to_numpy()
+        if wrong.any():
+            row = int(wrong.argmax())
+            raise InputError(
+                f"{place(path, row)}: {name} = {frame[name].iloc[row]:g} is not a standard "
+                "deviation; write a positive number or leave the cell empty"
             )
     frame = frame[[name for name in layout.listed if name in frame]]
     if "flight" in frame:
