@@ -30,7 +30,7 @@ def accuracy_by_control(
     """
     names = list(series)
     known = [values[np.isfinite(values)] for _, *both in series.values() for values in both]
-    values = 100 * np.concatenate([np.zeros(0), *known])
+    values = 1000 * np.concatenate([np.zeros(0), *known])
     if not len(values):
         return style.sentence("None of these flight sets can be adjusted.", title)
     looks = {name: _look(k, len(names)) for k, name in enumerate(names)}
@@ -49,7 +49,7 @@ def accuracy_by_control(
         zip(panels, ("horizontal (x and y together)", "height"), strict=True)
     ):
         style.caption(axes, caption)
-        style.label(axes, "control points", "cm" if k == 0 else None)
+        style.label(axes, "control points", "mm" if k == 0 else None)
         axes.set(yscale="log", ylim=(low, high))
         axes.yaxis.set_major_locator(FixedLocator(ticks))
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: readable(value)))
@@ -59,7 +59,7 @@ def accuracy_by_control(
         axes.xaxis.set_major_locator(FixedLocator(counts))
         axes.set_xlim(counts.min() - 0.06 * span, counts.max() + 0.06 * span)
         for name, (count, *both) in series.items():
-            axes.plot(count, 100 * np.asarray(both[k]), zorder=4, **looks[name])
+            axes.plot(count, 1000 * np.asarray(both[k]), zorder=4, **looks[name])
     return figure
 
 

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from corridor.report import millimetres
+
 _WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 # From this share on a bias of the GNSS is on the ground as a whole, up to this one it is gone.
 _WHOLE, _GONE = 0.9, 0.2
@@ -25,20 +27,21 @@ def advice(table: pd.DataFrame, goals: Sequence[float] = (0.01, 0.03)) -> str:
     for goal in sorted(goals):
         row = _first_within(solid, goal)
         if row is None:
-            missed.append(_goal(goal))
+            missed.append(millimetres(goal))
         else:
-            reached.setdefault(row.name, []).append(_goal(goal))
+            reached.setdefault(row.name, []).append(millimetres(goal))
     said = []
     if missed:
         row = solid.loc[solid["d3"].idxmin()]
         said.append(
             f"None of these reaches {' or '.join(missed)}; the nearest is {_what(row, solid)}: "
-            f"{_cm(row['d3'])}"
+            f"{millimetres(row['d3'])}"
         )
     for index, names in reached.items():
         row = solid.loc[index]
         said.append(
-            f"For {' and '.join(names)}: {_what(row, solid)}: {_cm(row['d3'])}{_gnss(row, solid)}"
+            f"For {' and '.join(names)}: {_what(row, solid)}: {millimetres(row['d3'])}"
+            f"{_gnss(row, solid)}"
         )
     return ". ".join(said) + "."
 
@@ -95,12 +98,3 @@ def _gnss(row: pd.Series, table: pd.DataFrame) -> str:
 def _number(count: float) -> str:
     count = int(count)
     return _WORDS[count] if count < len(_WORDS) else str(count)
-
-
-def _goal(metres: float) -> str:
-    return f"{100 * metres:.3g} cm"
-
-
-def _cm(metres: float) -> str:
-    value = 100 * metres
-    return f"{value:.1f} cm" if value < 9.95 else f"{value:.0f} cm"

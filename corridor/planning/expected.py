@@ -14,6 +14,7 @@ from corridor.planning.conditioning import Moments, condition
 from corridor.planning.datum import open_motions, sentence
 from corridor.planning.network import Carried, Network, Quantities
 from corridor.planning.noise import GnssNoise
+from corridor.report import millimetres
 
 
 @dataclass(frozen=True)
@@ -231,8 +232,8 @@ class Expected:
         if self.open:
             return f"Expected of {self.network.plan.name} with {what}: {self.open}"
         return (
-            f"Expected of {self.network.plan.name} with {what}: xy {100 * self.xy:.2f} cm, "
-            f"z {100 * self.z:.2f} cm"
+            f"Expected of {self.network.plan.name} with {what}: xy {millimetres(self.xy)}, "
+            f"z {millimetres(self.z)}"
         )
 
     def summary(self) -> dict:

@@ -34,9 +34,9 @@ _FILES = (
 )  # fmt: skip
 _MOST_POINTS = 12
 _ACCURACY = (
-    ("horizontal", "xy", 100, ".1f"),
-    ("height", "z", 100, ".1f"),
-    ("3D", "d3", 100, ".1f"),
+    ("horizontal", "xy", 1000, ".1f"),
+    ("height", "z", 1000, ".1f"),
+    ("3D", "d3", 1000, ".1f"),
     ("GNSS horizontal", "transfer_xy", 100, ".0f"),
     ("GNSS height", "transfer_z", 100, ".0f"),
 )
@@ -55,7 +55,7 @@ def report_of(planned: Planned) -> Report:
         transfer_xy=np.maximum(planned.table["transfer_x"], planned.table["transfer_y"])
     )
     accuracy = (
-        "cm, RMS of check points; GNSS: per cent of a constant error of it that is on the ground"
+        "mm, RMS of check points; GNSS: per cent of a constant error of it that is on the ground"
     )
     known = (
         "standard deviations of focal length and lever arm, and their correlations with each other "

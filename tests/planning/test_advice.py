@@ -28,9 +28,9 @@ def test_the_fewest_flights_then_the_fewest_points_that_reach_the_goal():
     said = advice(TABLE, [0.01, 0.03])
     first, second = said.split(". For")
     assert first.startswith(
-        "For 1 cm: one nadir and one oblique flight and one control point: 0.6 cm"
+        "For 10 mm: one nadir and one oblique flight and one control point: 6 mm"
     )
-    assert second.startswith(" 3 cm: one nadir flight and one control point: 2.8 cm")
+    assert second.startswith(" 30 mm: one nadir flight and one control point: 28 mm")
 
 
 def test_a_point_that_makes_the_height_says_so():
@@ -51,21 +51,21 @@ def test_what_is_left_of_a_bias_in_plan_is_said():
 def test_no_control_at_all_rests_on_the_gnss():
     table = pd.DataFrame([row("n", 1, 0, 0, 0.009, WHOLE)])
     assert advice(table, [0.01]) == (
-        "For 1 cm: one nadir flight and no control points: 0.9 cm; but it is only as good as the "
+        "For 10 mm: one nadir flight and no control points: 9 mm; but it is only as good as the "
         "GNSS, whose constant errors nothing would show."
     )
 
 
 def test_one_row_that_reaches_both_goals_is_said_once():
     said = advice(TABLE[TABLE["flights"] == "n+o"], [0.01, 0.03])
-    assert said.startswith("For 1 cm and 3 cm: one nadir and one oblique flight")
+    assert said.startswith("For 10 mm and 30 mm: one nadir and one oblique flight")
     assert said.count("oblique") == 1
 
 
 def test_a_goal_out_of_reach_names_the_nearest():
     assert advice(TABLE, [0.001]) == (
-        "None of these reaches 0.1 cm; the nearest is one nadir and one oblique flight and one "
-        "control point: 0.6 cm."
+        "None of these reaches 1.0 mm; the nearest is one nadir and one oblique flight and one "
+        "control point: 6 mm."
     )
 
 

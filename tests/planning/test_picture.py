@@ -16,11 +16,11 @@ def series(count):
     }
 
 
-def test_plan_and_height_stand_side_by_side_in_centimetres():
+def test_plan_and_height_stand_side_by_side_in_millimetres():
     figure = accuracy_by_control(series(1))
     plan, height = figure.axes
-    assert plan.lines[-1].get_ydata() == pytest.approx([3.0, 1.5, 0.75, 0.5])
-    assert height.lines[-1].get_ydata() == pytest.approx([8.0, 4.0, 2.0, 8 / 6])
+    assert plan.lines[-1].get_ydata() == pytest.approx([30.0, 15.0, 7.5, 5.0])
+    assert height.lines[-1].get_ydata() == pytest.approx([80.0, 40.0, 20.0, 80 / 6])
     assert plan.get_ylim() == height.get_ylim()
     assert plan.get_xticks().tolist() == COUNTS.tolist()
 
