@@ -22,6 +22,7 @@ from numba import njit
 
 from corridor.compiled import SCALAR, compiled
 from corridor.errors import InputError
+from corridor.textfile import is_number
 
 # Order of the interior vector. Slots 7.. are the radial polynomial.
 INTERIOR = ("f", "cx", "cy", "p1", "p2", "b1", "b2") + tuple(f"k{n}" for n in range(1, 9))
@@ -78,7 +79,7 @@ class Camera:
                 return None
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise InputError(f"{where} {key} = {value!r} is not a number: write a number")
-            if not np.isfinite(value):
+            if not is_number(value):
                 raise InputError(f"{where} {key} = {value!r} is not finite: write a number")
             return float(value)
 

@@ -373,6 +373,13 @@ def write_xml(root: ElementTree.Element, path: Path) -> None:
 # --- JSON ------------------------------------------------------------------------------------
 
 
+def is_number(value: object) -> bool:
+    """Whether a value of TOML or JSON is a finite number; whole ones there may have any length."""
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and -1e300 < value < 1e300
+    )
+
+
 class Json:
     """A value of a JSON file, and where it stands."""
 
@@ -441,21 +448,15 @@ class Json:
         """The finite number under a key. Raises InputError naming the place."""
         value = self.get(key)
         value = default if value is None and isinstance(self.value, dict) else value
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value):
+        if is_number(value):
             return float(value)
         raise self.wrong(f"has no number {key} ({value!r})")
 
     def numbers(self, key: str, count: int) -> np.ndarray:
         """The `count` finite numbers under a key. Raises InputError naming the place."""
         found = self.get(key)
-        good = isinstance(found, list) and len(found) == count
-        if good and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in found):
-            try:
-                array = np.array(found, dtype=float)
-            except OverflowError:
-                array = np.array([np.nan])
-            if np.isfinite(array).all():
-                return array
+        if isinstance(found, list) and len(found) == count and all(map(is_number, found)):
+            return np.array(found, dtype=float)
         raise InputError(
             f"{self.where}: {key} is not {count} finite numbers; export the project again"
         )

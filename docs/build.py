@@ -56,7 +56,8 @@ def assemble(source):
 
     shutil.copytree(DOCS / "pages", source)
     shutil.copytree(DOCS / "_static", source / "_static")
-    shutil.copy(DOCS / "sources.md", source / "sources.md")
+    for name in ("sources.md", "guarantees.md"):
+        shutil.copy(DOCS / name, source / name)
     chapters = source / "notebooks"
     shutil.copytree(ROOT / "notebooks" / "images", chapters / "images")
     found = sorted((ROOT / "notebooks").glob("*.ipynb"))

@@ -119,6 +119,14 @@ def images(change):
     return both(table("tie_points", change), table("marks", change))
 
 
+def changed(name, **columns):
+    """Columns of a table replaced: by values, or by what a function makes of the old ones."""
+    return table(
+        name,
+        lambda f: f.assign(**{k: v(f[k]) if callable(v) else v for k, v in columns.items()}),
+    )
+
+
 def two_points(frame):
     """Control points exchanged."""
     control = frame.index[frame["role"] == "control"][[1, 3]]
@@ -191,6 +199,74 @@ def test_of_a_sound_block_nothing_is_suspected(sound):
     assert doubts(corridor.read(sound)) == []
 
 
+# Refused when the block is read: slip -> words of the sentence.
+REFUSED = {
+    "control without a standard deviation": (changed("ground", sx=0.0), "row 2: sx = 0 is not a"),
+    "a role in capitals": (
+        changed("ground", role=lambda c: c.str.capitalize()), "role 'Control' is unknown"
+    ),
+    "a role of another program": (changed("ground", role="gcp"), "write one of control, check"),
+    "names with blanks": (changed("ground", point=lambda c: c + " "), "has blanks around it"),
+    "image names without suffix": (
+        changed("gnss", image=lambda c: c.str.replace(".tif", "")), "image 'F1_0001' is not in"
+    ),
+    "image names in capitals": (
+        changed("tie_points", image=lambda c: c.str.upper()), "'F1_0001.TIF' is not in images.csv"
+    ),
+    "image names with their folder": (
+        changed("marks", image=lambda c: "DCIM/" + c), "marks.csv, row 2: image 'DCIM/"
+    ),
+    "a position of no image": (
+        table("gnss", lambda f: pd.concat([f, f[:1].assign(image="nope.tif")])),
+        "gnss.csv, row 17: image 'nope.tif' is not in images.csv",
+    ),
+    "an observation twice": (
+        table("tie_points", lambda f: pd.concat([f, f[:5]])), "row 896: .* stands already"
+    ),
+    "an image twice": (table("images", lambda f: pd.concat([f, f[:1]])), "row 17: image .* stands"),
+    "a point marked twice": (table("marks", lambda f: pd.concat([f, f[:1]])), "stands already"),
+    "quaternions of length 1.2": (times("images", 1.2, "qw", "qx", "qy", "qz"), "quaternion"),
+    "times that stand still": (changed("images", time_s=5.0), "time_s = 5 stands still"),
+    "times of the day": (changed("images", time_s="12:00:01"), "'12:00:01' is not a number"),
+    "a camera of no table": (changed("images", camera="other"), "camera 'other' is not in"),
+    "a position without height": (
+        changed("gnss", z=lambda c: c.where(c.index != 2)), "gnss.csv, row 4: z is empty"
+    ),
+    "a negative focal length": (toml("f = 5489.0", "f = -5489.0"), "f = -5489 is not positive"),
+    "a focal length in quotes": (toml("f = 5489.0", 'f = "5489"'), "'5489' is not a number"),
+    "a focal length of any length": (toml("f = 5489.0", f"f = 1{'0' * 400}"), "f = "),
+    "rows read sideways": (more('row_direction = "sideways"'), "use one of down, up, right, left"),
+    "a negative readout": (more("readout_s = -0.03"), "readout_s = -0.03 is negative"),
+    "a lever arm of two numbers": (more("[lever_arm]\ndefault = [0, 1]"), "not three numbers"),
+    "a lever arm of no flight": (more("[lever_arm]\nF9 = [0, 0, 0]"), "names flight 'F9'"),
+    "a table twice": (more("[sigma]\ntie_px = 0.5"), "block.toml, row 24: cannot declare"),
+    "a key twice": (more("cx = 16.4\ncx = 16.4"), "block.toml, row"),
+    "a block without a name": (toml('name = "', 'title = "'), "block has no name"),
+    "cells in quotes with commas": (
+        lambda folder: (folder / "gnss.csv").write_text(
+            (folder / "gnss.csv").read_text().replace(",", '","')
+        ),
+        "columns image, z are missing",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("slip", REFUSED)
+def test_is_refused_with_file_and_row(folder, slip):
+    edit, words = REFUSED[slip]
+    edit(folder)
+    with pytest.raises(corridor.InputError, match=words) as refused:
+        corridor.read(folder)
+    assert ".csv" in str(refused.value) or "block.toml" in str(refused.value)
+
+
+def test_a_sentence_is_one_line_also_of_names_with_line_breaks(folder, capsys):
+    REFUSED["cells in quotes with commas"][0](folder)
+    assert main(["summary", str(folder)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and len(said) < 400
+
+
 # What an adjustment says: slip -> status, words of what it prints, options.
 ADJUSTED = {
     "GNSS heights above the ellipsoid": (
@@ -226,6 +302,37 @@ ADJUSTED = {
         images(lambda f: f.assign(y=HEIGHT - 1 - f["y"])), 1, "counted upwards", "--iterations 6"
     ),
     "GNSS in degrees": (degrees("gnss"), 1, "in degrees", "--iterations 6"),
+    "GNSS sigmas in millimetres": (
+        changed("gnss", sx=20.0, sy=20.0, sz=40.0), 0, "20 m in plan and 40 m in height", ""
+    ),
+    "GNSS sigmas a thousandth": (
+        changed("gnss", sx=2e-5, sy=2e-5, sz=4e-5), 0, r"\d+ GNSS positions beyond 5 sigmas", ""
+    ),
+    "ground heights above the ellipsoid": (plus("ground", z=43.0), 0, "ellipsoid.*geoid", ""),
+    "marks of points called otherwise": (
+        changed("marks", point=lambda c: c.str.lower()), 0,
+        "Control points G01, .* are not measured in any image", "",
+    ),
+    "one mark of another point": (
+        table("marks", lambda f: f.assign(point=f["point"].where(f.index != 3, "G02"))), 0,
+        "set aside, far from where its images show it.*: G02", "",
+    ),
+    "half the focal length": (toml("f = 5489.0", "f = 2744.0"), 0, "2.00 times as long", ""),
+    "width and height exchanged": (
+        both(toml("width = 5120", "width = 3840"), toml("height = 3840", "height = 5120")), 0,
+        "pictures turned by 90 degrees", "",
+    ),
+    "quaternions with qw last": (
+        table("images", lambda f: f.rename(columns=dict(zip(POSE[3:], POSE[4:] + POSE[3:4], strict=True)))), 2,
+        "quaternion .world to camera, qw first", "",
+    ),
+    "GNSS in feet": (
+        times("gnss", 3.28084, "x", "y", "z"), 1, "did not converge", "--iterations 6"
+    ),
+    "GNSS of other images": (
+        table("gnss", lambda f: f.assign(image=f["image"].to_numpy()[::-1])), 1,
+        "did not converge", "--iterations 6",
+    ),
 }  # fmt: skip
 
 

@@ -1,7 +1,6 @@
 """block.toml: the name, cameras, default sigmas, lever arms and offset of a block."""
 
 import json
-import math
 import re
 import tomllib
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 
 from corridor.camera import Camera
 from corridor.errors import InputError
+from corridor.textfile import is_number
 
 FILE = "block.toml"
 SIGMA = {"tie_px": 1.0, "mark_px": 0.5, "gnss_m": (0.02, 0.02, 0.04), "control_m": (0.01,) * 3}
@@ -100,12 +100,8 @@ def _table(value: object, where: _Where, key: str) -> dict:
     return dict(value)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _three(value: object, where: str, key: str) -> tuple[float, float, float]:
-    if not (isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))):
+    if not (isinstance(value, list) and len(value) == 3 and all(map(is_number, value))):
         raise InputError(f"{where}: {key} is not three numbers; write {key} = [x, y, z] in metres")
     return tuple(float(part) for part in value)
 
@@ -135,7 +131,7 @@ def _sigma(sigma: dict, where: _Where) -> dict:
         if key not in SIGMA:
             raise InputError(f"{spot}: [sigma] has no {key}; use {', '.join(SIGMA)}")
         single = key.endswith("_px")
-        if not (_is_number(value) or (not single and isinstance(value, list))):
+        if not (is_number(value) or (not single and isinstance(value, list))):
             raise InputError(f"{spot}: {key} is not a number; write a positive number")
         if isinstance(value, list):
             value = _three(value, spot, key)

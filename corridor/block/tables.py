@@ -152,7 +152,7 @@ def missing_columns(file: str, missing: list[str], header: list[str]) -> str:
 
 def some(names: Iterable[str], most: int = 8) -> str:
     """The first names, for a sentence."""
-    names = list(names)
+    names = [name if len(name) <= 40 else f"{name[:37]}..." for name in names]
     return ", ".join(names[:most]) + (", ..." if len(names) > most else "")
 
 

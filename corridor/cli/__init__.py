@@ -138,7 +138,8 @@ def _with_signs(words: list[str] | None) -> list[str]:
 
 def _end(status, sentence):
     sys.stdout.flush()
-    print(sentence, file=sys.stderr)
+    # One sentence is one line, also where a name from a file has line breaks.
+    print(" ".join(sentence.split()), file=sys.stderr)
     return status
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.photographs import Metadata, read_metadata
@@ -76,15 +78,14 @@ def decode(content: bytes, path: str | os.PathLike) -> Photograph:
     by an EXIF orientation, or resized since the camera wrote its size.
     """
     facts = _facts(content, Path(path))
-    bytes_ = np.frombuffer(content, dtype=np.uint8)
-    grey = None
-    if bytes_.size:
-        try:
-            grey = cv2.imdecode(bytes_, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
-        except cv2.error:
-            grey = None
-    if grey is None:
-        raise InputError(f"{path} is not a photograph that can be read: give a JPEG, PNG or TIFF")
+    try:
+        grey = _grey(content)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise InputError(
+            f"{path} is not a photograph that can be read ({error}): give a JPEG, PNG or TIFF"
+            if content
+            else f"{path} is empty: give a JPEG, PNG or TIFF"
+        ) from None
     if facts.orientation in _TURNS:
         raise InputError(
             f"{path} is to be shown {_TURNS[facts.orientation]} (EXIF orientation "
@@ -110,6 +111,18 @@ def decode(content: bytes, path: str | os.PathLike) -> Photograph:
         exposure_s=facts.exposure_s,
         focal_px=np.hypot(width, height) * focal / 43.27 if focal else None,
     )
+
+
+def _grey(content: bytes) -> np.ndarray:
+    """Grey values (height, width) uint8 as they are stored; of a JPEG its luminance."""
+    with Image.open(io.BytesIO(content)) as picture:
+        picture.draft("L", picture.size)
+        picture.load()  # raises for a file that is cut off; OpenCV would fill it up
+        if picture.mode.startswith("I"):
+            return (np.asarray(picture).astype(np.uint32) >> 8).astype(np.uint8)
+        if picture.mode == "L":
+            return np.array(picture)
+        return cv2.cvtColor(np.asarray(picture.convert("RGB")), cv2.COLOR_RGB2GRAY)
 
 
 def same_size(first: Photograph, second: Photograph) -> None:

@@ -465,7 +465,8 @@ def _value(value, sort, where: str):
             return tuple(_value(v, s, where) for v, s in zip(value, inner, strict=True))
         raise InputError(f"{where} = {value} has {len(value)} values, {len(inner)} are needed")
     if sort is float and isinstance(value, numbers.Real) and not isinstance(value, bool):
-        if np.isfinite(value):
+        # Finite, and a whole number of TOML may have any length.
+        if -1e300 < value < 1e300:
             return float(value)
     elif sort in (int, bool, str) and type(value) is sort:
         return value

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.guarantees.damage import damage_bytes
 from corridor.errors import InputError
 from corridor.interchange import prove, read_project
 from corridor.interchange.rows import rows_of
@@ -22,57 +23,6 @@ from .small_projects import write_all
 _GROSS_PX = 60.0
 # Formats that state no counts: a file that lost a whole record is a whole file.
 UNCOUNTED = {"pix4d", "opensfm", "metashape", "micmac", "odm"}
-
-
-def damage(data: bytes, rng: random.Random) -> bytes:
-    """The bytes with one to three damages of kinds that happen to files."""
-    out = bytearray(data)
-    for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        if not out:
-            break
-        at = rng.randrange(len(out))
-        kind = rng.randrange(12)
-        if kind == 0:
-            del out[at:]
-        elif kind == 1:
-            del out[at : at + rng.choice((1, 2, 7, 50, 400))]
-        elif kind == 2:
-            out[at] ^= 1 << rng.randrange(8)
-        elif kind == 3:
-            out[at:at] = bytes(rng.randrange(256) for _ in range(rng.choice((1, 3, 20))))
-        elif kind == 4:
-            out = bytearray(b"\xef\xbb\xbf" + out)
-        elif kind == 5:
-            out = bytearray(out.replace(b".", b",", rng.choice((1, 10, -1))))
-        elif kind == 6:
-            lines = out.split(b"\n")
-            spot = rng.randrange(len(lines))
-            del lines[spot : spot + rng.choice((1, 1, 3))]
-            out = bytearray(b"\n".join(lines))
-        elif kind == 7:
-            lines = out.split(b"\n")
-            a, b = rng.randrange(len(lines)), rng.randrange(len(lines))
-            lines[a], lines[b] = lines[b], lines[a]
-            out = bytearray(b"\n".join(lines))
-        elif kind == 8:
-            out = bytearray(
-                out.replace(b"\n", rng.choice((b"\r\n", b"\r", b"\n\n")), rng.choice((3, -1)))
-            )
-        elif kind == 9:
-            words = rng.choice(
-                (b"nan", b"inf", b"-1", b"1e999", b"", b"0", b"99999999999999999999")
-            )
-            end = at
-            while end < len(out) and out[end : end + 1] not in (b" ", b"\n", b",", b"<", b'"'):
-                end += 1
-            out[at:end] = words
-        elif kind == 10:
-            end = min(len(out), at + rng.choice((4, 8, 64)))
-            out[at:end] = bytes(end - at)
-        else:
-            end = min(len(out), at + rng.choice((10, 100, 1000)))
-            out[end:end] = out[at:end]
-    return bytes(out)
 
 
 def look(path):
@@ -137,7 +87,7 @@ def run(count: int, seed: int = 0, say=lambda text: None) -> Counter:
             files = sorted(f for f in home.rglob("*") if f.is_file() and _read(f))
             file = rng.choice(files)
             good = file.read_bytes()
-            file.write_bytes(damage(good, rng))
+            file.write_bytes(damage_bytes(good, rng))
             try:
                 project, proof, error = look(paths[name])
                 if error is not None:

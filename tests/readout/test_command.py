@@ -47,6 +47,8 @@ def folder(tmp_path_factory):
     (path / "other.toml").write_text("[camera.A]\nwidth = 800\nheight = 600\nf = 700.0\n")
     (path / "none.toml").write_text("name = 'x'\n")
     (path / "text.jpg").write_text("no picture")
+    (path / "cut.png").write_bytes((path / "led.png").read_bytes()[:9000])
+    (path / "empty.png").touch()
     return path
 
 
@@ -93,6 +95,8 @@ class TestWhatItWrites:
         (2, "wheel still.png small.png --turns-per-second 3", "one camera and size"),
         (2, "wheel turned.jpg still.png --turns-per-second 3", "orientation 6"),
         (2, "led turned.jpg --frequency 800", "orientation 6"),
+        (2, "led cut.png --frequency 800", "cut.png is not a photograph that can be read"),
+        (2, "led empty.png --frequency 800", "empty.png is empty"),
         (2, "star still.png resized.jpg --turns-per-second 3", "1200 x 840"),
         (2, "star still.png text.jpg --turns-per-second 3", "not a photograph"),
         (2, "star still.png nowhere.png --turns-per-second 3", "no such photograph"),

@@ -292,3 +292,11 @@ def test_a_byte_order_mark_at_the_head_is_no_fault(tmp_path):
     """Windows' editor writes one."""
     (tmp_path / "plan.toml").write_text(FLIGHT, encoding="utf-8-sig")
     assert read_plan(tmp_path / "plan.toml").flights[0].height_m == 50.0
+
+
+def test_a_whole_number_of_any_length_is_no_number(tmp_path):
+    """TOML has integers of any length; no float holds this one as finite."""
+    path = tmp_path / "plan.toml"
+    path.write_text(f'name = "p"\naxis_m = [[0, 0], [1{"0" * 400}, 1]]\n')
+    with pytest.raises(InputError, match="plan.toml: .*axis_m"):
+        read_plan(str(path))

@@ -11,6 +11,7 @@ import pyarrow.csv
 from scipy.spatial.transform import Rotation
 
 from corridor.block import Block
+from corridor.errors import InputError
 from corridor.interchange.cameras import in_the_middle
 from corridor.interchange.columns import numbered, text_of, write_rows
 from corridor.interchange.project import local_of
@@ -137,7 +138,13 @@ def _write_tracks(rows, xy, path):
         options = pa.csv.WriteOptions(
             include_header=False, delimiter="\t", quoting_style="none", batch_size=65536
         )
-        pa.csv.write_csv(table, file, options)
+        try:
+            pa.csv.write_csv(table, file, options)
+        except pa.ArrowInvalid:
+            raise InputError(
+                "a name of an image or a point has a tab, a quote or a line break, which tracks.csv"
+                " of OpenSfM cannot hold: rename it in tie_points.csv and images.csv"
+            ) from None
 
 
 def _write_ground(block, rows, xy, path, local):

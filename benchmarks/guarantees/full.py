@@ -1,0 +1,61 @@
+"""Every verb where there is no room for its result: one sentence, and nothing half-written.
+
+A file may grow to a limit and no further (RLIMIT_FSIZE), as on a full disk or beyond a quota; the
+limits are shares of the largest file that the verb writes.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import tempfile
+from pathlib import Path
+
+from benchmarks.guarantees import verbs
+
+SHARES = (0.0, 0.02, 0.2, 0.5, 0.9, 0.999)
+
+
+def run(say) -> dict:
+    """Every verb with every limit; the figures."""
+    home = Path(tempfile.mkdtemp(prefix="guarantees_"))
+    whole = verbs.prepare(home)
+    faults, count = [], 0
+    for verb in verbs.VERBS:
+        written = home / "whole" / verb.replace(" ", "_")
+        largest = max(path.stat().st_size for path in written.rglob("*") if path.is_file())
+        for share in SHARES:
+            status, said, there = _tried(verb, home, int(share * largest))
+            wrong = verbs.fault(status, said, there, whole[verb], (1,))
+            count += 1
+            if wrong:
+                faults.append({"verb": verb, "share": share, "fault": wrong, "said": said[-600:]})
+                say(f"{verb}, room for {share:.3f}: {wrong}\n{said[-1500:]}")
+    shutil.rmtree(home, ignore_errors=True)
+    return {
+        "verbs": len(verbs.VERBS), "tries": count, "faults": faults, "holds": not faults
+    }  # fmt: skip
+
+
+def _tried(verb, home, most):
+    """Status, what it said, and what is there, with room for files of so many bytes."""
+    place, printed = home / "tried", home / "printed.txt"
+    place.mkdir()
+    # What is printed goes through a pipe: a file would be as full.
+    end, start = os.pipe()
+
+    def before():
+        os.dup2(start, 1), os.dup2(start, 2)
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+
+    pid = verbs.begin(verbs.typed(verb, home / "good", place / "out"), printed, before)
+    os.close(start)
+    with os.fdopen(end, errors="replace") as pipe:
+        said = pipe.read()
+    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    there = verbs.listed(place)
+    shutil.rmtree(place)
+    return status, said, there
