@@ -10,6 +10,7 @@ import pandas as pd
 from corridor import report
 from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.covariance import Covariance
+from corridor.adjustment.export import write_gis
 from corridor.adjustment.misfit import start_misfit
 from corridor.adjustment.parameters import Parameters, parameters_of
 from corridor.adjustment.solve import Solution
@@ -79,6 +80,7 @@ class Adjustment(Checked):
     to_dict = report.adjustment_dict
     save = report.save_adjustment
     start_misfit = start_misfit
+    write_gis = write_gis
 
     # --- the adjusted block ------------------------------------------------------------------
 

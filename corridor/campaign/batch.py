@@ -20,7 +20,7 @@ from corridor.campaign.row import NOT_RUN, Row
 from corridor.campaign.work import MARK, RESULTS, Asked, Task, call_of, work
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.parallel import WorkerDied, parallel
-from corridor.report import check_folder, sole
+from corridor.report import check_folder, check_gis, sole
 
 _COUNTERPARTS = 20
 
@@ -47,7 +47,8 @@ def batch(
         Dask worker was started with.
     progress: called with a row, the rows done and all of them.
     options: of `corridor.adjust` or `corridor.diagnose`; required: see `Adjustment.required`;
-        counterparts: of a diagnosis; command: what was typed, with BLOCKS for the blocks.
+        counterparts: of a diagnosis; gis: also files for a GIS; command: what was typed, with
+        BLOCKS for the blocks.
 
     A block that fails is a row that says why. One whose worker dies is done again with nothing else
     running; if that worker dies too, it has failed. Results are those of one block at a time, bit
@@ -140,13 +141,15 @@ def _asked(verb: str, options: dict[str, Any], memory_gb: float | None) -> Asked
     if memory_gb is not None and not memory_gb > 0:
         raise InputError(f"{memory_gb} GB of memory are not above 0")
     required, command = options.pop("required", None), options.pop("command", "")
-    counterparts = options.pop("counterparts", _COUNTERPARTS)
+    counterparts, gis = options.pop("counterparts", _COUNTERPARTS), options.pop("gis", False)
+    if gis:
+        check_gis(None)
     told = {one.name: options.pop(one.name) for one in fields(Model) if one.name in options}
     model = Model.of(options.pop("model", None), **told)
     unknown = set(options) - set(inspect.signature(call_of(verb)).parameters)
     if unknown:
         raise TypeError(f"{verb} of many blocks takes no {', '.join(sorted(unknown))}")
-    return Asked(verb, model, options, required, counterparts, memory_gb, command)
+    return Asked(verb, model, options, required, counterparts, memory_gb, command, gis)
 
 
 def _workers(asked: Asked) -> int:

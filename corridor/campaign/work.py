@@ -39,7 +39,7 @@ class Asked:
 
     options: keywords of `corridor.adjust` or `corridor.diagnose` but the model. counterparts: of a
     diagnosis. memory_gb: that a worker may use, None: any. command: what was typed, for the pages
-    of diagnoses, without the blocks.
+    of diagnoses, without the blocks. gis: also files for a GIS.
     """
 
     verb: str
@@ -49,13 +49,14 @@ class Asked:
     counterparts: int
     memory_gb: float | None
     command: str
+    gis: bool
 
     @property
     def text(self) -> str:
         """All of it that makes a difference to a result."""
         options = sorted(self.options.items())
-        said = (__version__, self.verb, self.model, options, self.required, self.counterparts)
-        return repr(said)
+        saving = (self.required, self.counterparts, self.gis)
+        return repr((__version__, self.verb, self.model, options, saving))
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ def _adjusted(task: Task) -> Row:
     if not adjustment.converged:
         raise not_converged(adjustment)
     adjustment.required = asked.required
-    adjustment.save(task.target, of_adjustment(adjustment))
+    adjustment.save(task.target, of_adjustment(adjustment), gis=asked.gis)
     return Row.of_adjustment(task.name, str(task.folder), adjustment)
 
 
@@ -208,5 +209,5 @@ def _diagnosed(task: Task) -> Row:
     found.required = asked.required
     threads = asked.options.get("threads", 1)
     command = asked.command.replace("BLOCKS", os.fspath(task.folder), 1)
-    found.save(task.target, asked.counterparts, threads, command=command)
+    found.save(task.target, asked.counterparts, threads, command=command, gis=asked.gis)
     return Row.of_diagnosis(task.name, str(task.folder), found)

@@ -161,6 +161,10 @@ SHARED = {
         "where positions are too coarse to show it)",
         choices=("free", "fixed"),
     ),
+    "--gis": flag(
+        "also a GeoPackage of points, check vectors, cameras and footprints, and points as LAS "
+        "(needs the extra `gis`)"
+    ),
     "--photos": option("folder of the photographs", "FOLDER", Path),
     "--crs": option("system of the coordinates, as EPSG:2154", "CODE"),
     "--track-system": option(

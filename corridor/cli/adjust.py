@@ -13,9 +13,13 @@ examples:
       other roles than those in ground.csv; `--control none` for none
   corridor adjust BLOCK -o out/d --prior camera.P1.f=8190+-5 --prior gnss_bias.z=0+-0.05
       what is known beforehand of single parameters
+  corridor adjust BLOCK -o out/e --gis
+      for QGIS and CloudCompare too: adjustment.gpkg, adjustment.las
 
 OUT holds report.html (tables and pictures on one page), adjustment.json (every number), block/
-(the adjusted block, readable as any other) and the pictures. It appears when all of it is
+(the adjusted block, readable as any other) and the pictures; with --gis also adjustment.gpkg
+(layers points, check_vectors, cameras, footprints; standard deviations sx, sy, sz in metres) and
+adjustment.las (the points), in the block's CRS with its offset added. It appears when all of it is
 written, or not at all; an earlier result in OUT is replaced. An adjustment that did not converge
 is none: status 1, nothing written, and what lies far from the start values is printed.
 """
@@ -41,6 +45,7 @@ _OPTIONS = {
     "--reject-gnss": flag(
         "leave out antenna positions beyond five sigmas (false fixes) and adjust again"
     ),
+    "--gis": {},
 }
 _ALONE = {"--verbose": flag("print every iteration")}
 
@@ -73,10 +78,13 @@ def run(options: argparse.Namespace) -> None:
     """Adjust, print the report, save what was asked for."""
     import corridor
     from corridor.adjustment import not_converged
+    from corridor.report import check_gis
 
     announce_compilation("half a minute", "assemble")
     with _Iterations(options.verbose) as progress:
         block = corridor.read(options.block)
+        if options.gis:
+            check_gis(block.crs)
         adjustment = corridor.adjust(block, progress=progress, **keywords(options))
     adjustment.required = options.required
     if not adjustment.converged:
@@ -91,7 +99,7 @@ def run(options: argparse.Namespace) -> None:
         )
         return
     pictures = corridor.figures.of_adjustment(adjustment)
-    wrote(*adjustment.save(options.output, pictures))
+    wrote(*adjustment.save(options.output, pictures, gis=options.gis))
 
 
 class _Iterations:

@@ -91,6 +91,7 @@ def run(options: argparse.Namespace) -> None:
                 memory_gb=options.memory,
                 progress=progress,
                 required=options.required,
+                gis=options.gis,
                 command=_command(options.block),
                 **_VERBS[options.verb][0].keywords(options),
                 **more,

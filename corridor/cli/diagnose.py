@@ -13,8 +13,9 @@ examples:
 OUT holds report.html (one page: what is missing, what to do, the check points before and after,
 then the evidence: the block beside its simulated counterparts), diagnosis.json (every number),
 block/ (the block adjusted with what was found), corrected/ (the measured block from which it has
-been taken out, for any other program) and the pictures. It appears when all of it is written, or
-not at all; an earlier diagnosis in OUT is replaced.
+been taken out, for any other program) and the pictures; with --gis also diagnosis.gpkg and
+diagnosis.las of what is in block/, as `corridor adjust --gis` writes them. It appears when all of
+it is written, or not at all; an earlier diagnosis in OUT is replaced.
 """
 
 import argparse
@@ -37,6 +38,7 @@ _OPTIONS = {
         whole("number of counterparts", 19),
         default=20,
     ),
+    "--gis": {},
 }
 
 
@@ -72,11 +74,14 @@ def keywords(options: argparse.Namespace) -> dict:
 def run(options: argparse.Namespace) -> None:
     """Diagnose, print what came of it, save what was asked for."""
     import corridor
+    from corridor.report import check_gis
 
     announce_compilation("half a minute", "assemble")
     if options.output is not None:
         corridor.diagnosis.check_output(options.output)
     block = corridor.read(options.block)
+    if options.gis:
+        check_gis(block.crs)
     diagnosis = corridor.diagnose(block, progress=_progress, **keywords(options))
     diagnosis.required = options.required
     print(diagnosis)
@@ -89,6 +94,7 @@ def run(options: argparse.Namespace) -> None:
         options.threads,
         command=shlex.join(["corridor", *sys.argv[1:]]),
         progress=_progress,
+        gis=options.gis,
     )
     wrote(*written)
 

@@ -9,9 +9,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from corridor.camera import undistort
+from corridor.block import corner_rays, footprints
 from corridor.figures import maps, style
-from corridor.geometry import rotation_from_quaternion
 from corridor.report import short
 
 if TYPE_CHECKING:
@@ -40,14 +39,8 @@ def camera_views(block: Block) -> Figure:
     drawn = -(-int(known.sum()) // MOST_FOOTPRINTS)
     if drawn > step:
         note = "; ".join(filter(None, (note, f"footprints of one image in {drawn}")))
-    rotation = np.full((len(pose), 3, 3), np.nan)
-    rotation[known] = rotation_from_quaternion(pose[known, 3:])
     level = float(np.nanmean(block.points["z"])) if len(block.points) else 0.0
-    corners = _corners(block)
-    away = np.einsum("nij,nci->ncj", rotation, corners)
-    fall = np.where(away[:, :, 2] < -0.05, away[:, :, 2], np.nan)
-    reach = (level - pose[:, None, 2]) / fall
-    seen = pose[:, None, :2] + reach[:, :, None] * away[:, :, :2]
+    away, seen = corner_rays(block), footprints(block, level)[:, :, :2]
     flat = frame.place(seen.reshape(-1, 2)).reshape(seen.shape)
     limits = maps.extent(flat.reshape(-1, 2), frame.place(pose[known, :2]))
     height = maps.map_height(limits, 8.5, 4.0)
@@ -103,13 +96,3 @@ def _space(axes, block, frame, drawn, pose, away, level):
     axes.set_zlabel("height (m)", size=style.TEXT, labelpad=0)
     axes.locator_params(axis="y", nbins=4)
     axes.locator_params(axis="z", nbins=4)
-
-
-def _corners(block: Block) -> np.ndarray:
-    """Rays (images, 4, 3) to the corners of each picture, camera frame."""
-    rays = {}
-    for name, camera in block.cameras.items():
-        right, low = camera.width - 1.0, camera.height - 1.0
-        corner = np.array([[0.0, 0.0], [right, 0.0], [right, low], [0.0, low]])
-        rays[name] = np.column_stack([undistort(corner, camera.interior), np.ones(4)])
-    return np.stack([rays[name] for name in block.images["camera"].astype(str)])

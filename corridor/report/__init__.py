@@ -32,6 +32,7 @@ from corridor.report.files import (
     write_picture,
 )
 from corridor.report.geopackage import Layer, write_geopackage
+from corridor.report.gis import check_gis
 from corridor.report.json import json_text, plain
 from corridor.report.las import write_las
 from corridor.report.numbers import (
@@ -62,6 +63,7 @@ __all__ = [
     "Table",
     "adjustment_dict",
     "check_folder",
+    "check_gis",
     "check_sigma",
     "check_writable",
     "coefficient",

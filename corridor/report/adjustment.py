@@ -96,6 +96,8 @@ class Adjusted(Protocol):
     high_correlations: pd.DataFrame
     correlation_matrix: tuple[list[str], np.ndarray]
 
+    def write_gis(self, stem: Path) -> None: ...
+
 
 def of_adjustment(adjustment: Adjusted) -> Report:
     """Headline, warnings and every table of an adjustment, those without rows left out."""
@@ -123,6 +125,7 @@ def save_adjustment(
     folder: str | os.PathLike,
     pictures: Mapping[str, Any] | None = None,
     captions: Mapping[str, str] = CAPTIONS,
+    gis: bool = False,
 ) -> list[Path]:
     """Writes an adjustment into `folder`, whole or not at all; returns the paths, sorted.
 
@@ -131,8 +134,10 @@ def save_adjustment(
     wrong) and effect_SLUG.csv for an effect of more than 50 groups.
     pictures: matplotlib figures by name, as `corridor.figures.of_adjustment` makes them.
     captions: one sentence for each, for the page.
+    gis: also adjustment.gpkg (points, check vectors, cameras, footprints) and adjustment.las.
     An earlier result in `folder` is replaced; what else lies there stays. Raises InputError where
-    `folder` is a file, or holds something but no earlier result.
+    `folder` is a file, or holds something but no earlier result; with gis, where the extra is
+    missing.
     """
     folder, pictures = Path(folder), pictures or {}
     with whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part:
@@ -145,6 +150,8 @@ def save_adjustment(
         (part / "report.html").write_text(page, encoding="utf-8", newline="\n")
         for name, table in _files(adjustment).items():
             write_csv(table, part / name)
+        if gis:
+            adjustment.write_gis(part / "adjustment")
         content = adjustment_dict(adjustment)
         content["pictures"] = [f"{name}.png" for name in pictures]
         content["files"] = sorted([RESULT, *files_in(part)])

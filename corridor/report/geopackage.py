@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.errors import InputError
+from corridor.report.gis import check_gis
 
 # What a block without a CRS is in: metres on a plane, wherever.
 _LOCAL = 'LOCAL_CS["local metres",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
@@ -53,14 +53,11 @@ class Layer:
 def write_geopackage(path: Path, layers: Mapping[str, Layer], crs: str | None = None) -> None:
     """Writes layers into one new file; crs: as `EPSG:32647`, None for local metres.
 
-    Raises InputError where pyogrio is not installed.
+    Raises InputError where pyogrio is not installed, or knows no such CRS.
     """
-    try:
-        from pyogrio import raw
-    except ImportError:
-        raise InputError(
-            "a GeoPackage needs pyogrio: pip install 'corridor[gis]', or take the CSV tables"
-        ) from None
+    check_gis(crs, ["pyogrio"])
+    from pyogrio import raw
+
     with tempfile.TemporaryDirectory() as folder:
         # SQLite wants to lock its file, which not every place a result is written to lets it do.
         made = Path(folder) / "layers.gpkg"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from corridor.errors import InputError
+from corridor.report.gis import check_gis
 
 # Steps of the stored coordinates: a tenth of a millimetre.
 STEP_M = 1e-4
@@ -23,12 +23,9 @@ def write_las(
 
     crs: as `EPSG:32647`; left out where unknown. Raises InputError where laspy is not installed.
     """
-    try:
-        import laspy
-    except ImportError:
-        raise InputError(
-            "LAS needs laspy: pip install 'corridor[gis]', or take the CSV tables"
-        ) from None
+    check_gis(crs, ["laspy"])
+    import laspy
+
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales = np.full(3, STEP_M)
     header.offsets = np.floor(xyz.min(axis=0))

@@ -31,6 +31,7 @@ def save(
     threads: int = 1,
     command: str = "",
     progress: Callable[[dict], None] | None = None,
+    gis: bool = False,
 ) -> list[Path]:
     """Writes a diagnosis into `folder`, whole or not at all; returns the paths, sorted.
 
@@ -38,7 +39,8 @@ def save(
     corrected/ (as measured, those effects taken out) and the pictures of the page.
     counterparts: how many simulated ones stand beside the measured block, 19 or more. threads: 1
     or 2. command: what was typed, for the page. progress: called with a dictionary that holds a
-    message.
+    message. gis: also diagnosis.gpkg and diagnosis.las of what is in block/, as an adjustment has
+    them.
     Suspected effects, and shapes that do not help held-out data, are in neither block.
     An earlier result in `folder` is replaced; what else lies there stays. Raises InputError where
     `folder` is a file, or holds something but no earlier diagnosis.
@@ -59,6 +61,8 @@ def save(
         found = Values(one.values for one in diagnosis.findings.effects if one.values)
         for name, table in found.tables().items():
             write_csv(table, part / name)
+        if gis:
+            adjustment.write_gis(part / "diagnosis")
         content = diagnosis.to_dict() | {
             "notes": notes,
             "written": slugs,
