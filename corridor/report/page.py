@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from corridor.report.table import WIDTH, Table
+from corridor.report.table import WIDTH, Table, with_commands
 
 _STYLE = """
 .corridor-report {font: 13px/1.45 system-ui, -apple-system, "Segoe UI", sans-serif;
@@ -107,16 +107,7 @@ def _wrapped(action: str, number: str) -> list[str]:
 
 def numbered(actions: Sequence[str]) -> str:
     """A numbered list of HTML; what stands between backticks is a command."""
-    return f"<ol>{''.join(f'<li>{_with_commands(action)}</li>' for action in actions)}</ol>"
-
-
-def _with_commands(action: str) -> str:
-    """HTML of a sentence, what stands between backticks set as a command that is not broken."""
-    parts = action.split("`")
-    return "".join(
-        f"<code>{html.escape(part)}</code>" if odd % 2 else html.escape(part)
-        for odd, part in enumerate(parts)
-    )
+    return f"<ol>{''.join(f'<li>{with_commands(action)}</li>' for action in actions)}</ol>"
 
 
 def page(title: str, body: Sequence[str], style: str) -> str:

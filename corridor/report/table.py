@@ -99,13 +99,22 @@ class Table:
     def _cells(self, tag: str, row: Sequence[str]) -> str:
         kinds = {"l": ' class="name"', "w": ' class="name text"', "r": ""}
         return "".join(
-            f"<{tag}{kinds[side]}>{_html(text)}</{tag}>"
+            f"<{tag}{kinds[side]}>{_html(text, side)}</{tag}>"
             for text, side in zip(row, self.align, strict=True)
         )
 
 
-def _html(text: str) -> str:
-    said = html.escape(text)
+def with_commands(sentence: str) -> str:
+    """HTML of a sentence, what stands between backticks set as a command that is not broken."""
+    parts = sentence.split("`")
+    return "".join(
+        f"<code>{html.escape(part)}</code>" if odd % 2 else html.escape(part)
+        for odd, part in enumerate(parts)
+    )
+
+
+def _html(text: str, side: str) -> str:
+    said = with_commands(text) if side == "w" else html.escape(text)
     return f'<a href="{quote(text.address)}">{said}</a>' if isinstance(text, Link) else said
 
 

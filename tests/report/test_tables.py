@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from corridor.report import WIDTH, Report, Table, json_text, plain, readable
+from corridor.report import WIDTH, Link, Report, Table, json_text, plain, readable
 
 
 def test_columns_of_numbers_end_on_the_right():
@@ -53,3 +53,11 @@ def test_plain_values_are_finite_or_null():
 )
 def test_a_number_is_written_as_a_person_writes_it(value, said):
     assert readable(value) == said
+
+
+def test_a_cell_of_a_page_leads_somewhere_and_a_sentence_holds_a_command():
+    row = (Link("km 1", "blocks/km 1/a&b.html"), "look at `corridor adjust A<B`")
+    html = Table("Blocks", ("block", "to do"), (row,), "lw").html()
+    assert '<a href="blocks/km%201/a%26b.html">km 1</a>' in html
+    assert '<td class="name text">look at <code>corridor adjust A&lt;B</code></td>' in html
+    assert "km 1   look at" in str(Table("Blocks", ("block", "to do"), (row,), "lw"))
