@@ -1,7 +1,7 @@
 """The block: one flight, or several, as plain tables. Read, check, select, write, summarise."""
 
 from corridor.block.block import Block, is_block, read
-from corridor.block.footprints import corner_rays, footprints
+from corridor.block.corners import corner_rays, footprints
 from corridor.block.reading import place, read_columns, row_numbers
 from corridor.block.record import forget_correction, record_correction, taken_out
 from corridor.block.summary import Summary
