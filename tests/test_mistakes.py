@@ -135,6 +135,7 @@ def two_points(frame):
 
 
 POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
+QW_LAST = {"qw": "qx", "qx": "qy", "qy": "qz", "qz": "qw"}
 
 # Seen at first sight, without an adjustment: slip -> words of the sentence.
 AT_FIRST_SIGHT = {
@@ -323,7 +324,7 @@ ADJUSTED = {
         "pictures turned by 90 degrees", "",
     ),
     "quaternions with qw last": (
-        table("images", lambda f: f.rename(columns=dict(zip(POSE[3:], POSE[4:] + POSE[3:4], strict=True)))), 2,
+        table("images", lambda f: f.rename(columns=QW_LAST)), 2,
         "quaternion .world to camera, qw first", "",
     ),
     "GNSS in feet": (
