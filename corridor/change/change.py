@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -113,16 +114,18 @@ def change(
     check_datum(*adjusted, datum)
     compared = run.compared(adjusted)
     gained, notes = None, []
+    anew = partial(run.compared_with, adjusted, blocks)
     if together:
         chosen = _stable_names(compared, stable)
         notes.append(_told(chosen, same_camera))
         apart = compared
-        compared = run.compared_together(blocks, chosen, same_camera)
+        anew = partial(run.compared_together, blocks, chosen, same_camera)
+        compared = anew(())
         if apart.surface is not None and len(apart.surface):
             gained = float(np.median(apart.surface.sigma)), float(np.median(compared.surface.sigma))
     remaining, explanation = None, None
     if camera and (compared.points is not None or compared.surface is not None):
-        compared, remaining, explanation = run.explained(compared, blocks)
+        compared, remaining, explanation = run.explained(compared, anew)
     names = tuple(block.name for block in blocks)
     return Change(names, asked, compared, remaining, explanation, gained, tuple(notes))
 
@@ -190,9 +193,20 @@ class _Run:
     def compared(self, adjusted: tuple[Adjustment, Adjustment]) -> Compared:
         return self._compared(adjusted, self._clouds(adjusted))
 
-    def compared_together(self, blocks, stable, same_camera, effects=()) -> Compared:
+    def compared_with(self, adjusted, blocks, shown: tuple[set[str], ...]) -> Compared:
+        """The comparison with effects (of each date) modelled that the measurements show."""
+        again = tuple(
+            self.adjusted(block, f"{name} with {', '.join(sorted(slugs))}", slugs) if slugs else one
+            for block, name, slugs, one in zip(blocks, _DATES, shown, adjusted, strict=True)
+        )
+        return self.compared(again)
+
+    def compared_together(
+        self, blocks, stable, same_camera, shown: tuple[set[str], ...]
+    ) -> Compared:
+        """The same in one adjustment of both dates; effects are of both."""
         block = joined(*blocks, stable, same_camera, self.how.same_ties)
-        one = self.adjusted(block, "both dates together", effects)
+        one = self.adjusted(block, "both dates together", set().union(*shown))
         pair = together_clouds(one, Chosen(self.how.rays), self.how.same_ties)
         return self._compared((one, one), pair)
 
@@ -218,7 +232,7 @@ class _Run:
         return Compared(adjusted, joint, points, surface, volumes)
 
     def explained(
-        self, compared: Compared, blocks
+        self, compared: Compared, anew: Callable[[tuple[set[str], ...]], Compared]
     ) -> tuple[Compared, Compared | None, Explanation | None]:
         """The change, the one with what the measurements show modelled, and what effects say."""
         self.say("what the camera could do to the ground")
@@ -227,15 +241,9 @@ class _Run:
             return compared, None, None
         compared = replace(compared, points=evidence.judged(compared.points, level))
         first = explain(evidence, level)
-        if not any(first.shown) or compared.joint.together:
+        if not any(first.shown):
             return compared, None, first
-        adjusted = tuple(
-            self.adjusted(block, f"{name} with {', '.join(sorted(slugs))}", slugs) if slugs else one
-            for block, name, slugs, one in zip(
-                blocks, _DATES, first.shown, compared.adjustments, strict=True
-            )
-        )
-        remaining = self.compared(adjusted)
+        remaining = anew(first.shown)
         again = self._evidence(remaining)
         remaining = replace(remaining, points=again.judged(remaining.points, level))
         plain = again.test(level)

@@ -85,3 +85,14 @@ def test_the_ground_moves_no_more_often_than_asked():
     ]
     assert verdicts.count("moved") <= binom.ppf(0.9999, len(verdicts), 0.01)
     assert verdicts[1::2].count("camera") >= 8
+
+
+def test_one_adjustment_of_both_dates_models_what_it_shows():
+    """A shutter at both dates, at rest: said, modelled, and no motion; the sigma falls."""
+    found = change(
+        flown(20, added=SHUTTER), flown(21, added=SHUTTER), together=True, same_camera=True, **SAME
+    )
+    assert found.explanation.shown == ({"rolling_shutter"},)
+    effects = found.remaining.adjustments[0].system.effects
+    assert "rolling_shutter" in effects and found.verdict != "moved"
+    assert found.gained[1] < found.gained[0]
