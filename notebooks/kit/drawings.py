@@ -39,9 +39,9 @@ def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") ->
         for (flight, _), strip in images.groupby(["flight", "strip"], sort=False, observed=True):
             track = frame.place(strip.sort_values("time_s")[["x", "y"]].to_numpy(float))
             axes.plot(*track.T, **looks[flight])
-            # In the middle of the strip, along it there: a strip may bend.
-            middle = len(track) // 2
-            along = track[middle] - track[middle - 1]
+            # In the middle of the strip, along it there: a strip may bend, and its images shake.
+            middle, near = len(track) // 2, max(len(track) // 6, 1)
+            along = track[min(middle + near, len(track) - 1)] - track[middle - near]
             along *= 0.03 * np.linalg.norm(np.ptp(track, axis=0)) / np.linalg.norm(along)
             axes.annotate(
                 "", track[middle] + along, track[middle],

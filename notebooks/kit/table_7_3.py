@@ -89,7 +89,7 @@ def configurations(
     values: see `two_step`. corrected: letter and velocities (see `velocities`) of each way of
     correcting; default: the thesis's, from neighbouring images. sets: of control points, the other
     ground points check; default: `in_pairs`. per_image: slug of an effect that estimates a motion
-    of each image, with priors, beside the original observations; only with the first camera.
+    of each image, with priors, beside the original observations.
     """
     say = progress or (lambda what: None)
     names = block.ground["point"].tolist()
@@ -103,7 +103,7 @@ def configurations(
             for letter, velocity in corrected.items():
                 done = two_step(block, values, velocity, kinds["o"], **options)
                 kinds[letter] = done.after
-            if per_image is not None and short == next(iter(cameras)):
+            if per_image is not None:
                 start = kinds["o"].block
                 kinds["m"] = least_squares.adjust(
                     start, effects=[per_image], priors=priors, **options
