@@ -82,7 +82,7 @@ EVIDENCE = (
         "Measured beside simulated",
         ("bands", "measured_beside_simulated"),
         "The block was simulated again and again from the model that was believed in, with noise "
-        "as large as its residuals show, and adjusted each time. Where the measured curve (dark) "
+        "as large as its residuals show, and fitted each time. Where the measured curve (dark) "
         "leaves the grey band, the model cannot have produced what was measured; what sticks out "
         "has to shrink when the missing effect is added.",
     ),
