@@ -27,6 +27,10 @@ class Calibrated:
         self.focal_sigma = 0.0
         self.principal = np.array(camera.interior[1:3], dtype=float)
 
+    def middle(self, bend: np.ndarray) -> np.ndarray:
+        """The principal point (2,), px."""
+        return self.principal
+
     def ideal(self, pixels: np.ndarray, bend: np.ndarray) -> np.ndarray:
         """Ideal pixels (n, 2) of stored ones (n, 2)."""
         from corridor.camera import undistort
@@ -44,8 +48,8 @@ class Unknown:
     """Ideal pixels by a radial distortion, its middle near that of the picture.
 
     ideal = stored + away (b0 s2 + b1 s2^2), s2 = away . away, away = (stored - middle) / h - (b2,
-    b3), h the half diagonal. The four numbers are estimated with the rest; `sigmas`, an ordinary
-    lens, hold those that a picture does not tell.
+    b3), h the half diagonal; there is the principal point as well. The four numbers are estimated
+    with the rest; `sigmas`, an ordinary lens, hold those that a picture does not tell.
     """
 
     sigmas = np.array([0.1, 0.03, 0.015, 0.015])
@@ -61,6 +65,10 @@ class Unknown:
     def of(cls, photo) -> Unknown:
         """The lens of a photograph."""
         return cls(photo.width, photo.height, photo.focal_px)
+
+    def middle(self, bend: np.ndarray) -> np.ndarray:
+        """The principal point (2,), px: the middle of the distortion."""
+        return self.principal + self.scale * bend[2:]
 
     def ideal(self, pixels: np.ndarray, bend: np.ndarray) -> np.ndarray:
         """Ideal pixels (n, 2) of stored ones (n, 2)."""

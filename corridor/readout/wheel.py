@@ -79,14 +79,18 @@ class _View:
     reference: float = 0.0
     turn: float = 0.0
     rate: float = 0.0
-    bend: np.ndarray | None = None
+    given: np.ndarray | None = None
+
+    @property
+    def bend(self):
+        """The numbers of the lens; zeros as long as nothing is known of them."""
+        return np.zeros(len(self.lens.sigmas)) if self.given is None else self.given
 
     def pixels(self, x, y, z=0.0):
         """Pixels (..., 2) of places in the wheel's frame."""
         x, y, z = np.broadcast_arrays(x, y, z)
-        bend = np.zeros(len(self.lens.sigmas)) if self.bend is None else self.bend
         flat = (part.ravel() for part in (x, y, z))
-        return wheel_view.on_picture(self.pose, self.lens, bend, *flat).reshape(*x.shape, 2)
+        return wheel_view.on_picture(self.pose, self.lens, self.bend, *flat).reshape(*x.shape, 2)
 
     def on_circles(self, radii, angles):
         """Pixels at angles (circles, ...), told as the wheel stood on the row `reference`."""
@@ -109,7 +113,7 @@ class _View:
 
     def expected(self, lacing, radii):
         """Angles (circles, spokes) in the rim's plane at which spokes out of it are seen."""
-        origin, axes = self.pose.frame(self.lens.principal)
+        origin, axes = self.pose.frame(self.lens.middle(self.bend))
         camera = -axes.T @ origin
         away = lacing.spokes[:, 1]
         along = np.sqrt(np.maximum(radii[:, None] ** 2 - away**2, 1e-6))
@@ -149,8 +153,7 @@ class _View:
 
     def rim_edge(self, sign):
         """Points (n, 2) px on the edge of the rim."""
-        bend = np.zeros(len(self.lens.sigmas)) if self.bend is None else self.bend
-        return wheel_view.rim_edge(self.light, self.pose, self.lens, bend, sign)
+        return wheel_view.rim_edge(self.light, self.pose, self.lens, self.bend, sign)
 
 
 @single_threaded
@@ -583,7 +586,7 @@ class _Joint:
         tilt, axis = (v[0] + v[6], v[1] + v[7]), (v[2] + v[8], v[3] + v[9])
         two = Pose(tilt, axis, math.exp(v[4] + v[10]), focal)
         turned = {"turn": float(v[11]), "rate": float(v[_RATE])}
-        return replace(first, pose=one, bend=bend), replace(second, pose=two, bend=bend, **turned)
+        return replace(first, pose=one, given=bend), replace(second, pose=two, given=bend, **turned)
 
     def lacing(self, v):
         """The lacing as the parameters have it."""
@@ -636,19 +639,18 @@ class _Joint:
         first, second = self._views
         one, two = first.pose, second.pose
         focal = math.log(one.focal / first.lens.focal)
-        bend = np.zeros(self.first - _SHARED) if first.bend is None else first.bend
         start = np.concatenate(
             [
                 [*one.tilt, *one.axis, math.log(one.size), focal],
                 np.subtract(two.tilt, one.tilt),
                 np.subtract(two.axis, one.axis),
                 [math.log(two.size / one.size), second.turn, second.rate, lacing.rim_height or 0.0],
-                bend,
+                first.bend,
                 *lacing.spokes.T,
                 lacing.height,
             ]
         )
-        each = np.repeat([1e-4, 1e-5, 1e-5, 1e-3], [len(bend), *[self.number] * 3])
+        each = np.repeat([1e-4, 1e-5, 1e-5, 1e-3], [len(first.bend), *[self.number] * 3])
         return fit(
             self.residuals,
             start,

@@ -40,19 +40,21 @@ class Pose:
 
 def on_picture(pose, lens, bend, x, y, z=0.0):
     """Stored pixels (n, 2) of points in the wheel's frame."""
-    origin, axes = pose.frame(lens.principal)
+    middle = lens.middle(bend)
+    origin, axes = pose.frame(middle)
     seen = (
         origin + np.asarray(x)[:, None] * axes[:, 0] + np.asarray(y)[:, None] * axes[:, 1]
     ) + np.broadcast_to(z, np.shape(x))[:, None] * axes[:, 2]
-    return lens.stored(lens.principal + pose.focal * seen[:, :2] / seen[:, 2:], bend)
+    return lens.stored(middle + pose.focal * seen[:, :2] / seen[:, 2:], bend)
 
 
 def rays(pose, lens, bend, pixels):
     """Camera (3,), directions (n, 3) of pixels in the wheel's frame, depths (n,) of its plane."""
-    origin, axes = pose.frame(lens.principal)
+    middle = lens.middle(bend)
+    origin, axes = pose.frame(middle)
     ideal = lens.ideal(pixels, bend)
     ahead = np.empty((len(pixels), 3))
-    ahead[:, :2] = (ideal - lens.principal) / pose.focal
+    ahead[:, :2] = (ideal - middle) / pose.focal
     ahead[:, 2] = 1.0
     camera = -axes.T @ origin
     direction = ahead @ axes
