@@ -69,8 +69,8 @@ print(f"sigma naught {believed.sigma0:.2f}, tie residuals {tie:.2f} px")
 print(f"check points {1000 * believed.check_rms.d3:.0f} mm")
 
 # %% [markdown]
-# Guess first: is it the camera, the GNSS or the ground? The residuals of the tie points, drawn in
-# the image, are where everybody looks.
+# Guess first: is it the camera, the GNSS or the ground? (The answer comes below.) The residuals
+# of the tie points, drawn in the image, are where everybody looks.
 
 # %%
 figures.residual_vectors(believed)
@@ -96,7 +96,7 @@ figures.counterpart(before)
 # absorption. Several leave the band, because several effects look alike. To name one needs more
 # than a correlation: for each candidate, how much more likely are the data with it than without
 # it? `diagnose` asks that of all of them together, adds the winner to the model, adjusts again,
-# and asks again.
+# and asks again. (It adjusts with a loss of its own, so its "before" is not quite ours above.)
 
 # %%
 levee_found = corridor.diagnose(levee, seed=seed)
@@ -109,8 +109,11 @@ levee_found
 figures.evidence_bars(levee_found.evidence, levee_found.course.last.threshold, "levee")
 
 # %% [markdown]
-# Before and after, beside the simulated counterparts. The sum of what leaves the bands is the gap
-# that has to shrink:
+# So it was the camera: neither the GNSS nor the ground, although it was the ground that was off.
+#
+# Before and after, beside the simulated counterparts. The *gap* is how far all statistics together
+# leave their bands, a number without a unit: near zero where simulation and measurement agree, and
+# as long as the model is the same it can be compared. It has to shrink:
 
 # %%
 closing = Closing(*levee_found.beside(count)[:2])
@@ -119,7 +122,8 @@ figures.counterpart(closing.before, closing.after)
 
 # %% [markdown]
 # Now we open the sealed file. It also has a twin of the block: the same flight, the same noise,
-# no effect. No model can do better than the adjustment of the twin.
+# no effect. What the adjustment of the twin leaves is noise: to come near it is all that a model
+# can do. To come out a millimetre or two below it is luck, not skill.
 
 
 # %%
@@ -222,7 +226,9 @@ figures.counterpart_maps(weir_before, weir_after)
 (hidden,) = truth_of("weir")
 (unknown,) = weir_found.unknown
 x0, y0, x1, y1 = hidden["where"]["image"]
-print(f"hidden: x = {x0:.0f} to {x1:.0f} px, y = {y0:.0f} to {y1:.0f} px")
+largest = hidden["parameters"][0]["value"]
+print(f"hidden: a bump of up to {largest} px,")
+print(f"  x = {x0:.0f} to {x1:.0f} px, y = {y0:.0f} to {y1:.0f} px")
 print(f"found: {unknown['where']}")
 
 # %% [markdown]
@@ -310,10 +316,16 @@ def share(table, a, b):
 
 pd.DataFrame(
     {name: [share(table, *pair) for pair in pairs] for name, table in alike.items()},
-    index=[" / ".join(pair) for pair in pairs],
+    index=[" / ".join(pair).replace("_", " ") for pair in pairs],
 )
 
 # %% [markdown]
+# A clock that is late and an arm that is wrong are one where the drone turns with each strip, since
+# the arm turns with it; a heading that is kept parts them. A drift of the focal length and one of
+# the GNSS part where the camera looks aside. A shutter is never taken for a clock. And two pairs no
+# flight here parts: what both flights share in time, and a shift of the GNSS and of all control.
+# Those need another kind of data, not another flight.
+#
 # And the smallest effect that each would have seen:
 
 # %%
@@ -328,12 +340,12 @@ pd.DataFrame(
     {
         name: [
             "-" if (limit := one.detection_limits.get(slug, {}).get(parameter)) is None
-            else f"{factor * limit:.2g} {unit}"
+            else f"{float(f'{factor * limit:.2g}'):,g} {unit}"
             for (slug, parameter), (factor, unit) in shown.items()
         ]
         for name, one in flown.items()
     },
-    index=[f"{slug}, {parameter}" for slug, parameter in shown],
+    index=[f"{slug}, {parameter}".replace("_", " ") for slug, parameter in shown],
 )  # fmt: skip
 
 # %% [markdown]
@@ -423,3 +435,14 @@ else:
 
 # %% tags=["nbval-ignore-output"]
 beside_published(ours)
+
+# %% [markdown]
+# ## What to take home
+#
+# - Small residuals prove nothing: what is missing hides in poses, points and ground. Ask what the
+#   same flight would look like if the model were true.
+# - `corridor diagnose BLOCK -o OUT` asks it of every effect of the catalogue at once, and says
+#   *nothing*, *unknown, and where*, or a pair, where the flight does not tell more.
+# - What a flight can tell apart is decided before it is flown: keep a heading, tilt the camera, fly
+#   another height, according to what you have to know.
+# - "Nothing is missing" is worth as much as the smallest effect that would have been seen.
