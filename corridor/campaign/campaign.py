@@ -13,7 +13,6 @@ import pandas as pd
 from corridor.campaign.row import IN_DOUBT, NOT_RUN, NOT_TESTED, URGENCY, Row
 from corridor.campaign.work import MARK
 from corridor.report import (
-    DASH,
     Link,
     Report,
     Table,
@@ -137,7 +136,7 @@ def _accuracy(campaign: Campaign) -> str:
 
 
 def _table(rows: tuple[Row, ...], wide: bool, left_out: int = 0) -> Table:
-    """A line a block; wide: for a page, with links, images and what to do."""
+    """A line a block; wide: for a page, with links and what to do."""
     sizes = np.array([[getattr(row, name) for name in _RMS] for row in rows], dtype=float)
     digits = max(metre_digits(sizes) - 3, 0)
     effects = any(row.found for row in rows)
@@ -146,15 +145,15 @@ def _table(rows: tuple[Row, ...], wide: bool, left_out: int = 0) -> Table:
         name, address = short(row.block, 40 if wide else 20), _address(row)
         numbers = [fixed(row.sigma0, 3), *(fixed(value, digits) for value in size)]
         found = [row.found if wide else short(row.found, 16)] if effects else []
-        line = [Link(name, address) if wide and address else name, row.verdict, *found, *numbers]
-        images = f"{row.images:,}" if row.images else DASH
-        lines.append((*line, images, row.attention) if wide else tuple(line))
-    header = ["block", "verdict", *(["found"] if effects else []), "sigma naught"]
-    header += ["RMS xy (mm)", "z (mm)", "3D (mm)", *(["images", "to do first"] if wide else [])]
+        todo = [row.attention] if wide else []
+        label = Link(name, address) if wide and address else name
+        lines.append((label, row.verdict, *found, *todo, *numbers))
+    header = ["block", "verdict", *(["found"] if effects else []), *(["to do first"] * wide)]
+    header += ["sigma naught", "RMS xy (mm)", "z (mm)", "3D (mm)"]
     notes = ["RMS: of the check points, about zero, in plan, in height and in space"]
     seen = {row.verdict for row in rows}
     notes += [f"{verdict}: {said}" for verdict, said in _MEANING.items() if verdict in seen]
     if left_out:
         notes.append(f"{counted(left_out, 'more block')}, which are less urgent: see {TABLE}")
-    align = "ll" + ("l" if effects else "") + "rrrr" + ("rw" if wide else "")
+    align = "ll" + ("w" if effects else "") + ("w" if wide else "") + "rrrr"
     return Table("What needs attention first", tuple(header), tuple(lines), align, tuple(notes))

@@ -38,7 +38,9 @@ figcaption {color: #555; font-size: .9em; max-width: 46em}
 .corridor-report {font-size: 14px; max-width: none; overflow-x: auto}
 .corridor-report > p:first-of-type {font-size: 1.12em}
 .corridor-report td {vertical-align: top}
-.corridor-report td.text {white-space: normal; min-width: 22em}
+body .corridor-report {max-width: none}
+.corridor-report td.text {white-space: normal; min-width: 10em; overflow-wrap: anywhere}
+.corridor-report td.text code {white-space: normal}
 @media print {body {margin: 0; max-width: none} figure, table {break-inside: avoid}}
 """.strip()
 
