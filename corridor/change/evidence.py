@@ -108,6 +108,12 @@ def gathered(
         joint = surface.joint
     functions = Functions.stack([part[0] for part in parts])
     covariance = joint.covariance(functions, rough=True)
+    if surface is not None and surface.laying is not None:
+        scale = np.repeat(
+            [surface.laying.scale if part[3][0] == "surface" else 1.0 for part in parts],
+            [len(part[1]) for part in parts],
+        )
+        covariance = scale[:, None] * covariance * scale
     spreads = [part.spread for part in joint.parts(functions)]
     effect = tuple(s.on(spread) for s, spread in zip(signatures, spreads, strict=True))
     value, places, kinds = (np.concatenate([part[n] for part in parts]) for n in (1, 2, 3))

@@ -18,12 +18,17 @@ from corridor.change.cores import Cores
 from corridor.change.joint import Joint
 from corridor.change.stable import motions_at, s_transformation, stable_weights
 
+# Neighbouring core points err together, as some ten independent ones: by chance alone their scatter
+# is hardly ever twice what it should be.
+DOUBTLESS = 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class Laying:
     """A motion that was taken out of changes. kind: of `stable.MOTIONS`; middle (3,), m: of the
     rotation; gain (k, m): of the changes by it; found: it as functions of the points; motion (m,):
-    m, rad, share; stable (k,): which changes carry the datum.
+    m, rad, share; stable (k,): which changes carry the datum. scale: how many times as much as
+    their standard deviations say the changes scatter; 1 unless that is beyond doubt.
     """
 
     kind: str
@@ -32,6 +37,16 @@ class Laying:
     found: Functions
     motion: np.ndarray
     stable: np.ndarray
+    scale: float = 1.0
+
+    def scaled(self, left: np.ndarray) -> Laying:
+        """The laying with the scale of changes over their standard deviations, left (k,).
+
+        Most core points stand still: what they scatter beyond their sigma is error that the
+        adjustments do not know, as of GNSS of metres, which is not white.
+        """
+        scale = float(1.4826 * np.median(np.abs(left)))
+        return replace(self, scale=scale if scale > DOUBTLESS else 1.0)
 
     def elsewhere(self, cores: Cores) -> Laying:
         """The same motion for the changes at other core points."""

@@ -234,6 +234,13 @@ def _datum(change: Change) -> list[str]:
             f"Both dates are laid together on what stands still{carried} by a "
             f"{change.asked.motion} motion: a motion of the whole block cannot be seen."
         )
+        if surface is not None and surface.laying is not None and surface.laying.scale > 1:
+            out.append(
+                f"What stands still scatters {surface.laying.scale:.1f} times as much as its "
+                "standard deviations say, by errors that the adjustments do not know; all of the "
+                "surface are multiplied by it. One adjustment of both dates with one camera "
+                "(--together --same-camera), or control, would lessen them."
+            )
     if change.gained is not None:
         apart, one = (1000 * g for g in change.gained)
         out.append(

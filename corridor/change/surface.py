@@ -130,6 +130,7 @@ def surface_change(
         )
     functions = distance_functions(*found, cores, joint)
     distance, variance = found[1].mean - found[0].mean, joint.variance(functions)
+    own = laying is None
     if laying is not None:
         laying = laying.elsewhere(cores)
     elif datum == "stable":
@@ -137,7 +138,10 @@ def surface_change(
         laying = lay(distance, alone, functions, cores, kind)
     if laying is not None:
         variance = np.maximum(laying.variance(joint, functions, variance), 0.0)
-        distance = laying.apply(distance)
+        distance, known = laying.apply(distance), variance + between.sum(axis=0)
+        if own:
+            laying = laying.scaled(distance / np.sqrt(known))
+        variance = variance + (laying.scale**2 - 1.0) * known
     return SurfaceChange(
         cores=cores,
         distance=distance,

@@ -69,10 +69,11 @@ def summed(found: SurfaceChange, share: float, area: float) -> Volume:
     row = csr_array(np.full((1, len(found)), cell))
     total = found.sums(row)
     sampling = found.joint.roughness(total)[0]
+    scale = 1.0 if found.laying is None else found.laying.scale
     return Volume(
         value=float(cell * found.distance.sum()),
-        sigma=float(np.sqrt(found.joint.variance(total)[0])),
-        sampling=float(np.sqrt(sampling)),
+        sigma=scale * float(np.sqrt(found.joint.variance(total)[0])),
+        sampling=scale * float(np.sqrt(sampling)),
         area=share * area,
         share=share,
         independent=float(cell * np.sqrt(np.sum(found.sigma**2))),

@@ -90,6 +90,22 @@ def test_a_volume_is_laid_together_like_its_surface(pair, cores):
     assert plain.value == pytest.approx(0.5 * plain.area, rel=0.05)
 
 
+def test_what_stands_still_tells_errors_that_nobody_knows(pair, cores):
+    """Ground that waves by 0.1 m where the sigmas say millimetres: laid on what stands still, they
+    are multiplied, and next to nothing is significant; a datum as stated calls most of it moved."""
+    epoch = pair.after.epoch
+    wave = 0.1 * np.sin(epoch.xyz[:, 0] / 7.0)
+    epoch.xyz[:, 2] += wave
+    try:
+        options = {"sampled": False, "kind": "rigid"}
+        laid = surface_change(pair, cores, datum="stable", **options)
+        stated = surface_change(pair, cores, **options)
+    finally:
+        epoch.xyz[:, 2] -= wave
+    assert laid.laying.scale > 2.0 and stated.moved.mean() > 0.5 and laid.moved.mean() < 0.05
+    assert np.median(np.abs(laid.distance / laid.sigma)) == pytest.approx(0.6745, abs=0.01)
+
+
 def test_a_radius_without_points_is_refused(pair, cores):
     with pytest.raises(InputError, match="no core point has 5 tie points within 0.1 m"):
         surface_change(pair, replace(cores, radius=0.1), sampled=False)
