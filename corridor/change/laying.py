@@ -18,9 +18,9 @@ from corridor.change.cores import Cores
 from corridor.change.joint import Joint
 from corridor.change.stable import motions_at, s_transformation, stable_weights
 
-# Neighbouring core points err together, as some ten independent ones: by chance alone their scatter
-# is hardly ever twice what it should be.
-DOUBTLESS = 2.0
+# Neighbouring core points err together, as some ten independent ones: by chance their scatter is
+# beyond 1.5 times what it should be once in eighty (chi square of ten).
+DOUBTLESS = 1.5
 
 
 @dataclass(frozen=True, eq=False)
