@@ -237,7 +237,7 @@ def _datum(change: Change) -> list[str]:
         if surface is not None and surface.laying is not None and surface.laying.scale > 1:
             out.append(
                 f"What stands still scatters {surface.laying.scale:.1f} times as much as its "
-                "standard deviations say, by errors that the adjustments do not know; all of the "
+                "standard deviations say, by errors that the adjustments do not know; those of the "
                 "surface are multiplied by it. One adjustment of both dates with one camera "
                 "(--together --same-camera), or control, would lessen them."
             )
