@@ -41,7 +41,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument(
-        "--minutes", type=float, default=float("inf"), help="begin no malformed input after these"
+        "--minutes", type=float, default=float("inf"), help="begin no case or verb after these"
     )
     parser.add_argument("--times", type=int, default=20, help="moments at which a verb is stopped")
     parser.add_argument("--draws", type=int, default=200, help="draws for errors over sigma")
@@ -73,9 +73,9 @@ def _part(part, options) -> bool:
         elif options.first:
             figures = malformed.added(known.get(part), figures)
     elif part == "interrupted":
-        figures = interrupted.run(options.times, options.seed, _say)
+        figures = interrupted.run(options.times, options.seed, _say, options.minutes)
     elif part == "full":
-        figures = full.run(_say)
+        figures = full.run(_say, options.minutes)
     elif part == "sigmas":
         figures = sigmas.run(options.draws, options.seed, _say)
     else:

@@ -75,7 +75,7 @@ def _rows(known):
         "A malformed block, track, plan, series, photograph or project is refused in one sentence "
         "that names the place, or gives a right result; never a traceback, a hang, more than 4 GB "
         "or half an output",
-        "damaged inputs of which the truth is known, seeds fixed; 1,000 of them in the tests",
+        "damaged inputs of which the truth is known, seeds fixed; the first 300 are a test",
         _malformed(made("malformed")),
         f"`{RUN} malformed --cases 100000 --jobs 2`",
     )
@@ -83,14 +83,17 @@ def _rows(known):
         "Ctrl-C ends every verb with one line and status 130; nothing half-written stays",
         "each verb that writes, at random moments of its work, a quarter of them from the start of "
         "Python, libraries still loading; with `--jobs 2` too",
-        _trials(made("interrupted"), "moments", "{moments} moments of {verbs} verbs: {stopped} "
-                "stopped, {had_finished} had finished"),
+        _trials(
+            made("interrupted"),
+            "{moments} moments of {verbs} of {of_verbs} verbs: {stopped} stopped, {had_finished} "
+            "had finished",
+        ),
         f"`{RUN} interrupted`",
-    )  # fmt: skip
+    )
     yield (
         "On a full disk a verb ends with one sentence and status 1; nothing half-written stays",
         "each verb that writes, with room for 0 to 99.9 % of its largest file",
-        _trials(made("full"), "tries", "{tries} tries of {verbs} verbs"),
+        _trials(made("full"), "{tries} tries of {verbs} of {of_verbs} verbs"),
         f"`{RUN} full`",
     )
     yield (
@@ -155,7 +158,7 @@ def _malformed(found):
     )
 
 
-def _trials(found, key, form):
+def _trials(found, form):
     if not found:
         return "not run"
     faults = f"**{len(found['faults'])} faults**" if found["faults"] else "no fault"

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import sys
 from pathlib import Path
-
-from benchmarks.guarantees import samples
 
 # {good} is the folder of the samples, {out} what is written.
 VERBS = {
@@ -38,19 +35,14 @@ def typed(verb: str, good: Path, out: Path) -> list[str]:
     return VERBS[verb].format(good=good, out=out).split()
 
 
-def prepare(home: Path) -> dict[str, set[str]]:
-    """Samples below home/good; every verb once, so that all is compiled: what each writes."""
-    shutil.rmtree(home, ignore_errors=True)
-    samples.make(home / "good", short=True)
-    whole = {}
-    for verb in VERBS:
-        place = home / "whole" / verb.replace(" ", "_")
-        place.mkdir(parents=True)
-        pid = begin(typed(verb, home / "good", place / "out"), place.with_suffix(".txt"))
-        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-        assert status == 0, (verb, status, place.with_suffix(".txt").read_text())
-        whole[verb] = listed(place)
-    return whole
+def whole(verb: str, home: Path) -> set[str]:
+    """What the verb writes undisturbed, below home/whole; afterwards all is compiled."""
+    place = home / "whole" / verb.replace(" ", "_")
+    place.mkdir(parents=True)
+    pid = begin(typed(verb, home / "good", place / "out"), place.with_suffix(".txt"))
+    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    assert status == 0, (verb, status, place.with_suffix(".txt").read_text())
+    return listed(place)
 
 
 def begin(words: list[str], printed: Path, before=lambda: None) -> int:
