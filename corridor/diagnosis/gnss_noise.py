@@ -9,13 +9,15 @@ the antenna positions after everything else has been fitted with Sigma_0; for an
     -2 log L = log |I + P D| + rho' D' ... with D = Sigma - Sigma_0,
              = log |I + P D| - rho' D (I + P D)^-1 rho + const
 
+How slow noise can be large is a matter of its class: a fixed carrier-phase solution (RTK, PPK) is
+good to centimetres, one from code to metres, whatever a model lacks.
 Source: Patterson and Thompson 1971, "Recovery of inter-block information when block sizes are
 unequal"; Harville 1977 for the gradient, tr(V dSigma) - v' dSigma v.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
@@ -24,6 +26,7 @@ from scipy.sparse import csr_array
 
 from corridor.adjustment import LinearSystem
 from corridor.diagnosis.settings import SETTINGS
+from corridor.geometry import robust_scale
 from corridor.gnss import SlowNoise
 
 
@@ -32,7 +35,8 @@ class GnssNoise:
     """Noise of antenna positions.
 
     flight, time: (k,) of each position. stated: (3k,) m. white: (flights, 3) factor on the stated
-    standard deviation; coloured: (flights, 3) m; tau: (flights, 3) s.
+    standard deviation; coloured: (flights, 3) m; tau: (flights, 3) s. most: (2, 3) m, largest white
+    and coloured part that such positions have.
     """
 
     flight: np.ndarray
@@ -41,6 +45,7 @@ class GnssNoise:
     white: np.ndarray
     coloured: np.ndarray
     tau: np.ndarray
+    most: np.ndarray = field(default_factory=lambda: np.full((2, 3), np.inf))
 
     def __post_init__(self):
         self._inverse = None
@@ -118,7 +123,27 @@ def stated_noise(system: LinearSystem) -> GnssNoise:
         white=np.ones((flights, 3)),
         coloured=np.zeros((flights, 3)),
         tau=np.full((flights, 3), SETTINGS.time_constant_prior[0]),
+        most=most_of_class(system),
     )
+
+
+def most_of_class(system: LinearSystem) -> np.ndarray:
+    """Largest white and slow part (2, 3) m of antenna positions, by their class.
+
+    The class is told by what is stated and by how much positions differ from one to the next, of
+    which slow noise has no part: who states centimetres of a code solution is not believed.
+    """
+    rows, images = system.gnss, system.images
+    if len(rows.image) < 2:
+        return np.full((2, 3), np.inf)
+    stated = np.median(rows.sigma, axis=0)
+    order = np.lexsort((times_of(images, rows.image), images.flight[rows.image]))
+    step = np.diff(rows.residual[order], axis=0) / np.sqrt(2.0)
+    scatter = robust_scale(step, axis=0)
+    if np.maximum(stated, scatter)[:2].max() > SETTINGS.carrier_phase_plan:
+        return np.full((2, 3), np.inf)
+    slow = np.maximum(SETTINGS.carrier_phase_slow, np.minimum(stated, scatter))
+    return np.array([SETTINGS.white_of_scatter * scatter, slow])
 
 
 def estimate(noise: GnssNoise, P, rho, start=None) -> tuple[GnssNoise, float]:
@@ -176,6 +201,10 @@ class Likelihood:
         if bounds is not None:
             self.precision = np.zeros_like(covariance)
         self.low, self.high = (np.repeat(np.log([e[k] for e in ends]), many) for k in (0, 1))
+        if bounds is None:
+            two = slice(2 * self.count)
+            size = np.maximum(noise.most[:, [axis for *_, axis in blocks]], 1e-9) / self.stated
+            self.high[two] = np.clip(np.log(size).ravel(), self.low[two], self.high[two])
         self.pieces: list[Likelihood] = []
         if in_pieces:
             ((rows, *which),) = blocks
@@ -220,7 +249,7 @@ class Likelihood:
             white[f, axis] = np.exp(x[n])
             coloured[f, axis] = np.exp(x[self.count + n]) * self.stated[n]
             tau[f, axis] = np.exp(x[2 * self.count + self.flights.index(f)])
-        return GnssNoise(noise.flight, noise.time, noise.stated, white, coloured, tau)
+        return replace(noise, white=white, coloured=coloured, tau=tau)
 
     def parts(self, x):
         """White variances (n,), coloured covariance (n, n) and tau of each block."""

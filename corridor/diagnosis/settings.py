@@ -111,6 +111,15 @@ class Settings:
     time_constant_prior: tuple[float, float, float] = (60.0, 0.4, 0.4)
     noise_factor_range: tuple[float, float] = (0.03, 30.0)
     time_constant_range: tuple[float, float] = (4.0, 240.0)
+    # Stated sigma or scatter in plan, m, up to which positions are fixed carrier-phase solutions: a
+    # tenth of what code gives. Their slow part at most, m: twice the RMS that makers of receivers
+    # state (1 cm + 1 ppm in plan, 1.5 cm + 1 ppm in height), or what is stated where positions
+    # scatter by that much. It is correlated over 115 s (Miller, O'Keefe and Gao 2012, phase of L1
+    # on baselines up to 10 km).
+    carrier_phase_plan: float = 0.15
+    carrier_phase_slow: tuple[float, float, float] = (0.02, 0.02, 0.03)
+    # Their white part at most, in how much one residual differs from the next: poses follow some.
+    white_of_scatter: float = 3.0
     # Coordinates below which nothing is estimated; coordinates estimated together, else by axis;
     # and positions of one axis, else in pieces of time: several of the longest time constant.
     few_antenna_coordinates: int = 12

@@ -139,7 +139,9 @@ def biased(rng, epochs=40, step=2.5, tau=60.0, bias=0.05):
     images = SimpleNamespace(
         flight=np.zeros(epochs, int), flight_names=["1"], time=time,
     )  # fmt: skip
-    rows = SimpleNamespace(image=np.arange(epochs), sigma=stated.reshape(-1, 3))
+    rows = SimpleNamespace(
+        image=np.arange(epochs), sigma=stated.reshape(-1, 3), residual=y.reshape(-1, 3)
+    )
     seen = SimpleNamespace(images=images, gnss=rows)
     return NoiseModel(seen, Antennas(P, P @ y, A, []), evidence)
 
