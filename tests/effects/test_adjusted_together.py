@@ -83,13 +83,15 @@ def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
 
 
 @pytest.mark.parametrize("slug", EVERY)
-def test_effects_at_zero_leave_the_kernels_residuals_as_they_are_bit_for_bit(slug):
+def test_effects_at_zero_leave_the_kernels_residuals_as_they_are(slug):
+    """To the rounding of a picture coordinate: the kernel is compiled anew for what moves, and
+    processors that multiply and add in one step round otherwise."""
     block = add_noise(flown(), tie_px=0.3, seed=3)
     plain, _ = Normal(p := make_problem(block, camera="fixed"), Loss()).residuals(p.start)
     with_it, _ = Normal(p := make_problem(block, camera="fixed", effects=[slug]), Loss()).residuals(
         p.start
     )
-    assert np.array_equal(plain, with_it)
+    assert np.abs(with_it - plain).max() <= 2 * np.spacing(float(CAMLIGHT.width))
 
 
 class Dense:
