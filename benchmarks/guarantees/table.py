@@ -13,7 +13,7 @@ FULL = 100_000
 _HEAD = """\
 # Guarantees
 
-What can be relied on, how it is tried, what came of it in the last full run, and the command that
+What can be relied on, how it is tried, what came of it in the last run, and the command that
 does it again. The figures are written by that command into `docs/guarantees.json`, and this page
 from there; a test compares the two.
 
