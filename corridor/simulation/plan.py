@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numbers
 import os
+import sys
 import tomllib
 import types
 import typing
@@ -466,7 +467,7 @@ def _value(value, sort, where: str):
         raise InputError(f"{where} = {value} has {len(value)} values, {len(inner)} are needed")
     if sort is float and isinstance(value, numbers.Real) and not isinstance(value, bool):
         # Finite, and a whole number of TOML may have any length.
-        if -1e300 < value < 1e300:
+        if abs(value) <= sys.float_info.max:
             return float(value)
     elif sort in (int, bool, str) and type(value) is sort:
         return value

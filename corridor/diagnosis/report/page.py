@@ -75,7 +75,7 @@ ANSWER = (
         "</em> is what the simulated counterparts show, in which nothing is missing; <em>closed"
         "</em> is the share of the excess variance above it that is gone. <em>Before</em> is the "
         "model that was believed in, with ten camera parameters unless told otherwise, adjusted "
-        "so that wild measurements hardly count; <code>corridor adjust</code> takes eight and "
+        "so that wild measurements hardly count; a plain adjustment takes eight and "
         "lets all count unless told otherwise, so its check points may differ from these.",
     ),
     Section("What would tell look-alikes apart", ("separating",)),
