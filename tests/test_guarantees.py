@@ -66,10 +66,10 @@ def test_what_is_half_written_is_told_from_what_is_whole(status, said, there, wr
 @pytest.mark.slow
 def test_malformed_inputs_end_in_a_sentence_or_a_right_result(tmp_path):
     """The first cases of the long run."""
-    found = malformed.run(range(300), place=tmp_path / "run")
-    assert found.cases == 300
+    found = malformed.run(range(100), place=tmp_path / "run")
+    assert found.cases == 100
     assert not found.faults, found.faults[:3]
-    assert found.outcomes["refused"] > 100 and found.outcomes["right"] > 40
+    assert found.outcomes["refused"] > 30 and found.outcomes["right"] > 10
 
 
 @pytest.mark.slow

@@ -75,7 +75,7 @@ def _rows(known):
         "A malformed block, track, plan, series, photograph or project is refused in one sentence "
         "that names the place, or gives a right result; never a traceback, a hang, more than 4 GB "
         "or half an output",
-        "damaged inputs of which the truth is known, seeds fixed; the first 300 are a test",
+        "damaged inputs of which the truth is known, seeds fixed; the first 100 are a test",
         _malformed(made("malformed")),
         f"`{RUN} malformed --cases 100000 --jobs 2`",
     )
