@@ -32,5 +32,5 @@ def test_shares_lie_between_nothing_and_all_of_an_effect(table):
 def test_the_picture_leaves_out_what_looks_like_nothing_else(table):
     drawn = alike(table, "24 images", least=0.9)
     words = " ".join(text.get_text() for text in drawn.axes[0].get_yticklabels())
-    assert "gnss_bias" in words
+    assert "gnss bias" in words
     assert len(drawn.axes[0].get_yticklabels()) < len(table)
