@@ -45,6 +45,7 @@ import numpy as np
 import pandas as pd
 from kit import drawings, published
 from kit.published import Draws, compare
+from kit.real import special_plot
 from kit.table_7_3 import PROGRAMS, configurations, in_pairs
 
 import corridor
@@ -604,17 +605,9 @@ for words, block in ways.items():
 # is 33 ms. (The block is not part of the project; where it is not, this cell says so.)
 
 # %% tags=["nbval-ignore-output"]
-plot_flight = data / "special_plot"
-if (plot_flight / "block").exists():
-    special = corridor.read(plot_flight / "block")
-    header = pd.read_csv(plot_flight / "metadata.csv").set_index("image")
-    speed = header.reindex(special.images["image"].astype(str))
-    special.images = special.images.assign(
-        vx=speed["speed_east"].to_numpy(),
-        vy=speed["speed_north"].to_numpy(),
-        vz=-speed["speed_down"].to_numpy(),
-    )
-    real = shutter.readout_from_flight(special, model="DJI FC6310", advise=False)
+special = special_plot()
+if special is not None:
+    real = shutter.readout_from_flight(special, model="DJI FC330", advise=False)
     print(shutter.use(real)[2])
     print(
         f"formal sigma {1000 * real.formal:.1f} ms, jackknife over {len(real.left)} parts "

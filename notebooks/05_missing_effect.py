@@ -40,6 +40,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from kit.published import compare as beside_published
+from kit.real import special_plot
 
 import corridor
 from corridor import figures
@@ -384,16 +385,8 @@ pd.DataFrame(rows, columns=["flight", "b1, b2 only (mm)", "with the shutter (mm)
 
 # %% tags=["nbval-ignore-output"]
 data = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))
-plot_flight = data / "special_plot"
-if (plot_flight / "block").exists():
-    special = corridor.read(plot_flight / "block")
-    header = pd.read_csv(plot_flight / "metadata.csv").set_index("image")
-    speed = header.reindex(special.images["image"].astype(str))
-    special.images = special.images.assign(
-        vx=speed["speed_east"].to_numpy(),
-        vy=speed["speed_north"].to_numpy(),
-        vz=-speed["speed_down"].to_numpy(),
-    )
+special = special_plot()
+if special is not None:
     named = corridor.diagnose(special, seed=seed)
     print(named.sentence)
 else:

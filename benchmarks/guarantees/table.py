@@ -146,23 +146,25 @@ def _malformed(found):
     if not found:
         return "not run"
     cases, good = found["cases"], found["outcomes"]
-    faults = f"**{len(found['faults'])} faults**" if found["faults"] else "no fault"
     short = "" if cases >= FULL else f" of the {FULL:,} that the command has"
     mended = found.get("mended", 0)
     told = f"; {mended} faults of earlier cases mended and tried again" if mended else ""
     return (
-        f"{cases:,} cases{short}: {faults}{told}. Refused {good.get('refused', 0):,}, right "
-        f"{good.get('right', 0):,}, told {good.get('told', 0):,}, done {good.get('done', 0):,}, "
-        f"failed {good.get('failed', 0):,}; longest {found['most_seconds']:g} s, most "
+        f"{cases:,} cases{short}: {_faults(found)}{told}. Refused {good.get('refused', 0):,}, "
+        f"right {good.get('right', 0):,}, told {good.get('told', 0):,}, "
+        f"done {good.get('done', 0):,}, failed {good.get('failed', 0):,}; longest {found['most_seconds']:g} s, most "
         f"{found['most_gb']:g} GB"
     )
+
+
+def _faults(found):
+    return f"**{len(found['faults'])} faults**" if found["faults"] else "no fault"
 
 
 def _trials(found, form):
     if not found:
         return "not run"
-    faults = f"**{len(found['faults'])} faults**" if found["faults"] else "no fault"
-    return f"{form.format(**found)}; {faults}"
+    return f"{form.format(**found)}; {_faults(found)}"
 
 
 def _ratio(found):
@@ -189,8 +191,7 @@ def _changes(found):
 def _named(found):
     if not found:
         return "not run"
-    faults = f"**{len(found['faults'])} faults**" if found["faults"] else "no fault"
-    return f"{found['hostile_names']} names, {found['verbs_that_wrote']} results: {faults}"
+    return f"{found['hostile_names']} names, {found['verbs_that_wrote']} results: {_faults(found)}"
 
 
 def _outcomes(found):

@@ -231,8 +231,11 @@ def rows_for(d: int, sighted: bool):
 
 
 @compiled(**KERNEL)
-def _moves(rays, p, row, heavy, left, work):
-    """V^-1 (P' left + heavy) of a point, into the first three rows of work (6, k)."""
+def _moves(rays, p, row, heavy, left, moved, work):
+    """V^-1 (P' left + heavy) of a point, into the first three rows of work (6, k).
+
+    Kept in its row of moved, if it has one.
+    """
     k = left.shape[1]
     for c in range(3):
         for s in range(k):
@@ -250,6 +253,12 @@ def _moves(rays, p, row, heavy, left, work):
         work[0, s] = i0 * a + i1 * b + i3 * c
         work[1, s] = i2 * b + i4 * c
         work[2, s] = i5 * c
+        if row >= 0:
+            moved[row, 0, s], moved[row, 1, s], moved[row, 2, s] = (
+                work[0, s],
+                work[1, s],
+                work[2, s],
+            )
 
 
 @compiled(vectorised=True, **KERNEL)
@@ -261,12 +270,7 @@ def _eliminate(rays, numbered, heavy, left, moved, own, work):
     """
     d, k = rays.own.shape[1], left.shape[1]
     for p in range(len(rays.start) - 1):
-        row = numbered[p]
-        _moves(rays, p, row, heavy, left, work)
-        if row >= 0:
-            for c in range(3):
-                for s in range(k):
-                    moved[row, c, s] = work[c, s]
+        _moves(rays, p, numbered[p], heavy, left, moved, work)
         for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
             to = rays.image[n // 2] * d
             a, b, c = rays.point[n, 0], rays.point[n, 1], rays.point[n, 2]
@@ -293,11 +297,7 @@ def _follow(rays, numbered, heavy, left, moved, own, work):
                 f = rays.own[n, r]
                 for s in range(k):
                     left[n, s] -= f * own[to + r, s]
-        _moves(rays, p, row, heavy, left, work)
-        if row >= 0:
-            for c in range(3):
-                for s in range(k):
-                    moved[row, c, s] = work[c, s]
+        _moves(rays, p, row, heavy, left, moved, work)
         for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
             a, b, c = rays.point[n, 0], rays.point[n, 1], rays.point[n, 2]
             for s in range(k):
