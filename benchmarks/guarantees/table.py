@@ -152,8 +152,8 @@ def _malformed(found):
     return (
         f"{cases:,} cases{short}: {_faults(found)}{told}. Refused {good.get('refused', 0):,}, "
         f"right {good.get('right', 0):,}, told {good.get('told', 0):,}, "
-        f"done {good.get('done', 0):,}, failed {good.get('failed', 0):,}; longest {found['most_seconds']:g} s, most "
-        f"{found['most_gb']:g} GB"
+        f"done {good.get('done', 0):,}, failed {good.get('failed', 0):,}; "
+        f"longest {found['most_seconds']:g} s, most {found['most_gb']:g} GB"
     )
 
 
