@@ -33,12 +33,12 @@ block = "../data_synthetic/dike"  # the folder of a block
 
 # %%
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from kit.published import compare
+from kit.real import DATA
 
 import corridor
 
@@ -189,16 +189,15 @@ print(f"readout found: {1e3 * found.value:.1f} +- {1e3 * found.sigma:.1f} ms, pu
 # project), these cells adjust them; elsewhere they say so.
 
 # %% tags=["nbval-ignore-output"]
-data = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))
 ours = {}
 
 
 def real(name):
     """A real block, or None where it is not to be had or the fast form was asked for."""
-    if fast or not (data / name / "block.toml").exists():
+    if fast or not (DATA / name / "block.toml").exists():
         print(f"{name}: not here")
         return None
-    return corridor.read(data / name)
+    return corridor.read(DATA / name)
 
 
 # %% tags=["nbval-ignore-output"]

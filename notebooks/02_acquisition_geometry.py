@@ -33,14 +33,13 @@ seed = 0
 bias_m = (0.03, 0.01, 0.07)  # constant error of the GNSS that sections 3 to 5 suppose
 
 # %%
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from kit import drawings
 from kit.published import compare
+from kit.real import DATA
 from kit.track import simulated_track
 
 import corridor
@@ -93,9 +92,8 @@ figures.track(
 # not part of the project; where it is not, this cell says so.)
 
 # %% tags=["nbval-ignore-output"]
-data = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))
-if (data / "m300_ppk" / "track.csv").exists():
-    table = corridor.gnss.read_track(data / "m300_ppk" / "track.csv").table
+if (DATA / "m300_ppk" / "track.csv").exists():
+    table = corridor.gnss.read_track(DATA / "m300_ppk" / "track.csv").table
     whole = np.abs(table["time_s"] - table["time_s"].round()) < 0.01
     shown = interpolation_errors(
         table[whole].reset_index(drop=True), table[~whole & (table["z"] > 50)]

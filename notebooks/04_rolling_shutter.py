@@ -30,14 +30,13 @@
 # *Runs four minutes on one core, two in its fast form.*
 
 # %% tags=["parameters"]
-fast = False  # one simulated flight in place of three, fewer tie points
+fast = False  # one simulated flight of each survey, half the tie points, fewer variants
 seed = 0
 draws = 1  # simulated flights of the two small surveys; the large ones are flown once
 readout_s = 0.0564  # all rows: table 7.1's camera, section 7.4.2.1 of the thesis
 
 # %%
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,7 +44,7 @@ import numpy as np
 import pandas as pd
 from kit import drawings, published
 from kit.published import Draws, compare
-from kit.real import special_plot
+from kit.real import DATA, special_plot
 from kit.table_7_3 import PROGRAMS, configurations, in_pairs
 
 import corridor
@@ -53,8 +52,6 @@ from corridor import figures
 from corridor import readout as shutter
 from corridor.camera import Camera
 from corridor.simulation import read_plan
-
-data = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))
 
 # %% [markdown]
 # ## 1. A camera that reads its rows one after the other
@@ -81,7 +78,7 @@ def photographs(target, turns, readout_s, exposure_s, distance, tilt_deg, **draw
         shutter.Photograph(
             name, shutter.render.develop(target(view, slow, speed, **drawn), noise=0.005, seed=k)
         )
-        for k, (name, speed) in enumerate((("still", 0.0), ("turning", turns)))
+        for k, (name, speed) in enumerate((("first picture", 0.0), ("second picture", turns)))
     ]
 
 
@@ -142,7 +139,7 @@ for name, found in (("star", star), ("wheel", wheel), ("LED", led)):
 
 # %% tags=["nbval-ignore-output"]
 ours = {"shutter.photo.star": star.readout_ms, "shutter.photo.wheel": wheel.readout_ms}
-folder = data / "wheel_bar"
+folder = DATA / "wheel_bar"
 if (folder / "led_1khz.png").exists():
     lit = shutter.readout_from_led(folder / "led_1khz.png", 1000.0)
     bar = shutter.readout_from_wheel(folder / "bar_0.jpg", folder / "bar_1.jpg", 3.679)
@@ -212,7 +209,8 @@ surveys = {
     "d4": (n40, "40 m, corridor"),
 }
 seeds = list(range(seed, seed + (1 if fast else draws)))
-ties = 50  # an image: fewer than MicMac's reduction leaves, to be done in minutes
+# An image: fewer than MicMac's reduction leaves, to be done in minutes.
+ties = 25 if fast else 50
 
 line = flown(n40, seed, ties)
 block = flown(f"{n30}+{o60}+{n90}", seed, 20)
@@ -627,7 +625,7 @@ picture
 # readout. The wing rocks: the rates change by a radian a second *within* one picture.
 
 # %% tags=["nbval-ignore-output"]
-folder = data / "sequoia"
+folder = DATA / "sequoia"
 here = (folder / "flight_block" / "block.toml").exists()
 if here:
     options = {"camera": "fixed", "loss": "huber:4", "lever_arm": "fixed", "max_iterations": 200}

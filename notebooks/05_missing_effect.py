@@ -28,19 +28,18 @@
 # *Runs some minutes on one core.*
 
 # %% tags=["parameters"]
-fast = False  # fewer simulated counterparts and geometries
+fast = False  # fewer simulated counterparts and geometries, and no real flights
 seed = 0
 
 # %%
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from kit.published import compare as beside_published
-from kit.real import special_plot
+from kit.real import DATA, special_plot
 
 import corridor
 from corridor import figures
@@ -384,8 +383,7 @@ pd.DataFrame(rows, columns=["flight", "b1, b2 only (mm)", "with the shutter (mm)
 # project; where they are not, these cells say so.)
 
 # %% tags=["nbval-ignore-output"]
-data = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))
-special = special_plot()
+special = None if fast else special_plot()
 if special is not None:
     named = corridor.diagnose(special, seed=seed)
     print(named.sentence)
@@ -403,8 +401,8 @@ else:
 # and whatever else could be the cause this flight does not show.
 
 # %% tags=["nbval-ignore-output"]
-if (data / "saraburi" / "block").exists():
-    saraburi = corridor.read(data / "saraburi" / "block")
+if not fast and (DATA / "saraburi" / "block").exists():
+    saraburi = corridor.read(DATA / "saraburi" / "block")
     real = corridor.diagnose(saraburi, camera="fraser8", seed=seed)
     print(real.sentence)
     if real.lens:

@@ -32,12 +32,12 @@ seed = 5
 out = "../out/06_your_own_project"  # projects and blocks are written there
 
 # %%
-import os
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from kit.published import compare
+from kit.real import DATA
 
 import corridor
 from corridor import interchange
@@ -137,7 +137,7 @@ for mistake in (half_a_pixel, exchanged, transposed, upwards):
 # They are not part of the project; where they are not, this cell says so.
 
 # %% tags=["nbval-ignore-output"]
-data = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data")) / "interchange"
+data = DATA / "interchange"
 real = (
     "colmap_sceaux", "opensfm_berlin", "photoscan_strasbourg", "micmac_saisies", "pix4d_p1",
     "bundler_balbianello", "nvm_sceaux", "photomodeler_strasbourg",

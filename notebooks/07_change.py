@@ -19,7 +19,7 @@
 # points are laid on each other, and the difference is drawn. **What in it is the dike?**
 #
 # A program that compares clouds says how far they are apart and how rough they are. It does not
-# know that a thousand points hang on one focal length. The adjustment knows: every point is a
+# know that a thousand points depend on one focal length. The adjustment knows: every point is a
 # function of the same camera, the same poses, the same control, and so the standard deviation of
 # *any* number made of points comes out exactly, errors that points share included.
 #
@@ -44,7 +44,7 @@ from corridor.simulation import TiePoints, add_noise, perfect_block, read_plan
 
 plan = read_plan("../data_synthetic/dike.toml")
 plan = replace(plan, tie_points=TiePoints(90))
-# A receiver for surveyors, processed afterwards: 5 mm in plan and 8 mm in height.
+# A receiver for surveyors, processed afterwards: 5 mm horizontally and 8 mm in height.
 noise = replace(plan.noise, gnss_m=(0.005, 0.005, 0.008), control_m=0.002)
 dike = perfect_block(plan, seed)
 dike.sigma |= {"gnss_m": np.array(noise.gnss_m), "control_m": np.full(3, noise.control_m)}
@@ -123,6 +123,8 @@ shown = table[table["effect"] == "focal"][["epoch", "effect", "value", "sigma", 
 shown.round(1).reset_index(drop=True)
 
 # %% [markdown]
+# It goes, and the camera is named.
+#
 # ## 3. A settlement that is one
 #
 # The camera behaves. A bowl of 30 mm, 15 m wide, forms under the crest. Guess: which of all the
@@ -139,6 +141,8 @@ print(corridor.change.verdict_sentence(found))
 figures.change_maps(found.surface)
 
 # %% [markdown]
+# Those of the bowl and none besides: what else is coloured above lies below the level of detection.
+#
 # And both at once: the bowl, and a rolling shutter that nobody told us of. Will one hide the
 # other?
 
@@ -147,6 +151,8 @@ both = compare(flight(3), flight(6, sunk, {"rolling_shutter": {"readout": 0.015}
 print(corridor.change.verdict_sentence(both))
 
 # %% [markdown]
+# It does not: the bowl is found as before, and the shutter beside it.
+#
 # ## 4. How sure is a number?
 #
 # The volume of the bowl, from the joint covariance of all points, and beside it what comes out
@@ -192,6 +198,8 @@ print(corridor.change.detection_report(possible).opening)
 figures.detection_map(possible)
 
 # %% [markdown]
+# Best in the middle, which most photographs see, worst at the corners, which few do.
+#
 # ## What to take home
 #
 # | statement | here |

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
+from matplotlib import colormaps
+from matplotlib.colors import Colormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from corridor.figures import maps, style
@@ -14,10 +15,8 @@ from corridor.figures import maps, style
 if TYPE_CHECKING:
     from corridor.change import Change, PointChanges, SurfaceChange
 
-_BOTH = LinearSegmentedColormap.from_list(
-    "corridor_change", ["#004488", "#9fb8d1", "#ffffff", "#e8c98a", "#8a5a00"]
-)
-_SIGMA = LinearSegmentedColormap.from_list("corridor_sigma", ["#ffffff", "#9fb8d1", "#00305f"])
+# Its lightness grows: in grey print, too, what sank is dark and what rose is light.
+_BOTH = colormaps["cividis"]
 
 
 def of_change(change: Change) -> dict[str, tuple[Figure, str]]:
@@ -62,7 +61,7 @@ def detection_map(surface: SurfaceChange) -> Figure:
     if surface.sampling.any():
         floor = 1000 * surface.floor
         alone = "with points everywhere: the measurements alone, 95 %"
-        panels.append(_Panel(alone, floor, _SIGMA, float(np.percentile(floor, 98)), "mm"))
+        panels.append(_Panel(alone, floor, style.COUNTS, float(np.percentile(floor, 98)), "mm"))
     return _maps(surface, "where a change could be seen", panels)
 
 
@@ -73,7 +72,7 @@ class _Panel:
 
     name: str
     value: np.ndarray
-    colours: LinearSegmentedColormap
+    colours: Colormap
     largest: float
     unit: str
     shown: np.ndarray | None = None
@@ -93,7 +92,7 @@ def _change(surface: SurfaceChange) -> _Panel:
 
 def _detection(surface: SurfaceChange) -> _Panel:
     largest = 1000 * float(np.percentile(surface.detection, 98))
-    return _Panel("level of detection, 95 %", 1000 * surface.detection, _SIGMA, largest, "mm")
+    return _Panel("level of detection, 95 %", 1000 * surface.detection, style.COUNTS, largest, "mm")
 
 
 def _maps(surface: SurfaceChange, title: str, panels: list[_Panel]) -> Figure:
