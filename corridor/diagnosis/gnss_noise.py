@@ -22,7 +22,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.optimize import minimize
-from scipy.sparse import csr_array
 
 from corridor.adjustment import LinearSystem
 from corridor.diagnosis.settings import SETTINGS
@@ -65,25 +64,15 @@ class GnssNoise:
         return white, self.coloured[f, axis] ** 2 * slow
 
     def weigh(self, rows):
-        """Inverse covariance times rows (3k, ...), sparse or dense."""
+        """Inverse covariance times dense rows (3k, ...)."""
         if self._inverse is None:
-            self._inverse = self._inverted()
-        return self._inverse @ rows
-
-    def _inverted(self) -> csr_array:
-        row, column, data = [], [], []
-        for rows, f, axis in self.blocks():
-            white, coloured = self.parts(rows, f, axis)
-            inverse = np.linalg.inv(white + coloured)
-            row.append(np.repeat(rows, len(rows)))
-            column.append(np.tile(rows, len(rows)))
-            data.append(inverse.ravel())
-        n = len(self.stated)
-        if not row:
-            return csr_array((n, n))
-        parts = (np.concatenate(part) for part in (data, row, column))
-        data, row, column = parts
-        return csr_array((data, (row, column)), shape=(n, n))
+            self._inverse = [
+                (at, np.linalg.inv(np.add(*self.parts(at, *which)))) for at, *which in self.blocks()
+            ]
+        out = np.zeros(np.shape(rows))
+        for at, inverse in self._inverse:
+            out[at] = inverse @ rows[at]
+        return out
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Errors (k, 3), m."""
