@@ -79,11 +79,7 @@ def beyond_noise(noises: NoiseModel, found: Found, threshold: float) -> Found:
         _, without = noises.given(rest)
         total, _ = _probability(noises, rest, n, found.chosen[n])
         each[n] = min(gain, total - without)
-    order = sorted(
-        (n for n in each if each[n] > threshold or n in found.kept), key=lambda n: -each[n]
-    )
-    chosen = {n: found.chosen[n] for n in order}
-    return Found(chosen, {n: each[n] for n in order}, found.total, found.kept)
+    return found.beyond(each, threshold)
 
 
 def _probability(

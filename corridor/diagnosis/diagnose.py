@@ -188,6 +188,7 @@ def diagnose(
             *implausible(before),
             *course.notes,
             *course.impossible.values(),
+            *last.idle.values(),
             *notes,
             *held.notes,
         ],

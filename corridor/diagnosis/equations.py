@@ -45,9 +45,9 @@ class Equations:
     standard deviation, image (k,): of the antenna positions. core: columns that images share;
     own: blocks of per-image columns; between: each of them with the core (p, c); mutual: (i, j)
     -> of two of them, i < j.
-    first (n,), at (c,): numbers of the poses and nuisance, and of the core, among the system's
-    columns, and unit of all of these. free_motions: (n, 7) of a block that nothing holds, else
-    None.
+    first (n,), at (c,), own_at: numbers of the poses and nuisance, of the core, and of the blocks,
+    among the system's columns, and unit of all of these. free_motions: (n, 7) of a block that
+    nothing holds, else None.
     """
 
     system: LinearSystem
@@ -61,6 +61,7 @@ class Equations:
     groups: list[Group]
     first: np.ndarray
     at: np.ndarray
+    own_at: list[np.ndarray]
     unit: np.ndarray
     scales: Scales | None = None
     free_motions: np.ndarray | None = None
@@ -155,6 +156,7 @@ def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
         groups=groups,
         first=first,
         at=core,
+        own_at=blocks,
         unit=unit,
         free_motions=system.motions[first] if nothing_holds else None,
     )

@@ -4,8 +4,9 @@ Parameters theta ~ N(0, kappa^2) in prior standard deviations, averaged over sev
 
     log B(kappa) = 1/2 g' (M + I / kappa^2)^-1 g - 1/2 log |I + kappa^2 M|
 
-Given other groups S in the model, M and g are what S leaves of them.
-Source: Kass and Raftery 1995, "Bayes factors".
+Given other groups S in the model, M and g are what S leaves of them. Where the scores of a group
+vary by a factor phi more than independent residuals would let them, M and g count by 1 / phi.
+Source: Kass and Raftery 1995, "Bayes factors"; Chandler and Bate 2007 (phi: see `clusters`).
 """
 
 from __future__ import annotations
@@ -72,8 +73,12 @@ class Gain:
 class Evidence:
     """Evidence of groups, alone and given others, on one reduced system."""
 
-    def __init__(self, reduced: Reduced, barred: Iterable[str] = ()):
+    def __init__(
+        self, reduced: Reduced, barred: Iterable[str] = (), inflation: np.ndarray | None = None
+    ):
+        """inflation: factor (groups,) on the variance of each group's scores; default: one."""
         self.reduced = reduced
+        self.inflation = np.ones(len(reduced.groups)) if inflation is None else inflation
         # Keys of groups that are no explanation, however well they fit.
         self.barred = set(barred)
         self.groups: list[Group] = list(reduced.groups)
@@ -153,8 +158,8 @@ class Evidence:
     def solution(self, chosen: dict[int, float]) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (p,) of groups n -> kappa together, and their covariance (p, p).
 
-        What the data say nothing about (a focal length common to all flights, where the camera is
-        free) is zero.
+        The covariance is that of independent residuals: see `honest`. What the data say nothing
+        about (a focal length common to all flights, where the camera is free) is zero.
         """
         M, g = self.joint(chosen)
         if not len(M):
@@ -170,8 +175,18 @@ class Evidence:
         covariance = (vector * inverse) @ vector.T
         return mean + covariance @ (g - M @ mean), covariance
 
-    def given(self, chosen: dict[int, float]) -> list[Gain]:
-        """What every group would add to a model of groups n -> kappa."""
+    def honest(self, chosen: Iterable[int], covariance: np.ndarray) -> np.ndarray:
+        """A covariance (p, p) of groups as the spread of their scores has it."""
+        each = [np.full(len(self.groups[n]), self.inflation[n]) for n in chosen]
+        root = np.sqrt(np.concatenate(each)) if each else np.zeros(0)
+        return covariance * root[:, None] * root
+
+    def given(self, chosen: dict[int, float], spread: bool = False) -> list[Gain]:
+        """What every group would add to a model of groups n -> kappa.
+
+        spread: count its scores by what they vary. Between groups that compete only one factor
+        for all would be fair, and that is as good as none.
+        """
         r = self.reduced
         if not chosen:
             M, g, own_g, own_matrix = r.M, r.g, r.own_g, r.own_matrix
@@ -208,7 +223,13 @@ class Evidence:
             else:
                 inside, mine = own_matrix[group.own], own_g[group.own]
             alone = not chosen or inside is None
-            gain = gain_of(group, inside, mine, self.alone(n) if alone else None)
+            spectrum = self.alone(n) if alone else None
+            if spread and self.inflation[n] > 1.0:
+                phi = self.inflation[n]
+                spectrum = spectrum or Spectrum.of(inside)
+                spectrum, mine = Spectrum(spectrum.value / phi, spectrum.vector), mine / phi
+                inside = None if inside is None else inside / phi
+            gain = gain_of(group, inside, mine, spectrum)
             out.append(gain if group.point is None else _of_a_point(group, inside, mine, gain))
         return out
 

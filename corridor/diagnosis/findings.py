@@ -22,7 +22,8 @@ KEPT: dict[str, bool | None] = {"helps": True, "useless": False, "none": None}
 class Estimate:
     """One effect that was found (for a flight or a camera of its own, one each).
 
-    kind: `named`, `ambiguous` or `suspected`. parameters: name, value, sigma, unit; of an effect
+    kind: `named`, `ambiguous` or `suspected`. parameters: name, value, sigma, unit, and
+    sigma_formal where the jackknife over strips contradicts that and gives the sigma; of an effect
     with values for each image, their root mean square, and values has those of the images.
     alternatives: slugs that cannot be told apart from it. separate: what would. key, rivals: of
     its group, and of theirs (see `Group`). instead: control points that may be wrong in its place.
@@ -99,10 +100,15 @@ class Unknown:
 
 @dataclass
 class Findings:
-    """All that was found, the strongest first."""
+    """All that was found, the strongest first.
+
+    unproved: groups by key with which strips are predicted no better when they are left out, and
+    by how much log likelihood worse.
+    """
 
     effects: list[Estimate] = field(default_factory=list)
     unknown: list[Unknown] = field(default_factory=list)
+    unproved: dict[str, float] = field(default_factory=dict)
 
     @property
     def verdict(self) -> str:

@@ -9,24 +9,23 @@ GNSS residuals are those of the fits.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from corridor.adjustment import Adjustment
-from corridor.block import Block
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.control import HEIGHT, Wrong
+from corridor.diagnosis.cost import Cost, idle_shape, tie_gap
 from corridor.diagnosis.findings import Estimate, Findings, Unknown
-from corridor.diagnosis.hold_out import spared
+from corridor.diagnosis.hold_out import hold_out
 from corridor.diagnosis.location import locate
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Course, members
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.verdict import in_place_of, other_control, shapes
 from corridor.errors import AdjustmentFailed, InputError
-from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
 
 
 class Verification:
@@ -44,6 +43,12 @@ class Verification:
         self.rivals: dict[str, dict[str, float]] = {}
         self.notes: list[str] = []
         self.lens: dict | None = None
+        for key in [key for key in self.used if key in found.unproved]:
+            self.used.remove(key)
+            self.notes.append(
+                f"{key} explains what was measured, but strips are predicted no better with what "
+                "the other strips say of it: it is not taken for sure, and not added."
+            )
         self._believed, self._last = believed, course.last
         self._effects = {effect.slug: effect for effect in course.candidates.effects}
         few = len(believed.block.tie_points) <= SETTINGS.fewest_ties
@@ -156,10 +161,7 @@ class Verification:
             if bare is None or Cost.of(bare, self._now, self._rows).counts:
                 continue
             called = groups[one.number].effect.called
-            self.notes.append(
-                f"Residuals hang together as in {called} ({one.where}); it neither moves the "
-                "ground nor predicts data that no fit has used clearly better, and is no finding."
-            )
+            self.notes.append(idle_shape(f"{called} ({one.where})"))
             self.findings = replace(
                 self.findings, unknown=[k for k in self.findings.unknown if k is not one]
             )
@@ -345,54 +347,6 @@ def _told(adjustment: Adjustment) -> str:
     return f"{1000 * adjustment.check_rms.d3:.0f} mm"
 
 
-def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:
-    """The block with some tie observations robbed of their weight, and their rows (k,).
-
-    Points that control the marks are not touched, and every image keeps most of its points.
-    """
-    ties = block.tie_points
-    chosen = spared(ties["point"].cat.codes.to_numpy(), SETTINGS.held_out_share, rng)
-    out = block.copy()
-    sigma = block.tie_sigma().copy()
-    sigma[chosen] *= SETTINGS.held_out_sigma
-    out.tie_points = ties.assign(sigma=sigma)
-    return out, chosen
-
-
-@dataclass(frozen=True)
-class Cost:
-    """What a shape of the picture costs where it is left out.
-
-    metres, sigmas: by how much half of the tie points move at least, 3D, and in their standard
-    deviations on the axis where that is most. ratio: error of ties that no fit has used with it,
-    over the error without.
-    """
-
-    metres: float
-    sigmas: float
-    ratio: float
-
-    @classmethod
-    def of(cls, without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> Cost:
-        """Between two adjustments; rows: tie observations that neither has used."""
-        tie = tie_gap(without, with_it, rows)
-        return cls(*moved(without, with_it), tie["after"] / tie["before"] if tie["before"] else 1.0)
-
-    @property
-    def counts(self) -> bool:
-        """Whether it is worth a word: beyond the ground's own doubt, or seen in the residuals."""
-        return self.sigmas > SETTINGS.cost_sigmas or self.ratio < SETTINGS.cost_ratio
-
-
-def moved(before: Adjustment, after: Adjustment) -> tuple[float, float]:
-    """Median 3D movement of the points between two adjustments, m, and in sigmas of `before`."""
-    a, b = (one.points.set_index("point")[["x", "y", "z"]] for one in (before, after))
-    away = b.reindex(a.index).to_numpy() - a.to_numpy()
-    known = np.isfinite(away).all(axis=1)
-    metres = float(np.median(np.linalg.norm(away[known], axis=1)))
-    return metres, float(np.median(np.abs(away / before.point_sigma)[known], axis=0).max())
-
-
 def preferred(
     second: Adjustment, rivals: dict[str, Adjustment], rows: np.ndarray
 ) -> tuple[str | None, dict[str, dict[str, float]]]:
@@ -419,10 +373,15 @@ def preferred(
 
 
 def best_by_far(second: Adjustment, fits: dict[str, Adjustment]) -> str | None:
-    """The fit with less than half the check-point error of `second`, None without one."""
-    limit = SETTINGS.clear_ratio_shape * second.check_rms.d3
-    best = min(fits, key=lambda key: fits[key].check_rms.d3, default=None)
-    return best if best is not None and fits[best].check_rms.d3 < limit else None
+    """The fit with less than half the check-point error of `second`, None without one.
+
+    fits: what fits best comes first, and is taken where the errors differ by no more than chance.
+    """
+    error = {key: float(fit.check_rms.d3) for key, fit in fits.items()}
+    least = min(error.values(), default=np.inf)
+    if least >= SETTINGS.clear_ratio_shape * second.check_rms.d3:
+        return None
+    return next(key for key, e in error.items() if SETTINGS.clear_ratio_checks * e <= least)
 
 
 def improves(without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> bool:
@@ -434,24 +393,6 @@ def improves(without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> bool
         return False
     found = tie_gap(without, with_it, rows)
     return bool(found["after"] < found["before"])
-
-
-def tie_gap(before: Adjustment, after: Adjustment, rows: np.ndarray) -> dict[str, float | None]:
-    """RMS (px, an axis) of observations that both fits did not use, wrong matches left out."""
-    found = [_residuals(one)[rows] for one in (before, after)]
-    if not len(rows):
-        return {"before": None, "after": None}
-    length = np.hypot(*found[1].T)
-    good = np.isfinite(length) & ~is_outlier(length, robust_scale_of_lengths(length), UNUSABLE)
-    values = [float(np.sqrt(np.mean(one[good] ** 2))) for one in found]
-    return {"before": values[0], "after": values[1]}
-
-
-def _residuals(adjustment: Adjustment) -> np.ndarray:
-    system = adjustment.system
-    out = np.full((len(system.block.tie_points) + len(system.block.marks), 2), np.nan)
-    out[system.image_rows.row] = system.residuals().pixels
-    return out
 
 
 def check_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:

@@ -4,15 +4,53 @@ from __future__ import annotations
 
 import numpy as np
 
+from corridor.block import Block
 from corridor.diagnosis.settings import SETTINGS
 
 
-def spared(point: np.ndarray, share: float, rng: np.random.Generator) -> np.ndarray:
+def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:
+    """The block with some tie observations robbed of their weight, and their rows (k,).
+
+    Points that control the marks are not touched, and every image keeps most of its points. They
+    are those of a few places of each picture, all that can be spared there.
+    """
+    ties = block.tie_points
+    image = block.image_rows("tie_points")
+    sizes = {name: (camera.width, camera.height) for name, camera in block.cameras.items()}
+    size = np.array([sizes[name] for name in block.images["camera"]], dtype=float)[image]
+    xy = ties[["x", "y"]].to_numpy(float)
+    among = in_places(image, xy, size, SETTINGS.held_out_places, rng)
+    point = ties["point"].cat.codes.to_numpy()
+    chosen = spared(point, SETTINGS.held_out_share, rng, among)
+    out = block.copy()
+    sigma = block.tie_sigma().copy()
+    sigma[chosen] *= SETTINGS.held_out_sigma
+    out.tie_points = ties.assign(sigma=sigma)
+    return out, chosen
+
+
+def spared(
+    point: np.ndarray, share: float, rng: np.random.Generator, among: np.ndarray | None = None
+) -> np.ndarray:
     """Rows (k,), ascending, of a share of observations: one of a point of four rays or more.
 
-    point: (n,) number of the point of each tie observation.
+    point: (n,) number of the point of each tie observation. among (n,): which may be chosen.
     """
-    multiplicity = np.bincount(point)
-    order = rng.permutation(np.flatnonzero(multiplicity[point] >= SETTINGS.held_out_rays))
+    fit = np.bincount(point)[point] >= SETTINGS.held_out_rays
+    order = rng.permutation(np.flatnonzero(fit if among is None else fit & among))
     _, first = np.unique(point[order], return_index=True)
     return np.sort(rng.permutation(order[first])[: max(int(share * len(point)), 1)])
+
+
+def in_places(
+    image: np.ndarray, xy: np.ndarray, size: np.ndarray, share: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Which observations (n,) lie in places of their picture that are chosen for it, share of all.
+
+    image (n,): number; xy (n, 2), size (n, 2): px. Residuals of neighbours in one picture hang
+    together: what is to be predicted has to lie away from what has been used.
+    """
+    columns, rows = SETTINGS.places
+    cell = np.clip((xy + 0.5) / size * SETTINGS.places, 0, (columns - 1, rows - 1)).astype(int)
+    chosen = rng.random((int(image.max()) + 1, columns, rows)) < share
+    return chosen[image, cell[:, 0], cell[:, 1]]

@@ -40,7 +40,7 @@ class Lens:
     def out_of(self, reduced: Reduced) -> Reduced:
         """The candidates after the lens, too, has had its say."""
         r, at = reduced, self.group.columns
-        factor, to_core = self._factor(r), r.M[at]
+        factor, to_core = self.factor(r), r.M[at]
         g = cho_solve(factor, r.g[at], check_finite=False)
         solved = cho_solve(factor, to_core, check_finite=False)
         own_matrix, own_g, between = list(r.own_matrix), list(r.own_g), list(r.between)
@@ -61,7 +61,7 @@ class Lens:
     def out_of_antennas(self, antennas: Antennas, reduced: Reduced) -> Antennas:
         """The antenna positions after the lens has had its say. reduced: before it had."""
         a, r, at = antennas, reduced, self.group.columns
-        factor = self._factor(r)
+        factor = self.factor(r)
         turned = cho_solve(factor, a.core[:, at].T, check_finite=False)
         own = list(a.own)
         for n, with_core in enumerate(r.between):
@@ -74,7 +74,8 @@ class Lens:
             own,
         )
 
-    def _factor(self, reduced: Reduced) -> tuple:
+    def factor(self, reduced: Reduced) -> tuple:
+        """Cholesky factor of its own equations."""
         at = self.group.columns
         inside = reduced.M[np.ix_(at, at)] + np.eye(len(at)) / self.size**2
         return cho_factor(inside, lower=True, check_finite=False)

@@ -115,6 +115,13 @@ class Elimination:
             self.factor, right, lower=True, check_finite=False, overwrite_b=True
         )
 
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """What poses and nuisance (n, k) do about right (n, k)."""
+        half = solve_triangular(
+            self.factor, self.half(right), lower=True, trans=1, check_finite=False, overwrite_b=True
+        )
+        return half * self.unit[:, None]
+
     def columns(self, block):
         """Of one block of columns: half solution (n, p), weighted antenna (3k, p), right (p,).
 

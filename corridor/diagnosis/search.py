@@ -21,6 +21,14 @@ class Found:
     total: float
     kept: frozenset[int] = frozenset()
 
+    def beyond(self, each: dict[int, float], threshold: float) -> Found:
+        """Of these groups those whose evidence `each` is beyond a threshold, or which are kept."""
+        order = sorted(
+            (n for n in each if each[n] > threshold or n in self.kept), key=lambda n: -each[n]
+        )
+        chosen = {n: self.chosen[n] for n in order}
+        return Found(chosen, {n: each[n] for n in order}, self.total, self.kept)
+
 
 def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[int] = ()) -> Found:
     """The model in which every group brings more than the threshold given all others.

@@ -55,6 +55,20 @@ class Settings:
     log_prior_per_image: float = -1.0
     log_prior_ground: float = -0.7
 
+    # --- clusters of residuals
+    # Images of a run, and places of the picture (columns, rows) whose residuals hang together.
+    run_of_images: int = 10
+    places: tuple[int, int] = (8, 6)
+    # Clusters from which on their spread says something; clusters that the prior knowledge, which
+    # is that residuals are independent, is worth.
+    fewest_clusters: float = 3.0
+    clusters_of_prior: float = 10.0
+    # Draws of independent noise that say how much of it residuals of a cluster keep.
+    cluster_draws: int = 3
+
+    # Strips from which on a finding is asked of each with the others' value.
+    fewest_strips: int = 4
+
     # --- lens
     # Sizes of what polynomials leave of it, among which the data choose: 0.2 to 0.3 px, 0.4 to 0.6
     # of these, in the survey of Saraburi.
@@ -155,6 +169,8 @@ class Settings:
 
     # --- held-out data
     held_out_share: float = 0.08
+    # Share of the places of each picture of which observations are held out.
+    held_out_places: float = 0.15
     # Rays that a point has at least of which one is held out.
     held_out_rays: int = 4
     # Factor on the sigma of a held-out observation: it has no say.

@@ -20,7 +20,9 @@ from corridor.diagnosis.location import locate
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.search import Found, contributions, tuned
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.strips import ByStrips, by_strips
 from corridor.effects import EffectValues
+from corridor.geometry import honest
 
 
 def findings(course: Course) -> Findings:
@@ -30,16 +32,19 @@ def findings(course: Course) -> Findings:
     numbers = list(found.chosen)
     effects: list[Estimate] = []
     thetas, spreads = parameters(one)
+    strips = by_strips(one)
     for n in numbers:
         if not evidence.groups[n].generic:
-            effects += _estimates(one, n, thetas[n], spreads[n])
+            effects += _estimates(one, n, thetas[n], spreads[n], strips.get(n))
     unknown = []
     for n in numbers:
         if evidence.groups[n].generic:
             kind = "unknown" if _kind(one, n) == "named" else "suspected"
             new = Unknown(evidence.groups[n].slug, kind, found.evidence[n], parts=_parts(one, n))
             unknown.append(_at(one, new, n, thetas[n]))
-    return Findings(effects, unknown)
+    unproved = {evidence.groups[n].key: float(s.gain.sum()) for n, s in strips.items()}
+    unproved = {key: gain for key, gain in unproved.items() if gain <= 0.0}
+    return Findings(effects, unknown, unproved)
 
 
 def _at(one: Round, unknown: Unknown, n: int, theta: np.ndarray) -> Unknown:
@@ -67,7 +72,7 @@ def other_control(found: Findings, one: Round, wrong: Wrong) -> Findings:
     gone = {one.evidence.groups[n].key for n in mine}
     views = []
     for evidence in (one.evidence, one.noises.evidence):
-        view = Evidence(evidence.reduced, evidence.barred)
+        view = Evidence(evidence.reduced, evidence.barred, evidence.inflation)
         for n, names in wrong.of_point.items():
             view.narrow(n, names)
         views.append(view)
@@ -132,6 +137,7 @@ def parameters(one: Round) -> tuple[dict, dict]:
     if any(one.noises.touches(n) > SETTINGS.gnss_share for n in chosen):
         found = one.noises.parameters(loose, one.noise, np.random.default_rng(0))
     theta, covariance = found or evidence.solution(loose)
+    covariance = evidence.honest(loose, covariance)
     out, spread, at = {}, {}, 0
     for n in chosen:
         size = len(evidence.groups[n])
@@ -141,12 +147,17 @@ def parameters(one: Round) -> tuple[dict, dict]:
     return out, spread
 
 
-def _estimates(one: Round, n: int, theta, spread) -> list[Estimate]:
+def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None) -> list[Estimate]:
+    """strips: the group as they see it. Its sigma counts where it contradicts the other one."""
     evidence, found = one.evidence, one.found
     group = evidence.groups[n]
     theta = theta * group.scale
-    sigma = np.sqrt(np.diag(spread)) * group.scale
+    sigma = formal = np.sqrt(np.diag(spread)) * group.scale
     kind = _kind(one, n)
+    if strips is not None:
+        each = zip(formal, strips.sigma * group.scale, strict=True)
+        sigma = np.array([honest(*pair, strips.count) for pair in each])
+        kind = kind if strips.proved else "suspected"
     # What a test of its own has found has had its rivals there.
     alike = [] if n in found.kept else alternatives(evidence, found.chosen, n)
     separate = ""
@@ -199,7 +210,13 @@ def _estimates(one: Round, n: int, theta, spread) -> list[Estimate]:
     out = []
     for part in dict.fromkeys(label[0] for label in group.labels):
         rows = {
-            name: {"name": name, "value": float(theta[k]), "sigma": float(sigma[k]), "unit": unit}
+            name: {
+                "name": name,
+                "value": float(theta[k]),
+                "sigma": float(sigma[k]),
+                "unit": unit,
+                **({} if sigma[k] == formal[k] else {"sigma_formal": float(formal[k])}),
+            }
             for k, (owner, name, unit) in enumerate(group.labels)
             if owner == part
         }
@@ -217,20 +234,21 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
     rest = {k: v for k, v in chosen.items() if k != n}
     gains = evidence.given(rest)
     mine, group = gains[n], evidence.groups[n]
+    odds = SETTINGS.look_alike_log_odds * evidence.inflation[n]
     out = []
     for k, gain in enumerate(gains):
         other = evidence.groups[k]
         if k == n or k in chosen or other.generic or refines(other, group):
             continue
-        equal = mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds
+        equal = mine.evidence - gain.evidence <= odds
         # Sets of values, one a flight, are one more parameter each and no other shape.
         more = len(parameter_names(other)) - len(parameter_names(group))
         paid = SETTINGS.evidence_per_parameter * max(len(other) - len(group), 1)
         contained = (
             other.own is None
             and more <= SETTINGS.look_alike_more_parameters
-            and mine.fit - gain.fit <= SETTINGS.look_alike_log_odds
-            and mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds + paid
+            and mine.fit - gain.fit <= odds
+            and mine.evidence - gain.evidence <= odds + paid
         )
         # Where an effect is weak, what explains nothing is not far behind, and no explanation.
         if (equal or contained) and gain.fit > SETTINGS.same_fit_share * mine.fit:
@@ -295,7 +313,7 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
         if group.generic:
             continue
         times = through_noise if _like_noise(one, n) else SETTINGS.detection_sigma
-        M, _ = evidence.block(group)
+        M = evidence.block(group)[0] / evidence.inflation[n]
         mine = out.setdefault(group.slug, {})
         if group.own is not None:
             names = list(dict.fromkeys(label[1] for label in group.labels))

@@ -5,6 +5,7 @@ Rotations go from world to camera, X = R (P - C); the camera looks along z, x ri
 
 from corridor.geometry.helmert import Similarity, helmert_motions, relative_width, similarity
 from corridor.geometry.intersection import Rays, intersect, meeting_points
+from corridor.geometry.resampling import honest, jackknife
 from corridor.geometry.resection import closed_pose, refine_poses
 from corridor.geometry.robust import (
     CLIPPED,
@@ -35,8 +36,10 @@ __all__ = [
     "cross",
     "dot",
     "helmert_motions",
+    "honest",
     "intersect",
     "is_outlier",
+    "jackknife",
     "left_jacobian",
     "meeting_points",
     "nearest_rotation",

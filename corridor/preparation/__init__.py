@@ -6,6 +6,7 @@ from corridor.preparation.record import Derived, derived
 from corridor.preparation.record import record as record_derived
 from corridor.preparation.slips import against, doubts
 from corridor.preparation.smoothing import rounding
+from corridor.preparation.strips import strips_of
 from corridor.preparation.velocity import METHODS, Velocities, track_runs, velocities
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "rates_from_neighbours",
     "record_derived",
     "rounding",
+    "strips_of",
     "track_runs",
     "velocities",
 ]

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
 
 from corridor import adjustment as least_squares
 from corridor.block import Block, read
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.geometry import honest, jackknife
 from corridor.photographs import PublishedReadout, of_picture, published_readouts
-from corridor.readout.motion import Motion, motion_of, strips_of, with_velocities
+from corridor.preparation import strips_of
+from corridor.readout.motion import Motion, motion_of, with_velocities
 from corridor.readout.next_photographs import Advice, advice
 from corridor.readout.roles import late_clock, shutter
 from corridor.readout.row_motion import RowMotions
@@ -217,26 +218,6 @@ def _settled(found: least_squares.Adjustment) -> bool:
     """Whether the last iterations gained next to nothing: a step of least squares does the rest."""
     cost = [step["cost"] for step in found.history[-2:]]
     return len(cost) == 2 and abs(cost[0] - cost[1]) < _SETTLED * cost[1]
-
-
-def jackknife(values: Sequence[float]) -> float:
-    """Standard deviation by leaving out one group in turn (Efron and Tibshirani 1993, eq. 11.5)."""
-    count = len(values)
-    if count < 2:
-        return float("nan")
-    return float(np.sqrt((count - 1) / count * np.sum((values - np.mean(values)) ** 2)))
-
-
-def honest(formal: float, by_strips: float, groups: int) -> float:
-    """The formal sigma, or that of a jackknife where it contradicts the formal one.
-
-    A jackknife over few groups scatters itself, with groups - 1 degrees of freedom: it is taken
-    where it is larger than chance makes it in one flight of twenty.
-    """
-    free = groups - 1
-    if free < 1 or not np.isfinite(by_strips):
-        return formal
-    return by_strips if free * (by_strips / formal) ** 2 > chi2.ppf(0.95, free) else formal
 
 
 def judged(found: FlightReadout, in_camera: np.ndarray) -> FlightReadout:

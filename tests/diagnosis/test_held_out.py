@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from corridor.diagnosis import held_out
+from corridor.diagnosis.hold_out import in_places
 
 
 def fit(tie, check, points=8):
@@ -61,3 +62,31 @@ def test_check_points_decide_before_ties_do():
 def test_look_alikes_that_predict_alike_change_nothing():
     second = fit(0.3, 0.02, points=0)
     assert held_out.preferred(second, {"other": fit(0.2999, 0.02, points=0)}, ROWS)[0] is None
+
+
+def test_what_is_held_out_lies_in_a_few_places_of_each_picture():
+    """Neighbours in one picture hang together, and would foretell each other."""
+    rng = np.random.default_rng(2)
+    image = np.repeat(np.arange(50), 2000)
+    size = np.tile([4000.0, 3000.0], (len(image), 1))
+    xy = rng.uniform(-0.5, size - 0.5)
+    chosen = in_places(image, xy, size, 0.15, rng)
+    assert chosen.mean() == pytest.approx(0.15, abs=0.03)
+    # A picture has 48 places of 500 px: each is chosen whole, or not at all.
+    cell = ((xy + 0.5) // 500).astype(int) @ [6, 1] + 48 * image
+    share = np.bincount(cell, chosen) / np.maximum(np.bincount(cell), 1)
+    assert np.isin(share, (0.0, 1.0)).mean() > 0.99
+
+
+@pytest.mark.parametrize(
+    ("errors", "chosen"),
+    [
+        ({"fits_best": 0.0085, "other": 0.0084}, "fits_best"),
+        ({"fits_best": 0.0120, "other": 0.0084}, "other"),
+        ({"fits_best": 0.0160, "other": 0.0160}, None),
+        ({}, None),
+    ],
+)
+def test_of_shapes_that_predict_check_points_alike_that_which_fits_best_is_taken(errors, chosen):
+    fits = {key: fit(0.3, error) for key, error in errors.items()}
+    assert held_out.best_by_far(fit(0.3, 0.03), fits) == chosen

@@ -10,9 +10,10 @@ import scipy.stats
 from benchmarks.readout_flight import measured, survey
 from corridor.cli import main
 from corridor.errors import InputError
+from corridor.geometry import honest, jackknife
+from corridor.preparation import strips_of
 from corridor.readout import published_value, readout_from_flight, save_flight, use
-from corridor.readout.flight import honest, jackknife, judged
-from corridor.readout.motion import strips_of
+from corridor.readout.flight import judged
 from corridor.readout.stamps import unrounded
 
 DIKE = "data_synthetic/dike"

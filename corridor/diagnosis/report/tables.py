@@ -52,7 +52,7 @@ def found(d: Diagnosed) -> pd.DataFrame:
                     name if first else "", one.slug if first else "",
                     CLASSES[one.kind] if first else "",
                     p["name"] + (" (RMS of the images)" if "statistic" in p else ""),
-                    value, f"\u00b1 {sigma}", unit,
+                    value, f"\u00b1 {sigma}{_formal(p)}", unit,
                     f"{one.log_evidence:,.1f}" if first else "", alike if first else "",
                 )
             )  # fmt: skip
@@ -64,6 +64,15 @@ def found(d: Diagnosed) -> pd.DataFrame:
         "cannot be told apart from",
     ]  # fmt: skip
     return pd.DataFrame(rows, columns=columns)
+
+
+def _formal(parameter: dict) -> str:
+    """The formal standard deviation where that of the strips has taken its place."""
+    if "sigma_formal" not in parameter:
+        return ""
+    return (
+        f" by strips, {value_and_sigma(parameter | {'sigma': parameter['sigma_formal']})[1]} formal"
+    )
 
 
 def separating(d: Diagnosed) -> pd.DataFrame:
