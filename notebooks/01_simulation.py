@@ -30,7 +30,7 @@
 # is a parameter below, and where it decides a statement, both are shown.
 #
 # You need to know what a bundle adjustment estimates. Change a number anywhere and run again.
-# *Runs four minutes on one core, one in its fast form.*
+# *Run time on one core: about 6 minutes; in the fast form about 4 minutes.*
 
 # %% tags=["parameters"]
 fast = False  # fewer draws and steps: the tables are then thinner, the story is the same

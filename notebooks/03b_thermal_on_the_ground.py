@@ -22,7 +22,7 @@
 # come out, some do not.
 #
 # You need to know what a focal length and a bundle adjustment are.
-# *Runs half a minute on one core, a quarter in its fast form.*
+# *Run time on one core: about 80 seconds; in the fast form about 40 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer draws

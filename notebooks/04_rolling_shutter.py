@@ -27,7 +27,7 @@
 #
 # You need to know what a bundle adjustment is and what check points are. The bicycle wheel has a
 # page of its own, `04b_bike_wheel`.
-# *Runs four minutes on one core, two in its fast form.*
+# *Run time on one core: about 4 minutes; in the fast form about 4 minutes.*
 
 # %% tags=["parameters"]
 fast = False  # one simulated flight of each survey, half the tie points, fewer variants

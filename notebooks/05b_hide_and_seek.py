@@ -20,7 +20,8 @@
 # gets the block and says what it is: by looking, or with the diagnosis. Then the seal is opened.
 # *Who is better, you or the program?*
 #
-# You need to know chapter 5. *Runs a minute on one core, half of it in its fast form.*
+# You need to know chapter 5.
+# *Run time on one core: about 20 seconds; in the fast form about 20 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # one round in place of three

@@ -24,7 +24,7 @@
 # points it brought go through the poses and the camera it brought, and must meet the observations.
 #
 # You need to know what a bundle adjustment is, and what distortion coefficients are.
-# *Runs a minute on one core, half of it in its fast form.*
+# *Run time on one core: about 20 seconds; in the fast form about 20 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # one kind of project in place of three

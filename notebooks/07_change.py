@@ -24,8 +24,7 @@
 # *any* number made of points comes out exactly, errors that points share included.
 #
 # You need to know what a bundle adjustment is. Chapter 5 says how an effect is found in one flight.
-#
-# *Runs in a minute, fast in half of it.*
+# *Run time on one core: about 20 seconds; in the fast form about 20 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer draws

@@ -5,15 +5,23 @@ import re
 from pathlib import Path
 
 import pytest
+from kit import run_times
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
 CHAPTERS = sorted(FOLDER.glob("*.py"))
-# Run in seconds, or say it in their own words.
-OTHERS = ("04b_bike_wheel",)
+# Of all fast forms together on two cores.
+MOST_MINUTES = 12
 
 
 def test_there_are_chapters():
     assert [path.stem for path in CHAPTERS][:1] == ["00_quickstart"]
+
+
+def test_the_fast_forms_together_take_twelve_minutes_of_two_cores():
+    """As they were measured: python -m kit.run_times --form fast, in notebooks/."""
+    seconds = run_times.read()["fast_s"]
+    assert list(seconds.index) == [path.stem for path in CHAPTERS]
+    assert seconds.sum() <= 2 * 60 * MOST_MINUTES
 
 
 @pytest.mark.parametrize("chapter", CHAPTERS, ids=lambda path: path.stem)
@@ -56,9 +64,9 @@ class TestEveryChapter:
         for name in _parameters(chapter) - {"fast", "seed"}:
             assert len(re.findall(rf"\b{name}\b", code)) > 1, name
 
-    def test_it_says_how_long_it_runs(self, chapter):
-        if chapter.stem not in OTHERS:
-            assert "*Runs " in chapter.read_text(encoding="utf-8")
+    def test_its_top_says_how_long_it_runs(self, chapter):
+        """If this fails: say at the top what `kit.run_times.sentence` says."""
+        assert f"\n# {run_times.sentence(chapter.stem)}\n" in chapter.read_text(encoding="utf-8")
 
     def test_it_deletes_nothing(self, chapter):
         """`out` may name any folder of the reader's; what writes there replaces only its own."""
