@@ -11,12 +11,13 @@ the covariance of whatever is linear in the points of both dates, `make_cores` a
 import sys
 from types import ModuleType
 
-from corridor.change.change import Surface, change
+from corridor.change.change import change
 from corridor.change.clouds import Cloud, Functions, displacements
+from corridor.change.comparison import Comparison
 from corridor.change.cores import Cores, make_cores
 from corridor.change.detection import detection
 from corridor.change.epoch import Epoch
-from corridor.change.epochs import Chosen, clouds
+from corridor.change.epochs import clouds
 from corridor.change.evidence import Evidence, gathered, tested
 from corridor.change.explanation import Explanation, explain
 from corridor.change.joint import Joint
@@ -32,8 +33,8 @@ from corridor.change.volume import Volume, volume
 
 __all__ = [
     "Change",
-    "Chosen",
     "Cloud",
+    "Comparison",
     "Cores",
     "Epoch",
     "Evidence",
@@ -44,7 +45,6 @@ __all__ = [
     "Settlement",
     "Signatures",
     "Slide",
-    "Surface",
     "SurfaceChange",
     "Tilt",
     "Volume",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,9 +13,9 @@ from corridor import adjustment
 from corridor.adjustment import Adjustment, Model
 from corridor.block import Block, read
 from corridor.change.clouds import Cloud
+from corridor.change.comparison import Comparison
 from corridor.change.cores import Cores, make_cores
 from corridor.change.epochs import (
-    Chosen,
     check_blocks,
     check_datum,
     check_names,
@@ -25,10 +25,10 @@ from corridor.change.epochs import (
 from corridor.change.evidence import gathered, tested
 from corridor.change.explanation import Explanation, explain
 from corridor.change.joint import Joint
+from corridor.change.nearing import brought
 from corridor.change.points import point_changes
-from corridor.change.result import Asked, Change, Compared
+from corridor.change.result import Change, Compared
 from corridor.change.signature import Signatures
-from corridor.change.stable import MOTIONS
 from corridor.change.surface import surface_change
 from corridor.change.together import joined, together_clouds
 from corridor.change.volume import volume
@@ -36,48 +36,14 @@ from corridor.effects import find
 from corridor.errors import InputError
 
 Dated = Block | Adjustment | str | os.PathLike
-DATUMS = ("stated", "stable")
 _DATES = ("the first date", "the second date")
-
-
-@dataclass(frozen=True)
-class Surface:
-    """How the surface is compared.
-
-    spacing: of the core points, m (default: half the radius). radius: of the cylinder in which
-    points count, m (default: so that it holds some 15). normal: `local` or `vertical`. degree: 0
-    the mean of the points (M3C2), 1 a plane, 2 with curvature. profile (n, 2): core points along
-    this line instead of a grid. polygons: name -> (n, 2), m, for volumes. rays: images that must
-    show a tie point. same_ties: a tie point of one name is one point of the ground. largest: m,
-    displacement of a named point beyond which the name means something else.
-    """
-
-    spacing: float | None = None
-    radius: float | None = None
-    normal: str = "local"
-    degree: int = 0
-    profile: np.ndarray | None = None
-    polygons: Mapping[str, np.ndarray] | None = None
-    rays: int = 3
-    same_ties: bool = False
-    largest: float = 5.0
 
 
 def change(
     before: Dated,
     after: Dated,
-    *,
     model: Model | None = None,
-    common: Iterable[str] = ("control", "priors"),
-    gnss_bias: float | Iterable[float] | None = None,
-    datum: str = "stated",
-    motion: str = "rigid",
-    level: float = 0.01,
-    surface: bool = True,
-    camera: bool = True,
-    together: bool = False,
-    stable: Iterable[str] | None = None,
-    same_camera: bool = False,
+    *,
     threads: int = 1,
     progress: Callable[[str], None] | None = None,
     **options,
@@ -86,58 +52,36 @@ def change(
 
     before, after: blocks, their folders, or adjustments of them.
     model: of both adjustments (default: that of `corridor.adjust`).
-    common: errors that both epochs share, of `control` (the same coordinates of a control point in
-        both), `priors` (the same value known beforehand), `gnss` (the base station's).
-    gnss_bias: standard deviation, m (one number or three), of a constant error of the GNSS.
-    datum: `stated`: as each epoch's control and GNSS say; `stable`: laid together on what stands
-        still by a motion: `translation`, `rigid`, `similarity`.
-    level: false discovery rate of single tests, level of the global ones.
-    surface: whether surfaces are compared. camera: whether effects of the camera are asked for.
-    together: both dates in one adjustment. stable: ground points that stand still, one point
-        there (default: those that do as far as can be seen). same_camera: one calibration.
-    options: of `Surface`.
+    options: of `Comparison`: `datum="stable"`, `polygons={"toe": corners}`, `same_ties=True`.
 
     Raises InputError, one sentence, where the two cannot be compared.
     """
-    say = progress or (lambda text: None)
-    asked = _asked(level, common, datum, motion, together)
-    how = Surface(**options)
+    asked = Comparison(**options)
     given = (before, after)
     blocks = tuple(one.start if isinstance(one, Adjustment) else read(one) for one in given)
     check_blocks(*blocks)
-    bias = None if gnss_bias is None else np.broadcast_to(np.asarray(gnss_bias, float), 3)
-    run = _Run(model, asked, how, bias, surface, threads, say)
+    run = _Run(model, asked, threads, progress or (lambda text: None))
     adjusted = tuple(
         one if isinstance(one, Adjustment) else run.adjusted(block, name)
         for one, block, name in zip(given, blocks, _DATES, strict=True)
     )
-    check_datum(*adjusted, datum)
+    check_datum(*adjusted, asked.datum)
     compared = run.compared(adjusted)
     gained, notes = None, []
     anew = partial(run.compared_with, adjusted, blocks)
-    if together:
-        chosen = _stable_names(compared, stable)
-        notes.append(_told(chosen, same_camera))
+    if asked.together:
+        chosen = _stable_names(compared, asked.stable)
+        notes.append(_told(chosen, asked.same_camera))
         apart = compared
-        anew = partial(run.compared_together, blocks, chosen, same_camera)
+        anew = partial(run.compared_together, blocks, chosen)
         compared = anew(())
         if apart.surface is not None and len(apart.surface):
             gained = float(np.median(apart.surface.sigma)), float(np.median(compared.surface.sigma))
     remaining, explanation = None, None
-    if camera and (compared.points is not None or compared.surface is not None):
+    if asked.camera and (compared.points is not None or compared.surface is not None):
         compared, remaining, explanation = run.explained(compared, anew)
     names = tuple(block.name for block in blocks)
     return Change(names, asked, compared, remaining, explanation, gained, tuple(notes))
-
-
-def _asked(level, common, datum, motion, together) -> Asked:
-    if datum not in DATUMS:
-        raise InputError(f"datum {datum!r} is unknown: use {' or '.join(DATUMS)}")
-    if motion not in MOTIONS:
-        raise InputError(f"motion {motion!r} is unknown: use one of {', '.join(MOTIONS)}")
-    if not 0 < level < 1:
-        raise InputError(f"level {level} is no probability between 0 and 1")
-    return Asked(level, tuple(common), datum, motion, together)
 
 
 @dataclass
@@ -145,10 +89,7 @@ class _Run:
     """One comparison and how it is made. cores: those of the first surface."""
 
     model: Model | None
-    asked: Asked
-    how: Surface
-    bias: np.ndarray | None
-    with_surface: bool
+    asked: Comparison
     threads: int
     say: Callable[[str], None]
     cores: Cores | None = None
@@ -176,22 +117,20 @@ class _Run:
 
         Modelled otherwise, the ground of a weak datum lies metres higher or lower.
         """
-        how = self.how
+        asked = self.asked
         if self.cores is None:
             self.cores = make_cores(
-                first.xyz, second.xyz, how.spacing, how.radius, how.normal, how.profile
+                first.xyz, second.xyz, asked.spacing, asked.radius, asked.normal, asked.profile
             )
             return self.cores
         known = self.cores
         return make_cores(
-            first.xyz, second.xyz, known.spacing, known.radius, how.normal, at=known.xyz
+            first.xyz, second.xyz, known.spacing, known.radius, asked.normal, at=known.xyz
         )
 
-    def _clouds(self, adjusted) -> tuple[Cloud, Cloud]:
-        return clouds(*adjusted, Chosen(self.how.rays), self.how.same_ties)
-
     def compared(self, adjusted: tuple[Adjustment, Adjustment]) -> Compared:
-        return self._compared(adjusted, self._clouds(adjusted))
+        pair = clouds(*adjusted, self.asked.same_ties, self.asked.rays)
+        return self._compared(adjusted, pair)
 
     def compared_with(self, adjusted, blocks, shown: tuple[set[str], ...]) -> Compared:
         """The comparison with effects (of each date) modelled that the measurements show."""
@@ -201,34 +140,33 @@ class _Run:
         )
         return self.compared(again)
 
-    def compared_together(
-        self, blocks, stable, same_camera, shown: tuple[set[str], ...]
-    ) -> Compared:
+    def compared_together(self, blocks, stable, shown: tuple[set[str], ...]) -> Compared:
         """The same in one adjustment of both dates; effects are of both."""
-        block = joined(*blocks, stable, same_camera, self.how.same_ties)
+        asked = self.asked
+        block = joined(*blocks, stable, asked.same_camera, asked.same_ties)
         one = self.adjusted(block, "both dates together", set().union(*shown))
-        pair = together_clouds(one, Chosen(self.how.rays), self.how.same_ties)
-        return self._compared((one, one), pair)
+        return self._compared((one, one), together_clouds(one, asked.same_ties, asked.rays))
 
     def _compared(self, adjusted, pair: tuple[Cloud, Cloud]) -> Compared:
-        asked, how = self.asked, self.how
+        asked = self.asked
         check_overlap(pair[0].epoch.xyz, pair[1].epoch.xyz)
-        joint = Joint(*pair, asked.common, self.bias)
+        if asked.datum == "stable" and pair[0].epoch is not pair[1].epoch:
+            pair = pair[0], brought(*pair, asked.motion, asked.same_ties)
+        joint = Joint(*pair, tuple(asked.common), asked.bias)
         self.say("covariances of the points")
         points = point_changes(joint, asked.level, asked.datum, asked.motion)
         if points is not None:
-            check_names(points.names, points.shift, points.sigma, how.largest)
+            check_names(points.names, points.shift, points.sigma, asked.largest)
         surface, volumes = None, {}
-        if self.with_surface:
+        if asked.surface:
             cores = self._cores_of(*pair)
             self.say(f"covariances of {len(cores)} core points")
-            options = {"degree": how.degree, "sampled": not how.same_ties}
-            options |= {"datum": asked.datum, "kind": asked.motion}
-            surface = surface_change(joint, cores, asked.level, **options)
-            for name, polygon in (how.polygons or {}).items():
-                volumes[name] = volume(
-                    joint, polygon, cores, how.degree, not how.same_ties, surface.laying
-                )
+            options = {"degree": asked.degree, "sampled": not asked.same_ties}
+            surface = surface_change(
+                joint, cores, asked.level, datum=asked.datum, kind=asked.motion, **options
+            )
+            for name, polygon in (asked.polygons or {}).items():
+                volumes[name] = volume(joint, polygon, cores, laying=surface.laying, **options)
         return Compared(adjusted, joint, points, surface, volumes)
 
     def explained(

@@ -15,19 +15,26 @@ class Cloud:
     """What one date shows: some points of an epoch.
 
     surface (k,): positions in the epoch of the tie points that stand for the ground. named: name
-    -> position of the points that both dates may show. roughness (n, 3, 3), m^2, of all points of
-    the epoch: how far the ground itself leaves what its points stand for (see `with_roughness`).
+    -> position of the points that both dates may show. date: what the epoch's names begin with
+    where it holds both dates. roughness (n, 3, 3), m^2, of all points of the epoch: how far the
+    ground itself leaves what its points stand for (see `with_roughness`).
     """
 
     epoch: Epoch
     surface: np.ndarray
     named: dict[str, int]
+    date: str = ""
     roughness: np.ndarray | None = field(default=None, repr=False)
 
     @property
     def xyz(self) -> np.ndarray:
         """The surface's points (k, 3), m."""
         return self.epoch.xyz[self.surface]
+
+    @property
+    def surface_names(self) -> list[str]:
+        """Names (k,) of the surface's points, as they are at this date."""
+        return [str(name)[len(self.date) :] for name in self.epoch.names[self.surface]]
 
 
 @dataclass(frozen=True)

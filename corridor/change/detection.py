@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
-
-import numpy as np
 
 from corridor import adjustment, simulation
 from corridor.adjustment import Adjustment, Model
 from corridor.block import Block, read
+from corridor.change.comparison import Comparison
 from corridor.change.cores import make_cores
-from corridor.change.epochs import Chosen, clouds
+from corridor.change.epochs import clouds
 from corridor.change.joint import Joint
 from corridor.change.surface import SurfaceChange, surface_change
 from corridor.simulation import Plan, read_plan, ready_made
@@ -20,28 +18,26 @@ from corridor.simulation import Plan, read_plan, ready_made
 def detection(
     what: Block | Adjustment | Plan | str | os.PathLike,
     model: Model | None = None,
-    common: Iterable[str] = ("control", "priors"),
-    gnss_bias: float | Iterable[float] | None = None,
-    spacing: float | None = None,
-    radius: float | None = None,
-    degree: int = 0,
-    same_ties: bool = False,
+    *,
     seed: int = 0,
+    **options,
 ) -> SurfaceChange:
     """Levels of detection of two flights like this one; every distance is zero.
 
     what: a block, its adjustment, or a plan that nobody has flown yet (a `Plan`, a `.toml` file, or
-        names of ready-made plans joined by +), which is then simulated.
-    Other arguments as of `corridor.change`. Raises InputError for what is none of these.
+        names of ready-made plans joined by +), which is then simulated from the seed.
+    options: of `Comparison`. Raises InputError for what is none of these.
     """
+    asked = Comparison(**options)
     one = what
     if not isinstance(what, Adjustment):
         one = adjustment.adjust(_block(what, seed), model=model)
-    first, second = clouds(one, one, Chosen(), same_ties)
-    bias = None if gnss_bias is None else np.broadcast_to(np.asarray(gnss_bias, float), 3)
-    joint = Joint(first, second, tuple(common), bias)
-    cores = make_cores(first.xyz, second.xyz, spacing, radius)
-    return surface_change(joint, cores, degree=degree, sampled=not same_ties)
+    first, second = clouds(one, one, asked.same_ties, asked.rays)
+    joint = Joint(first, second, tuple(asked.common), asked.bias)
+    cores = make_cores(
+        first.xyz, second.xyz, asked.spacing, asked.radius, asked.normal, asked.profile
+    )
+    return surface_change(joint, cores, degree=asked.degree, sampled=not asked.same_ties)
 
 
 def _block(what, seed: int) -> Block:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array, kron
 
 from corridor.adjustment import Adjustment, PointGains, point_gains
+from corridor.geometry import Similarity
 
 
 class Epoch:
@@ -16,18 +17,26 @@ class Epoch:
 
     With P = own - K' u (see `corridor.adjustment.point_gains`) a linear function F P has the
     variance F V^-1 F' + S Q S', S = -F K', Q the covariance of the unknowns.
+
+    laid: a similarity that takes the adjusted points to where they are compared.
     """
 
-    def __init__(self, adjustment: Adjustment):
-        self.adjustment = adjustment
+    def __init__(self, adjustment: Adjustment, laid: Similarity | None = None):
+        self.adjustment, self.laid = adjustment, laid
         self.system, self.sigma0 = adjustment.system, adjustment.sigma0
         self._gains: PointGains | None = None
         self._number = np.full(len(self.xyz), -1)
 
     @cached_property
     def xyz(self) -> np.ndarray:
-        """Adjusted points (n, 3), m."""
-        return self.system.state.points
+        """Adjusted points (n, 3), m, where they are compared."""
+        points = self.system.state.points
+        return points if self.laid is None else self.laid.apply(points)
+
+    @property
+    def turn(self) -> np.ndarray:
+        """How points (3, 3) move, where they are compared, with the adjusted ones."""
+        return np.eye(3) if self.laid is None else self.laid.scale * self.laid.rotation
 
     @cached_property
     def names(self) -> np.ndarray:
@@ -58,9 +67,16 @@ class Epoch:
             self._number[every] = np.arange(len(every))
         return self._gains, self._number[points]
 
+    def own(self, points: np.ndarray) -> np.ndarray:
+        """Covariances (k, 3, 3) of points at given unknowns, unit weight."""
+        gains, number = self.gains(points)
+        return self.turn @ gains.own[number] @ self.turn.T
+
     def spread(self, rows: csr_array) -> Spread:
         """How the errors of linear functions (r, 3 n) of the points come about."""
         rows = csr_array(rows)
+        if self.laid is not None:
+            rows = csr_array(rows @ kron(eye_array(len(self.xyz)), csr_array(self.turn)))
         used = np.unique(rows.indices // 3)
         gains, number = self.gains(used)
         axis = np.arange(3)

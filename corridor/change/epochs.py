@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import date
 
 import numpy as np
@@ -97,35 +97,30 @@ def check_overlap(before: np.ndarray, after: np.ndarray) -> None:
         )
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """Which points of an epoch stand for the ground. rays: how many images at least."""
-
-    rays: int = 3
-
-
 def clouds(
-    before: Adjustment, after: Adjustment, chosen: Chosen, same_ties: bool
+    before: Adjustment, after: Adjustment, same_ties: bool = False, rays: int = 3
 ) -> tuple[Cloud, Cloud]:
     """The clouds of two adjustments.
 
     same_ties: tie points of the same name are the same points of the ground; the others go.
+    rays: how many images at least show a point that stands for the ground.
     """
-    sides = []
-    for adjustment in (before, after):
-        epoch = Epoch(adjustment)
-        named = {str(epoch.names[k]): int(k) for k in epoch.marks}
-        tie = ~epoch.system.points.mark & (epoch.rays >= chosen.rays)
-        surface = np.flatnonzero(tie)
-        sides.append(Cloud(epoch, surface[sound(epoch.xyz[surface])], named))
-    return paired(*sides) if same_ties else tuple(sides)
+    sides = tuple(cloud(Epoch(adjustment), rays) for adjustment in (before, after))
+    return paired(*sides) if same_ties else sides
+
+
+def cloud(epoch: Epoch, rays: int, date: str = "") -> Cloud:
+    """The points of an epoch whose names begin with `date`, which is no part of them."""
+    mine = np.array([str(name).startswith(date) for name in epoch.names], dtype=bool)
+    marks = epoch.system.points.mark
+    surface = np.flatnonzero(mine & ~marks & (epoch.rays >= rays))
+    named = {str(epoch.names[k])[len(date) :]: int(k) for k in np.flatnonzero(mine & marks)}
+    return Cloud(epoch, surface[sound(epoch.xyz[surface])], named, date)
 
 
 def paired(before: Cloud, after: Cloud) -> tuple[Cloud, Cloud]:
     """The clouds with those surface points only that both name, one for one."""
-    places = [
-        {str(cloud.epoch.names[k]): k for k in cloud.surface.tolist()} for cloud in (before, after)
-    ]
+    places = [dict(zip(one.surface_names, one.surface, strict=True)) for one in (before, after)]
     both = [name for name in places[0] if name in places[1]]
     first, second = (np.array([place[n] for n in both], dtype=np.int64) for place in places)
     return replace(before, surface=first), replace(after, surface=second)

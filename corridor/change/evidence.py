@@ -124,6 +124,9 @@ def gathered(
         some = (kinds == "surface") & (rough > 0)
         least = max(float(np.median(surface.count.min(axis=1))) - 1.0, 1.0)
         freedom[some] = least * (np.diag(covariance)[some] / rough[some]) ** 2
+        if surface.laying is not None:
+            of_surface = kinds == "surface"
+            freedom[of_surface] = np.minimum(freedom[of_surface], surface.laying.freedom)
     return Evidence(value, covariance, places, kinds, signatures, effect, freedom)
 
 

@@ -60,24 +60,19 @@ class Explanation:
 
 
 def explain(
-    evidence: Evidence, level: float, modelled: tuple[set[str], ...] | None = None,
-    as_adjusted: Test | None = None,
-) -> Explanation:  # fmt: skip
+    evidence: Evidence, level: float, modelled: tuple[set[str], ...] | None = None
+) -> Explanation:
     """What effects do to a change.
 
     modelled: effects that the adjustments have estimated already; they count as shown.
-    as_adjusted: the test before they were.
     """
     modelled = modelled or tuple(set() for _ in evidence.signatures)
-    plain = as_adjusted or evidence.test(level)
+    plain = evidence.test(level)
     every = evidence.test(level, evidence.every)
     shown = tuple(shown_in(signatures) for signatures in evidence.signatures)
     value, covariance = evidence.without(shown)
     some = evidence.test(level, shown)
-    visible = (
-        as_adjusted is not None
-        or tested(evidence.value, covariance, level, evidence.freedom).significant
-    )
+    visible = tested(evidence.value, covariance, level, evidence.freedom).significant
     table = _table(evidence, level, plain.significant)
     both = tuple(a | b for a, b in zip(shown, modelled, strict=True))
     gone = _Shares.of(evidence, plain.significant).of_values(value)

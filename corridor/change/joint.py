@@ -134,4 +134,5 @@ def _part(epoch: Epoch, rows: csr_array, clouds: list[Cloud]) -> Part:
     for cloud in clouds:
         if cloud.roughness is not None:
             rough += cloud.roughness[spread.points]
-    return Part(epoch, spread, rough)
+    back = np.linalg.inv(epoch.turn)
+    return Part(epoch, spread, back @ rough @ back.T)

@@ -17,10 +17,12 @@ from corridor.change.clouds import Functions
 from corridor.change.cores import Cores
 from corridor.change.joint import Joint
 from corridor.change.stable import motions_at, s_transformation, stable_weights
+from corridor.geometry import robust_scale
 
-# Neighbouring core points err together, as some ten independent ones: by chance their scatter is
-# beyond 1.5 times what it should be once in eighty (chi square of ten).
-DOUBTLESS = 1.5
+# Core points whose covariance tells how many of them are independent.
+SOME = 100
+# What the median of sizes is worth, against the mean square (Rousseeuw and Croux 1993).
+EFFICIENCY = 0.367
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +30,8 @@ class Laying:
     """A motion that was taken out of changes. kind: of `stable.MOTIONS`; middle (3,), m: of the
     rotation; gain (k, m): of the changes by it; found: it as functions of the points; motion (m,):
     m, rad, share; stable (k,): which changes carry the datum. scale: how many times as much as
-    their standard deviations say the changes scatter; 1 unless that is beyond doubt.
+    their standard deviations say the changes scatter, at least 1; freedom: degrees of freedom of
+    that, without end where it is 1.
     """
 
     kind: str
@@ -38,15 +41,32 @@ class Laying:
     motion: np.ndarray
     stable: np.ndarray
     scale: float = 1.0
+    freedom: float = np.inf
 
-    def scaled(self, left: np.ndarray) -> Laying:
+    def scaled(self, left: np.ndarray, independent: float) -> Laying:
         """The laying with the scale of changes over their standard deviations, left (k,).
 
         Most core points stand still: what they scatter beyond their sigma is error that the
-        adjustments do not know, as of GNSS of metres, which is not white.
+        adjustments do not know, as of GNSS of metres, which is not white. independent: how many
+        of the changes are. Scatter below the stated one is chance and does not count.
         """
-        scale = float(1.4826 * np.median(np.abs(left)))
-        return replace(self, scale=scale if scale > DOUBTLESS else 1.0)
+        scale = float(robust_scale(left))
+        if scale <= 1.0:
+            return self
+        return replace(self, scale=scale, freedom=max(EFFICIENCY * independent, 1.0))
+
+    def independent(self, joint: Joint, functions: Functions, sampling: np.ndarray) -> float:
+        """How many of the changes without the motion are independent, by their covariance.
+
+        sampling (k,): variances that are of each alone. Source: Satterthwaite 1946.
+        """
+        some = np.unique(np.linspace(0, len(functions) - 1, SOME).astype(int))
+        few, gain = functions[some], self.gain[some]
+        across = joint.covariance(few, self.found) @ gain.T
+        covariance = joint.covariance(few) - across - across.T
+        covariance += gain @ joint.covariance(self.found) @ gain.T + np.diag(sampling[some])
+        sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        return float(len(some) ** 2 / np.sum((covariance / sigma[:, None] / sigma) ** 2))
 
     def elsewhere(self, cores: Cores) -> Laying:
         """The same motion for the changes at other core points."""
@@ -79,8 +99,8 @@ def lay(
     for _ in range(10):
         finder = s_transformation(gain, weight)
         left = distance - gain @ (finder @ distance)
-        usual = 1.4826 * np.median(np.abs(left[stable] / sigma[stable]))
-        new = np.abs(left) < 3.0 * max(usual, 1e-12) * sigma
+        usual = robust_scale(left[stable] / sigma[stable], least=1e-12)
+        new = np.abs(left) < 3.0 * usual * sigma
         weight = new / sigma**2
         if np.array_equal(new, stable):
             break
@@ -91,5 +111,4 @@ def lay(
 
 def _gain(cores: Cores, kind: str, middle: np.ndarray) -> np.ndarray:
     """Changes (k, m) along the normals by a motion of the second date."""
-    motions = motions_at(cores.xyz, kind, middle).reshape(len(cores), 3, -1)
-    return np.einsum("kx,kxm->km", cores.normal, motions)
+    return np.einsum("kx,kxm->km", cores.normal, motions_at(cores.xyz, kind, middle))

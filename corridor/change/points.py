@@ -11,7 +11,7 @@ from corridor.change.clouds import Functions, displacements
 from corridor.change.common import common_control
 from corridor.change.joint import Joint
 from corridor.change.significance import Congruency, congruency, discoveries, spatial
-from corridor.change.stable import motions_at, s_transformation, stable_weights
+from corridor.change.stable import MOTIONS, motions_at, s_transformation, stable_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def point_changes(joint: Joint, level: float, datum: str, kind: str) -> PointCha
         held = np.isin(names, common_control([joint.before.epoch, joint.after.epoch]))
     redundancy = sum(e.adjustment.redundancy for e in {joint.before.epoch, joint.after.epoch})
     found = _Tested(names, xyz, held, redundancy, level, functions)
-    if datum == "stable" and 3 * np.sum(~held) > motions_at(xyz, kind).shape[1]:
+    if datum == "stable" and 3 * np.sum(~held) > MOTIONS[kind]:
         return _laid_on_stable(found, shift, covariance, kind)
     return found.changes(shift, covariance)
 
@@ -150,7 +150,7 @@ class _Tested:
 
 def _laid_on_stable(found: _Tested, shift, covariance, kind: str) -> PointChanges:
     """The displacements that are left when both epochs are laid together on what stands still."""
-    motions = motions_at(found.xyz, kind)
+    motions = motions_at(found.xyz, kind).reshape(len(shift), -1)
     sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     weight = stable_weights(shift, motions, _inner_sigma(covariance, motions, sigma))
     result = None

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from corridor import figures
+from corridor.change.explanation import SHOWN
 from corridor.change.export import write_gis
 from corridor.change.sentence import millimetres, remedies, verdict_sentence
 from corridor.change.surface import SurfaceChange
@@ -18,6 +19,7 @@ from corridor.report import (
     Report,
     Table,
     significant,
+    times,
     whole_folder,
     write_csv,
     write_json,
@@ -144,10 +146,6 @@ def _surface(change: Change) -> Table | None:
     surface = change.surface
     if surface is None or not len(surface):
         return None
-    return _surface_table(surface)
-
-
-def _surface_table(surface: SurfaceChange) -> Table:
     low, high = np.percentile(surface.distance, [5, 95])
     rows = [
         ("core points", f"{len(surface):,}"),
@@ -179,7 +177,7 @@ def _effects(change: Change, most: int = 8) -> Table | None:
         (
             row.epoch,
             row.effect,
-            "yes" if row.log_evidence > 7.6 else "no",
+            "yes" if row.log_evidence > SHOWN else "no",
             f"{100 * row.shape_share:.0f} %",
             f"{100 * row.explained:.0f} %",
             _chance(row.probability),
@@ -234,9 +232,9 @@ def _datum(change: Change) -> list[str]:
             f"Both dates are laid together on what stands still{carried} by a "
             f"{change.asked.motion} motion: a motion of the whole block cannot be seen."
         )
-        if surface is not None and surface.laying is not None and surface.laying.scale > 1:
+        if surface is not None and surface.laying is not None and surface.laying.scale >= 1.05:
             out.append(
-                f"What stands still scatters {surface.laying.scale:.1f} times as much as its "
+                f"What stands still scatters {times(surface.laying.scale)} times as much as its "
                 "standard deviations say, by errors that the adjustments do not know; those of the "
                 "surface are multiplied by it. One adjustment of both dates with one camera "
                 "(--together --same-camera), or control, would lessen them."

@@ -5,26 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from corridor.adjustment import Adjustment
+from corridor.change.comparison import Comparison
 from corridor.change.explanation import Explanation
 from corridor.change.joint import Joint
 from corridor.change.points import PointChanges
 from corridor.change.surface import SurfaceChange
 from corridor.change.volume import Volume
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What was asked for.
-
-    level: false discovery rate and level of the tests. common: which errors both epochs share.
-    datum: `stated`, or `stable`; motion: what is then taken out. together: one adjustment.
-    """
-
-    level: float = 0.01
-    common: tuple[str, ...] = ("control", "priors")
-    datum: str = "stated"
-    motion: str = "rigid"
-    together: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +35,7 @@ class Change:
     """
 
     names: tuple[str, str]
-    asked: Asked
+    asked: Comparison
     compared: Compared
     remaining: Compared | None
     explanation: Explanation | None

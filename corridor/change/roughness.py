@@ -24,9 +24,8 @@ AROUND = 25
 
 def excess(cloud: Cloud, found: Members, cores: Cores) -> np.ndarray:
     """Variance (r,), m^2, of the heights in each cylinder beyond the noise of the points."""
-    gains, number = cloud.epoch.gains(found.point)
     normal = cores.normal[found.core]
-    own = np.einsum("ni,nij,nj->n", normal, gains.own[number], normal)
+    own = np.einsum("ni,nij,nj->n", normal, cloud.epoch.own(found.point), normal)
     count = found.count
     noise = np.bincount(found.core, own, minlength=len(count)) / np.maximum(count, 1)
     own = np.maximum(found.spread**2 - cloud.epoch.sigma0**2 * noise, 0.0)

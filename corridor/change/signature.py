@@ -13,7 +13,6 @@ estimated: what would remain, without adjusting anew.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -46,7 +45,7 @@ class Signatures:
 
     def __init__(self, epoch: Epoch):
         self.epoch = epoch
-        effects, self.untestable = _candidates(epoch.system)
+        effects = _candidates(epoch.system)
         self.effects = {effect.slug: effect for effect in effects}
         self._tested = epoch.system.testing(effects)
         self._solve()
@@ -105,24 +104,12 @@ class Signatures:
         covariance = np.linalg.pinv(matrix + prior * np.eye(len(some)), rcond=1e-12)
         return Estimate(covariance @ self.right[some], covariance)
 
-    @cached_property
-    def support(self) -> dict[str, tuple[float, int]]:
-        """How much each effect alone lowers the weighted squares of the epoch, and by how many."""
-        out = {}
-        for slug in self.effects:
-            some = self.of([slug])
-            value, vector = np.linalg.eigh(self.matrix[np.ix_(some, some)])
-            good = value > 1e-6 * max(value.max(initial=0.0), 1e-300)
-            along = vector[:, good].T @ self.right[some]
-            out[slug] = float(np.sum(along**2 / value[good])), int(good.sum())
-        return out
 
-
-def _candidates(system: LinearSystem) -> tuple[list[Effect], dict[str, str]]:
+def _candidates(system: LinearSystem) -> list[Effect]:
     found = diagnosis.candidates(
         system.block, system.free, system.effects.values(), list(system.control_names)
     )
-    few = [
+    return [
         effect
         for effect in found.effects
         if effect.place in PLACES
@@ -130,7 +117,6 @@ def _candidates(system: LinearSystem) -> tuple[list[Effect], dict[str, str]]:
         and effect.group not in ("image", "point")
         and effect.slug not in system.columns.parameters
     ]
-    return few, found.untestable
 
 
 def _same_columns(system: LinearSystem, tested: LinearSystem) -> np.ndarray:

@@ -20,9 +20,8 @@ MOTIONS = {"similarity": 7, "rigid": 6, "translation": 3}
 
 
 def motions_at(xyz: np.ndarray, kind: str, middle: np.ndarray | None = None) -> np.ndarray:
-    """G (3n, k): what the whole block may do, by its points (n, 3) about their middle."""
-    middle = xyz.mean(axis=0) if middle is None else middle
-    return helmert_motions(xyz - middle).reshape(3 * len(xyz), 7)[:, : MOTIONS[kind]]
+    """G (n, 3, k): what the whole block may do, by its points (n, 3); middle (default: theirs)."""
+    return helmert_motions(xyz, middle)[:, :, : MOTIONS[kind]]
 
 
 def s_transformation(motions: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -140,7 +140,8 @@ def surface_change(
         variance = np.maximum(laying.variance(joint, functions, variance), 0.0)
         distance, known = laying.apply(distance), variance + between.sum(axis=0)
         if own:
-            laying = laying.scaled(distance / np.sqrt(known))
+            independent = laying.independent(joint, functions, between.sum(axis=0))
+            laying = laying.scaled(distance / np.sqrt(known), independent)
         variance = variance + (laying.scale**2 - 1.0) * known
     return SurfaceChange(
         cores=cores,
@@ -149,7 +150,12 @@ def surface_change(
         sampling=np.sqrt(between.sum(axis=0)),
         count=np.column_stack([f.count for f in found]),
         roughness=np.column_stack([f.spread for f in found]),
-        freedom=_freedom(variance, between, np.array([f.count - f.fit for f in found])),
+        freedom=_freedom(
+            variance,
+            between,
+            np.array([f.count - f.fit for f in found]),
+            np.inf if laying is None else laying.freedom,
+        ),
         level=level,
         functions=functions,
         joint=joint,
@@ -157,13 +163,16 @@ def surface_change(
     )
 
 
-def _freedom(variance: np.ndarray, between: np.ndarray, free: np.ndarray) -> np.ndarray:
+def _freedom(
+    variance: np.ndarray, between: np.ndarray, free: np.ndarray, scale_freedom: float
+) -> np.ndarray:
     """Degrees of freedom (k,) of a variance (k,) that is known and two (2, k) that are estimated.
 
-    free (2, k): points of each beyond what was fitted. Source: Welch 1947.
+    free (2, k): points of each beyond what was fitted. scale_freedom: of the scale of them all, see
+    `Laying`. Source: Welch 1947.
     """
-    doubt = np.sum(between**2 / free, axis=0)
     whole = (variance + between.sum(axis=0)) ** 2
+    doubt = np.sum(between**2 / free, axis=0) + whole / scale_freedom
     return np.divide(whole, doubt, out=np.full(len(whole), np.inf), where=doubt > 0)
 
 

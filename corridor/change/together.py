@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 
 from corridor.adjustment import Adjustment
 from corridor.block import Block
 from corridor.change.clouds import Cloud
 from corridor.change.epoch import Epoch
-from corridor.change.epochs import Chosen, sound
+from corridor.change.epochs import cloud, paired
 
 BEFORE, AFTER = "before:", "after:"
 _TABLES = ("images", "tie_points", "points", "marks", "ground", "gnss", "rates", "track")
@@ -96,23 +95,10 @@ def _renamed(block: Block, prefix: str, stable: set[str], same_camera: bool) -> 
     return out
 
 
-def together_clouds(adjustment: Adjustment, chosen: Chosen, same_ties: bool) -> tuple[Cloud, Cloud]:
-    """The clouds of both dates in one adjustment, named as they were in each."""
+def together_clouds(
+    adjustment: Adjustment, same_ties: bool = False, rays: int = 3
+) -> tuple[Cloud, Cloud]:
+    """The clouds of both dates in one adjustment, named as they were in each; see `clouds`."""
     epoch = Epoch(adjustment)
-    names = epoch.names.astype(str)
-    marks = epoch.system.points.mark
-    sides, ties = [], []
-    for prefix in (BEFORE, AFTER):
-        mine = np.char.startswith(names.astype("U"), prefix)
-        named = {names[k][len(prefix) :]: int(k) for k in np.flatnonzero(mine & marks)}
-        surface = np.flatnonzero(mine & ~marks & (epoch.rays >= chosen.rays))
-        surface = surface[sound(epoch.xyz[surface])]
-        ties.append({names[k][len(prefix) :]: int(k) for k in surface})
-        sides.append(Cloud(epoch, surface, named))
-    if same_ties:
-        both = [name for name in ties[0] if name in ties[1]]
-        sides = [
-            replace(side, surface=np.array([tie[n] for n in both], dtype=np.int64))
-            for side, tie in zip(sides, ties, strict=True)
-        ]
-    return sides[0], sides[1]
+    sides = tuple(cloud(epoch, rays, date) for date in (BEFORE, AFTER))
+    return paired(*sides) if same_ties else sides

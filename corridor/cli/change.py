@@ -110,45 +110,34 @@ def run(options: argparse.Namespace) -> None:
 
     announce_compilation("half a minute", "assemble")
     model = _model.of_options(options)
-    bias = options.gnss_bias
+    asked = _comparison(options)
     if options.after is None:
-        print(corridor.change.detection_report(
-            corridor.change.detection(
-                options.block, model, options.common, bias, options.spacing, options.radius,
-                options.fit, options.same_ties,
-            )
-        ))  # fmt: skip
+        surface = corridor.change.detection(options.block, model, **asked)
+        print(corridor.change.detection_report(surface))
         return
     if options.output is not None:
         check_folder(options.output, "change.json")
     found = corridor.change(
-        options.block,
-        options.after,
-        model=model,
-        common=options.common,
-        gnss_bias=bias,
-        datum=options.datum,
-        motion=options.motion,
-        level=options.level,
-        surface=not options.points_only,
-        camera=not options.no_camera,
-        together=options.together,
-        stable=options.stable,
-        same_camera=options.same_camera,
-        threads=options.threads,
-        progress=say,
-        spacing=options.spacing,
-        radius=options.radius,
-        normal=options.normal,
-        degree=options.fit,
-        profile=None if options.profile is None else corridor.change.read_line(options.profile),
-        polygons={path.stem: corridor.change.read_line(path) for path in options.polygon},
-        rays=options.rays,
-        same_ties=options.same_ties,
-        largest=options.largest_motion,
+        options.block, options.after, model=model, threads=options.threads, progress=say, **asked
     )
     print(found)
     if options.output is None:
         print("\nNothing was written: -o OUT saves the report, the tables and the pictures.")
         return
     wrote(*corridor.change.save(found, options.output))
+
+
+def _comparison(options: argparse.Namespace) -> dict:
+    """What was asked for, as options of `corridor.change`."""
+    from corridor.change import read_line
+
+    same = ["common", "gnss_bias", "datum", "motion", "level", "together", "stable", "same_camera",
+            "spacing", "radius", "normal", "rays", "same_ties"]  # fmt: skip
+    return {name: getattr(options, name) for name in same} | {
+        "surface": not options.points_only,
+        "camera": not options.no_camera,
+        "largest": options.largest_motion,
+        "degree": options.fit,
+        "profile": None if options.profile is None else read_line(options.profile),
+        "polygons": {path.stem: read_line(path) for path in options.polygon},
+    }

@@ -83,12 +83,12 @@ def similarity(
     return Similarity(scale, rotation, target_mean - scale * rotation @ source_mean)
 
 
-def helmert_motions(points: np.ndarray) -> np.ndarray:
-    """How points (n, 3) move by a small similarity about their mean: (n, 3, 7).
+def helmert_motions(points: np.ndarray, middle: np.ndarray | None = None) -> np.ndarray:
+    """How points (n, 3) move by a small similarity about a middle (default: their mean): (n, 3, 7).
 
     Columns: shift along x, y, z; turn about x, y, z; growth.
     """
-    away = points - points.mean(axis=0)
+    away = points - (points.mean(axis=0) if middle is None else middle)
     out = np.zeros((len(points), 3, 7))
     out[:, :, :3] = np.eye(3)
     out[:, :, 3:6] = np.cross(np.eye(3), away[:, None]).transpose(0, 2, 1)

@@ -4,7 +4,7 @@ from functools import cache
 
 import corridor
 from benchmarks import change as benchmark
-from corridor.change import Chosen, Joint, clouds
+from corridor.change import Joint, clouds
 
 
 @cache
@@ -29,7 +29,7 @@ def adjusted(draw):
 
 def joint(first, second, same_ties=True, **options):
     """Both dates with the covariance of all their points."""
-    return Joint(*clouds(first, second, Chosen(), same_ties), **options)
+    return Joint(*clouds(first, second, same_ties), **options)
 
 
 def middle():

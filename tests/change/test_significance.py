@@ -36,7 +36,7 @@ def test_points_that_move_do_not_carry_the_datum(kind):
     """Twelve points float by a whole motion, three of them sink by 50 mm: these are told."""
     draw = np.random.default_rng(2)
     xyz = draw.uniform(-50, 50, (12, 3)) * [1.0, 1.0, 0.1]
-    motions = motions_at(xyz, kind)
+    motions = motions_at(xyz, kind).reshape(36, -1)
     floating = motions @ draw.normal(0, 1e-3, motions.shape[1])
     change = floating + draw.normal(0, 0.002, 36)
     change[[2, 11, 23]] -= 0.05
@@ -48,7 +48,7 @@ def test_points_that_move_do_not_carry_the_datum(kind):
 
 def test_an_s_transformation_takes_out_motions_and_nothing_else():
     xyz = np.random.default_rng(3).uniform(-10, 10, (8, 3))
-    motions = motions_at(xyz, "similarity")
+    motions = motions_at(xyz, "similarity").reshape(24, 7)
     away = np.eye(24) - motions @ s_transformation(motions, np.ones(24))
     np.testing.assert_allclose(away @ motions, 0.0, atol=1e-10)
     np.testing.assert_allclose(away @ away, away, atol=1e-10)

@@ -8,6 +8,7 @@ from made import adjusted, flown, joint, middle
 
 import corridor
 from corridor.change import Settlement, Slide, make_cores, moved_ground, surface_change, volume
+from corridor.change.stable import motions_at
 from corridor.errors import InputError
 
 
@@ -68,26 +69,29 @@ def test_neighbouring_cells_err_together(pair, cores):
     assert found.sigma > 3 * found.independent
 
 
-def test_a_volume_is_laid_together_like_its_surface(pair, cores):
-    """Half a metre higher as a whole, it is the same where the datum is what stands still."""
+@pytest.mark.parametrize("kind", ["translation", "rigid"])
+def test_a_volume_is_laid_together_like_its_surface(pair, cores, kind):
+    """Half a metre higher as a whole, or turned by a degree, it is the same where the datum is what
+    stands still: the motion of the surface goes on into a polygon that lies to the side."""
     x, y = middle()
-    polygon = np.array([[x - 15, y - 10], [x + 15, y - 10], [x + 15, y + 10], [x - 15, y + 10]])
+    polygon = np.array([[x + 10, y - 8], [x + 30, y - 8], [x + 30, y + 12], [x + 10, y + 12]])
 
     def laid():
-        surface = surface_change(
-            pair, cores, sampled=False, datum="stable", kind="translation"
-        )  # fmt: skip
+        surface = surface_change(pair, cores, sampled=False, datum="stable", kind=kind)
         return volume(pair, polygon, cores, sampled=False, laying=surface.laying)
 
     at_rest, epoch = laid(), pair.after.epoch
-    epoch.xyz[:, 2] += 0.5
+    column, size = (2, 0.5) if kind == "translation" else (4, np.radians(1.0))
+    motion = size * motions_at(epoch.xyz, kind)[:, :, column]
+    epoch.xyz[:] += motion
     try:
         risen = laid()
         plain = volume(pair, polygon, cores, sampled=False)
     finally:
-        epoch.xyz[:, 2] -= 0.5
+        epoch.xyz[:] -= motion
     assert risen.value == pytest.approx(at_rest.value, abs=1e-3)
-    assert plain.value == pytest.approx(0.5 * plain.area, rel=0.05)
+    if kind == "translation":
+        assert plain.value == pytest.approx(0.5 * plain.area, rel=0.05)
 
 
 def test_what_stands_still_tells_errors_that_nobody_knows(pair, cores):
