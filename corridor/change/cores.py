@@ -17,6 +17,7 @@ MOST_CORES = 20_000
 @dataclass(frozen=True)
 class Cores:
     """xyz (k, 3), m; normal (k, 3), upwards. station, across (k,): along the corridor, m.
+    along (2,): the direction of the stations in plan.
 
     spacing: of the grid, m. radius: of the cylinder along the normal in which points count
     (Lague's d / 2), normal_radius: of the ball in which the normal is fitted (D / 2), reach: half
@@ -27,6 +28,7 @@ class Cores:
     normal: np.ndarray
     station: np.ndarray
     across: np.ndarray
+    along: np.ndarray
     spacing: float
     radius: float
     normal_radius: float
@@ -34,6 +36,13 @@ class Cores:
 
     def __len__(self) -> int:
         return len(self.xyz)
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Corners (k, 4, 2) in plan, m, of the square around each core point, as the grid lies."""
+        turn = np.array([self.along, [-self.along[1], self.along[0]]])
+        corners = 0.5 * self.spacing * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ turn
+        return self.xyz[:, None, :2] + corners
 
 
 @dataclass(frozen=True)
@@ -120,7 +129,7 @@ def make_cores(
         normals = fitted_normals(before, xyz, normal_radius)
     station, across = frame.of_points(xyz).T
     reach = 3.0 * radius
-    return Cores(xyz, normals, station, across, spacing, radius, normal_radius, reach)
+    return Cores(xyz, normals, station, across, frame.along, spacing, radius, normal_radius, reach)
 
 
 def fitted_normals(cloud: np.ndarray, places: np.ndarray, radius: float) -> np.ndarray:

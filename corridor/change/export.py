@@ -47,28 +47,10 @@ def _geopackage(change: Change, path: Path, block) -> None:
 
 
 def _cells(surface: SurfaceChange, offset: np.ndarray) -> Layer:
-    """A square around each core point, in plan."""
-    cores = surface.cores
-    half = 0.5 * cores.spacing
-    # Along the corridor, as the grid lies: two core points of one row tell the direction.
-    away = np.column_stack([cores.station, cores.across])
-    turn = _turn(cores.xyz[:, :2], away)
-    corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) @ turn
-    polygons = []
-    for xyz in cores.xyz + offset:
-        ring = np.empty((5, 3))
-        ring[:, :2], ring[:, 2] = xyz[:2] + corners, xyz[2]
-        polygons.append(ring)
-    return Layer(surface.frame, polygons=polygons)
-
-
-def _turn(xy: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """Rows: directions in plan of station and across."""
-    if len(xy) < 3:
-        return np.eye(2)
-    a, b = away - away.mean(axis=0), xy - xy.mean(axis=0)
-    left, _, right = np.linalg.svd(a.T @ b)
-    return left @ right
+    """The square around each core point, closed, at its height."""
+    plan = surface.cores.cells[:, [0, 1, 2, 3, 0]]
+    height = np.broadcast_to(surface.cores.xyz[:, None, 2:], (len(plan), 5, 1))
+    return Layer(surface.frame, polygons=list(np.concatenate([plan, height], axis=2) + offset))
 
 
 def _las(change: Change, path: Path, block) -> None:

@@ -56,7 +56,7 @@ def remedies(change: Change, most: int = 3) -> list[str]:
     out = []
     for place, rows in hiding.groupby("place", sort=False):
         names = list(dict.fromkeys(find(slug).called for slug in rows["effect"]))[:3]
-        out.append(f"Against {' or '.join(names)}: {_HELP[place]}.")
+        out.append(f"Against {_listed(names)}: {_HELP[place]}.")
     return out[:most]
 
 
@@ -109,11 +109,11 @@ def _camera(change: Change) -> str:
 def _undecided(change: Change) -> str:
     table = change.explanation.table
     hiding = list(dict.fromkeys(table.loc[table["hides"], "effect"])) if len(table) else []
-    names = " or ".join(find(slug).called for slug in hiding[:3]) or "several effects together"
+    names = [find(slug).called for slug in hiding[:3]] or ["several effects together"]
     size = _size(change.compared.surface)
     return (
-        f"Ground and camera cannot be told apart: a change is there{size}, but {names} in one of "
-        "the epochs could make it, and the measurements do not say."
+        f"Ground and camera cannot be told apart: a change is there{size}, but {_listed(names)} in "
+        "one of the epochs could make it, and the measurements do not say."
     )
 
 
@@ -140,12 +140,22 @@ def _every(change: Change) -> list[str]:
 
 
 def _shown(change: Change) -> str:
-    words = []
+    """Effects that the measurements show, by date."""
     shown = change.explanation.shown
-    for name, slugs in zip(("the first date", "the second date"), shown, strict=False):
-        where = f" at {name}" if len(shown) == 2 else ""
-        words += [f"{find(slug).called}{where}" for slug in sorted(slugs)]
-    return " and ".join(words) or DASH
+    dates = (" at the first date", " at the second date") if len(shown) == 2 else ("",)
+    words = [
+        " and ".join(find(slug).called for slug in sorted(slugs)) + date
+        for date, slugs in zip(dates, shown, strict=True)
+        if slugs
+    ]
+    return ", and ".join(words) or DASH
+
+
+def _listed(names: list[str]) -> str:
+    """Names that may hold commas of their own: a; b; or c."""
+    if len(names) < 3:
+        return " or ".join(names)
+    return "; ".join(names[:-1]) + f"; or {names[-1]}"
 
 
 def _has(change: Change) -> str:

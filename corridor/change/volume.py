@@ -48,8 +48,7 @@ def volume(
     """The change of volume within a polygon (n, 2), after minus before, up is more.
 
     cores: whose spacing and radius are used; the cells are upright. laying: of the whole surface,
-    see `surface_change`. Raises InputError where the
-    polygon holds no cell that both epochs show.
+    see `surface_change`. Raises InputError where the polygon holds no cell that both epochs show.
     """
     polygon = np.asarray(polygon, float)[:, :2]
     upright = _cells(polygon, cores, joint)
@@ -94,7 +93,7 @@ def _cells(polygon: np.ndarray, cores: Cores, joint: Joint) -> Cores:
     xyz = np.column_stack([places, cloud[nearest, 2]])
     flat = np.zeros(len(xyz))
     return Cores(
-        xyz, np.tile([0.0, 0.0, 1.0], (len(xyz), 1)), flat, flat, spacing,
+        xyz, np.tile([0.0, 0.0, 1.0], (len(xyz), 1)), flat, flat, np.array([1.0, 0.0]), spacing,
         cores.radius, cores.normal_radius, cores.reach,
     )  # fmt: skip
 

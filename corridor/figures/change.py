@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.colors import Colormap, TwoSlopeNorm
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 
 from corridor.figures import maps, style
@@ -45,7 +46,8 @@ def of_change(change: Change) -> dict[str, tuple[Figure, str]]:
 def change_maps(surface: SurfaceChange) -> Figure:
     """Maps of the change, of its level of detection and of what is significant."""
     z = np.clip(surface.distance / surface.total, -6, 6)
-    significant = _Panel("significant: by its sigma", z, _BOTH, 6.0, "\u03c3", surface.moved)
+    name = "what is significant, in its standard deviations"
+    significant = _Panel(name, z, _BOTH, 6.0, "sigmas", surface.moved)
     panels = [_change(surface), _detection(surface), significant]
     return _maps(surface, "change of the surface", panels)
 
@@ -68,7 +70,7 @@ def detection_map(surface: SurfaceChange) -> Figure:
 @dataclass(frozen=True)
 class _Panel:
     """A map: value (k,) by colours from zero, or both ways, to `largest`; shown (k,): others are
-    dots."""
+    empty cells."""
 
     name: str
     value: np.ndarray
@@ -80,9 +82,8 @@ class _Panel:
     @property
     def limits(self) -> dict:
         """Of the colours, for matplotlib."""
-        if self.colours is _BOTH:
-            return {"norm": TwoSlopeNorm(0.0, -self.largest, self.largest)}
-        return {"vmin": 0.0, "vmax": self.largest}
+        low = -self.largest if self.colours is _BOTH else 0.0
+        return {"norm": Normalize(low, self.largest)}
 
 
 def _change(surface: SurfaceChange) -> _Panel:
@@ -96,29 +97,27 @@ def _detection(surface: SurfaceChange) -> _Panel:
 
 
 def _maps(surface: SurfaceChange, title: str, panels: list[_Panel]) -> Figure:
-    xy = surface.cores.xyz[:, :2]
-    frame = maps.frame_through(xy, "y")
-    places = frame.place(xy)
-    limits = maps.extent(places)
+    frame = maps.frame_through(surface.cores.xyz[:, :2], "y")
+    cells = frame.place(surface.cores.cells).reshape(-1, 4, 2)
+    limits = maps.extent(cells)
     width = 8.0
     height = maps.map_height(limits, width, 3.4)
     step = height + 0.75
     note = f"{len(surface):,} core points, cylinders of {surface.cores.radius:.1f} m radius"
     figure = style.sheet(1.0 + len(panels) * step, title, note)
-    metres = max((limits[1] - limits[0]) / width, (limits[3] - limits[2]) / height)
-    # A little large, as the squares stand upright and the grid follows the corridor.
-    size = np.clip((1.2 * 72.0 * surface.cores.spacing / metres) ** 2, 2.0, 400.0)
     for row, panel in enumerate(panels):
         top = 1.05 + row * step
         axes = maps.map_panel(figure, frame, limits, 0.65, top, width, height)
-        shown = np.ones(len(surface), dtype=bool)
         if panel.shown is not None:
-            axes.plot(*places.T, zorder=1, **style.dot(".", style.FAINT, 1.5, line=0.0))
-            shown = panel.shown
-        image = axes.scatter(
-            *places[shown].T, c=panel.value[shown], s=size, marker="s", lw=0, cmap=panel.colours,
+            axes.add_collection(
+                PolyCollection(cells, facecolor="none", edgecolor=style.FAINT, lw=0.3)
+            )
+        some = slice(None) if panel.shown is None else panel.shown
+        image = PolyCollection(
+            cells[some], array=panel.value[some], cmap=panel.colours, edgecolor="face", lw=0.2,
             **panel.limits,
         )  # fmt: skip
+        axes.add_collection(image)
         style.caption(axes, panel.name)
         if row < len(panels) - 1:
             axes.set_xlabel("")
