@@ -2,10 +2,12 @@
 
 rates: the same dike at rest with other noise, again and again: the scatter of displacements,
 distances and volumes over their stated sigmas, false alarms, what is seen at the level of
-detection. verdicts: the dike with and without a bowl and with effects of the camera. speed: many
-images and core points, seconds and memory beyond the adjustments. maps: against precision maps
-from simulated adjustments (James, Robson and Smith 2017), and M3C2 of py4dgeo where that is
-installed.
+detection. verdicts: the dike at rest, and with motions of the ground, with and without effects of
+the camera. maps: against precision maps from simulated adjustments (James, Robson and Smith 2017),
+and M3C2 of py4dgeo where that is installed. speed: many images and core points, seconds and memory
+beyond the adjustments.
+
+Every draw is kept in FOLDER as soon as it is done: the same command goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -15,18 +17,23 @@ import resource
 import time
 from collections import Counter
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csr_array
 
 import corridor
+from benchmarks.diagnosis.rates import Rate
+from benchmarks.draws import kept, ratio
+from benchmarks.guarantees import table
 from corridor import effects
 from corridor.change import (
-    Chosen,
     Functions,
     Joint,
     Settlement,
+    Slide,
+    Tilt,
     clouds,
     make_cores,
     moved_ground,
@@ -38,8 +45,9 @@ from corridor.report import whole_file, write_json
 from corridor.simulation import Noise, TiePoints, add_noise, perfect_block, read_plan
 
 NOISE = Noise(tie_px=0.4, mark_px=0.4, gnss_m=(0.02, 0.02, 0.04), control_m=0.005)
-CASES = {
-    "at rest": {},
+# What the camera does at the second date, and what is then adjusted.
+CAMERAS = {
+    "none": {},
     "rolling shutter": {"rolling_shutter": {"readout": 0.02}},
     "focal length": {"focal_per_flight": {"f": {"F1": 5.0, "F2": -5.0}}},
     "GNSS bias": {"gnss_bias": {"z": 0.06}},
@@ -65,64 +73,97 @@ def middle(block):
     return tuple(np.median(block.points[["x", "y"]].to_numpy(float), axis=0))
 
 
-def draws(count: int, first: int = 5000) -> dict:
-    """Changes over their stated sigma in so many comparisons of the dike at rest, by kind; seen
-    (count, 2): share of the surface that is significant at the level of detection and at twice;
-    moved: draws in which a point is said to have moved.
-    """
-    block = dike()
-    x, y = middle(block)
-    polygon = np.array([[x - 15, y - 10], [x + 15, y - 10], [x + 15, y + 10], [x - 15, y + 10]])
-    cores, out = None, {"surface": [], "points": [], "volume": [], "seen": [], "moved": 0}
-    for k in range(count):
-        pair = [corridor.adjust(flown(block, first + 2 * k + n)) for n in (0, 1)]
-        joint = Joint(*clouds(*pair, Chosen(), True))
-        cores = cores or make_cores(joint.before.xyz, joint.after.xyz, spacing=12.0)
-        surface = surface_change(joint, cores, sampled=False)
-        points = point_changes(joint, 0.01, "stated", "rigid")
-        one = volume(joint, polygon, cores, sampled=False)
-        out["surface"].append(surface.distance / surface.sigma)
-        out["points"].append((points.shift / points.sigma).ravel())
-        out["volume"].append(np.array([one.value / one.sigma]))
-        # The distance is linear: a rise of its level of detection is added as such.
-        risen = np.abs(surface.distance + np.outer([1, 2], surface.detection))
-        out["seen"].append((risen > surface.detection).mean(axis=1))
-        out["moved"] += bool(points.moved.any())
-    return out
-
-
-def scatter(values: list[np.ndarray]) -> float:
-    """Root mean square of numbers over their stated sigma: 1 is right."""
-    return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
-
-
-def rates(count: int) -> dict:
-    """Scatter over stated sigma (1 is right), false alarms, detection."""
-    found = draws(count)
-    once, twice = np.mean(found["seen"], axis=0)
+def motions(block) -> dict:
+    """What the ground does between the dates, in the middle of the dike."""
+    at = middle(block)
     return {
-        "draws": count,
-        "scatter_over_sigma": {k: scatter(found[k]) for k in ("surface", "points", "volume")},
-        "draws_with_a_false_point": found["moved"],
-        "seen_at_level_of_detection": float(once),
-        "seen_at_twice": float(twice),
+        "rest": None,
+        **{f"bowl {mm} mm": Settlement(at, 10.0, mm / 1000, 0.5) for mm in (5, 10, 20)},
+        "wide bowl 30 mm": Settlement(at, 15.0, 0.03, 0.5),
+        "tilt 30 mm": Tilt(at, 10.0, 0.03),
+        "slide 30 mm": Slide(at, 10.0, (0.03, 0.0, -0.03)),
     }
 
 
-def verdicts(count: int) -> dict:
-    """Verdicts by case, with and without a bowl of 30 mm."""
+def draws(count: int, first: int = 5000, folder: Path | None = None) -> list[dict]:
+    """Comparisons of the dike at rest: changes over their stated sigma, by kind (surface, points,
+    volume); seen (2,): share of the surface that is significant at the level of detection and at
+    twice; moved: whether a point is said to have moved.
+    """
+    draw = partial(_draw, dike(), first)
+    return [draw(k) for k in range(count)] if folder is None else kept(folder, range(count), draw)
+
+
+def _draw(block, first: int, k: int) -> dict:
+    x, y = middle(block)
+    polygon = np.array([[x - 15, y - 10], [x + 15, y - 10], [x + 15, y + 10], [x - 15, y + 10]])
+    pair = [corridor.adjust(flown(block, first + 2 * k + n)) for n in (0, 1)]
+    joint = Joint(*clouds(*pair, True))
+    cores = make_cores(joint.before.xyz, joint.after.xyz, spacing=12.0)
+    surface = surface_change(joint, cores, sampled=False)
+    points = point_changes(joint, 0.01, "stated", "rigid")
+    one = volume(joint, polygon, cores, sampled=False)
+    # The distance is linear: a rise of its level of detection is added as such.
+    risen = np.abs(surface.distance + np.outer([1, 2], surface.detection))
+    return {
+        "surface": surface.distance / surface.sigma,
+        "points": (points.shift / points.sigma)[~points.held].ravel(),
+        "volume": np.array([one.value / one.sigma]),
+        "seen": (risen > surface.detection).mean(axis=1),
+        "moved": points.moved.any(),
+        "as_a_whole": points.overall.probability,
+    }
+
+
+def scatter(found: list[dict], kind: str) -> dict:
+    """Root mean square of numbers over their stated sigma: 1 is right."""
+    return ratio(np.array([np.mean(one[kind] ** 2) for one in found]))
+
+
+def rates(count: int, folder: Path) -> dict:
+    """Scatter over stated sigma (1 is right), false alarms, detection."""
+    found = draws(count, folder=folder / "rates")
+    seen = np.array([one["seen"] for one in found])
+    off = 1.96 * seen.std(axis=0, ddof=1) / np.sqrt(count)
+    return {
+        "draws": count,
+        "scatter_over_sigma": {k: scatter(found, k) for k in ("surface", "points", "volume")},
+        "draws_with_a_false_point": Rate.of(one["moved"] for one in found).to_dict(),
+        "points_as_a_whole_below_1_percent": Rate.of(
+            one["as_a_whole"] < 0.01 for one in found
+        ).to_dict(),
+        "seen_at_level_of_detection_and_at_twice": seen.mean(axis=0).tolist(),
+        "half_width_of_the_interval": off.tolist(),
+    }
+
+
+def verdicts(rest: int, moved: int, folder: Path) -> dict:
+    """Verdicts, by what the ground and the camera did, of so many draws each at rest and moved.
+
+    `+camera`: said to have moved, with an effect of the camera that is shown and modelled beside.
+    """
     block = dike()
-    bowl = Settlement(middle(block), 15.0, 0.03, 0.5)
-    found: dict[str, Counter] = {}
-    for k in range(count):
-        for motion, word in ((None, ""), (bowl, ", bowl")):
-            for name, added in CASES.items():
-                first = flown(block, 9000 + 2 * k)
-                second = flown(block, 9001 + 2 * k, motion, added)
-                told = corridor.change(first, second, same_ties=True, spacing=8.0)
-                both = "+camera" if told.verdict == "moved" and told.remaining else ""
-                found.setdefault(name + word, Counter())[told.verdict + both] += 1
-    return {name: dict(counts) for name, counts in found.items()}
+    pairs = [(m, c) for m in motions(block).items() for c in CAMERAS.items()]
+    found = {}
+    for number, ((motion, ground), (camera, added)) in enumerate(pairs):
+        draw = partial(_verdict, block, 100_000 * (number + 1), ground, added)
+        numbers = range(moved if ground else rest)
+        every = kept(folder / "verdicts" / f"{motion}, {camera}", numbers, draw)
+        found[f"{motion}, {camera}"] = dict(Counter(str(one["verdict"]) for one in every))
+    alone = [counts for name, counts in found.items() if name.startswith("rest, ")]
+    false = [sum(n for word, n in one.items() if word.startswith("moved")) for one in alone]
+    return found | {
+        "moved_at_rest": Rate(false[0], rest).to_dict(),
+        "moved_by_camera_alone": Rate(sum(false[1:]), rest * len(false[1:])).to_dict(),
+    }
+
+
+def _verdict(block, first: int, ground, added, k: int) -> dict:
+    before = flown(block, first + 2 * k)
+    after = flown(block, first + 2 * k + 1, ground, added)
+    told = corridor.change(before, after, same_ties=True, spacing=8.0)
+    both = "+camera" if told.verdict == "moved" and told.remaining else ""
+    return {"verdict": told.verdict + both}
 
 
 def speed(images: int, same_ties: bool) -> dict:
@@ -136,7 +177,7 @@ def speed(images: int, same_ties: bool) -> dict:
     pair = [corridor.adjust(flown(block, draw), threads=2) for draw in (1, 2)]
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     began = time.perf_counter()
-    joint = Joint(*clouds(*pair, Chosen(), same_ties))
+    joint = Joint(*clouds(*pair, same_ties))
     # As close as the most core points allow.
     cores = make_cores(joint.before.xyz, joint.after.xyz, spacing=0.1)
     found = surface_change(joint, cores, sampled=not same_ties)
@@ -153,27 +194,30 @@ def speed(images: int, same_ties: bool) -> dict:
     }
 
 
-def maps(count: int) -> dict:
-    """Sigmas of one date from so many simulated adjustments against ours, and the seconds.
+def maps(count: int, folder: Path) -> dict:
+    """Sigmas of one date from so many simulated adjustments against ours, and processor seconds.
 
     Of tie points, as precision maps have them; of the surface at core points; of a volume.
     """
     block = dike()
-    began = time.perf_counter()
+    began = time.process_time()
     one = corridor.adjust(flown(block, 1))
     ours = one.point_sigma / one.sigma0
-    exact = time.perf_counter() - began
+    exact = time.process_time() - began
     surface = surface_over(one, corridor.adjust(flown(block, 2)))
     inside = np.ones((1, len(surface))) / len(surface)
     functions = [surface.functions.before, surface.sums(inside).before]
     stated = [one_sided(surface.joint, rows) / one.sigma0 for rows in functions]
-    began = time.perf_counter()
-    names, drawn = surface.joint.before.epoch.names, []
-    for k in range(count):
+    names = surface.joint.before.epoch.names
+
+    def draw(k: int) -> dict:
+        began = time.process_time()
         points = corridor.adjust(flown(block, 100 + k)).points.set_index("point")
-        drawn.append(points.loc[names, ["x", "y", "z"]].to_numpy(float))
-    seconds = time.perf_counter() - began
-    drawn = np.array(drawn)
+        xyz = points.loc[names, ["x", "y", "z"]].to_numpy(float)
+        return {"xyz": xyz, "seconds": time.process_time() - began}
+
+    found = kept(folder / "maps", range(count), draw)
+    drawn = np.array([one["xyz"] for one in found])
     spread = np.std(drawn, axis=0, ddof=1)[[list(names).index(n) for n in one.points["point"]]]
     values = [drawn.reshape(count, -1) @ rows.T for rows in functions]
     ratios = [np.std(v, axis=0, ddof=1) / s for v, s in zip(values, stated, strict=True)]
@@ -183,14 +227,14 @@ def maps(count: int) -> dict:
         "scatter_over_sigma_xyz": np.sqrt(np.mean((spread / ours) ** 2, axis=0)).tolist(),
         "scatter_over_sigma_surface": float(np.sqrt(np.mean(ratios[0] ** 2))),
         "scatter_over_sigma_volume": float(ratios[1][0]),
-        "seconds_simulated": seconds,
+        "seconds_simulated": float(sum(one["seconds"] for one in found)),
         "seconds_exact": exact,
     }
 
 
 def surface_over(before, after):
     """The change of the surface in the polygon of the volumes, upright cells."""
-    joint = Joint(*clouds(before, after, Chosen(), True))
+    joint = Joint(*clouds(before, after, True))
     x, y = np.median(joint.before.xyz[:, :2], axis=0)
     grid = np.stack(np.meshgrid(np.arange(-13.5, 15, 3), np.arange(-8.5, 10, 3)), axis=-1)
     places = grid.reshape(-1, 2) + [x, y]
@@ -214,7 +258,7 @@ def m3c2() -> dict | None:
     block = dike()
     bowl = Settlement(middle(block), 15.0, 0.03, 0.5)
     pair = [corridor.adjust(flown(block, 1)), corridor.adjust(flown(block, 2, bowl))]
-    joint = Joint(*clouds(*pair, Chosen(), False))
+    joint = Joint(*clouds(*pair, False))
     first, second = joint.before.xyz, joint.after.xyz
     cores = make_cores(first, second, spacing=6.0)
     ours = surface_change(joint, cores)
@@ -236,24 +280,30 @@ def m3c2() -> dict | None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run what was asked for and write change.json."""
+    """Run what was asked for, write change.json, and the page of guarantees."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--draws", type=int, default=200)
-    parser.add_argument("--verdicts", type=int, default=50)
+    parser.add_argument("--verdicts", type=int, default=50, help="draws of each camera at rest")
+    parser.add_argument("--moved", type=int, default=10, help="draws of each camera and motion")
     parser.add_argument("--maps", type=int, default=1000)
-    parser.add_argument("--images", type=int, default=1000)
+    parser.add_argument("--images", type=int, default=1000, help="of the timing; 0: none")
+    parser.add_argument("--figures", type=Path, help="docs/guarantees.json, to hold the figures")
     options = parser.parse_args(arguments)
+    folder = options.output
     found = {
-        "rates": rates(options.draws) if options.draws else None,
-        "verdicts": verdicts(options.verdicts) if options.verdicts else None,
-        "maps": maps(options.maps) if options.maps else None,
+        "rates": rates(options.draws, folder) if options.draws else None,
+        "verdicts": verdicts(options.verdicts, options.moved, folder) if options.verdicts else None,
+        "maps": maps(options.maps, folder) if options.maps else None,
         "m3c2": m3c2(),
         "speed": [speed(options.images, same) for same in (True, False) if options.images],
     }
     print(found)
-    with whole_file(options.output / "change.json") as part:
+    with whole_file(folder / "change.json") as part:
         write_json(found, part)
+    if options.figures is not None:
+        table.store(options.figures, "change", found)
+        table.write(options.figures)
 
 
 if __name__ == "__main__":

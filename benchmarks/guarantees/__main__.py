@@ -61,7 +61,7 @@ def main() -> int:
 
 def _part(part, options) -> bool:
     """Run one part and store its figures; whether all holds."""
-    known = _stored(options.figures)
+    known = table.stored(options.figures)
     if part == "malformed":
         cases = range(options.first, options.cases)
         if options.again:
@@ -80,14 +80,9 @@ def _part(part, options) -> bool:
         figures = sigmas.run(options.draws, options.seed, _say)
     else:
         figures = order.run(options.seed)
-    known = _stored(options.figures) | {part: figures}
-    options.figures.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", "utf-8")
+    table.store(options.figures, part, figures)
     print(json.dumps({k: v for k, v in figures.items() if k != "faults"}, indent=1), flush=True)
     return bool(figures["holds"])
-
-
-def _stored(path):
-    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
 
 
 def _say(what):

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 import corridor
+from benchmarks.draws import ratio
 from benchmarks.guarantees import samples
 from corridor import gnss, thermal
 from corridor.camera import Camera
@@ -52,11 +53,10 @@ def run(draws: int, seed: int, say) -> dict:
 
 def _judged(squares) -> dict:
     """Ratio of RMS error to sigma, its interval, and whether that agrees with 0.95 to 1.05."""
-    ratio = float(np.sqrt(squares.mean()))
-    off = 1.96 * squares.std(ddof=1) / np.sqrt(len(squares)) / (2 * ratio)
-    low, high = ratio - off, ratio + off
-    return {"ratio": ratio, "low": float(low), "high": float(high), "draws": len(squares),
-            "holds": bool(low <= 1.05 and high >= 0.95)}  # fmt: skip
+    found = ratio(squares)
+    return found | {
+        "draws": len(squares), "holds": bool(found["low"] <= 1.05 and found["high"] >= 0.95)
+    }  # fmt: skip
 
 
 class _Adjusted:

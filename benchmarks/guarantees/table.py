@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from benchmarks.guarantees import dates
 from benchmarks.guarantees.malformed import BYTES, SECONDS
 
 RUN = "python -m benchmarks.guarantees"
@@ -53,6 +54,17 @@ dots.
 What is not seen, because nothing in the input says so: rows that were cut off a photograph without
 EXIF, other sigmas that are plausible, another plan.
 """
+
+
+def stored(figures: Path) -> dict:
+    """The figures that a file holds, by part."""
+    return json.loads(figures.read_text(encoding="utf-8")) if figures.is_file() else {}
+
+
+def store(figures: Path, part: str, found: dict) -> None:
+    """Puts the figures of a part into the file."""
+    text = json.dumps(stored(figures) | {part: found}, indent=1, sort_keys=True)
+    figures.write_text(text + "\n", "utf-8")
 
 
 def write(figures: Path) -> None:
@@ -109,6 +121,7 @@ def _rows(known):
             _ratio((made("sigmas") or {}).get("kinds", {}).get(name)),
             f"`{RUN} sigmas`",
         )
+    yield from dates.rows(made("change"))
     yield (
         "Order of rows, names, offset and unit of coordinates, CSV or Parquet do not matter",
         "one block adjusted again after each change; positions and sigmas compared",
