@@ -302,7 +302,9 @@ def main(arguments: list[str] | None = None) -> None:
     with whole_file(folder / "change.json") as part:
         write_json(found, part)
     if options.figures is not None:
-        table.store(options.figures, "change", found)
+        known = table.stored(options.figures).get("change", {})
+        run = {part: figures for part, figures in found.items() if figures}
+        table.store(options.figures, "change", known | run)
         table.write(options.figures)
 
 

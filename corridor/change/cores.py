@@ -100,7 +100,7 @@ def make_cores(
 
     before, after: clouds (n, 3), m. spacing: default half the radius, more where there would be
     over `MOST_CORES`. radius: see `usual_radius`. normal: `local`, fitted to the first cloud, or
-    `vertical`. Raises InputError where the clouds do not overlap.
+    `vertical`. Raises InputError where no place has points of both clouds within the radius.
     """
     radius = radius or usual_radius(before, after)
     frame = Frame.of(before)
@@ -117,8 +117,8 @@ def make_cores(
     places = places[near[0] & near[1]]
     if not len(places):
         raise InputError(
-            "the two epochs show no common ground: check that both blocks are of the same place "
-            "and in the same coordinates"
+            f"no core point has tie points of both dates within {radius:.1f} m: give a larger "
+            "radius (--radius), or a line (--profile) on ground that both dates show"
         )
     around = trees[0].query(places, min(5, len(before)))[1]
     xyz = np.column_stack([places, np.median(before[around.reshape(len(places), -1), 2], axis=1)])

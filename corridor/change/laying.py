@@ -1,8 +1,9 @@
 """Surfaces laid together on what stands still.
 
 Where the datum of an epoch is weak (GNSS of metres, a free network), its whole surface floats. A
-motion g t of the second epoch, g = n . G(x) at each core point, is taken out so that the stable
-core points agree; t is itself a linear function of the points, so every variance stays exact:
+motion g t of the second epoch is taken out so that the stable core points agree; g is what the
+motions G(x) of its points do to the change at a core point. t is itself a linear function of the
+points, so every variance stays exact:
 
     L~ = L - g t,   var L~ = var L - 2 g cov(t, L) + g cov(t) g'
 """
@@ -13,8 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from corridor.change.clouds import Functions
-from corridor.change.cores import Cores
+from corridor.change.clouds import Cloud, Functions
 from corridor.change.joint import Joint
 from corridor.change.stable import motions_at, s_transformation, stable_weights
 from corridor.geometry import robust_scale
@@ -68,9 +68,9 @@ class Laying:
         sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         return float(len(some) ** 2 / np.sum((covariance / sigma[:, None] / sigma) ** 2))
 
-    def elsewhere(self, cores: Cores) -> Laying:
-        """The same motion for the changes at other core points."""
-        return replace(self, gain=_gain(cores, self.kind, self.middle))
+    def elsewhere(self, functions: Functions, after: Cloud) -> Laying:
+        """The same motion for other changes of the same dates."""
+        return replace(self, gain=_gain(functions, after, self.kind, self.middle))
 
     def apply(self, change: np.ndarray) -> np.ndarray:
         """Changes (k,) without the motion."""
@@ -89,11 +89,14 @@ class Laying:
 
 
 def lay(
-    distance: np.ndarray, sigma: np.ndarray, functions: Functions, cores: Cores, kind: str
+    distance: np.ndarray, sigma: np.ndarray, functions: Functions, after: Cloud, kind: str
 ) -> Laying:
-    """The motion that makes most core points stand still, robustly. sigma (k,): of each alone."""
-    middle = cores.xyz.mean(axis=0)
-    gain = _gain(cores, kind, middle)
+    """The motion of the second cloud that makes most changes (k,) none, robustly.
+
+    sigma (k,): of each alone.
+    """
+    middle = after.xyz.mean(axis=0)
+    gain = _gain(functions, after, kind, middle)
     weight = stable_weights(distance, gain, sigma)
     stable = np.ones(len(distance), dtype=bool)
     for _ in range(10):
@@ -109,6 +112,7 @@ def lay(
     return Laying(kind, middle, gain, functions.combined(finder), finder @ distance, stable)
 
 
-def _gain(cores: Cores, kind: str, middle: np.ndarray) -> np.ndarray:
-    """Changes (k, m) along the normals by a motion of the second date."""
-    return np.einsum("kx,kxm->km", cores.normal, motions_at(cores.xyz, kind, middle))
+def _gain(functions: Functions, after: Cloud, kind: str, middle: np.ndarray) -> np.ndarray:
+    """Changes (k, m) by a motion of the second date."""
+    xyz = after.epoch.xyz
+    return functions.after @ motions_at(xyz, kind, middle).reshape(3 * len(xyz), -1)

@@ -13,17 +13,16 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from corridor.change.clouds import Cloud
 from corridor.change.cores import WANTED, fitted_normals, usual_radius
 from corridor.change.epoch import Epoch
 from corridor.change.stable import motions_at, s_transformation, stable_weights
-from corridor.geometry import Similarity
+from corridor.geometry import Similarity, rotation_from_vector
 
 PASSES = 30
 # So many points tell a motion of seven numbers.
-ENOUGH = 2000
+ENOUGH = 700
 # The last step moves no point by more (m).
 NEAR_M = 1e-3
 
@@ -73,20 +72,20 @@ class _Beside:
     def __init__(self, before: np.ndarray, after: np.ndarray):
         self.radius = usual_radius(before, after)
         self.xyz, self.tree = before, cKDTree(before[:, :2])
-        self.normal = fitted_normals(before, before, 1.5 * self.radius)
 
     def __call__(self, here: np.ndarray):
         """Away (n,), m, along towards (n, 1, 3), of the points kept."""
         far, nearest = self.tree.query(here[:, :2])
         kept = np.flatnonzero(far < self.radius)
-        normal = self.normal[nearest[kept]]
-        away = np.einsum("nk,nk->n", normal, self.xyz[nearest[kept]] - here[kept])
+        beside = self.xyz[nearest[kept]]
+        normal = fitted_normals(self.xyz, beside, 1.5 * self.radius)
+        away = np.einsum("nk,nk->n", normal, beside - here[kept])
         return away, normal[:, None], kept
 
 
 def _moved(laid: Similarity, step: np.ndarray, middle: np.ndarray) -> Similarity:
     """The similarity followed by a small motion about a middle: shift, turn, growth."""
     shift, turn, growth = np.split(np.concatenate([step, np.zeros(7 - len(step))]), [3, 6])
-    scale, rotation = 1.0 + float(growth[0]), Rotation.from_rotvec(turn).as_matrix()
+    scale, rotation = 1.0 + float(growth[0]), rotation_from_vector(turn)
     translation = scale * rotation @ (laid.translation - middle) + middle + shift
     return Similarity(scale * laid.scale, rotation @ laid.rotation, translation)

@@ -132,10 +132,10 @@ def surface_change(
     distance, variance = found[1].mean - found[0].mean, joint.variance(functions)
     own = laying is None
     if laying is not None:
-        laying = laying.elsewhere(cores)
+        laying = laying.elsewhere(functions, joint.after)
     elif datum == "stable":
         alone = np.sqrt(joint.own_variance(functions) + between.sum(axis=0))
-        laying = lay(distance, alone, functions, cores, kind)
+        laying = lay(distance, alone, functions, joint.after, kind)
     if laying is not None:
         variance = np.maximum(laying.variance(joint, functions, variance), 0.0)
         distance, known = laying.apply(distance), variance + between.sum(axis=0)

@@ -61,7 +61,11 @@ def nothing(first, second):
         (nothing, ["--polygon", "far.csv", "--spacing", "20"], "polygon holds no ground"),
         (nothing, ["--profile", "here.csv"], "numbers in metres"),
         (nothing, ["--profile", "none.csv"], "there is no such file"),
-        (nothing, ["--radius", "0.1", "--spacing", "20"], "5 tie points within 0.1 m"),
+        (
+            nothing,
+            ["--radius", "0.1", "--spacing", "20"],
+            "tie points of both dates within 0.1 m",
+        ),
         (nothing, ["--together", "--stable", "P77", "--points-only"], "P77 is to stand still"),
         (nothing, ["--common", "weather"], "'weather' is no error that epochs share"),
         (nothing, ["--level", "2"], "no probability"),
