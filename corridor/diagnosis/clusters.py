@@ -29,6 +29,9 @@ from corridor.diagnosis.reduced import Elimination, Reduced
 from corridor.diagnosis.search import Found
 from corridor.diagnosis.settings import SETTINGS
 
+# Share of a change that is short enough to be linear, and long enough not to be rounding.
+_SHORT = 1e-3
+
 
 class Influence:
     """What candidates move in the pictures and at the antenna once all else has followed.
@@ -88,7 +91,7 @@ class Influence:
         change[e.first] = self.elimination.solve(-right)[:, 0]
         at = e.own_at[own]
         change[at] = e.unit[at] * values
-        return np.nan_to_num(self._here - self._at(change))
+        return np.nan_to_num(self._here - self._after(change))
 
     def _beside_lens(self, core: np.ndarray) -> np.ndarray:
         """Changes of the core (c, k) with what the lens does about them."""
@@ -146,7 +149,14 @@ class Influence:
         for k in range(core.shape[1]):
             change = np.zeros(len(e.unit))
             change[e.first], change[e.at] = first[:, k], e.unit[e.at] * core[:, k]
-            yield self._at(change)
+            yield self._after(change)
+
+    def _after(self, change: np.ndarray) -> np.ndarray:
+        """Residuals (n, 2), px, after a change (n,), were all as linear as it is nearby.
+
+        Positions that little holds go metres where the noise of the GNSS is another.
+        """
+        return self._here + (self._at(_SHORT * change) - self._here) / _SHORT
 
     def _at(self, change: np.ndarray) -> np.ndarray:
         """Residuals (n, 2), px, after a change of the columns (n,)."""

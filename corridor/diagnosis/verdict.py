@@ -234,21 +234,20 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
     rest = {k: v for k, v in chosen.items() if k != n}
     gains = evidence.given(rest)
     mine, group = gains[n], evidence.groups[n]
-    odds = SETTINGS.look_alike_log_odds * evidence.inflation[n]
     out = []
     for k, gain in enumerate(gains):
         other = evidence.groups[k]
         if k == n or k in chosen or other.generic or refines(other, group):
             continue
-        equal = mine.evidence - gain.evidence <= odds
+        equal = mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds
         # Sets of values, one a flight, are one more parameter each and no other shape.
         more = len(parameter_names(other)) - len(parameter_names(group))
         paid = SETTINGS.evidence_per_parameter * max(len(other) - len(group), 1)
         contained = (
             other.own is None
             and more <= SETTINGS.look_alike_more_parameters
-            and mine.fit - gain.fit <= odds
-            and mine.evidence - gain.evidence <= odds + paid
+            and mine.fit - gain.fit <= SETTINGS.look_alike_log_odds
+            and mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds + paid
         )
         # Where an effect is weak, what explains nothing is not far behind, and no explanation.
         if (equal or contained) and gain.fit > SETTINGS.same_fit_share * mine.fit:

@@ -51,7 +51,7 @@ def test_information_by_images_adds_up_to_that_of_the_reduced_equations(quiet, s
     elimination, reduced, evidence = quiet
     group = evidence.groups[evidence.number[slug]]
     core = np.zeros((len(reduced.g), len(group)))
-    step = 0.1  # so that a step is short enough to be linear
+    step = 100.0  # metres and degrees: what is moved is as linear as it is nearby
     core[group.columns] = step * np.eye(len(group))
     images = np.arange(len(elimination.equations.system.images.names))
     score, inside = Influence(elimination, reduced, None).by_cluster(core, images)
