@@ -32,8 +32,8 @@ UNFINISHED = VENV / "corridor-unfinished"
 SHIPPED_BLOCK = ROOT / "data_synthetic" / "dike"
 OLDEST = (3, 11)
 NBVAL = ("--nbval", "--nbval-current-env", "--nbval-cell-timeout", "1800")
-# A file is one worker's: what its tests share is made once.
-WORKERS = ("-n", "2", "--dist", "loadfile")
+# A file is one worker's: what its tests share is made once. tests/conftest.py orders the files.
+WORKERS = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
 
 
 class CannotRun(Exception):

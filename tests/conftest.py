@@ -12,6 +12,18 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"
 threadpool_limits(1)
 
 
+def pytest_collection_modifyitems(items):
+    """Files with long tests, and notebooks, first: two workers end together.
+
+    One file is one worker's. Had a worker its longest file last, the other would wait for it.
+    """
+    long = {item.path for item in items if item.get_closest_marker("slow")}
+    chapters = {item.path for item in items if item.path.suffix == ".ipynb"}
+    order = {"test_notebooks.py": 0, **dict.fromkeys((path.name for path in chapters), 1)}
+    order = dict.fromkeys((path.name for path in long), 2) | order
+    items.sort(key=lambda item: order.get(item.path.name, 3))
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """The folder of real measurements, which is not part of the project."""

@@ -552,6 +552,11 @@ def _spacing(angles):
 
 
 _RATE = 12  # place of the rotation per row among the parameters
+# A thousand points see a hundredth of a pixel, to which neither are spokes straight nor rims round:
+# what is known beforehand must not give way to that.
+_FLOOR = 0.12
+# Six degrees each way: other tilts (2,), radians, from which a fit begins that has gone astray.
+_TILTS = [(0.1, 0.0), (0.0, 0.1), (-0.1, 0.0), (0.0, -0.1)]
 _SHARED = 14  # parameters before those of the lens and of the spokes
 _STEPS = [1e-5, 1e-5, 1e-2, 1e-2, 1e-5, 1e-4, 1e-5, 1e-5, 1e-2, 1e-2, 1e-5, 1e-5, 1e-8, 1e-3]
 
@@ -576,7 +581,12 @@ class _Joint:
         self.kinds = [self.first + k * self.number + np.arange(self.number) for k in range(3)]
         # A first fit, to points not yet well placed, leaves the lens alone.
         self.loose = lacing.rim_height is not None
-        self.fitted = self._fit(lacing)
+        self.fitted = self._fit(lacing, views[0].pose.tilt)
+        if self._astray(self.fitted):
+            best = min((self._fit(lacing, tilt) for tilt in _TILTS), key=self._misfit)
+            # On a long way spokes are lost: once more from where it ended.
+            again = self._fit(lacing, best.values[:2])
+            self.fitted = min((self.fitted, best, again), key=self._misfit)
 
     def views(self, v):
         """Both photographs as the parameters have them."""
@@ -635,13 +645,30 @@ class _Joint:
             ]
         )
 
-    def _fit(self, lacing) -> Fitted:
+    def _astray(self, fitted) -> bool:
+        """Whether the focal length is none that such a camera has.
+
+        A wheel seen nearly from the front hardly tells it, and which way it leans less; a fit that
+        begins on the wrong side runs away with both.
+        """
+        return self.loose and abs(self.prior(fitted.values)[0]) > 3.0
+
+    def _misfit(self, fitted) -> float:
+        """Squares of residuals and of what is known beforehand, over their variances.
+
+        A spoke that was lost counts as five sigmas: the fit without it is no better.
+        """
+        away = np.minimum(np.abs(fitted.residuals) / _FLOOR, 5.0)
+        return float(np.sum(away**2) + np.sum(self.prior(fitted.values) ** 2))
+
+    def _fit(self, lacing, tilt) -> Fitted:
+        """The fit that begins with a tilt (2,) of the wheel, radians."""
         first, second = self._views
         one, two = first.pose, second.pose
         focal = math.log(one.focal / first.lens.focal)
         start = np.concatenate(
             [
-                [*one.tilt, *one.axis, math.log(one.size), focal],
+                [*tilt, *one.axis, math.log(one.size), focal],
                 np.subtract(two.tilt, one.tilt),
                 np.subtract(two.axis, one.axis),
                 [math.log(two.size / one.size), second.turn, second.rate, lacing.rim_height or 0.0],
@@ -656,9 +683,7 @@ class _Joint:
             start,
             np.concatenate([_STEPS, each]),
             self.prior,
-            # A thousand points see a hundredth of a pixel, to which neither are spokes straight
-            # nor rims round: what is known beforehand must not give way to that.
-            floor=0.12,
+            floor=_FLOOR,
             groups=self.kind,
             own=(self.kinds, self.member),
             rough=not self.loose,

@@ -179,7 +179,7 @@ class TestMap:
             [*command, str(out)], stderr=subprocess.PIPE, text=True, preexec_fn=_interruptible
         )
         kept = tmp_path / "maps.npz.part"
-        for _ in range(60_000):  # two minutes
+        for _ in range(300_000):  # ten minutes and more: a busy machine compiles kernels first
             if len(list(kept.glob("*.npz"))) >= 2 or process.poll() is not None:
                 break
             time.sleep(0.002)
