@@ -22,7 +22,7 @@ from corridor.change.epochs import (
     check_overlap,
     clouds,
 )
-from corridor.change.evidence import gathered, tested
+from corridor.change.evidence import gathered
 from corridor.change.explanation import Explanation, explain
 from corridor.change.joint import Joint
 from corridor.change.nearing import brought
@@ -215,7 +215,7 @@ def _visible(before, after, level: float) -> bool:
     """Whether the change as it was would be significant with the errors as they are now."""
     if len(before) != len(after):
         return True
-    return tested(before.value, after.covariance, level, after.freedom).significant
+    return after.tested(before.value, after.covariance, level).significant
 
 
 def _stable_names(compared: Compared, stable: Iterable[str] | None) -> list[str]:

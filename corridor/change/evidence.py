@@ -23,7 +23,8 @@ MOST_CELLS = 240
 class Evidence:
     """Changes (k,), m, with their covariance (k, k), places (k, 2) and kinds (k,), and what the
     effects of each epoch would do to them: effect (k, e), a column a parameter of `Signatures`.
-    freedom (k,): degrees of freedom of each variance, see `SurfaceChange`.
+    freedom (k,): degrees of freedom of each variance, see `SurfaceChange`; redundancy: of the scale
+    of them all, where what stands still tells it (`Laying`).
     """
 
     value: np.ndarray
@@ -33,6 +34,7 @@ class Evidence:
     signatures: tuple[Signatures, ...]
     effect: tuple[np.ndarray, ...]
     freedom: np.ndarray
+    redundancy: float = np.inf
 
     def __len__(self) -> int:
         return len(self.value)
@@ -52,7 +54,11 @@ class Evidence:
     def test(self, level: float, slugs: tuple[set[str], ...] = ()) -> Test:
         """Whether the changes are significant, with some effects of each epoch estimated."""
         value, covariance = self.without(slugs) if slugs else (self.value, self.covariance)
-        return tested(value, covariance, level, self.freedom)
+        return self.tested(value, covariance, level)
+
+    def tested(self, value: np.ndarray, covariance: np.ndarray, level: float) -> Test:
+        """Whether other values of the same changes are significant, by such a covariance."""
+        return tested(value, covariance, level, self.freedom, self.redundancy)
 
     def judged(self, points: PointChanges | None, level: float) -> PointChanges | None:
         """Points that moved beside every effect told from those that an effect could have moved."""
@@ -79,16 +85,20 @@ class Test:
     freedom: int
 
 
-def tested(value: np.ndarray, covariance: np.ndarray, level: float, freedom: np.ndarray) -> Test:
+def tested(
+    value: np.ndarray, covariance: np.ndarray, level: float, freedom: np.ndarray,
+    redundancy: float = np.inf,
+) -> Test:  # fmt: skip
     """The global test and the single ones, at half the level each.
 
     freedom (k,): of each variance; a change counts as the normal one that is as unlikely.
+    redundancy: of the scale of the covariance.
     """
     if not len(value):
         return Test(False, 1.0, 0)
     sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     z = normal_scores(value / sigma, freedom)
-    overall = congruency(z * sigma, covariance)
+    overall = congruency(z * sigma, covariance, redundancy)
     single = two_sided(z)
     found = discoveries(single, 0.5 * level).any() or overall.probability < 0.5 * level
     least = min(overall.probability, float(single.min()) * len(single))
@@ -117,7 +127,7 @@ def gathered(
     spreads = [part.spread for part in joint.parts(functions)]
     effect = tuple(s.on(spread) for s, spread in zip(signatures, spreads, strict=True))
     value, places, kinds = (np.concatenate([part[n] for part in parts]) for n in (1, 2, 3))
-    freedom = np.full(len(value), np.inf)
+    freedom, redundancy = np.full(len(value), np.inf), np.inf
     if surface is not None:
         # Only what comes from rough ground is uncertain, and no surer than at one core point.
         rough = joint.roughness(functions)
@@ -126,8 +136,9 @@ def gathered(
         freedom[some] = least * (np.diag(covariance)[some] / rough[some]) ** 2
         if surface.laying is not None:
             of_surface = kinds == "surface"
-            freedom[of_surface] = np.minimum(freedom[of_surface], surface.laying.freedom)
-    return Evidence(value, covariance, places, kinds, signatures, effect, freedom)
+            redundancy = surface.laying.freedom
+            freedom[of_surface] = np.minimum(freedom[of_surface], redundancy)
+    return Evidence(value, covariance, places, kinds, signatures, effect, freedom, redundancy)
 
 
 def _of_points(found: PointChanges | None):

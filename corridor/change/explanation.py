@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from corridor.change.evidence import Evidence, Test, tested
+from corridor.change.evidence import Evidence, Test
 from corridor.change.signature import Signatures
 
 # Log evidence from which on the measurements of an epoch show an effect: one in a hundred blocks
@@ -72,7 +72,7 @@ def explain(
     shown = tuple(shown_in(signatures) for signatures in evidence.signatures)
     value, covariance = evidence.without(shown)
     some = evidence.test(level, shown)
-    visible = tested(evidence.value, covariance, level, evidence.freedom).significant
+    visible = evidence.tested(evidence.value, covariance, level).significant
     table = _table(evidence, level, plain.significant)
     both = tuple(a | b for a, b in zip(shown, modelled, strict=True))
     gone = _Shares.of(evidence, plain.significant).of_values(value)
@@ -137,7 +137,7 @@ def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
                     "explained": shares.of_values(value),
                     "probability": float(1.0 / (1.0 + np.exp(-np.clip(likely, -700, 700)))),
                     "hides": significant
-                    and not tested(value, covariance, level, evidence.freedom).significant,
+                    and not evidence.tested(value, covariance, level).significant,
                     "needed": float(np.abs(fitted).max(initial=0.0)),
                     "value": float(estimate.value[0]) * signatures.scale[at[0]],
                     "sigma": float(np.sqrt(max(free.covariance[0, 0], 0.0)))

@@ -31,7 +31,7 @@ class Laying:
     rotation; gain (k, m): of the changes by it; found: it as functions of the points; motion (m,):
     m, rad, share; stable (k,): which changes carry the datum. scale: how many times as much as
     their standard deviations say the changes scatter, at least 1; freedom: degrees of freedom of
-    that, without end where it is 1.
+    that.
     """
 
     kind: str
@@ -50,9 +50,7 @@ class Laying:
         adjustments do not know, as of GNSS of metres, which is not white. independent: how many
         of the changes are. Scatter below the stated one is chance and does not count.
         """
-        scale = float(robust_scale(left))
-        if scale <= 1.0:
-            return self
+        scale = float(robust_scale(left, least=1.0))
         return replace(self, scale=scale, freedom=max(EFFICIENCY * independent, 1.0))
 
     def independent(self, joint: Joint, functions: Functions, sampling: np.ndarray) -> float:

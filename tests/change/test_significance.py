@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from corridor.change import evidence
 from corridor.change.points import PointChanges
 from corridor.change.significance import congruency, discoveries, normal_scores, two_sided
 from corridor.change.stable import motions_at, s_transformation, stable_weights
@@ -79,3 +80,12 @@ def test_student_counts_as_the_normal_number_that_is_as_unlikely():
     scores = normal_scores(np.array([12.7062, -1.959964]), np.array([1.0, np.inf]))
     np.testing.assert_allclose(scores, [1.959964, -1.959964], atol=1e-5)
     np.testing.assert_allclose(two_sided(np.array([2.0860]), 20.0), 0.05, atol=1e-5)
+
+
+def test_a_scale_that_a_few_numbers_tell_proves_no_change_as_a_whole():
+    """A hundred changes a third beyond their sigma: chi square says so once in a million, F with
+    ten degrees of freedom below (tables: 2.6 at 5 %) does not."""
+    value = 1.35 * np.tile([1.0, -1.0], 50)
+    sure, known = np.full(100, np.inf), np.eye(100)
+    assert evidence.tested(value, known, 0.01, sure).significant
+    assert not evidence.tested(value, known, 0.01, np.full(100, 10.0), redundancy=10.0).significant
