@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from corridor.adjustment import Adjustment
-from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.settings import SETTINGS
 from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
 
@@ -35,19 +34,6 @@ class Cost:
     def counts(self) -> bool:
         """Whether it is worth a word: beyond the ground's own doubt, or seen in the residuals."""
         return self.sigmas > SETTINGS.cost_sigmas or self.ratio < SETTINGS.cost_ratio
-
-
-def of_one_picture(group: Group) -> bool:
-    """Whether a group is a shape of no catalogue that each picture has for itself."""
-    return group.generic and group.own is not None and group.effect.place == "image"
-
-
-def idle_shape(what: str) -> str:
-    """The sentence on a shape of single pictures that costs nothing."""
-    return (
-        f"Residuals hang together as in {what}; it neither moves the ground nor predicts data that "
-        "no fit has used clearly better, and is no finding."
-    )
 
 
 def moved(before: Adjustment, after: Adjustment) -> tuple[float, float]:

@@ -188,7 +188,6 @@ def diagnose(
             *implausible(before),
             *course.notes,
             *course.impossible.values(),
-            *last.idle.values(),
             *notes,
             *held.notes,
         ],

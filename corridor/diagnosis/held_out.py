@@ -17,7 +17,7 @@ import pandas as pd
 from corridor.adjustment import Adjustment
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.control import HEIGHT, Wrong
-from corridor.diagnosis.cost import Cost, idle_shape, tie_gap
+from corridor.diagnosis.cost import Cost, tie_gap
 from corridor.diagnosis.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.hold_out import hold_out
 from corridor.diagnosis.location import locate
@@ -161,7 +161,10 @@ class Verification:
             if bare is None or Cost.of(bare, self._now, self._rows).counts:
                 continue
             called = groups[one.number].effect.called
-            self.notes.append(idle_shape(f"{called} ({one.where})"))
+            self.notes.append(
+                f"Residuals hang together as in {called} ({one.where}); it neither moves the "
+                "ground nor predicts data that no fit has used clearly better, and is no finding."
+            )
             self.findings = replace(
                 self.findings, unknown=[k for k in self.findings.unknown if k is not one]
             )

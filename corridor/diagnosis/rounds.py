@@ -16,11 +16,9 @@ from corridor.diagnosis.beside_noise import beyond_noise, through_noise
 from corridor.diagnosis.candidates import Candidates, candidates, with_points
 from corridor.diagnosis.clusters import Influence, as_spread, drawn, inflation_of_scores
 from corridor.diagnosis.control import Blunders, blunders, stands
-from corridor.diagnosis.cost import Cost, idle_shape, of_one_picture
 from corridor.diagnosis.equations import Equations, equations
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.gnss_noise import GnssNoise
-from corridor.diagnosis.hold_out import hold_out
 from corridor.diagnosis.lens import Lens, lens_group, lens_of, names_of_lens
 from corridor.diagnosis.noise_model import NoiseModel, few_positions
 from corridor.diagnosis.plausibility import impossible, plausible
@@ -38,8 +36,8 @@ class Round:
     """One pass: the adjustment it began with, what it found there, and by which limits.
 
     keys: of the groups that were found. lens: as it is beside them. wrong: control points among
-    them that failed their test. idle: keys of shapes that explain much and help nothing, and a
-    sentence each. Of large blocks the last round alone keeps its equations and evidence.
+    them that failed their test. Of large blocks the last round alone keeps its equations and
+    evidence.
     """
 
     adjustment: Adjustment
@@ -53,7 +51,6 @@ class Round:
     log: dict = field(default_factory=dict)
     lens: Lens | None = None
     wrong: Blunders = Blunders()
-    idle: dict[str, str] = field(default_factory=dict)
 
     def shed(self) -> None:
         """Let go of what weighs gigabytes in a block of a thousand images."""
@@ -144,9 +141,6 @@ def _round(course, adjustment, believed, model, threshold, level, seed) -> Round
     there = {whole.number[key]: _kappa(whole, key) for key in model if key in whole.number}
     lens = None if shape is None else lens_of(whole, shape, there)
     one = asked.search(lens, threshold)
-    asked.idle = _idle(one, believed, course.candidates.effects, seed)
-    if asked.idle:
-        one = asked.search(lens, one.threshold)
     if shape is None:
         return one
     again = lens_of(whole, shape, one.found.chosen)
@@ -158,41 +152,12 @@ def _round(course, adjustment, believed, model, threshold, level, seed) -> Round
     return one
 
 
-def _idle(one: Round, believed: ReferenceModel, effects: list[Effect], seed: int) -> dict:
-    """Shapes of single pictures that a round found and that change nothing, a sentence each.
-
-    Residuals of one picture always hang together, and a shape of its own follows them. In the
-    search it would take from a cause what that shows in single pictures.
-    """
-    groups = {one.evidence.groups[n].key: one.evidence.groups[n] for n in one.found.chosen}
-    new = [
-        key
-        for key, group in groups.items()
-        if of_one_picture(group) and key not in one.log["model"]
-    ]
-    if not new or len(believed.block.tie_points) <= SETTINGS.fewest_ties:
-        return {}
-    block, rows = hold_out(believed.block, np.random.default_rng(seed))
-    names = {effect.slug: effect for effect in effects}
-    out = {}
-    try:
-        full = believed.adjust(members(names, one.keys), block)
-        for key in new:
-            others = [other for other in one.keys if other != key]
-            if not Cost.of(believed.adjust(members(names, others), block), full, rows).counts:
-                out[key] = idle_shape(groups[key].effect.called)
-    except (InputError, AdjustmentFailed):
-        return {}
-    return out
-
-
 @dataclass
 class _Asked:
     """The equations of a round, and what they say with the GNSS as good as it says.
 
     model: keys of what has been adjusted. barred: keys of what is no explanation, and why; it
-    grows. draws: of the course, made once. antennas: None where there are few positions. idle: of
-    the round, see there.
+    grows. draws: of the course, made once. antennas: None where there are few positions.
     """
 
     adjustment: Adjustment
@@ -202,7 +167,6 @@ class _Asked:
     model: list[str]
     barred: dict[str, str]
     draws: list[np.ndarray]
-    idle: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, course, adjustment, believed, model) -> _Asked:
@@ -255,7 +219,6 @@ class _Asked:
         keys = [evidence.groups[n].key for n in found.chosen]
         out = Round(self.adjustment, e, noise, noises, evidence, threshold, found, keys, log)
         out.wrong = wrong if found.kept else Blunders()
-        out.idle = self.idle
         return out
 
     def _evidence(self, noise: GnssNoise, lens: Lens | None) -> Evidence:
@@ -279,10 +242,8 @@ class _Asked:
         return inflation_of_scores(influence, evidence, both)
 
     def _barred(self) -> set[str]:
-        """What is no explanation: impossible sizes, what helps nothing, and other names of a lens
-        that is modelled.
-        """
-        return set(self.barred) | set(self.idle) | names_of_lens(self.equations)
+        """What is no explanation: impossible sizes, and other names of a lens that is modelled."""
+        return set(self.barred) | names_of_lens(self.equations)
 
     def _found(
         self, evidence: Evidence, plain: Evidence, threshold: float, wrong: Blunders
