@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from corridor.change.result import Change
 
 RESULT = "change.json"
+# Student's limit of 95 % with ten degrees of freedom: below that a scale is told by few numbers.
+FEW = 2.23
 _VERDICTS = {
     "moved": "the ground moved",
     "camera": "the camera explains it",
@@ -238,6 +240,13 @@ def _datum(change: Change) -> list[str]:
                 "standard deviations say, by errors that the adjustments do not know; those of the "
                 "surface are multiplied by it. One adjustment of both dates with one camera "
                 "(--together --same-camera), or control, would lessen them."
+            )
+        limit = 0.0 if surface is None else float(np.median(surface.detection / surface.total))
+        if limit > FEW:
+            out.append(
+                "How far to trust the standard deviations is told by what stands still, and few "
+                "parts of it are independent: a change counts (95 %) from "
+                f"{times(limit)} times its sigma on."
             )
     if change.gained is not None:
         apart, one = (1000 * g for g in change.gained)

@@ -8,7 +8,7 @@ import numpy as np
 
 from corridor.change.surface import SurfaceChange
 from corridor.effects import find
-from corridor.report import DASH
+from corridor.report import DASH, fixed
 
 if TYPE_CHECKING:
     from corridor.change.result import Change
@@ -25,7 +25,7 @@ _HELP = {
 def millimetres(value: float, sigma: float) -> str:
     """`-14 +- 3 mm`, as many digits as the sigma is worth."""
     digits = 1 if 1000 * sigma < 2 else 0
-    return f"{1000 * value:.{digits}f} \u00b1 {1000 * sigma:.{digits}f} mm"
+    return f"{fixed(1000 * value, digits)} \u00b1 {fixed(1000 * sigma, digits)} mm"
 
 
 def verdict_sentence(change: Change) -> str:
