@@ -31,6 +31,9 @@ from corridor.simulation.views import Network, Views, matched, thin
 
 # Observations that fit in memory with all that hangs on them.
 _MOST_OBSERVATIONS = 200_000_000
+# Of points that are only candidates, in 4 GB; and how often the points of a picture that is asked
+# for a number of them may be seen, until it is the heights that are to blame.
+_MOST_SHOWN, _UNLIKE = 100_000_000, 20
 # Points that an image sees for one that it measures, where a matcher does not know all again.
 _UNMATCHED = 8
 
@@ -229,9 +232,13 @@ def _candidates(
         per_image *= _UNMATCHED
     # Images at the rim share less ground with others and need their points more densely.
     count = int(np.prod(np.ptp(box, axis=1)) * per_image / smallest * 2) + 100
-    if count > _MOST_OBSERVATIONS:
+    # Pictures from high above see all the points that the lowest ones need.
+    areas = np.prod(np.ptp(network.footprints, axis=1), axis=1)
+    shown = float(areas.sum() * per_image / smallest * 2)
+    unlike = shown > _MOST_SHOWN and shown > _UNLIKE * network.images * per_image
+    if count > _MOST_OBSERVATIONS or unlike:
         raise InputError(
-            f"{count:.0e} points are needed to give the lowest pictures "
+            f"{count:.0e} points, seen {shown:.0e} times, are needed to give the lowest pictures "
             f"{plan.tie_points.per_image} each: lower per_image, or plan flights of such "
             "different heights apart"
         )

@@ -469,3 +469,15 @@ def test_a_matcher_ties_no_nadir_image_to_one_that_looks_far_ahead():
         assert rays.min() >= 2
         # Images at the ends of a single strip share too little to be filled.
         assert len(block.tie_points) / len(block.images) == pytest.approx(100, rel=0.1)
+
+
+def test_flights_too_unlike_for_one_density_of_points_are_refused():
+    """What 50 km see of points dense enough for 50 m took 12 GB."""
+    flights = (
+        Flight("low", 50.0, strips=2, offsets_m=(-12.0, 0.0), images=8, forward=0.8),
+        Flight("high", 50_000.0, strips=1, images=4, forward=0.8),
+    )
+    with pytest.raises(InputError, match="such different heights apart"):
+        simulate(
+            Plan("apart", flights, ((0.0, 0.0), (30.0, 12.0)), tie_points=TiePoints(per_image=30))
+        )
