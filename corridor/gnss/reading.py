@@ -64,7 +64,7 @@ def _read(path: Path) -> Track | Exposures:
     Raises InputError where no format recognises it.
     """
     if not path.exists():
-        raise InputError(f"{path.name} does not exist; correct the path")
+        raise InputError(f"{path} does not exist; correct the path")
     if path.suffix == ".parquet":
         return block_table.read(path)
     head = "\n".join(read_lines(path)[:_HEAD_LINES])

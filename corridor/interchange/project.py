@@ -145,10 +145,8 @@ def _coded(codes, names):
     names = names if isinstance(names, pd.Index) else pd.Index(list(names), dtype="str")
     if not names.is_unique:
         where = names.duplicated()
-        raise InputError(
-            f"the project has two images or points named {names[where][0]!r}; give them different "
-            "names"
-        )
+        # Whoever reads the project says which file is at fault (`blaming`).
+        raise ValueError(f"two images or points are named {names[where][0]!r}")
     return pd.Categorical.from_codes(np.asarray(codes, dtype=np.int32), names)
 
 

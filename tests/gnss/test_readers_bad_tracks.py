@@ -137,7 +137,7 @@ def test_a_spoilt_track_is_refused_in_one_sentence(case, tmp_path):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    assert "none.pos does not exist" in fault(read_track, tmp_path / "none.pos")
+    assert f"{tmp_path / 'none.pos'} does not exist" in fault(read_track, tmp_path / "none.pos")
 
 
 def test_image_times_are_not_a_track():

@@ -140,6 +140,17 @@ def test_tie_points_whose_rays_do_not_meet_are_told(tmp_path):
     assert any("their rays do not meet" in s for s in read_project(home).warnings)
 
 
+def test_two_images_of_one_name_are_refused_naming_the_project(tmp_path):
+    from .small_projects import write_all
+
+    home = write_all(tmp_path)["bundler"]
+    first, _, *rest = (home / "list.txt").read_text().splitlines()
+    (home / "list.txt").write_text("\n".join([first, first, *rest]) + "\n")
+    with pytest.raises(InputError, match="two images or points are named") as refused:
+        read_project(home)
+    assert str(home) in str(refused.value)
+
+
 def test_damaged_files_give_no_traceback_and_no_silent_block():
     """120 random damages of ten formats; `slow` has a thousand."""
     outcomes = run(120, seed=7)
