@@ -137,3 +137,10 @@ def test_the_track_is_fetched_and_read(real_data, serve, tmp_path):
     shutil.copy(source / "timestamp.MRK", folder / "Timestamp.MRK")
     shutil.copy(source / "published_camera_positions.csv", folder / "PrecGeoTag_PPK.csv")
     assert "18,602 epochs" in data.fetch("m300_ppk", tmp_path / "out", serve(folder))[-1]
+
+
+def test_a_photograph_of_a_led_is_fetched_and_measured(real_data, serve, tmp_path):
+    folder = tmp_path / "served"
+    folder.mkdir()
+    shutil.copy(real_data / "wheel_bar" / "led_1khz.png", folder / "frame_example.png")
+    assert "known are 15.73 ms" in data.fetch("led", tmp_path / "out", serve(folder))[-1]

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import corridor
-from corridor import gnss, interchange
+from corridor import gnss, interchange, readout
 from corridor.data.register import DataSet, register
 from corridor.errors import AdjustmentFailed, InputError, did_you_mean
 from corridor.photographs import read_metadata
@@ -140,7 +140,20 @@ def _photographs(one, folder):
     ]
 
 
-_CHECKS = {"project": _project, "gnss": _gnss, "photographs": _photographs}
+def _readout(one, folder):
+    """A photograph of something lit by a blinking LED, measured."""
+    path = folder / next(iter(one.files))
+    hertz, known = one.known["frequency_hz"], one.known["readout_ms"]
+    found = readout.readout_from_led(path, hertz).readout_ms
+    if abs(found - known) > 1e-3 * known:
+        raise AdjustmentFailed(f"{one.name} gives {found:.3f} ms, known are {known:.3f} ms")
+    return [
+        f"measured: {found:.2f} ms, known are {known:.2f} ms; go on with corridor readout led "
+        f"{path.name} --frequency {hertz:g} -o OUT"
+    ]
+
+
+_CHECKS = {"project": _project, "gnss": _gnss, "photographs": _photographs, "readout": _readout}
 
 
 def _as_known(one, **counts):

@@ -16,7 +16,8 @@ class DataSet:
     """One set of data.
 
     kind: `shipped` (made by this project), `project` (of another program), `gnss` (a track with
-    exposures) or `photographs`. source, licence: whose it is and what one may do with it.
+    exposures), `readout` (a photograph of a blinking LED) or `photographs`. source, licence: whose
+    it is and what one may do with it.
     address: what the files' paths follow. files: name -> (path, SHA-256, empty where none is
     known). known: figures that the files must come to; what they are depends on the kind.
     size_mb: of the download, None where unknown.
