@@ -32,6 +32,7 @@ _HARMONICS = 15
 _BACKGROUND, _ENVELOPE = (1.0, 16), (0.5, 8)
 # Few stripes that are free to have any shape are in every picture: half of all that for them.
 _FEW = 10.0
+_EDGES = 40  # harmonics of the stripes' edges, beyond which they drown in noise
 _HIGH = 5  # harmonics whose envelopes are free; those of higher ones are stiffer
 _FEWEST_STRIPES, _FEWEST_ROWS = 3.0, 3.0
 _SATURATED, _WHITE = 250, 0.93  # grey value; share of the picture above which nothing is left
@@ -257,9 +258,12 @@ def _fit(found: _Stripes) -> _Fitted | None:
             break
     influence = inverse[0] * root * 2.0 / rows
     cluster = np.floor((row - row[0]) * cycles).astype(int)
-    sigma = sigma_of(influence, residual, np.ones(rows), cluster)
-    # What is left over repeats from stripe to stripe, which few clusters understate.
-    sigma = math.hypot(1.3 * sigma, 1e-5 * cycles)
+    noise, lines, edge = basis.without_edges(residual, row, cycles)
+    sigma = sigma_of(influence, noise, np.ones(rows), cluster)
+    # Squares that the fit took up, and those lines, are missing in what is left.
+    sigma *= math.sqrt(rows / max(rows - len(solved) - lines, 1))
+    sigma = math.hypot(sigma, basis.moved_by_edges(influence, row, cycles, edge))
+    sigma = math.hypot(sigma, 1e-5 * cycles)
     gain = float(flat @ flat) / float(residual @ residual + 1e-30)
     return _Fitted(found.axis, signal, float(cycles), sigma, model, stripes, gain)
 
@@ -279,6 +283,40 @@ class _Basis:
         self.background = chebyshev.chebvander(position, degree(*_BACKGROUND))
         free = chebyshev.chebvander(position, degree(*_ENVELOPE))
         self.envelopes = [free if h <= _HIGH else free[:, :3] for h in self.orders]
+
+    def without_edges(self, residual, row, cycles):
+        """What is left (rows,) without the harmonics of the stripes' edges that are not fitted, how
+        many numbers those took, and the amplitude of an edge: a harmonic has 1 / its order of it.
+
+        Sampled by rows, a harmonic above half a cycle a row is a line at another place of the
+        spectrum. Away from those that are fitted it is no error.
+        """
+        apart, most = 2.0 / len(row), len(row) // 8
+        taken, lines = [0.0, *self._place(self.orders, cycles)], []
+        for order in range(1, _EDGES + 1):
+            place = float(self._place(order, cycles))
+            if len(lines) < most and np.min(np.abs(np.array(taken) - place)) > apart:
+                taken.append(place)
+                lines.append(order)
+        if not lines:
+            return residual, 0, 0.0
+        argument = 2 * np.pi * np.outer(row, lines) * cycles
+        waves = np.hstack([np.cos(argument), np.sin(argument)])
+        size = np.linalg.lstsq(waves, residual, rcond=None)[0]
+        edge = np.sqrt(2 * np.mean((np.array(lines * 2) * size) ** 2))
+        return residual - waves @ size, 2 * len(lines), float(edge)
+
+    def moved_by_edges(self, influence, row, cycles, edge):
+        """Cycles by which unfitted harmonics of edges move the stripes, wherever rows show them;
+        one sigma, their phases being unknown."""
+        orders = np.setdiff1d(np.arange(1, _EDGES + 1), self.orders)
+        waves = np.exp(2j * np.pi * np.outer(row, orders) * cycles)
+        return float(edge * np.linalg.norm(np.abs(influence @ waves) / orders) / np.sqrt(2))
+
+    @staticmethod
+    def _place(order, cycles):
+        """Where rows show a harmonic, cycles a row, 0 to 0.5."""
+        return np.abs(order * cycles - np.round(order * cycles))
 
     def linearised(self, signal, root, row, cycles, phase):
         """Columns (rows, m) of the light at some cycles and phases, and its slopes (rows, 1 + h)
