@@ -6,7 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.guarantees import damage, malformed, order, subjects, table, verbs
+from benchmarks.guarantees import (
+    damage,
+    full,
+    interrupted,
+    malformed,
+    order,
+    sigmas,
+    subjects,
+    table,
+    verbs,
+)
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -61,6 +71,26 @@ def test_damage_changes_a_table_and_says_what_it_did(tmp_path, seed):
 def test_what_is_half_written_is_told_from_what_is_whole(status, said, there, wrong):
     found = verbs.fault(status, said, there, {"out/a", "out/b"}, (130, 0))
     assert found.startswith(wrong) and bool(found) == bool(wrong)
+
+
+# One of each way to write: a folder, a folder with its truth beside it, a project, a file.
+QUICK = ("correct", "simulate", "export", "gnss")
+
+
+def test_a_verb_that_is_stopped_leaves_nothing_half_written():
+    found = interrupted.run(times=2, seed=1, say=print, some=QUICK)
+    assert found["holds"] and found["moments"] == 2 * len(QUICK), found["faults"]
+
+
+def test_a_full_disk_leaves_nothing_half_written():
+    found = full.run(say=print, some=QUICK, shares=(0.0, 0.9))
+    assert found["holds"] and found["tries"] == 2 * len(QUICK), found["faults"]
+
+
+@pytest.mark.parametrize("kind", ["gnss", "readout"])
+def test_errors_are_no_larger_than_stated(kind):
+    """A few draws of the long run: 1.05 or less lies in their interval of 95 %."""
+    assert sigmas.run(draws=8, seed=3, say=print, some=(kind,))["kinds"][kind]["low"] <= 1.05
 
 
 @pytest.mark.slow

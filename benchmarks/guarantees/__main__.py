@@ -45,6 +45,9 @@ def main() -> int:
     )
     parser.add_argument("--times", type=int, default=20, help="moments at which a verb is stopped")
     parser.add_argument("--draws", type=int, default=200, help="draws for errors over sigma")
+    parser.add_argument(
+        "--kinds", default="", help="sigmas of these (gnss,readout) alone; the others' figures stay"
+    )
     parser.add_argument("--figures", type=Path, default=FIGURES, help="file of the figures")
     options = parser.parse_args()
     if options.case is not None:
@@ -77,7 +80,10 @@ def _part(part, options) -> bool:
     elif part == "full":
         figures = full.run(_say, options.minutes)
     elif part == "sigmas":
-        figures = sigmas.run(options.draws, options.seed, _say)
+        some = tuple(filter(None, options.kinds.split(",")))
+        figures = sigmas.run(options.draws, options.seed, _say, some)
+        if some:
+            figures = sigmas.added(known.get(part), figures)
     else:
         figures = order.run(options.seed)
     table.store(options.figures, part, figures)

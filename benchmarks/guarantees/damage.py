@@ -9,7 +9,6 @@ import csv
 import io
 import random
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -96,7 +95,15 @@ def damage(path: Path, rng: random.Random, others: list[Path]) -> str:
     elif path.suffix in (".toml", ".json", ".xml", ".txt", ".out"):
         kinds |= {"value": (6, _value), "line": (2, _line), "encoding": (2, _encoding)}
     kind = rng.choices(list(kinds), [weight for weight, _ in kinds.values()])[0]
+    _apart(path)
     return f"{kind}: {path.name}: {kinds[kind][1](path, rng)}"
+
+
+def _apart(path):
+    """Make a file of its own of what may be a link to the undamaged one."""
+    data = path.read_bytes()
+    path.unlink()
+    path.write_bytes(data)
 
 
 def _bytes(path, rng):
@@ -115,9 +122,10 @@ def _file(path, rng, others):
         path.write_bytes(data + data)
     elif what == "swapped":
         path.write_bytes(other.read_bytes())
+        _apart(other)
         other.write_bytes(data)
     elif what == "another":
-        shutil.copy(other, path) if other != path else None
+        path.write_bytes(other.read_bytes())
     else:
         path.unlink()
         if what == "empty":

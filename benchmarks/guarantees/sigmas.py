@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,17 +29,22 @@ XYZ, SXYZ = ["x", "y", "z"], ["sx", "sy", "sz"]
 READOUT_S = 0.02
 
 
-def run(draws: int, seed: int, say) -> dict:
-    """Every stated sigma: ratio, its interval of 95 %, and the number of draws."""
+def run(draws: int, seed: int, say, some: Sequence[str] = ()) -> dict:
+    """Every stated sigma: ratio, its interval of 95 %, and the number of draws.
+
+    some: these kinds in place of all.
+    """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plan.toml"
         path.write_text(samples.PLAN, encoding="utf-8")
         plan = read_plan(str(path))
+    kinds = {
+        "adjust": lambda: _Adjusted(plan), "plan": lambda: _Planned(plan), "gnss": lambda: _antenna,
+        "readout": lambda: _led, "thermal": lambda: _fitted, "diagnose": lambda: _diagnosed(plan),
+    }  # fmt: skip
     figures = {}
-    for name, sort in (
-        ("adjust", _Adjusted(plan)), ("plan", _Planned(plan)), ("gnss", _antenna),
-        ("readout", _led), ("thermal", _fitted), ("diagnose", _diagnosed(plan)),
-    ):  # fmt: skip
+    for name in some or kinds:
+        sort = kinds[name]()
         begun, squares = time.process_time(), []
         for k in range(draws):
             z = np.asarray(sort(seed * 100_000 + k), float)
@@ -49,6 +55,12 @@ def run(draws: int, seed: int, say) -> dict:
     return {
         "kinds": figures, "seed": seed, "holds": all(one["holds"] for one in figures.values())
     }  # fmt: skip
+
+
+def added(before: dict | None, after: dict) -> dict:
+    """The figures of some kinds in the place of theirs in an earlier run."""
+    kinds = (before or {}).get("kinds", {}) | after["kinds"]
+    return after | {"kinds": kinds, "holds": all(one["holds"] for one in kinds.values())}
 
 
 def _judged(squares) -> dict:
@@ -100,7 +112,11 @@ class _Planned(_Adjusted):
 
 
 def _antenna(seed):
-    """Antennas between the epochs of a receiver, the drone on a smooth path."""
+    """Antennas between the epochs of a receiver, the drone on a smooth path.
+
+    A share of the variance is slow, drawn from those that the interpolation takes for equally
+    likely: it has to find it in the track, and its sigma is one of the true antenna.
+    """
     rng = np.random.default_rng(seed)
     size, period = rng.uniform(2, 20, (3, 3)), rng.uniform(20, 80, (3, 3))
     phase = rng.uniform(0, 2 * np.pi, (3, 3))
@@ -110,8 +126,11 @@ def _antenna(seed):
         return np.array([0.0, 0.0, 50.0]) + (size * np.sin(turn)).sum(axis=1)
 
     epochs, sigma = np.arange(0.0, 120.0, 0.5), np.array([0.008, 0.008, 0.015])
+    share = rng.choice(gnss.SLOW_SHARES)
+    slow = gnss.SlowNoise(gnss.CORRELATION_S).draw(epochs, rng, 3)
+    noise = np.sqrt(share) * slow + np.sqrt(1 - share) * rng.standard_normal((len(epochs), 3))
     track = pd.DataFrame({"time_s": epochs, "quality": 1})
-    track[XYZ] = path(epochs) + sigma * rng.standard_normal((len(epochs), 3))
+    track[XYZ] = path(epochs) + sigma * noise
     track[SXYZ] = np.broadcast_to(sigma, (len(epochs), 3))
     at = np.sort(rng.uniform(5, 115, 40))
     made = gnss.interpolate(track, at, "smoother", max_sigma=10.0).table

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 # {good} is the folder of the samples, {out} what is written.
@@ -40,7 +41,7 @@ def whole(verb: str, home: Path) -> set[str]:
     place = home / "whole" / verb.replace(" ", "_")
     place.mkdir(parents=True)
     pid = begin(typed(verb, home / "good", place / "out"), place.with_suffix(".txt"))
-    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    status = ended(pid)
     assert status == 0, (verb, status, place.with_suffix(".txt").read_text())
     return listed(place)
 
@@ -75,6 +76,19 @@ def begin(words: list[str], printed: Path, before=lambda: None) -> int:
     finally:
         sys.stdout.flush(), sys.stderr.flush()
         os._exit(status if isinstance(status, int) else 71)
+
+
+def ended(pid: int) -> int:
+    """Wait for a process of `begin`; its status. Workers that wait for more of its work end too."""
+    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    end_group(pid)
+    return status
+
+
+def end_group(pid: int) -> None:
+    """End what a process of `begin`, which has ended, has left running."""
+    with suppress(ProcessLookupError):
+        os.killpg(pid, signal.SIGKILL)
 
 
 def listed(place: Path) -> set[str]:

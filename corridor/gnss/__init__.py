@@ -12,8 +12,10 @@ from corridor.gnss.coordinates import (
 )
 from corridor.gnss.exposures import Exposures
 from corridor.gnss.interpolation import (
+    CORRELATION_S,
     MAX_SIGMA_M,
     METHODS,
+    SLOW_SHARES,
     Interpolated,
     interpolate,
     segments,
@@ -23,11 +25,13 @@ from corridor.gnss.slow_noise import SlowNoise
 from corridor.gnss.track import GEOCENTRIC, GEOGRAPHIC, QUALITY, Track, check_quality
 
 __all__ = [
+    "CORRELATION_S",
     "GEOCENTRIC",
     "GEOGRAPHIC",
     "MAX_SIGMA_M",
     "METHODS",
     "QUALITY",
+    "SLOW_SHARES",
     "Alignment",
     "Antenna",
     "Exposures",

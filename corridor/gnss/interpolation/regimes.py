@@ -24,7 +24,8 @@ _COARSE = np.concatenate([[1e-6], 10.0 ** np.arange(-4.0, 3.1, 1.0)])
 _OF_AXIS = (1.0, 1.0, 10.0**-0.5)
 _DWELL_S = 5.0
 _GUST = np.concatenate([[0.0], 10.0 ** np.arange(-5.0, 1.1, 0.5)])
-_SHARE = np.array([0.0, 0.5, 0.8, 0.9, 0.95, 0.98])
+# Shares of the variance that may be slow, each equally likely beforehand.
+SLOW_SHARES = np.array([0.0, 0.5, 0.8, 0.9, 0.95, 0.98])
 _SCALE = 10.0 ** np.arange(-3.5, 1.1, 0.25)
 _VELOCITY = 10.0 ** np.arange(-2.5, 1.1, 0.25)
 _BLOCK, _BLOCKS = 200, 12
@@ -230,7 +231,7 @@ class _Search:
         if share is None and epochs.stated:
             self.free.append("share")
         self.grids = {
-            "scale": _SCALE, "velocity_sigma": _VELOCITY, "gust": _GUST, "share": _SHARE,
+            "scale": _SCALE, "velocity_sigma": _VELOCITY, "gust": _GUST, "share": SLOW_SHARES,
         }  # fmt: skip
         unknown_velocity = "velocity_sigma" in self.free
         first = Axis(
