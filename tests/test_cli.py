@@ -1,5 +1,6 @@
 """The command: what it prints, writes and returns."""
 
+import argparse
 import errno
 import json
 import pkgutil
@@ -23,6 +24,21 @@ VERBS = sorted(
     for module in pkgutil.iter_modules(corridor.cli.__path__)
     if not module.name.startswith("_")
 )
+
+
+def helps():
+    """What `--help` prints of every verb and of every kind of one."""
+    out = {}
+
+    def visit(name, parser):
+        out[name] = parser.format_help()
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for below, one in action.choices.items():
+                    visit(f"{name} {below}", one)
+
+    visit("corridor", corridor.cli._parser())
+    return out
 
 
 @pytest.fixture(scope="module")
@@ -370,6 +386,24 @@ class TestHelp:
         assert corridor.simulation.read_plan(path).flights[0].name == "50vt"
         assert main(["simulate", "thesis_50vv", "--show"]) == 2
         assert "did you mean thesis_50vt" in capsys.readouterr().err
+
+    @pytest.mark.parametrize("columns", [60, 80, 100])
+    def test_no_line_is_wider_than_the_terminal(self, monkeypatch, columns):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        told = helps()
+        assert len(told) > len(VERBS) + 10
+        for verb, text in told.items():
+            wide = [line for line in text.splitlines() if len(line) > columns]
+            # A path or a list without blanks cannot be folded.
+            assert all(len(line.split()) <= 2 for line in wide), (verb, wide)
+
+    def test_a_folded_command_can_be_pasted(self, monkeypatch):
+        def commands(columns):
+            monkeypatch.setenv("COLUMNS", str(columns))
+            text = re.sub(r" \\\n +", " ", "\n".join(helps().values()))
+            return re.findall(r"^ +corridor .*", text, re.MULTILINE)
+
+        assert commands(70) == commands(1000)
 
     def test_it_does_not_wait_for_the_numerical_libraries(self):
         """`corridor --help` loads neither numpy nor numba."""

@@ -18,6 +18,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from corridor.cli._help import Parser
 from corridor.errors import AdjustmentFailed, InputError
 
 __all__ = ["main"]
@@ -29,10 +30,16 @@ the ground, and what happens when it is modelled?
 
 _FIRST_STEPS = """\
 first steps:
-  corridor summary data_synthetic/dike                 what is in a block, and what is missing
-  corridor adjust data_synthetic/dike -o out/dike      adjust it: report, pictures, adjusted block
-  corridor diagnose data_synthetic/dike -o out/missing what is missing from the model, and where
-  corridor effects                                     what else could be estimated
+  corridor summary data_synthetic/dike
+      what is in a block, and what is missing
+  corridor adjust data_synthetic/dike -o out/dike
+      adjust it: report, pictures, adjusted block
+  corridor diagnose data_synthetic/dike -o out/missing
+      what is missing from the model, and where
+  corridor effects
+      what else could be estimated
+  corridor VERB --help
+      options and examples of one verb
 
 A BLOCK is a folder of plain files; README.md says which. Exit status: 0 done, 1 the work failed,
 2 the input is wrong, 130 interrupted.
@@ -144,12 +151,7 @@ def _end(status, sentence):
 
 
 def _parser():
-    parser = argparse.ArgumentParser(
-        prog="corridor",
-        description=_OPENING,
-        epilog=_FIRST_STEPS,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = Parser(prog="corridor", description=_OPENING, epilog=_FIRST_STEPS)
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     for module in pkgutil.iter_modules(__path__):
         if module.name.startswith("_"):
@@ -163,7 +165,6 @@ def _parser():
             help=first[:1].lower() + first[1:].rstrip("."),
             description=f"{first}\n",
             epilog=rest.strip(),
-            formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         verb.configure(below)
         below.set_defaults(run=verb.run)

@@ -182,14 +182,14 @@ _OTHER = {"--output": "-o", "--verbose": "-v", "--cluster": "--scheduler"}
 def below(parsers, verb: str, name: str, text: str, examples: str):
     """A parser of one kind of a verb, with examples of its own below its options.
 
-    examples: lines of `ARGUMENTS   what they do`, without the verb.
+    text: what it is or does. examples: arguments, without the verb, a line each.
     """
     lines = (f"  corridor {verb} {name} {line}" for line in examples.strip().splitlines())
     return parsers.add_parser(
         name,
         help=text,
-        epilog="\n".join(["examples:", *lines]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description=f"{text[:1].upper()}{text[1:]}.",
+        epilog="\n".join(["examples:", *lines, "", f"`corridor {verb} --help` says more."]),
     )
 
 

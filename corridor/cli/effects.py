@@ -1,8 +1,10 @@
 """List the effects that can be estimated, or describe one of them in full.
 
 examples:
-  corridor effects                     the catalogue
-  corridor effects rolling_shutter     what it models, what reveals it, what it needs, its source
+  corridor effects
+      the catalogue
+  corridor effects rolling_shutter
+      what it models, what reveals it, what it needs, its source
 """
 
 import argparse

@@ -2,7 +2,9 @@
 
 examples:
   corridor summary data_synthetic/dike
-  corridor summary BLOCK -o out/look      also saves a first-look picture there
+      the shipped block: what is in it, and what looks wrong
+  corridor summary BLOCK -o out/look
+      also saves a first-look picture there
 """
 
 import argparse
