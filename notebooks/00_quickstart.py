@@ -259,7 +259,7 @@ if drone:
     ours |= {
         "saraburi.gcp16.sigma0": one.sigma0,
         "saraburi.gcp16.f": focal[one].value,
-        "saraburi.gcp16.tie_rms": one.observations["tie"]["rms"],
+        "saraburi.gcp16.tie_rms": one.observations.loc["tie", "rms_px"],
         "saraburi.gcp16.GCP11": points.loc["GCP11"],
         "saraburi.gcp16.GCP24": points.loc["GCP24"],
         "saraburi.no_control.f_sigma": focal[none].sigma / none.sigma0,

@@ -609,7 +609,7 @@ for where, block in starts.items():
     for model, options in models.items():
         found = corridor.adjust(block, **options)
         rms = [1000 * value for value in (found.check_rms.xy, found.check_rms.z)]
-        rows[where, model] = [found.observations["tie"]["rms"], *rms]
+        rows[where, model] = [found.observations.loc["tie", "rms_px"], *rms]
 columns = ["tie residuals (px)", "horizontal (mm)", "height (mm)"]
 pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(
     dict(zip(columns, (2, 1, 1), strict=True))

@@ -274,7 +274,7 @@ for title, one in (("an arm for each flight", block), ("one arm for both", joine
         one, camera=camera, control=[order[7]], check=[p for p in order if p != order[7]]
     )
     rms = found.check_rms
-    gnss = found.observations["gnss"]["rms"]
+    gnss = found.statistics["gnss"]["rms"]
     rows[title] = [100 * rms.xy, 100 * rms.z, 100 * np.max(gnss), found.sigma0]
 columns = ["horizontal (cm)", "height (cm)", "GNSS residuals (cm)", "sigma naught"]
 pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(2)

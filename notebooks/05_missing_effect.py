@@ -64,7 +64,7 @@ def truth_of(name):
 # %%
 levee = corridor.read(sealed / "levee")
 believed = corridor.adjust(levee, loss="cauchy:2")
-tie = believed.observations["tie"]["rms"]
+tie = believed.observations.loc["tie", "rms_px"]
 print(f"sigma naught {believed.sigma0:.2f}, tie residuals {tie:.2f} px")
 print(f"check points {1000 * believed.check_rms.d3:.0f} mm")
 

@@ -147,7 +147,7 @@ def adjustment(block, effects=(), seed=5, **changes):
         "converged": True, "iterations": 5, "seconds": 0.31,
         "sigma0": 0.9312, "redundancy": 27340, "cost": 25458.0, "history": [],
         "residuals": residuals,
-        "observations": {kind: _statistics(kind, table) for kind, table in residuals.items()},
+        "statistics": {kind: _statistics(kind, table) for kind, table in residuals.items()},
         "camera": camera, "effects": effects,
         "lever_arm": pd.DataFrame(
             arms, columns=["flight", "x", "y", "z", "sx", "sy", "sz", "fixed"]
@@ -162,7 +162,8 @@ def adjustment(block, effects=(), seed=5, **changes):
              "sigma_a": 2.9, "sigma_b": 0.012}
             for name in block.cameras for b in ("camera height", "ground height")
         ],
-        "high_correlations": high, "correlation_matrix": (names, matrix), "warnings": [],
+        "high_correlations": high, "warnings": [],
+        "correlation_matrix": pd.DataFrame(matrix, names, names),
     }  # fmt: skip
     made["values"] = _values(made["effects"])
     made |= changes

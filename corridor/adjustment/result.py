@@ -12,6 +12,7 @@ from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.export import write_gis
 from corridor.adjustment.misfit import start_misfit
+from corridor.adjustment.observation_table import observation_table
 from corridor.adjustment.parameters import Parameters, parameters_of
 from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
@@ -151,8 +152,18 @@ class Adjustment(Checked):
         return out
 
     @cached_property
-    def observations(self) -> dict[str, dict]:
-        """Count, RMS (without gross errors), sigma naught and outliers of each kind."""
+    def observations(self) -> pd.DataFrame:
+        """A row for each kind: `tie`, `mark`, `gnss`, `control`, of which there are any.
+
+        Columns: count, outliers (beyond 5 robust sigmas), gross (beyond 15, which the RMS leaves
+        out), rms_px (an axis; NaN of positions), rms_x_m, rms_y_m, rms_z_m (NaN of image points),
+        sigma0.
+        """
+        return observation_table(self.statistics)
+
+    @cached_property
+    def statistics(self) -> dict[str, dict]:
+        """`observations` as adjustment.json has them: rms in px, or three in metres."""
         out = {}
         for kind in ("tie", "mark"):
             frame = self.residuals[kind]
@@ -239,18 +250,17 @@ class Adjustment(Checked):
         return pd.DataFrame(rows, columns=["flight", "x", "y", "z", "sx", "sy", "sz", "fixed"])
 
     @cached_property
-    def correlation_matrix(self) -> tuple[list[str], np.ndarray]:
-        """Names and correlations (q, q) of camera, effect and lever-arm parameters."""
+    def correlation_matrix(self) -> pd.DataFrame:
+        """Correlations (q, q) of camera, effect and lever-arm parameters, by their names."""
         names = [unknown.label for unknown in self.problem.unknowns]
-        if not names:
-            return [], np.zeros((0, 0))
-        sigma = np.sqrt(np.diag(self.covariance.shared))
-        return names, self.covariance.shared / sigma[:, None] / sigma
+        shared = self.covariance.shared if names else np.zeros((0, 0))
+        sigma = np.sqrt(np.diag(shared))
+        return pd.DataFrame(shared / sigma[:, None] / sigma, index=names, columns=names)
 
     @cached_property
     def high_correlations(self) -> pd.DataFrame:
         """Pairs of shared parameters that are correlated beyond 0.95: a, b, value."""
-        names, matrix = self.correlation_matrix
+        names, matrix = list(self.correlation_matrix), self.correlation_matrix.to_numpy()
         high = np.argwhere(np.triu(np.abs(matrix) > HIGH, 1))
         rows = [(names[i], names[j], matrix[i, j]) for i, j in high]
         return pd.DataFrame(rows, columns=["a", "b", "value"]).astype({"value": float})

@@ -375,7 +375,7 @@ def _fit(a):
 
 def _outliers(a):
     for kind, what in (("tie", "tie point"), ("mark", "mark")):
-        found = a.observations[kind]
+        found = a.statistics[kind]
         if not found or not found["outliers"]:
             continue
         share = 100.0 * found["outliers"] / found["count"]
@@ -394,7 +394,7 @@ def _outliers(a):
         ("gnss", "GNSS position", reject),
         ("control", "control point", ""),
     ):
-        found = a.observations[kind]
+        found = a.statistics[kind]
         if found and found["outliers"]:
             frame = a.residuals[kind]
             names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()

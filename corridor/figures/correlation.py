@@ -28,8 +28,8 @@ def correlation_matrix(adjustment: Adjusted) -> Figure:
     with the strongest correlations are shown.
     """
     title = f"{short(adjustment.block.name, 50)}: correlations of the parameters"
-    names, matrix = adjustment.correlation_matrix
-    names, matrix = list(names), np.array(matrix, dtype=float).reshape(len(names), len(names))
+    table = adjustment.correlation_matrix
+    names, matrix = list(table), table.to_numpy(dtype=float)
     if len(names) < 2:
         return style.sentence("Fewer than two parameters were estimated.", title)
     total = len(names)

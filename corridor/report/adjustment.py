@@ -81,7 +81,7 @@ class Adjusted(Protocol):
     sigma0: float
     redundancy: int
     warnings: list[str]
-    observations: dict[str, dict]
+    statistics: dict[str, dict]
     residuals: dict[str, pd.DataFrame]
     camera: pd.DataFrame
     effects: pd.DataFrame
@@ -94,7 +94,7 @@ class Adjusted(Protocol):
     check_std: Any
     correlations: pd.DataFrame
     high_correlations: pd.DataFrame
-    correlation_matrix: tuple[list[str], np.ndarray]
+    correlation_matrix: pd.DataFrame
 
     def write_gis(self, stem: Path) -> None: ...
 
@@ -190,7 +190,7 @@ def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
         "seconds": adjustment.seconds,
         "sigma0": adjustment.sigma0,
         "redundancy": adjustment.redundancy,
-        "observations": adjustment.observations,
+        "observations": adjustment.statistics,
         "camera": camera,
         "effects": adjustment.values.to_json(),
         "effect_groups": {slug: one.kind for slug, one in adjustment.values.items()},
@@ -198,7 +198,7 @@ def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
         "check_points": {"rows": adjustment.check_points.to_dict(orient="records"), **check},
         "correlations": adjustment.correlations.to_dict(orient="records"),
         "high_correlations": adjustment.high_correlations.to_dict(orient="records"),
-        "parameters": len(adjustment.correlation_matrix[0]),
+        "parameters": len(adjustment.correlation_matrix),
         "warnings": adjustment.warnings,
     }
     return plain(content)
@@ -351,7 +351,7 @@ def _compared(sigma0: float) -> str:
 def _observations(adjustment: Adjusted) -> Table:
     """Number, outliers, RMS and sigma naught of each kind of measurement."""
     rows, gross = [], []
-    for kind, found in adjustment.observations.items():
+    for kind, found in adjustment.statistics.items():
         if not found.get("count"):
             continue
         counts = (f"{found['count']:,}", f"{found['outliers']:,}")
@@ -547,7 +547,7 @@ def _correlations(adjustment: Adjusted) -> Table | None:
 def _strong_correlations(adjustment: Adjusted) -> Table | None:
     """Parameters that can hardly be told apart, the strongest first."""
     pairs = adjustment.high_correlations.sort_values("value", key=lambda v: -v.abs(), kind="stable")
-    names, _ = adjustment.correlation_matrix
+    names = list(adjustment.correlation_matrix)
     if not len(pairs):
         if len(names) < 2:
             return None

@@ -115,8 +115,8 @@ class TestSettings:
         assert (readout.value, readout.sigma, readout.vary) == (0.03, 0.0, False)
         free = corridor.adjust(block, camera="fixed", effects=["rolling_shutter"])
         assert held.redundancy == free.redundancy + 1
-        assert held.observations["tie"]["rms"] == pytest.approx(
-            free.observations["tie"]["rms"], rel=0.01, abs=1e-4
+        assert held.statistics["tie"]["rms"] == pytest.approx(
+            free.statistics["tie"]["rms"], rel=0.01, abs=1e-4
         )
 
     def test_a_prior_is_one_wherever_it_is_given(self, block):

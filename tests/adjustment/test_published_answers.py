@@ -308,7 +308,7 @@ class TestSaraburi:
     @pytest.mark.parametrize("letter", [*WITH_CONTROL, "A", "K"])
     def test_residuals_of_tie_points_agree(self, saraburi, table, letter):
         """Tolerance of the README: 0.002 px."""
-        seen = saraburi(letter).observations["tie"]["rms"]
+        seen = saraburi(letter).statistics["tie"]["rms"]
         assert seen == pytest.approx(table[letter]["tie_rms_px_per_axis"], abs=0.002)
 
     @pytest.mark.parametrize("letter", ["A", "B", "F", "H", "H2", "I"])
@@ -317,7 +317,7 @@ class TestSaraburi:
         adjusted, theirs = saraburi(letter), table[letter]
         assert theirs["redundancy"] - adjusted.redundancy == 2 * 5 - 3
         squares = theirs["sigma0"] ** 2 * theirs["redundancy"] - 2 * adjusted.cost
-        marks = adjusted.observations["mark"]
+        marks = adjusted.statistics["mark"]
         more = 2 * (marks["count"] + 5) * theirs["mark_rms_px_per_axis"] ** 2
         more -= 2 * marks["count"] * marks["rms"] ** 2
         assert squares == pytest.approx(more / 0.5**2, abs=3.0)
@@ -327,7 +327,7 @@ class TestSaraburi:
     def test_the_register_holds_with_control(self, saraburi, row, letter):
         adjusted = saraburi(letter)
         check = adjusted.check_points.set_index("point")[["dx", "dy", "dz"]]
-        holds(f"saraburi.{row}.tie_rms", adjusted.observations["tie"]["rms"])
+        holds(f"saraburi.{row}.tie_rms", adjusted.statistics["tie"]["rms"])
         holds(f"saraburi.{row}.f", focal(adjusted)[0])
         for point in ("GCP11", "GCP24"):
             holds(f"saraburi.{row}.{point}", check.loc[point].to_numpy())
@@ -336,7 +336,7 @@ class TestSaraburi:
         check = saraburi("F").check_points.set_index("point")[["dx", "dy", "dz"]]
         for point in ("GCP11", "GCP24"):
             holds(f"saraburi.earlier.{point}", check.loc[point].to_numpy())
-        holds("saraburi.earlier.tie_rms", saraburi("F").observations["tie"]["rms"])
+        holds("saraburi.earlier.tie_rms", saraburi("F").statistics["tie"]["rms"])
 
 
 class TestSaraburiWithoutControl:
@@ -405,7 +405,7 @@ class TestOutliersOfSaraburi:
     def test_they_are_counted(self, saraburi):
         """2.0 % of coordinates lie beyond five robust sigmas (0.69, 0.55 px), says the README:
         of points, which have two coordinates, between that and twice that."""
-        found = saraburi("B").observations["tie"]
+        found = saraburi("B").statistics["tie"]
         assert 0.020 < found["outliers"] / found["count"] < 0.040
         assert found["gross"] == 0  # "there are no gross blunders"
         sentence = f"{found['outliers']} of {found['count']} tie point observations"

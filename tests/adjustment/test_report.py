@@ -116,7 +116,7 @@ class TestText:
     def test_every_number_of_the_tables_is_there(self, block):
         made = adjustment(block, effects=[READOUT])
         text = text_of(made)
-        tie = made.observations["tie"]
+        tie = made.statistics["tie"]
         assert f"{tie['count']:,}" in text and f"{tie['rms']:.3f} px an axis" in text
         assert f" {tie['outliers']:,} " in text
         assert re.search(r"f +8192\.0 +2\.9 +px", text)
@@ -144,9 +144,9 @@ class TestText:
         """Outliers stay in the RMS; only what lies beyond 15 robust sigmas is left out."""
         made = adjustment(block)
         table = tables_of(made)[0]
-        assert made.observations["tie"]["outliers"] and "RMS" in table.header
+        assert made.statistics["tie"]["outliers"] and "RMS" in table.header
         assert not [note for note in table.notes if "gross" in note]
-        made.observations["mark"]["gross"] = 3
+        made.statistics["mark"]["gross"] = 3
         assert tables_of(made)[0].notes[0].endswith("beyond 15 robust sigmas: 3 of marks")
 
     def test_correlations_left_out_are_counted(self, block):
@@ -327,7 +327,7 @@ class TestDict:
     def test_numbers_are_finite_or_null(self, block):
         made = adjustment(block, sigma0=float("nan"), cost=float("inf"))
         made.camera.loc[0, "sigma"] = float("inf")
-        made.observations["control"] = {"count": 0, "rms": np.full(3, np.nan), "outliers": 0}
+        made.statistics["control"] = {"count": 0, "rms": np.full(3, np.nan), "outliers": 0}
         made.check_points = made.check_points.iloc[:0]
         made.check_rms = made.check_mean = made.check_std = type(made.check_rms)(
             *[float("nan")] * 3

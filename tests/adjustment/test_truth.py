@@ -102,7 +102,7 @@ class TestAPerfectBlock:
 
     def test_sigma_naught_says_that_nothing_is_left(self, spotless_adjusted):
         assert spotless_adjusted.sigma0 < 1e-8
-        assert spotless_adjusted.observations["tie"]["rms"] < 1e-8
+        assert spotless_adjusted.statistics["tie"]["rms"] < 1e-8
 
     @pytest.mark.parametrize("row_direction", ["down", "left"])
     def test_effects_are_found_with_the_rest(self, row_direction):
@@ -181,9 +181,9 @@ class TestSeveralCamerasAndFlights:
         """Held at zero, the arms of 0.1 to 0.35 m are left, less what poses and cameras hide."""
         adjusted = corridor.adjust(two_cameras[1], lever_arm="fixed")
         assert adjusted.lever_arm["fixed"].all()
-        assert max(adjusted.observations["gnss"]["rms"]) > 0.05
+        assert max(adjusted.statistics["gnss"]["rms"]) > 0.05
         free = corridor.adjust(two_cameras[1])
-        assert max(free.observations["gnss"]["rms"]) < NANOMETRES
+        assert max(free.statistics["gnss"]["rms"]) < NANOMETRES
 
 
 @pytest.fixture(scope="module")
@@ -385,7 +385,7 @@ class TestRobustLosses:
         flagged = frame["outlier"].to_numpy()
         assert flagged[displaced].mean() > 0.9
         assert flagged[~displaced].mean() < 0.02
-        found = adjusted.observations["tie"]
+        found = adjusted.statistics["tie"]
         assert found["outliers"] == flagged.sum()
         assert found["gross"] == frame["gross"].sum() > 0
         assert any(f"{flagged.sum()} of {len(frame)}" in w for w in adjusted.warnings)

@@ -106,6 +106,6 @@ def test_blind_to_its_shutter_the_same_block_misses_its_check_points():
     block = taken("down")
     blind = corridor.adjust(block, camera="fixed", lever_arm="fixed")
     aware = corridor.adjust(block, camera="fixed", effects=["rolling_shutter"], lever_arm="fixed")
-    assert blind.observations["tie"]["rms"] > 0.1
+    assert blind.statistics["tie"]["rms"] > 0.1
     assert blind.check_rms.d3 > 1e-3
     assert aware.check_rms.d3 < 1e-8

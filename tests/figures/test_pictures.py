@@ -426,7 +426,8 @@ class TestCorrelationMatrix:
         matrix = np.eye(3)
         matrix[0, 1] = matrix[1, 0] = -0.9712
         matrix[0, 2] = matrix[2, 0] = 0.94
-        made.correlation_matrix = (["camera.P1.f", "camera.P1.k1", "lever_arm.1.z"], matrix)
+        names = ["camera.P1.f", "camera.P1.k1", "lever_arm.1.z"]
+        made.correlation_matrix = pd.DataFrame(matrix, names, names)
         texts = [text for text, _ in written(figures.correlation_matrix(made))]
         assert "\u2212.971" in texts
         assert not any("940" in text for text in texts)
@@ -435,7 +436,8 @@ class TestCorrelationMatrix:
     def test_a_coefficient_below_one_is_never_written_as_one(self):
         made = adjustment(thin())
         matrix = np.array([[1, 0.99996], [0.99996, 1]])
-        made.correlation_matrix = (["camera.P1.f", "gnss_bias.z"], matrix)
+        names = ["camera.P1.f", "gnss_bias.z"]
+        made.correlation_matrix = pd.DataFrame(matrix, names, names)
         texts = [text for text, _ in written(figures.correlation_matrix(made))]
         assert ".999+" in texts
 
@@ -455,10 +457,10 @@ class TestCorrelationMatrix:
 
     def test_an_undetermined_parameter_leaves_its_row_empty(self):
         made = adjustment(thin())
-        names, matrix = made.correlation_matrix
-        matrix = matrix.copy()
-        matrix[2] = matrix[:, 2] = np.nan
-        made.correlation_matrix = (names, matrix)
+        matrix = made.correlation_matrix.copy()
+        matrix.iloc[2] = np.nan
+        matrix.iloc[:, 2] = np.nan
+        made.correlation_matrix = matrix
         assert figures.png(figures.correlation_matrix(made), 50)
 
 

@@ -76,7 +76,7 @@ def test_twelve_pictures_become_a_block_that_adjusts(imported, photographs):
     assert len(block.images) == 12 and len(block.gnss) == 12
     adjustment = corridor.adjust(block, camera="f,k1")
     assert adjustment.converged
-    tie = adjustment.observations["tie"]
+    tie = adjustment.statistics["tie"]
     assert tie["count"] > 500 and tie["rms"] < 1.0
 
 

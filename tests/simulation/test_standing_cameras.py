@@ -50,7 +50,7 @@ def test_every_target_is_seen_often_enough():
 
 def test_a_ring_can_be_adjusted():
     adjusted = corridor.adjust(ring_block(points=400), camera="fraser8", control=[])
-    assert adjusted.converged and adjusted.observations["tie"]["rms"] < 1e-6
+    assert adjusted.converged and adjusted.statistics["tie"]["rms"] < 1e-6
 
 
 def test_a_static_camera_is_that_of_the_thesis():

@@ -1,0 +1,53 @@
+"""How well each kind of observation fits, as a table whose columns bear their units."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+_METRES = ("rms_x_m", "rms_y_m", "rms_z_m")
+_COLUMNS = ("count", "outliers", "gross", "rms_px", *_METRES, "sigma0")
+
+
+class _ByKind(pd.DataFrame):
+    """A table that was a dictionary by kind, and for one release answers as one."""
+
+    _metadata = ("statistics",)
+    statistics: Mapping[str, Mapping] = {}
+
+    @property
+    def _constructor(self):
+        return pd.DataFrame
+
+    def __getitem__(self, key):
+        old = self.statistics
+        if isinstance(key, str) and key in old and key not in self.columns:
+            warnings.warn(
+                f'observations is a table: observations.loc["{key}"], with rms_px, or rms_x_m, '
+                f'rms_y_m, rms_z_m; observations["{key}"] goes with the next release',
+                DeprecationWarning,
+                stacklevel=2,
+            )
+            return old[key]
+        return super().__getitem__(key)
+
+
+def observation_table(statistics: Mapping[str, Mapping]) -> pd.DataFrame:
+    """Counts, RMS and sigma naught: a row for each kind that has any observation.
+
+    statistics: as in adjustment.json; rms is one number in px, or three in metres.
+    """
+    rows = {}
+    for kind, found in statistics.items():
+        if found:
+            rms = np.atleast_1d(found["rms"])
+            unit = ("rms_px",) if len(rms) == 1 else _METRES
+            rows[kind] = {**found, **dict(zip(unit, rms, strict=True))}
+    table = pd.DataFrame.from_dict(rows, orient="index").reindex(columns=_COLUMNS)
+    table = table.fillna({"gross": 0}).astype({"count": int, "outliers": int, "gross": int})
+    table = _ByKind(table.rename_axis("kind"))
+    table.statistics = statistics
+    return table
