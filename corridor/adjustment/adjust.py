@@ -13,6 +13,7 @@ import pandas as pd
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import explain, free_network, helmert_onto
 from corridor.adjustment.gnss_weight import weighted_by_scatter, without_unseen_arms
+from corridor.adjustment.held_focal import held_focal
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Singular
@@ -117,6 +118,8 @@ def adjust(
             raise
         # What looks wrong at first sight is the likelier cause.
         raise type(error)(f"{doubtful[0]} So: {error}") from None
+    for sentence in held_focal(result, again):
+        result.add_note(sentence)
     result.doubts = doubtful
     for note in (*_used(prepared, model.effects), *reversed(left_out), *reversed(doubtful)):
         result.add_note(note)

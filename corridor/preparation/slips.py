@@ -14,6 +14,7 @@ from corridor.block import Block
 from corridor.camera import INTERIOR
 from corridor.errors import did_you_mean
 from corridor.geometry import rotation_from_quaternion
+from corridor.preparation.slips_of_motion import motion_doubts
 
 # Readouts of frame sensors end at a quarter of a second.
 SLOWEST_READOUT_S = 0.5
@@ -30,8 +31,6 @@ _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", 
 # The last two are written by `corridor import photos`.
 _CAMERA_KEYS = ("width", "height", *INTERIOR, "pixel_um", "readout_s", "row_direction",
                 "calibrated", "readout_from", "f_stated")  # fmt: skip
-# Units of speed that are none of metres a second, by how much larger their numbers are.
-_SPEEDS = {3.6: "km/h", 1.9438: "knots", 2.2369: "miles an hour", 3.2808: "feet a second"}
 # Measured and modelled image coordinates that agree but for noise and rough start values.
 _CLEAR = 0.9
 # Beyond these two sets of positions of one flight do not belong together.
@@ -44,8 +43,12 @@ _REMEDY = "x is east, y north, in metres less the block's offset."
 def doubts(block: Block) -> list[str]:
     """Sentences on what is probably a mistake in a block, the gravest first."""
     return [
-        *_positions(block), *_pictures(block), *_axes(block), *_settings(block), *_speeds(block)
-    ]  # fmt: skip
+        *_positions(block),
+        *_pictures(block),
+        *_axes(block),
+        *_settings(block),
+        *motion_doubts(block),
+    ]
 
 
 # --- block.toml -------------------------------------------------------------------------------
@@ -298,43 +301,3 @@ def _ground(block: Block, centres: np.ndarray) -> str:
     if away < 5.0 * height:
         return ""
     return f"lies {_kilometres(away)} from"
-
-
-# --- speeds -----------------------------------------------------------------------------------
-
-
-def _speeds(block: Block) -> Iterator[str]:
-    """Velocities beside the way and the time from image to image of one strip."""
-    velocity = np.stack([block.column("images", f"v{axis}") for axis in _XYZ], axis=1)
-    centre = np.stack([block.column("images", axis) for axis in _XYZ], axis=1)
-    time, camera = block.column("images", "time_s"), block.images["camera"].to_numpy()
-    strip = block.images.get("strip")
-    strip = np.zeros(len(time)) if strip is None else strip.astype(str).to_numpy()
-    order = np.lexsort((time, strip, block.image_flight))
-    one, next_one = order[:-1], order[1:]
-    same = (block.image_flight[one] == block.image_flight[next_one]) & (
-        strip[one] == strip[next_one]
-    )
-    same &= camera[one] == camera[next_one]
-    one, next_one = one[same], next_one[same]
-    seconds = time[next_one] - time[one]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        flown = np.linalg.norm(centre[next_one] - centre[one], axis=1) / seconds
-        told = np.linalg.norm(velocity[one] + velocity[next_one], axis=1) / 2.0
-        ratio = told / flown
-    # A drone that turns or stops between two images says nothing.
-    good = np.isfinite(ratio) & (seconds > 0) & (told > 1.0)
-    if good.sum() < 5:
-        return
-    good &= flown > 0.3 * np.median(flown[good])
-    if good.sum() < 5:
-        return
-    middle = float(np.median(ratio[good]))
-    if abs(np.log(middle)) < np.log(1.4):
-        return
-    unit = min(_SPEEDS, key=lambda factor: abs(np.log(middle / factor)))
-    cause = f"{_SPEEDS[unit]}?" if abs(middle / unit - 1.0) < 0.1 else "is time_s in seconds?"
-    yield (
-        f"images.csv: vx, vy, vz are {middle:.3g} times what x, y, z and time_s of the same table "
-        f"say (median of {good.sum()} pairs): {cause} Velocities are in m/s."
-    )
