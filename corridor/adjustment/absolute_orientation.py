@@ -15,10 +15,12 @@ import pandas as pd
 
 from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.result import Adjustment
+from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.geometry import Similarity, similarity
 
 
+@brief
 @dataclass
 class AbsoluteOrientation(Checked):
     """An adjustment seen in the frame of its ground points.

@@ -42,6 +42,13 @@ class Covariance:
             self._part = system.solve(np.concatenate([self._weights.T, nothing]))
             self._inner = self._weights @ self._part[:n]
 
+    def __repr__(self) -> str:
+        free = "" if self._open is None else " of a free network"
+        return (
+            f"Covariance{free}: {self.system.problem.image_count} images, "
+            f"{self._system.q} shared unknowns"
+        )
+
     def _datum(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """What the S-transformation adds to the entries (rows, columns)."""
         if self._open is None:

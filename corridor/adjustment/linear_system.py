@@ -30,6 +30,7 @@ from corridor.adjustment.problem import Problem, with_effects
 from corridor.adjustment.solve import solve
 from corridor.adjustment.unknowns import State, Unknown
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.effects import Context, Effect, Images, Parameter, Stack, Values
 from corridor.geometry import helmert_motions
 
@@ -94,6 +95,7 @@ class Columns:
         return out
 
 
+@brief
 @dataclass(frozen=True)
 class Residuals:
     """Measured minus modelled.
@@ -154,6 +156,7 @@ class Points:
     mark: np.ndarray
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
     """The equations of a problem at a state. Raises Singular where they are solved and cannot be.

@@ -29,9 +29,11 @@ from corridor.adjustment.unknowns import (
     unknowns_of,
 )
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.effects import Effect, EffectValues, Images, Stack, Values, stated_lever_arms
 
 
+@brief
 @dataclass
 class Problem(Network, Control, Gnss, Unknowns, Priors):
     """Everything that stays the same from one iteration to the next.

@@ -21,6 +21,7 @@ from corridor.adjustment.kernels import SQUARES
 from corridor.adjustment.matrix import Bordered, Singular
 from corridor.adjustment.normal import NEAR, Loss, Normal, moved_state
 from corridor.adjustment.problem import State
+from corridor.brief import brief
 from corridor.errors import AdjustmentFailed
 
 FIRST_DAMPING = 1e-6
@@ -38,6 +39,7 @@ TINY = 5e-5
 LONG = 0.1
 
 
+@brief
 @dataclass
 class Solution:
     """Where the iterations ended."""

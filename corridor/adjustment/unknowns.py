@@ -9,6 +9,7 @@ import numpy as np
 
 from corridor.adjustment.kernels import PANEL
 from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId, Setting
+from corridor.brief import brief
 from corridor.camera import INTERIOR
 from corridor.effects import Arrays, Images, Stack, group_names, group_of_image
 from corridor.errors import InputError
@@ -27,6 +28,7 @@ class Unknown(ParameterId):
         return str(self)
 
 
+@brief
 @dataclass
 class State:
     """Values of everything that is estimated; images in the order of the problem.

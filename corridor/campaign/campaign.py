@@ -72,6 +72,10 @@ class Campaign:
         frame = pd.DataFrame([row.to_json() for row in self.rows])[_COLUMNS]
         return frame.assign(report=[_address(row) for row in self.rows])
 
+    def __repr__(self) -> str:
+        failed = f", {len(self.failed)} failed" if self.failed else ""
+        return f"Campaign: {self.verb} {len(self.rows)} blocks{failed}, in {self.output}"
+
     def __str__(self) -> str:
         return str(self.report(_MOST_LINES))
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from corridor.brief import brief
 from corridor.change.evidence import Evidence, Test
 from corridor.change.signature import Signatures
 
@@ -24,6 +25,7 @@ _LENGTHS = (0.1, 0.25)
 _EPOCHS = ("before", "after")
 
 
+@brief
 @dataclass(frozen=True)
 class Explanation:
     """What effects do to a change.

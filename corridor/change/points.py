@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 
+from corridor.brief import brief
 from corridor.change.clouds import Functions, displacements
 from corridor.change.common import common_control
 from corridor.change.joint import Joint
@@ -14,6 +15,7 @@ from corridor.change.significance import Congruency, congruency, discoveries, sp
 from corridor.change.stable import MOTIONS, motions_at, s_transformation, stable_weights
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class PointChanges:
     """Displacements of named points, after minus before.

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t
 
+from corridor.brief import brief
 from corridor.change.clouds import Cloud, Functions
 from corridor.change.cores import Cores
 from corridor.change.joint import Joint
@@ -18,6 +19,7 @@ from corridor.change.significance import discoveries, two_sided
 from corridor.errors import InputError
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class SurfaceChange:
     """Distances along the normals at core points, after minus before.

@@ -14,6 +14,7 @@ from matplotlib.path import Path
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from corridor.brief import brief
 from corridor.change.cores import Cores
 from corridor.change.joint import Joint
 from corridor.change.laying import Laying
@@ -21,6 +22,7 @@ from corridor.change.surface import SurfaceChange, surface_change
 from corridor.errors import InputError
 
 
+@brief
 @dataclass(frozen=True)
 class Volume:
     """A change of volume, m^3: value with sigma (of the measurements) and sampling (of rough

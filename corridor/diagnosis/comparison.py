@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from corridor.brief import brief
 from corridor.diagnosis.counterpart import Counterparts
 from corridor.diagnosis.statistics import Statistic
 
@@ -16,6 +17,7 @@ LEVEL = 0.95
 STILL = 1e-12
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Compared:
     """One statistic of the measured block beside the band of its counterparts.
@@ -142,6 +144,7 @@ class Comparison:
         return "\n".join(lines)
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Closing:
     """The gap before an effect is added to the model, and after."""

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from corridor.brief import brief
 from corridor.diagnosis.replicator import Replicator
 from corridor.diagnosis.residual_noise import EstimatedNoise
 from corridor.diagnosis.statistics import Statistic, SummaryStatistics
@@ -34,6 +35,7 @@ ABSORBED = 0.01
 MOST_AT_ONCE, AT_ONCE = 10, 10_000_000
 
 
+@brief
 @dataclass(eq=False)
 class Counterparts:
     """What was measured beside what the believed model produces.

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array
 
 from corridor.adjustment import Adjustment, LinearSystem
+from corridor.brief import brief
 from corridor.diagnosis.candidates import Group, make_groups
 from corridor.diagnosis.robust import Scales, pseudo_residuals
 from corridor.effects import Effect
@@ -36,6 +37,7 @@ class Columns:
     value: np.ndarray
 
 
+@brief
 @dataclass
 class Equations:
     """Everything about a block at a state, points eliminated.

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from corridor.brief import brief
 from corridor.effects import EffectValues
 
 # The verdict is the first that is present.
@@ -18,6 +19,7 @@ Correction = Literal["helps", "useless", "none"]
 KEPT: dict[str, bool | None] = {"helps": True, "useless": False, "none": None}
 
 
+@brief
 @dataclass
 class Estimate:
     """One effect that was found (for a flight or a camera of its own, one each).
@@ -63,6 +65,7 @@ class Estimate:
         }
 
 
+@brief
 @dataclass
 class Unknown:
     """Something outside the catalogue, told as the generic group that shows it.

@@ -10,6 +10,7 @@ import numpy as np
 from corridor import adjustment
 from corridor.adjustment import REFERENCE_CAMERA, Adjustment, Model, camera_of
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.diagnosis.robust import scale_of
 from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import Effect
@@ -19,6 +20,7 @@ from corridor.errors import AdjustmentFailed
 CREEPING = 0.1
 
 
+@brief
 @dataclass
 class ReferenceModel:
     """A block and the options of its adjustment.

@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from corridor.adjustment import Adjustment
+from corridor.brief import brief
 from corridor.diagnosis.beside_noise import beyond_noise, through_noise
 from corridor.diagnosis.candidates import Candidates, candidates, with_points
 from corridor.diagnosis.clusters import Influence, as_spread, drawn, inflation_of_scores
@@ -31,6 +32,7 @@ from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
 
 
+@brief
 @dataclass
 class Round:
     """One pass: the adjustment it began with, what it found there, and by which limits.
@@ -58,6 +60,7 @@ class Round:
             self.equations = self.evidence = self.noises = None
 
 
+@brief
 @dataclass
 class Course:
     """All rounds. first: the adjustment of the believed model; candidates: what was tested.

@@ -29,7 +29,7 @@ _COLUMNS = ["slug", "parameter", "group", "value", "sigma", "unit"]
 _Cells = dict[tuple[str | None, str], tuple[float, float]]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class EffectValues(Mapping):
     """Values of one effect, a set for each group of those that share one.
 
@@ -42,6 +42,12 @@ class EffectValues(Mapping):
     parameters: list[Parameter]
     value: np.ndarray
     sigma: np.ndarray
+
+    def __repr__(self) -> str:
+        names = ", ".join(f"{one.name} ({one.unit})" for one in self.parameters[:6])
+        more = ", ..." if len(self.parameters) > 6 else ""
+        shared = "the block" if self.kind == "block" else f"{len(self.groups)} x {self.kind}"
+        return f"{self.slug}: {names}{more} of {shared}"
 
     @property
     def slug(self) -> str:
@@ -155,6 +161,9 @@ class Values(Mapping):
 
     def __str__(self) -> str:
         return "\n".join(str(one) for one in self.values())
+
+    def __repr__(self) -> str:
+        return f"Values of {', '.join(map(repr, self.values())) or 'no effect'}"
 
     @classmethod
     def of(cls, block: Block, given: Mapping) -> Values:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.gnss.coordinates import Local
 from corridor.gnss.exposures import Exposures
@@ -24,6 +25,7 @@ _CLEARLY_BETTER = 0.3
 _CLEARLY_OFF_M = 5.0
 
 
+@brief
 @dataclass(frozen=True)
 class Alignment:
     """offset_s: seconds to be added to the exposures' time_s; notes: sentences worth telling."""

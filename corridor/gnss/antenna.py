@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.gnss.alignment import align
 from corridor.gnss.coordinates import Local, convert, to_local
@@ -21,6 +22,7 @@ _COLUMNS = ["image", "x", "y", "z", "sx", "sy", "sz"]
 _SETTINGS = "block.toml"
 
 
+@brief
 @dataclass(frozen=True)
 class Antenna:
     """The antenna at the moments of exposure.

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from corridor.brief import brief
 from corridor.errors import InputError
 
 
+@brief
 @dataclass(frozen=True)
 class Exposures:
     """Moments of exposure.

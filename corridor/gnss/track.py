@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.gnss.epochs import POSITION
 
@@ -14,6 +15,7 @@ GEOGRAPHIC = "EPSG:4979"
 GEOCENTRIC = "EPSG:4978"
 
 
+@brief
 @dataclass(frozen=True)
 class Track:
     """Positions of an antenna over time.

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.block import Block, read
+from corridor.brief import brief
 from corridor.effects import Values, every_effect, take_out
 from corridor.errors import InputError
 from corridor.interchange.cameras import moved_to
@@ -25,6 +26,7 @@ _MARK = "exported_by_corridor.txt"
 _RESULT = "adjustment.json"
 
 
+@brief
 @dataclass
 class Exported:
     """What was written where, what the target cannot hold and what became of it."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.interchange.faults import blaming
 from corridor.interchange.ground import add_ground
@@ -26,6 +27,7 @@ from corridor.interchange.starting import can_start
 from corridor.photographs import photographs_in, read_metadata
 
 
+@brief
 @dataclass
 class Imported:
     """A project that became a block, with its proof; `print` tells both."""

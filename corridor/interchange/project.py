@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import POSE, Block
+from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
 from corridor.gnss import Local
@@ -18,6 +19,7 @@ from corridor.gnss import Local
 _FAR_M = 10_000.0
 
 
+@brief
 @dataclass
 class Project:
     """A block made from another program's project, and what is worth knowing about it.

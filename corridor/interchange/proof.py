@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 
+from corridor.brief import brief
 from corridor.camera import INTERIOR, image_to_ray, project, undistort
 from corridor.errors import InputError
 from corridor.geometry import Rays, meeting_points, robust_scale
@@ -35,6 +36,7 @@ _P1, _P2 = INTERIOR.index("p1"), INTERIOR.index("p2")
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
+@brief
 @dataclass(frozen=True)
 class Residuals:
     """Lengths of residuals, px: how many, median, RMS, share above 3 px."""
@@ -61,6 +63,7 @@ class Residuals:
         )
 
 
+@brief
 @dataclass
 class Proof:
     """What reprojection says of an import.

@@ -23,6 +23,7 @@ from scipy.sparse import csr_array, vstack
 
 from corridor.adjustment import Covariance, LinearSystem, Model, Singular, make_problem
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.camera import projection_derivatives
 from corridor.effects import Images
 from corridor.errors import InputError
@@ -39,6 +40,7 @@ OBLIQUE_DEG = 5.0
 _HELD = 1e-4
 
 
+@brief
 @dataclass(frozen=True)
 class Carried:
     """Camera and lever arms of another flight set, as its adjustment leaves them.

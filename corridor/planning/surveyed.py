@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from corridor.brief import brief
 from corridor.camera import project, undistort
 from corridor.effects import Images
 from corridor.errors import InputError
@@ -17,6 +18,7 @@ from corridor.simulation import Dike, Plan, reach
 _MARGIN = 0.04
 
 
+@brief
 @dataclass(frozen=True)
 class Surveyed:
     """Ground points that images show and that somebody could survey.

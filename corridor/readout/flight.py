@@ -12,6 +12,7 @@ import pandas as pd
 
 from corridor import adjustment as least_squares
 from corridor.block import Block, read
+from corridor.brief import brief
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import honest, jackknife
 from corridor.photographs import PublishedReadout, of_picture, published_readouts
@@ -44,6 +45,7 @@ class Left:
     sigma: float
 
 
+@brief
 @dataclass(frozen=True)
 class FlightReadout:
     """What a flight tells of its camera's readout time, first to last row. Times in s.

@@ -11,6 +11,7 @@ import pandas as pd
 from corridor import adjustment as least_squares
 from corridor.adjustment import Adjustment
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.errors import AdjustmentFailed, InputError
 
 # Relative step of the focal length by which its influence is found.
@@ -18,6 +19,7 @@ _STEP = 0.01
 _ANYWHERE_M = 1e4
 
 
+@brief
 @dataclass
 class GyroscopeReadout:
     """Parameters of an effect of motion from a flight.

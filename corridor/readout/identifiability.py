@@ -10,6 +10,7 @@ import numpy as np
 from corridor import adjustment as least_squares
 from corridor.adjustment import Adjustment
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.preparation import Velocities, velocities
 
@@ -19,6 +20,7 @@ POOR_READOUT, WORSE_GROUND = 0.2, 1.5
 LEAST_SHARE = 0.5
 
 
+@brief
 @dataclass
 class ReadoutFromVelocities:
     """A readout estimated in the adjustment from velocities that are themselves in error.
@@ -114,6 +116,7 @@ def _shared(adjustment: Adjustment) -> tuple[float, float, float]:
     return value, sigma, (adjustment.sigma0 / sigma) ** 2
 
 
+@brief
 @dataclass
 class Support:
     """Whether a block supports a way of estimating a shutter, and the sentence that says why."""

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from corridor.brief import brief
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.photographs import Metadata, read_metadata
 
@@ -29,6 +30,7 @@ class CannotMeasure(AdjustmentFailed):
     """The pictures are readable and show no measurable readout: one sentence says why."""
 
 
+@brief
 @dataclass(frozen=True)
 class Photograph:
     """A grey picture (height, width) uint8 as stored, and the facts beside it.

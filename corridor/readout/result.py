@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from corridor.brief import brief
 from corridor.readout.photograph import CannotMeasure
 from corridor.report import check_folder, listed_in, whole_folder, write_json
 
@@ -52,6 +53,7 @@ class StripesDrawing:
     model: np.ndarray
 
 
+@brief
 @dataclass(frozen=True)
 class Readout:
     """One readout time with what belongs to it.

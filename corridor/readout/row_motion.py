@@ -21,6 +21,7 @@ from scipy.sparse import csc_array, diags_array, eye_array, hstack
 from scipy.sparse.linalg import splu
 
 from corridor.adjustment import Adjustment, LinearSystem, Loss
+from corridor.brief import brief
 from corridor.readout.motion import Motion
 from corridor.readout.roles import free_motion, shutter
 
@@ -46,6 +47,7 @@ class Told:
     likelihood: float
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class RowMotions:
     """Equations of a flight with a column for the motion of every image during its readout.

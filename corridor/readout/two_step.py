@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from corridor import adjustment as least_squares
 from corridor.adjustment import Adjustment
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.effects import correct
 from corridor.preparation import Velocities, velocities
 
 
+@brief
 @dataclass
 class TwoStep:
     """What the correction did.

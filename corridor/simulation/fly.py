@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import QUATERNION
+from corridor.brief import brief
 from corridor.camera import Camera, undistort
 from corridor.errors import InputError
 from corridor.geometry import (
@@ -25,6 +26,7 @@ MOST_IMAGES = 1_000_000
 _FLATTEST_DEG = 84.5
 
 
+@brief
 @dataclass
 class Strips:
     """The strips of one flight: how many images, how far apart, from where to where.
@@ -41,6 +43,7 @@ class Strips:
     speed_m_s: float
 
 
+@brief
 @dataclass
 class Flown:
     """Images in the order of exposure: the table of the block and what the geometry needs.

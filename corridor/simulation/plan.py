@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from corridor.brief import brief
 from corridor.camera import Camera
 from corridor.errors import InputError, did_you_mean
 from corridor.simulation.axis import Axis
@@ -262,6 +263,7 @@ class Start:
             _Checker("start", self).at_least(key, 0)
 
 
+@brief
 @dataclass(frozen=True)
 class Plan:
     """Flights over a corridor, in the order in which they are flown.

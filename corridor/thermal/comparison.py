@@ -14,12 +14,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.camera import Camera, fitted, project_rays, undistort
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.thermal.model import ThermalModel
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class CameraDifference:
     """Where a second camera sees what a first one sees at (x, y).

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import minimize_scalar
 
+from corridor.brief import brief
 from corridor.geometry import robust_scale
 from corridor.thermal import temperature
 from corridor.thermal.maps import Maps
@@ -25,6 +26,7 @@ _MOST_STEPS = 3
 _LEAST_STEP = 0.03  # px: a smaller jump of the tripod does not matter
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A fitted model, and what it was chosen from.

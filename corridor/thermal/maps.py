@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.report import whole_file
 from corridor.thermal.matching import Matcher, fault
@@ -25,6 +26,7 @@ _ARRAYS = {
 }  # fmt: skip
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Maps:
     """Where nodes of the reference lie in each picture.

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.report import whole_file
 
@@ -26,6 +27,7 @@ KINDS = ("similarity", "radial", "decentring", "polynomial")
 _ROUNDS = 60
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class ThermalModel:
     """A thermal model of one camera.

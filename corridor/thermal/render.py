@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from numba import njit
 
+from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.thermal.maps import Maps, measure
 from corridor.thermal.model import ThermalModel
@@ -160,6 +161,7 @@ class Course:
         return np.interp(times, fine, out)
 
 
+@brief
 @dataclass(frozen=True)
 class Shots:
     """Pictures of a wall while the camera warms, made when they are read.

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
+from corridor.brief import brief
 from corridor.camera import INTERIOR, project, projection_derivatives
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion, rotation_from_vector
@@ -21,6 +22,7 @@ PARAMETERS = ("f", "cx", "cy")
 _LEAST = 4
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Resection:
     """f, cx, cy of each picture, and how they follow temperature.

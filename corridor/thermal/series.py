@@ -11,12 +11,14 @@ import numpy as np
 import pandas as pd
 from PIL import Image
 
+from corridor.brief import brief
 from corridor.errors import InputError
 
 TABLE = "series.csv"
 _LEAST = 160  # px: a smaller picture has no room for windows
 
 
+@brief
 @dataclass(frozen=True)
 class Series:
     """Pictures with their times and temperatures, rows as in series.csv.

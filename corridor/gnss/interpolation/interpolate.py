@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.gnss.interpolation import polynomials, regimes, smoother
 from corridor.gnss.interpolation.segments import GAP_S, segments
@@ -22,6 +23,7 @@ _VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
 _BY_QUALITY = {1: 1.0, 2: 20.0, 3: 100.0, 4: 50.0, 5: 200.0, 6: 5.0, 7: 1000.0}
 
 
+@brief
 @dataclass(frozen=True)
 class Interpolated:
     """Antenna positions at given times.
