@@ -1,0 +1,126 @@
+"""What is probably a mistake in a block is said at first sight, without an adjustment."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from slips import (
+    HEIGHT,
+    WIDTH,
+    both,
+    cell,
+    changed,
+    degrees,
+    exchanged,
+    images,
+    more,
+    plus,
+    reversed_track,
+    times,
+    toml,
+)
+
+import corridor
+from corridor.preparation import against, doubts
+
+# Seen at first sight, without an adjustment: slip -> words of the sentence.
+AT_FIRST_SIGHT = {
+    "picture half as large": (
+        both(toml("width = 5120", "width = 2560"), toml("height = 3840", "height = 1920")),
+        "lie outside its picture of 2560 x 1920 px: are width and height",
+    ),
+    "picture twice as large": (
+        both(toml("width = 5120", "width = 10240"), toml("height = 3840", "height = 7680")),
+        "No observation.*beyond x = .* of its picture of 10240 x 7680",
+    ),
+    "points of half-size pictures": (
+        images(lambda f: f.assign(x=f["x"] / 2, y=f["y"] / 2)),
+        "points measured on reduced pictures",
+    ),
+    "pixels counted from the middle": (
+        images(lambda f: f.assign(x=f["x"] - WIDTH / 2, y=f["y"] - HEIGHT / 2)),
+        "counted from the middle of the picture",
+    ),
+    "y upwards": (images(lambda f: f.assign(y=HEIGHT - 1 - f["y"])), "is y counted upwards"),
+    "x and y of image points exchanged": (
+        images(lambda f: f.rename(columns={"x": "y", "y": "x"})),
+        "fit the start poses with x and y exchanged",
+    ),
+    "one tie point outside": (
+        cell("tie_points", 40, "x", 10),
+        r"1 observation outside the picture .* tie_points.csv, row 42: point T\d+ in image F",
+    ),
+    "focal length in millimetres": (toml("f = 5489.0", "f = 35.1"), "f is in pixels"),
+    "GNSS heights above the ellipsoid": (plus("gnss", z=43.0), "ellipsoid.*geoid"),
+    "GNSS in degrees": (degrees("gnss"), "gnss.csv gives x and y in degrees"),
+    "GNSS with x and y exchanged": (exchanged("gnss"), "gnss.csv has x and y exchanged"),
+    "GNSS without the offset": (plus("gnss", x=5e5, y=5.7e6), "5,722 km.*subtract the block's"),
+    "ground in degrees": (degrees("ground"), "ground.csv is in degrees"),
+    "ground with x and y exchanged": (exchanged("ground"), "ground.csv has x and y exchanged"),
+    "ground of another place": (plus("ground", x=7e3), "ground.csv lies 7.0. km from"),
+    "velocities in km/h": (times("images", 3.6, "vx", "vy", "vz"), r"3\.\d+ times .*km/h"),
+    "velocities in knots": (times("images", 1.944, "vx", "vy", "vz"), "knots"),
+    "velocities of the other sign": (
+        times("images", -1.0, "vx", "vy", "vz"),
+        r"point against the way .* in 12 of 12 pairs",
+    ),
+    "times in the opposite order": (
+        changed("images", time_s=lambda c: c.to_numpy()[::-1]),
+        "time_s falls .*opposite order",
+    ),
+    "times of the other sign": (times("images", -1.0, "time_s"), "time_s falls .*opposite order"),
+    "a track in the opposite order": (
+        reversed_track,
+        "track.csv: time_s falls from row to row in all 30",
+    ),
+    "times in milliseconds": (times("images", 1e3, "time_s"), "is time_s in seconds"),
+    "a readout in milliseconds": (more("readout_s = 30"), "readout_s = 30 .* 30 ms are 0.03"),
+    "readout for readout_s": (more("readout = 0.03"), "did you mean readout_s"),
+    "[sigmas] for [sigma]": (more("[sigmas]\ntie_px = 1.0"), r"\[sigmas\].*did you mean sigma"),
+    "[lever_arms]": (more("[lever_arms]\ndefault = [0, 0, 0]"), "did you mean lever_arm"),
+    "offsets for offset": (more("offsets = [0, 0, 0]", first=True), "did you mean offset"),
+    "a crs that is none": (more('crs = "UTM32"', first=True), "is no coordinate system"),
+    "a crs in degrees": (more('crs = "EPSG:4326"', first=True), "counts degrees"),
+    "a geocentric crs": (more('crs = "EPSG:4978"', first=True), "has no height axis"),
+}
+
+
+@pytest.mark.parametrize("slip", AT_FIRST_SIGHT)
+def test_is_seen_at_first_sight(folder, slip):
+    edit, words = AT_FIRST_SIGHT[slip]
+    edit(folder)
+    told = doubts(corridor.read(folder))
+    assert any(pd.Series([told_one]).str.contains(words)[0] for told_one in told), told
+    # Nothing else is suspected, but for what follows from it.
+    assert len(told) <= 2
+
+
+def test_of_a_sound_block_nothing_is_suspected(sound):
+    assert doubts(corridor.read(sound)) == []
+
+
+class TestPositionsBesidePoses:
+    """What `corridor gnss` says where images.csv has poses, and a block beside its gnss.csv."""
+
+    poses = np.random.default_rng(1).uniform([0, 0, 40], [200, 60, 60], (30, 3))
+
+    def told(self, given):
+        return against("the track", given, "images.csv", self.poses)
+
+    def test_what_agrees_is_not_told(self):
+        assert self.told(self.poses + 0.5) == ""
+
+    def test_poses_of_a_frame_of_their_own_say_nothing(self):
+        turned = self.poses @ np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]]) * 0.3
+        assert self.told(turned + [5e5, 5e6, 100.0]) in (
+            "", self.told(self.poses + [5e5, 5e6, 0.0])
+        ) or "offset" in self.told(turned + [5e5, 5e6, 100.0])  # fmt: skip
+
+    def test_one_wild_position_among_thirty_is_no_matter_of_the_frame(self):
+        given = self.poses + 0.1
+        given[3] *= 100.0
+        assert self.told(given) == ""
+
+    def test_unknown_ones_do_not_count(self):
+        given = self.poses + [0.0, 0.0, 43.0]
+        given[::2] = np.nan
+        assert "geoid" in self.told(given)
