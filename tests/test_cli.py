@@ -387,6 +387,12 @@ class TestHelp:
         assert main(["simulate", "thesis_50vv", "--show"]) == 2
         assert "did you mean thesis_50vt" in capsys.readouterr().err
 
+    def test_it_tells_its_version(self, capsys):
+        with pytest.raises(SystemExit) as stop:
+            main(["--version"])
+        assert stop.value.code == 0
+        assert capsys.readouterr().out.strip() == f"corridor {corridor.__version__}"
+
     @pytest.mark.parametrize("columns", [60, 80, 100])
     def test_no_line_is_wider_than_the_terminal(self, monkeypatch, columns):
         monkeypatch.setenv("COLUMNS", str(columns))

@@ -174,8 +174,13 @@ def _named(blocks: str | os.PathLike | Iterable[str | os.PathLike]) -> dict[str,
 
 def _within(folder: Path) -> list[Path]:
     """The folder, or the blocks in it where it is none itself."""
-    if is_block(folder) or not folder.is_dir():
+    if not folder.is_dir():
+        what = "is a file; give" if folder.exists() else "is not there: give"
+        raise InputError(f"{folder} {what} the folder of a block, or one that holds blocks")
+    if is_block(folder):
         return [folder]
+    if not any(folder.iterdir()):
+        raise InputError(f"{folder} is empty: give the folder of a block, or one that holds blocks")
     return sorted(inner for inner in folder.iterdir() if is_block(inner)) or [folder]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from corridor.change.stable import MOTIONS
 from corridor.errors import InputError
 
+DEGREES = (0, 1, 2)
 DATUMS = ("stated", "stable")
 
 
@@ -68,6 +69,14 @@ class Comparison:
             raise InputError(f"motion {self.motion!r} is unknown: use one of {', '.join(MOTIONS)}")
         if not 0 < self.level < 1:
             raise InputError(f"level {self.level} is no probability between 0 and 1")
+        if self.degree not in DEGREES:
+            raise InputError(
+                f"a surface of degree {self.degree} is unknown: use 0 (the mean), 1 (a plane) or 2"
+            )
+        if not self.together and (self.same_camera or self.stable is not None):
+            what = "one calibration for both dates (--same-camera)"
+            what = what if self.same_camera else "points that stand still (--stable)"
+            raise InputError(f"{what}: it goes with both dates in one adjustment, add --together")
 
     @property
     def bias(self) -> np.ndarray | None:

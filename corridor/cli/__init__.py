@@ -18,6 +18,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from corridor import __version__
 from corridor.cli._help import Parser
 from corridor.errors import AdjustmentFailed, InputError
 
@@ -152,6 +153,7 @@ def _end(status, sentence):
 
 def _parser():
     parser = Parser(prog="corridor", description=_OPENING, epilog=_FIRST_STEPS)
+    parser.add_argument("--version", action="version", version=f"corridor {__version__}")
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     for module in pkgutil.iter_modules(__path__):
         if module.name.startswith("_"):

@@ -139,6 +139,10 @@ def _check(options, believed):
     from corridor.errors import InputError
 
     if options.like is None:
+        if options.plan is None and options.output is not None:
+            raise InputError(
+                "-o BLOCK needs a PLAN, or --like BLOCK; without both, plans are listed"
+            )
         if believed:
             raise InputError(
                 f"--effect {believed[0]} is not SLUG:PARAMETER=VALUE, for example "

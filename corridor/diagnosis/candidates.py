@@ -16,7 +16,7 @@ from corridor.adjustment import Columns
 from corridor.block import Block
 from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import Effect, every_effect
-from corridor.errors import InputError
+from corridor.errors import InputError, did_you_mean
 
 
 @dataclass
@@ -85,7 +85,8 @@ def candidates(
     for slug in [*(only or ()), *without]:
         if slug not in names:
             raise InputError(
-                f"effect {slug!r} is unknown: `corridor effects` lists them all; correct the name"
+                f"effect {slug!r} is unknown{did_you_mean(slug, names)}: `corridor effects` lists "
+                "them all"
             )
     taken = {effect.slug for effect in believed} | set(without)
     if only is not None:
