@@ -82,7 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Simulate, say what came of it, write it; or list the plans."""
-    if options.plan is None and options.like is None:
+    if options.plan is None and options.like is None and options.output is None:
         _list_plans()
         return
     if options.show:

@@ -99,6 +99,8 @@ def check_writable(path: str | os.PathLike) -> None:
     """Raises OSError where nothing can be written at a path: to be told before long work."""
     target = Path(path).absolute()
     place = next(one for one in (target, *target.parents) if one.exists())
+    if place != target and not place.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, "is a file, no folder to write in", str(place))
     place = place if place.is_dir() else place.parent
     if not os.access(place, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, "no permission to write there", str(place))

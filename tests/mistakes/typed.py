@@ -11,7 +11,7 @@ VERBS = {
         ("simulation PLAN", 2, r"did you mean simulate\?"),
         ("", 2, "required: VERB"),
         ("BLOCK", 2, "is unknown: choose from 'adjust'"),
-        ("--verson", 2, r"did you mean --version\?"),
+        ("--verson", 2, "see `corridor --help`"),
     ],
     "adjust": [
         ("adjust", 2, "required: BLOCK"),
@@ -68,7 +68,7 @@ VERBS = {
         ("adjust BLOCK -o FULL", 2, "FULL is a folder without adjustment.json"),
         ("adjust BLOCK -o BLOCK", 2, "is a folder without adjustment.json"),
         ("adjust BLOCK -o TEXT", 2, "TEXT"),
-        ("adjust BLOCK -o TEXT/out", 1, "TEXT"),
+        ("adjust BLOCK -o TEXT/out", 1, "TEXT: is a file"),
     ],
     "summary": [
         ("summary", 2, "required: BLOCK"),
@@ -76,7 +76,7 @@ VERBS = {
         ("summary EMPTY", 2, "block.toml"),
         ("summary BLOCK/images.csv", 2, "is a file; give the folder of a block"),
         ("summary BLOCK --effect gnss_bias", 2, "--effect is no option here"),
-        ("summary BLOCK -o TEXT/look", 1, "TEXT"),
+        ("summary BLOCK -o TEXT/look", 1, "TEXT: is a file"),
     ],
     "effects": [
         ("effects gremlins", 2, "gremlins"),
