@@ -393,7 +393,7 @@ class TestHelp:
         assert stop.value.code == 0
         assert capsys.readouterr().out.strip() == f"corridor {corridor.__version__}"
 
-    @pytest.mark.parametrize("columns", [60, 80, 100])
+    @pytest.mark.parametrize("columns", [72, 80, 100])
     def test_no_line_is_wider_than_the_terminal(self, monkeypatch, columns):
         monkeypatch.setenv("COLUMNS", str(columns))
         told = helps()

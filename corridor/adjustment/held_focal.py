@@ -25,6 +25,8 @@ _SHARE = 0.01
 def held_focal(result: Adjustment, again: Callable[[Block, Model], Adjustment]) -> list[str]:
     """Sentences on calibrated focal lengths that are another one when they are estimated.
 
+    A free lever arm takes up what a wrong focal length does at one flying height: residuals are
+    small then, the ground is right, and nothing is said.
     again: an adjustment of a block with a model. It is asked for only where the residuals are
     larger than their standard deviations say, and starts where the first has ended.
     """

@@ -16,6 +16,7 @@ from corridor.block.reading import place, read_table
 from corridor.block.settings import FILE, SIGMA, read_settings
 from corridor.block.summary import Summary, summarise
 from corridor.block.tables import LAYOUTS, POSE, SIGMAS, frugal, is_among, places, tidy
+from corridor.brief import in_words
 from corridor.camera import Camera
 from corridor.errors import InputError
 
@@ -349,7 +350,9 @@ def read(folder: str | os.PathLike | Block) -> Block:
     if isinstance(folder, Block):
         return folder
     if not isinstance(folder, str | os.PathLike):
-        raise InputError(f"a block is a folder, or what `read` makes of one, not {folder!r}")
+        raise InputError(
+            f"a block is a folder, or what `read` makes of one, not {in_words(folder)}"
+        )
     folder = Path(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder of a block")

@@ -77,7 +77,7 @@ ADJUSTED = {
     "a calibrated focal length 2 % too long": (
         toml("f = 5489.0", "f = 5598.8\ncalibrated = true"), 0,
         r"camlight is held at 5598.8 px; estimated it comes to 5[45]\d\d.* calibration of another",
-        "",
+        "--lever-arm fixed",
     ),
     "width and height exchanged": (
         both(toml("width = 5120", "width = 3840"), toml("height = 3840", "height = 5120")), 0,
