@@ -33,9 +33,7 @@ def find(name: str) -> Effect:
     Raises InputError where there is none.
     """
     if not isinstance(name, str):
-        raise InputError(
-            f"an effect is a slug of `corridor effects`, or one made here, not {name!r}"
-        )
+        raise InputError(f"an effect is a slug of `corridor effects` or an object, not {name!r}")
     slug, _, group = name.partition("@")
     known = _known()
     if slug not in known:

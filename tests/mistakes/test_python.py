@@ -28,7 +28,8 @@ CALLS = {
         lambda block: corridor.adjust(block, camera={"other": "f"}), "other"
     ),
     "a prior that is a number": (
-        lambda block: corridor.adjust(block, priors={"camera.camlight.f": 5490}), "standard deviation"
+        lambda block: corridor.adjust(block, priors={"camera.camlight.f": 5490}),
+        "standard deviation",
     ),
     "a prior of no parameter": (
         lambda block: corridor.adjust(block, priors={"focal": (5490, 1)}), "focal"
