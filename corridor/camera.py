@@ -32,7 +32,7 @@ ROW_DIRECTIONS = ("down", "up", "right", "left")
 _FIRST_RADIAL = 7
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Camera:
     """One camera of a block.
 
@@ -60,6 +60,14 @@ class Camera:
                 f"({', '.join(INTERIOR)}): write Camera.from_table({self.name!r}, "
                 f'{{"width": {self.width}, "height": {self.height}, "f": ...}})'
             )
+
+    def __repr__(self) -> str:
+        readout = "" if self.readout_s is None else f", read in {1000 * self.readout_s:g} ms"
+        calibrated = ", calibrated" if self.calibrated else ""
+        return (
+            f"Camera {self.name}: {self.width} x {self.height} px, f {self['f']:.6g} px"
+            f"{readout}{calibrated}"
+        )
 
     @classmethod
     def from_table(cls, name: str, table: Mapping) -> Camera:

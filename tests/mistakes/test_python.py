@@ -105,7 +105,7 @@ class TestWhatOneHoldsInHand:
     def test_nothing_shows_arrays(self, adjusted):
         held = [getattr(adjusted, name) for name in ("block", "system", "problem", "state",
                 "covariance", "values")]  # fmt: skip
-        held += [adjusted, *corridor.catalogue()]
+        held += [adjusted, *adjusted.block.cameras.values(), *corridor.catalogue()]
         for one in held:
             shown = repr(one)
             assert len(shown) < 700 and "array(" not in shown and " at 0x" not in shown, shown
