@@ -149,7 +149,8 @@ def verdicts(rest: int, moved: int, folder: Path) -> dict:
         draw = partial(_verdict, block, 100_000 * (number + 1), ground, added)
         numbers = range(moved if ground else rest)
         every = kept(folder / "verdicts" / f"{motion}, {camera}", numbers, draw)
-        found[f"{motion}, {camera}"] = dict(Counter(str(one["verdict"]) for one in every))
+        if every:
+            found[f"{motion}, {camera}"] = dict(Counter(str(one["verdict"]) for one in every))
     alone = [counts for name, counts in found.items() if name.startswith("rest, ")]
     false = [sum(n for word, n in one.items() if word.startswith("moved")) for one in alone]
     return found | {
