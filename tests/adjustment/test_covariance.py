@@ -106,7 +106,7 @@ def agree(case, ours, theirs, sigma_rows, sigma_columns=None):
 
 class TestAgainstADenseInverse:
     """Numerical differences leave 1e-11 of the Jacobian; what is nearly undetermined takes some
-    of that: 1e-8 of the standard deviations is the issue's tolerance."""
+    of that: 1e-8 of the standard deviations is the tolerance."""
 
     def parts(self, case):
         problem, _, full, _ = case

@@ -43,7 +43,7 @@ def scatter(values):
 
 
 class TestTurbulentFlightAtOneHertz:
-    """The thresholds are those of the issue, the noise 13.9 mm in 3D as in its prototype."""
+    """The noise is 13.9 mm in 3D."""
 
     def test_the_error_is_at_most_085_of_the_parabola_and_065_of_linear(self):
         smoother, parabola, linear = (

@@ -71,9 +71,9 @@ def test_a_few_small_draws_are_as_wrong_as_expected():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("control", [0, 1, 3])
+@pytest.mark.parametrize("control", [0, 3])
 def test_draws_are_as_wrong_as_expected(control):
-    """The issue's 0.85 to 1.2, with 150 draws of a larger plan."""
+    """150 draws of a larger plan; what is common to all points of a draw is known to 6 %."""
     plan = plan_of(NADIR, OBLIQUE, tie_points=TiePoints(150))
     found = ratios(plan, control, 150)
     assert found.between(0.85, 1.2).all(), found

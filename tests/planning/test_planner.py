@@ -30,7 +30,7 @@ def believed(expected):
 
 
 class TestAgainstTheAdjustment:
-    """The issue asks for 3 %; algebra gives what loosely known points and rounding leave."""
+    """3 % would do; algebra gives what loosely known points and rounding leave."""
 
     @pytest.mark.parametrize("control", [0, 1, 3, 7])
     def test_check_points_have_the_sigmas_of_a_direct_solution(self, small, control):
@@ -363,7 +363,7 @@ def test_what_the_plan_says_of_control_is_left_aside():
 
 
 def test_a_control_point_is_moved_in_a_wink(small):
-    """The issue asks for half a second in a notebook, and 5 ms a set of known points."""
+    """Half a second in a notebook, and 5 ms a set of known points: a slider follows the hand."""
     small.expect([(20.0, 3.0)])
     assert quickest(lambda: small.expect([(31.0, -3.0)])) < 0.5
     assert quickest(lambda: small.expect(3)) < 0.005

@@ -149,29 +149,6 @@ def test_spokes_of_nine_pixels_are_measured_at_both_edges():
     assert found.readout_ms == pytest.approx(40.0, rel=0.003)
 
 
-@pytest.mark.slow
-def test_the_median_of_ten_wheels_is_within_three_tenths_of_a_per_cent():
-    random = np.random.default_rng(8)
-    errors, covered = [], 0
-    for _ in range(10):
-        readout = random.uniform(0.01, 0.07)
-        turns = random.uniform(16, 50) / 360 / readout
-        photos = pair(
-            str(random.choice(["down", "up", "left", "right"])),
-            turns,
-            readout,
-            float(random.uniform(0, 0.006) / turns),
-            float(random.uniform(0, 18)),
-            int(random.choice([20, 24, 28, 32, 36])),
-        )
-        found = measure_wheel(*photos, turns)
-        errors.append(found.readout_ms / readout / 1e3 - 1)
-        covered += abs(found.readout_ms - 1e3 * readout) < 1.96 * found.sigma_ms
-    assert np.median(np.abs(errors)) < 0.003
-    assert np.max(np.abs(errors)) < 0.012
-    assert covered >= 8
-
-
 class TestWhatCannotBeMeasured:
     def test_a_photograph_without_a_wheel(self):
         random = np.random.default_rng(0)
