@@ -338,6 +338,12 @@ def _filled(effect, cells: _Cells, block: Block, images: Images, points: list[st
                 f"effect {effect.slug} has no parameter {parameter!r}: it has {', '.join(names)}"
             )
         if group is not None and group not in row:
+            if effect.group == "block":
+                raise InputError(
+                    f"effect {effect.slug} has one value for the whole block and none for "
+                    f"{group!r}: leave that out, or name a flight "
+                    f"({', '.join(images.flight_names[:10])})"
+                )
             raise InputError(
                 f"effect {effect.slug} has no {effect.group} {group!r}: it has "
                 f"{', '.join(groups[:10])}"

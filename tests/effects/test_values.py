@@ -172,7 +172,7 @@ def test_the_group_may_be_told_by_the_names_alone(block):
 
 
 def test_an_unknown_group_is_refused(block):
-    with pytest.raises(corridor.InputError, match="has no block 'F9'"):
+    with pytest.raises(corridor.InputError, match="none for 'F9'"):
         Values.of(block, {"gnss_bias": {"x": {"F9": 1.0}}})
 
 
