@@ -129,10 +129,11 @@ def run(options: argparse.Namespace) -> None:
 
 def _comparison(options: argparse.Namespace) -> dict:
     """What was asked for, as options of `corridor.change`."""
-    from corridor.change import read_line
+    from dataclasses import fields
 
-    same = ["common", "gnss_bias", "datum", "motion", "level", "together", "stable", "same_camera",
-            "spacing", "radius", "normal", "rays", "same_ties"]  # fmt: skip
+    from corridor.change import Comparison, read_line
+
+    same = [field.name for field in fields(Comparison) if hasattr(options, field.name)]
     return {name: getattr(options, name) for name in same} | {
         "surface": not options.points_only,
         "camera": not options.no_camera,

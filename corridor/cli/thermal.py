@@ -3,11 +3,11 @@
 examples:
   corridor thermal map SERIES -o out/maps.npz
       deformation maps of pictures of a textured wall, taken by a camera that stands still
-  corridor thermal fit out/maps.npz -o out/thermal.json
+  corridor thermal fit out/maps.npz -o out/heat.json
       the thermal model: what a point moves by, at any place and temperature
-  corridor thermal apply out/thermal.json --points POINTS.csv --temperature 41.5 -o out/moved.csv
+  corridor thermal apply out/heat.json --points POINTS.csv --temperature 41.5 -o out/moved.csv
       shifts of points; --inverse leads points seen at that temperature back
-  corridor adjust BLOCK $(corridor thermal prior out/thermal.json BLOCK) -o out/a
+  corridor adjust BLOCK $(corridor thermal prior out/heat.json BLOCK) -o out/a
       adjust with the effect, and with what the model knows of it as a prior
 
 SERIES is a folder of pictures and series.csv: picture (file), time_s, temperature_c, reference
@@ -66,12 +66,12 @@ _STEPS = {
 }
 _EXAMPLES = {
     "map": "data_synthetic/wall -o out/maps.npz",
-    "fit": "out/maps.npz -o out/thermal.json",
+    "fit": "out/maps.npz -o out/heat.json",
     "apply": """
-out/thermal.json --points POINTS.csv --temperature 41.5 -o out/moved.csv
-out/thermal.json --points POINTS.csv --temperature 41.5 --inverse -o out/back.csv
+out/heat.json --points POINTS.csv --temperature 41.5 -o out/moved.csv
+out/heat.json --points POINTS.csv --temperature 41.5 --inverse -o out/back.csv
 """,
-    "prior": "out/thermal.json BLOCK",
+    "prior": "out/heat.json BLOCK",
 }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 
 def jackknife(values: Sequence[float]) -> float:
@@ -25,4 +25,4 @@ def honest(formal: float, by_strips: float, groups: int) -> float:
     free = groups - 1
     if free < 1 or not np.isfinite(by_strips):
         return formal
-    return by_strips if free * (by_strips / formal) ** 2 > chi2.ppf(0.95, free) else formal
+    return by_strips if free * (by_strips / formal) ** 2 > chdtri(free, 0.05) else formal

@@ -366,14 +366,14 @@ def read_plan(plan: str | os.PathLike) -> Plan:
         ) from None
     if text.endswith(".toml") or os.path.isfile(text):
         return _read(Path(text))
-    if os.path.isdir(text):
-        raise InputError(
-            f"{text} is a folder, a plan is a .toml file: `corridor simulate --like BLOCK` makes "
-            "the counterpart of a block"
-        )
     known, joined = ready_made(), None
     for name in text.split("+"):
         if name not in known:
+            if os.path.isdir(text):
+                raise InputError(
+                    f"{text} is a folder, a plan is a .toml file or the name of one that comes "
+                    "with corridor: `corridor simulate --like BLOCK` makes the counterpart of a block"
+                )
             near = did_you_mean(name, known)
             raise InputError(
                 f"no plan {name!r} comes with corridor{near}: give a .toml file, "
