@@ -372,7 +372,8 @@ def read_plan(plan: str | os.PathLike) -> Plan:
             if os.path.isdir(text):
                 raise InputError(
                     f"{text} is a folder, a plan is a .toml file or the name of one that comes "
-                    "with corridor: `corridor simulate --like BLOCK` makes the counterpart of a block"
+                    "with corridor: `corridor simulate --like BLOCK` makes the counterpart of a "
+                    "block"
                 )
             near = did_you_mean(name, known)
             raise InputError(
