@@ -52,6 +52,18 @@ class Group:
         """Whether it stands for the unknown."""
         return self.effect.generic
 
+    @property
+    def free(self) -> np.ndarray:
+        """Prior sigmas (p,), in prior standard deviations, of parameters left as free as they are.
+
+        What is larger than `most` does not happen: twice this sigma. A value that the flight
+        knows is moved by nothing to speak of, one that it does not know stays near zero.
+        """
+        wide = np.full(len(self), SETTINGS.free_size)
+        if self.most is None:
+            return wide
+        return np.minimum(wide, self.most / self.scale / SETTINGS.implausible_sigma)
+
     def __len__(self) -> int:
         return len(self.columns)
 

@@ -2,8 +2,10 @@
 
 Two observations of one point that lie close together in the picture, one on either side of a line,
 differ by noise; by the shift where the line is the rim of a pane. For upright and level lines all
-over the picture the pairs that jump by more than `FAR` scales in one direction are counted. By
-chance as many would as at all other lines, and as many as in the other direction.
+over the picture the pairs that jump by more than `outlier_scales` in one direction are counted. By
+chance as many would as at all other lines, and as many as in the other direction. Two images are
+matched in one go, and where they go wrong many of their points do so alike: in the end it is pairs
+of images that count, each by the median of its points.
 """
 
 from __future__ import annotations
@@ -89,7 +91,9 @@ def _worst(ties: Ties) -> Line | None:
             ways = [sign * jump[:, along] > SETTINGS.outlier_scales for sign in (1, -1)]
             counts = [crossing(way) for way in ways]
             usual = 0.5 * sum(k.sum() for k in counts) / max(every.sum(), 1)
-            for way, mine, against in zip(ways, counts, counts[::-1], strict=True):
+            for sign, (way, mine, against) in enumerate(
+                zip(ways, counts, counts[::-1], strict=True)
+            ):
                 # Noise that is larger at this place jumps the other way as often.
                 chance = (against + SETTINGS.line_prior_pairs * usual) / (
                     every + SETTINGS.line_prior_pairs
@@ -99,10 +103,15 @@ def _worst(ties: Ties) -> Line | None:
                 tested += len(lines)
                 log_p[mine < SETTINGS.line_share * every] = 0.0
                 k = int(np.argmin(log_p))
-                if best is not None and log_p[k] >= best.log_p:
-                    continue
                 over = (below <= k) & (k < above)
                 if len(np.unique(ties.image[other[over & way]])) < SETTINGS.line_images:
+                    continue
+                pairs = np.column_stack([ties.image[one[over]], ties.image[other[over]]])
+                jumped, of = _of_images(pairs, jump[over, along], (1, -1)[sign])
+                chance_of_all = float(binom.logsf(jumped - 1, of, min(chance[k], 1.0)))
+                if jumped < SETTINGS.line_share * of:
+                    continue
+                if best is not None and chance_of_all >= best.log_p:
                     continue
                 px = (jump * ties.scale_px[other][:, None])[over]
                 best = Line(
@@ -111,9 +120,17 @@ def _worst(ties: Ties) -> Line | None:
                     int(mine[k]),
                     int(every[k]),
                     np.median(px, axis=0),
-                    float(log_p[k]),
+                    chance_of_all,
                 )
     if best is None:
         return None
     best = replace(best, log_p=best.log_p + float(np.log(tested)))
     return best if best.log_p < np.log(SETTINGS.outlier_level) else None
+
+
+def _of_images(pairs: np.ndarray, jump: np.ndarray, sign: int) -> tuple[int, int]:
+    """Pairs of images whose points jump one way, and all: pairs (n, 2), jump (n,) in scales."""
+    _, number = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
+    count = int(number.max(initial=-1)) + 1
+    middle = np.array([np.median(jump[number == k]) for k in range(count)])
+    return int((sign * middle > SETTINGS.outlier_scales).sum()), count

@@ -21,6 +21,7 @@ from corridor.diagnosis.cost import Cost, tie_gap
 from corridor.diagnosis.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.hold_out import hold_out
 from corridor.diagnosis.location import locate
+from corridor.diagnosis.prediction import Prediction
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Course, members
 from corridor.diagnosis.settings import SETTINGS
@@ -122,10 +123,10 @@ class Verification:
         return told | {"costs": cost.counts}
 
     def _prove_images(self) -> None:
-        """Say no effect of single images for sure with which data that no fit has used get worse.
+        """Say no effect of single images for sure that predicts nothing that no fit has used.
 
         Residuals of one image hang together, and values for each image follow them; what is there
-        tells of the other points of the image too.
+        tells of the other points of the image too, in one strip as in the next.
         """
         if not len(self._rows):
             return
@@ -139,13 +140,14 @@ class Verification:
             bare = self._fit(others, f"The fit without {one.key} failed")
             if bare is None:
                 continue
-            tie = tie_gap(bare, self._now, self._rows)
-            if tie["after"] < tie["before"]:
+            if Prediction.between(bare, self._now, self._rows).proved:
                 continue
+            tie = tie_gap(bare, self._now, self._rows)
             self.notes.append(
                 f"{one.key} explains what was measured, but image points that no fit has used are "
-                f"predicted no better with it ({tie['before']:.3f} px, then {tie['after']:.3f}): "
-                "it is not taken for sure, and not added."
+                f"predicted hardly better with it ({tie['before']:.3f} px, then "
+                f"{tie['after']:.3f}; strips differ by more): it is not taken for sure, and not "
+                "added."
             )
             one.kind = "suspected"
             self._go_on(others, bare)

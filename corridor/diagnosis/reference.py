@@ -79,22 +79,22 @@ class ReferenceModel:
     def adjust(self, more: Iterable[Effect] = (), block: Block | None = None) -> Adjustment:
         """The robust adjustment with more effects.
 
-        Effects that can do what a free camera can are held by a wide prior, and those of single
-        images by the spread one would expect of them.
+        Effects that can do what a free camera can are held by a wide prior, those of single images
+        by the spread one would expect of them, and what can only be so large by that.
         """
         more = list(more)
         priors = self.priors_of(more)
         for effect in more:
-            if not (effect.stands_in_for or effect.generic or effect.group in ("image", "point")):
-                continue
+            held = effect.stands_in_for or effect.generic or effect.group in ("image", "point")
             for parameter in effect.parameters(self.block):
                 wide = (
                     SETTINGS.prior_of_adjusted_per_image
                     if effect.group == "image"
                     else SETTINGS.prior_of_adjusted
-                )
-                name = f"{effect.slug}.{parameter.name}"
-                priors.setdefault(name, (0.0, wide * parameter.scale))
+                ) * parameter.scale
+                sigma = min(wide if held else np.inf, parameter.most / SETTINGS.implausible_sigma)
+                if np.isfinite(sigma):
+                    priors.setdefault(f"{effect.slug}.{parameter.name}", (0.0, sigma))
         block = self.block if block is None else block
         if self.begun is not None:
             near = self.begun

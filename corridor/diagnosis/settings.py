@@ -177,6 +177,8 @@ class Settings:
     held_out_sigma: float = 1e4
     # Fewest tie observations of which some can be spared.
     fewest_ties: int = 200
+    # Chance at which a gain in predictions would be no gain; the test holds below 8 %.
+    prediction_level: float = 0.05
     # Standard deviations by which check points have to contradict an effect: one in twenty of the
     # true ones may.
     harm_sigma: float = 1.645

@@ -94,7 +94,7 @@ def of_group(
     # The adjustment has taken out what it estimated.
     score = score + inside @ e.core.value[group.columns]
     left, gain = [], []
-    held = np.eye(len(group)) / SETTINGS.free_size**2
+    held = np.diag(group.free**-2.0)
     for s, m in zip(score, inside, strict=True):
         theta = np.linalg.solve(M - m + held, g - s)
         left.append(theta)

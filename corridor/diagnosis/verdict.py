@@ -125,11 +125,11 @@ def parameters(one: Round) -> tuple[dict, dict]:
     """Parameters of each group found, and their covariance, in prior standard deviations.
 
     All groups of the model together, with the noise of the GNSS as it was estimated and as
-    uncertain as that is. Small groups have no prior.
+    uncertain as that is. Small groups have no prior but what can happen.
     """
     evidence, chosen = one.evidence, one.found.chosen
     loose = {
-        n: k if len(evidence.groups[n]) > SETTINGS.most_free else SETTINGS.free_size
+        n: k if len(evidence.groups[n]) > SETTINGS.most_free else evidence.groups[n].free
         for n, k in chosen.items()
     }
     loose |= {n: 1.0 for n in chosen if evidence.groups[n].known}

@@ -1,0 +1,51 @@
+"""How often a gain in predictions is taken for one: rates on gains of strips that hang together."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from corridor.diagnosis.candidates import Group
+from corridor.diagnosis.prediction import Prediction
+from corridor.diagnosis.settings import SETTINGS
+from corridor.effects import find
+
+
+@pytest.mark.parametrize("strips", [4, 5, 8, 12])
+@pytest.mark.parametrize("unlike", [1.0, 10.0], ids=["alike", "one ten times as noisy"])
+def test_no_gain_is_taken_for_one_in_a_twentieth_of_flights(strips, unlike):
+    rng = np.random.default_rng(strips)
+    spread = np.r_[unlike, np.ones(strips - 1)]
+    proved = sum(Prediction(spread * rng.standard_normal(strips)).proved for _ in range(2000))
+    assert proved <= binom.isf(0.001, 2000, SETTINGS.prediction_level)
+
+
+def test_a_gain_of_three_of_its_spreads_in_every_strip_is_seen_in_95_of_100_flights():
+    rng = np.random.default_rng(1)
+    proved = sum(Prediction(3.0 + rng.standard_normal(4)).proved for _ in range(400))
+    assert proved >= binom.ppf(0.001, 400, 0.95)
+
+
+def test_what_one_strip_alone_gains_proves_nothing():
+    """However much it is."""
+    for most in (1.0, 10.0, 1000.0):
+        assert not Prediction(np.array([most, 0.0, 0.1, -0.1])).proved
+
+
+def test_without_two_strips_nothing_can_be_proved():
+    assert not Prediction(np.array([100.0])).proved
+    assert not Prediction(np.zeros(0)).proved
+
+
+def test_what_a_flight_does_not_know_stays_near_zero_and_what_it_knows_where_it_is():
+    """z of a lever arm has 0.9 m in a nadir strip, x 15 mm; half a metre does not happen."""
+    arm = find("lever_arm")
+    scale = np.full(3, 0.05)
+    group = Group(
+        "lever_arm", arm, None, np.arange(3), scale, [("block", k, "m") for k in "xyz"],
+        most=np.full(3, 0.5),
+    )  # fmt: skip
+    sigma, value = np.array([0.015, 0.015, 0.9]), np.array([0.2, -0.1, 1.5])
+    M = np.diag((scale / sigma) ** 2)
+    found = scale * np.linalg.solve(M + np.diag(group.free**-2.0), M @ (value / scale))
+    assert found[:2] == pytest.approx(value[:2], rel=0.005)
+    assert abs(found[2]) < 0.5 / 2
