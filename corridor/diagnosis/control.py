@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg import cho_solve
 from scipy.stats import chi2
 
+from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.settings import SETTINGS
 
@@ -105,6 +106,30 @@ def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> boo
     statistic = float(g @ np.linalg.lstsq(M, g, rcond=None)[0])
     count = 2 * sum(group.point is not None for group in evidence.groups)
     return bool(chi2.sf(statistic, len(at)) * count < SETTINGS.control_level)
+
+
+def listed_points(groups: list[Group], hypotheses: Iterable[Wrong]) -> str:
+    """GCP02 and GCP05 in height, or GCP15 in plan."""
+    return ", or ".join(
+        f"{' and '.join(str(groups[n].point) for n in one.points)} in "
+        f"{'height' if one.parts[0] == HEIGHT else 'plan'}"
+        for one in hypotheses
+    )
+
+
+def explains_all(evidence: Evidence, wrong: Wrong) -> bool:
+    """Whether nothing contradicts any more once these points are out.
+
+    Of the coordinates P of all points g_P' M_PP^-1 g_P is chi square of its rank; less what the
+    wrong ones take of it, of as many degrees less.
+    """
+    at = np.concatenate([g.columns for g in evidence.groups if g.point is not None])
+    g, M = evidence.reduced.g[at], evidence.reduced.M[np.ix_(at, at)]
+    value, vector = np.linalg.eigh(M)
+    seen = value > SETTINGS.blind_information
+    left = float(np.sum((vector.T @ g)[seen] ** 2 / value[seen])) - wrong.statistic
+    free = int(seen.sum()) - sum(len(part) for part in wrong.parts)
+    return free <= 0 or bool(chi2.sf(left, free) > SETTINGS.control_level)
 
 
 def _tested(evidence: Evidence, hypothesis: Iterable[tuple[int, tuple[str, ...]]]) -> Wrong:

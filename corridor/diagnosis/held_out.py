@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from corridor.adjustment import Adjustment
-from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.control import HEIGHT, Wrong
+from corridor.diagnosis.all_ground import AllGround, contradicted
+from corridor.diagnosis.control import listed_points
 from corridor.diagnosis.cost import Cost, tie_gap
 from corridor.diagnosis.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.hold_out import hold_out
@@ -65,6 +65,7 @@ class Verification:
             return
         self._go_on(self.used, self._now)
         self._choose_control()
+        self._ask_all_ground()
         self._prove_images()
         self._drop_idle()
         self.lens = self._ask_lens()
@@ -253,6 +254,42 @@ class Verification:
                 one.kind, one.instead = "ambiguous", told
                 one.separate = "one more control point, or a check point, near those in question"
 
+    def _ask_all_ground(self) -> None:
+        """Say control points wrong that agree with each other, and with no check point.
+
+        They are left out where that brings the fit nearer to the check points: without them the
+        GNSS alone may know the heights worse.
+        """
+        check, groups = self._now.check_points, self._last.evidence.groups
+        blunder = next((g.effect for g in groups if g.point is not None), None)
+        if blunder is None or self._last.wrong.found is not None or not len(check):
+            return
+        if not contradicted(check_misfit(self._now), 3 * len(check)):
+            return
+        of_points = {g.key for g in groups if g.point is not None}
+        rest = [key for key in self.used if key not in of_points]
+        try:
+            told = AllGround.of(self._believed, self._last, members(self._effects, rest), blunder)
+        except (InputError, AdjustmentFailed) as failed:
+            self.notes.append(f"Check points could not be asked for wrong control: {failed}")
+            return
+        if told.wrong.found is None:
+            return
+        points = listed_points(told.evidence.groups, [told.wrong.found, *told.wrong.alike])
+        self.notes.append(
+            f"Control and check points contradict each other, which {points} being wrong explains: "
+            "the error of check points afterwards is no longer independent."
+        )
+        new = told.estimates({str(g.point) for g in groups if g.point is not None})
+        if not new:
+            return
+        keys = [*rest, *(one.key for one in new)]
+        fit = self._fit(keys, f"The fit without {points} failed")
+        kept = [one for one in self.findings.effects if one.key not in of_points]
+        self.findings = replace(self.findings, effects=[*new, *kept])
+        if fit is not None and fit.check_rms.d3 < self._now.check_rms.d3:
+            self._go_on(keys, fit)
+
     def _choose_shapes(self) -> None:
         """A shape of no catalogue in the place of look-alikes, where check points speak for it.
 
@@ -318,15 +355,6 @@ def check_misfit(adjustment: Adjustment) -> float:
     survey = adjustment.block.ground_sigma()[rows]
     sigma = np.hypot(table[["sx", "sy", "sz"]].to_numpy(), survey)
     return float(((table[["dx", "dy", "dz"]].to_numpy() / sigma) ** 2).sum())
-
-
-def listed_points(groups: list[Group], hypotheses: Iterable[Wrong]) -> str:
-    """GCP02 and GCP05 in height, or GCP15 in plan."""
-    return ", or ".join(
-        f"{' and '.join(str(groups[n].point) for n in one.points)} in "
-        f"{'height' if one.parts[0] == HEIGHT else 'plan'}"
-        for one in hypotheses
-    )
 
 
 def harms(without: Adjustment, with_it: Adjustment) -> bool:

@@ -182,6 +182,8 @@ class Settings:
     # Standard deviations by which check points have to contradict an effect: one in twenty of the
     # true ones may.
     harm_sigma: float = 1.645
+    # Chance of check points as far off as they are, below which control is asked with their help.
+    check_chance: float = 0.05
     # Check points from which on they decide. Ratios of errors that are more than chance: one in two
     # hundred of ties; of check points, which are few and each shift of the datum moves, more; a
     # shape has more parameters than an effect, and no cause that anyone knows.

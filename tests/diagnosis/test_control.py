@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import binom
 
 from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.control import HEIGHT, blunders
+from corridor.diagnosis.all_ground import AllGround
+from corridor.diagnosis.control import HEIGHT, blunders, explains_all
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.reduced import Reduced
 from corridor.diagnosis.settings import SETTINGS
@@ -65,3 +66,58 @@ def test_one_of_three_is_as_good_as_the_other_two():
     sets = [set(one.points) for one in (told.found, *told.alike)]
     assert {0, 1} in sets and {2} in sets
     assert all(part == HEIGHT for one in (told.found, *told.alike) for part in one.parts)
+
+
+class TestWithCheckPointsAsked:
+    """Points 0 and 1 are control, the others check points: what the fit alone could not tell."""
+
+    low = {0: (0, 0, -0.14), 1: (0, 0, -0.14)}
+
+    def test_two_that_agree_with_each_other_are_found(self):
+        """In 95 of 100 blocks with four check points."""
+        right = 0
+        for seed in range(40):
+            evidence = seen(self.low, np.random.default_rng(seed))
+            told = AllGround(evidence, blunders(evidence))
+            found = told.estimates({"P0", "P1"})
+            right += {one.where["point"] for one in found} == {"P0", "P1"}
+        assert right >= binom.ppf(0.001, 40, 0.95)
+
+    def test_their_values_are_right(self):
+        errors = []
+        for seed in range(40):
+            evidence = seen(self.low, np.random.default_rng(seed))
+            for one in AllGround(evidence, blunders(evidence)).estimates({"P0", "P1"}):
+                (z,) = one.parameters
+                errors.append((z["value"] + 0.14) / z["sigma"])
+        # Two of one block share the datum.
+        assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=3 / np.sqrt(80))
+
+    def test_with_one_check_point_it_may_be_the_wrong_one(self):
+        evidence = seen(self.low, np.random.default_rng(1), points=3)
+        found = AllGround(evidence, blunders(evidence)).estimates({"P0", "P1"})
+        assert {one.kind for one in found} == {"ambiguous"}
+        assert all(one.instead == "P2 in height" for one in found)
+
+    def test_a_wrong_check_point_is_no_error_of_control(self):
+        evidence = seen({4: (0, 0, 0.14)}, np.random.default_rng(1))
+        told = AllGround(evidence, blunders(evidence))
+        assert told.wrong.found is not None and told.estimates({"P0", "P1"}) == []
+
+    def test_a_ground_that_is_bent_is_no_blunder(self):
+        """Heights along a parabola, the noise as stated: no one or two points explain it."""
+        bent = {k: (0, 0, 0.4 * (k / 7 - 0.5) ** 2 * 4) for k in range(8)}
+        explained = 0
+        for seed in range(40):
+            evidence = seen(bent, np.random.default_rng(seed), points=8)
+            wrong = blunders(evidence).found
+            explained += wrong is not None and explains_all(evidence, wrong)
+        assert explained == 0
+
+    def test_true_blunders_explain_all(self):
+        """But for the level."""
+        kept = 0
+        for seed in range(40):
+            evidence = seen(self.low, np.random.default_rng(seed))
+            kept += explains_all(evidence, blunders(evidence).found)
+        assert kept >= binom.ppf(0.001, 40, 1 - 5 * SETTINGS.control_level)
