@@ -342,7 +342,7 @@ def surveys() -> dict[str, Callable[[], Block]]:
         "s12_s13": strips("S12", "S13"),
         "s13_s14": strips("S13", "S14"),
         "pair": lambda: corridor.read(pair),
-        "special": _special,
+        "special": special_plot,
     }
 
 
@@ -374,10 +374,10 @@ def _with_rays(block: Block, chosen: np.ndarray) -> Block:
     return part
 
 
-def _special() -> Block:
+def special_plot(data: Path = DATA) -> Block:
     """The rolling-shutter survey with the speeds its photographs state: a real effect of 33 ms."""
-    block = corridor.read(DATA / "special_plot" / "block")
-    stated = pd.read_csv(DATA / "special_plot" / "metadata.csv").set_index("image")
+    block = corridor.read(data / "special_plot" / "block")
+    stated = pd.read_csv(data / "special_plot" / "metadata.csv").set_index("image")
     speed = stated.reindex(block.images["image"].astype(str))
     block.images = block.images.assign(
         vx=speed["speed_east"].to_numpy(),

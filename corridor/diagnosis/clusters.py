@@ -24,6 +24,7 @@ from scipy.linalg import cho_solve
 from corridor.adjustment import Adjustment, LinearSystem
 from corridor.diagnosis.equations import Equations
 from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.hold_out import places
 from corridor.diagnosis.lens import Lens
 from corridor.diagnosis.reduced import Elimination, Reduced
 from corridor.diagnosis.search import Found
@@ -333,12 +334,8 @@ def clusters(equations: Equations) -> list[np.ndarray]:
     rows, images = system.image_rows, system.images
     time = np.where(np.isfinite(images.time), images.time, system.image_order)
     order = np.lexsort((system.image_order, time, images.flight))
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order)) // SETTINGS.run_of_images
-    run = place[rows.image]
-    count = np.array(SETTINGS.places)
-    size = images.size[rows.image]
-    cell = np.clip((rows.xy + 0.5) / size * count, 0, count - 1).astype(np.int64)
-    cell = cell[:, 0] * count[1] + cell[:, 1]
-    tie = rows.tie
-    return [np.where(tie, run, -1), np.where(tie, cell, -1)]
+    run_of_image = np.empty(len(order), dtype=np.int64)
+    run_of_image[order] = np.arange(len(order)) // SETTINGS.run_of_images
+    run = run_of_image[rows.image]
+    tie, place = rows.tie, places(rows.xy, images.size[rows.image])
+    return [np.where(tie, run, -1), np.where(tie, place, -1)]

@@ -50,7 +50,13 @@ def in_places(
     image (n,): number; xy (n, 2), size (n, 2): px. Residuals of neighbours in one picture hang
     together: what is to be predicted has to lie away from what has been used.
     """
+    place = places(xy, size)
+    chosen = rng.random((int(image.max()) + 1, int(np.prod(SETTINGS.places)))) < share
+    return chosen[image, place]
+
+
+def places(xy: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Number (n,) of the place of its picture in which a point lies. xy, size (n, 2): px."""
     columns, rows = SETTINGS.places
-    cell = np.clip((xy + 0.5) / size * SETTINGS.places, 0, (columns - 1, rows - 1)).astype(int)
-    chosen = rng.random((int(image.max()) + 1, columns, rows)) < share
-    return chosen[image, cell[:, 0], cell[:, 1]]
+    cell = np.clip((xy + 0.5) / size * (columns, rows), 0, (columns - 1, rows - 1)).astype(int)
+    return cell[:, 0] * rows + cell[:, 1]

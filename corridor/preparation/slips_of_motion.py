@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import bdtrc
 
 from corridor.block import Block
 
@@ -124,4 +125,4 @@ def _pairs(block: Block) -> _Pairs:
 
 def _by_chance(count: int, of: int) -> float:
     """Probability that a fair coin shows heads `count` times of `of`, or more often."""
-    return sum(math.comb(of, k) for k in range(count, of + 1)) / 2**of
+    return float(bdtrc(count - 1, of, 0.5))

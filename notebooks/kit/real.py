@@ -5,9 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import pandas as pd
-
-import corridor
+from benchmarks.diagnosis import real_noise
 from corridor.block import Block
 
 # As the chapters are run: in the folder of the notebooks.
@@ -16,15 +14,5 @@ DATA = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))
 
 def special_plot() -> Block | None:
     """76 photographs of a Phantom 4, velocities from their own headers; None where they are not."""
-    home = DATA / "special_plot"
-    if not (home / "block").exists():
-        return None
-    block = corridor.read(home / "block")
-    header = pd.read_csv(home / "metadata.csv").set_index("image")
-    speed = header.reindex(block.images["image"].astype(str))
-    block.images = block.images.assign(
-        vx=speed["speed_east"].to_numpy(),
-        vy=speed["speed_north"].to_numpy(),
-        vz=-speed["speed_down"].to_numpy(),
-    )
-    return block
+    there = (DATA / "special_plot" / "block").exists()
+    return real_noise.special_plot(DATA) if there else None
