@@ -37,6 +37,8 @@ _HIGH = 5  # harmonics whose envelopes are free; those of higher ones are stiffe
 _FEWEST_STRIPES, _FEWEST_ROWS = 3.0, 3.0
 _SATURATED, _WHITE = 250, 0.93  # grey value; share of the picture above which nothing is left
 _ONE_PHASE = 0.8  # stripes go straight across the picture
+# A quartz, of the light or of the camera, keeps its frequency so well, as a share.
+_QUARTZ = 1e-5
 _GAIN = 3.0  # by which the stripes must shrink what a smooth light leaves over
 _METHOD = (
     "frequency of the stripes in the mean light of the rows: up to 15 harmonics with smooth "
@@ -263,7 +265,7 @@ def _fit(found: _Stripes) -> _Fitted | None:
     # Squares that the fit took up, and those lines, are missing in what is left.
     sigma *= math.sqrt(rows / max(rows - len(solved) - lines, 1))
     sigma = math.hypot(sigma, basis.moved_by_edges(influence, row, cycles, edge))
-    sigma = math.hypot(sigma, 1e-5 * cycles)
+    sigma = math.hypot(sigma, _QUARTZ * cycles)
     gain = float(flat @ flat) / float(residual @ residual + 1e-30)
     return _Fitted(found.axis, signal, float(cycles), sigma, model, stripes, gain)
 

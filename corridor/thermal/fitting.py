@@ -134,8 +134,8 @@ def _cross_validate(sums, kind, powers, lag, steps) -> pd.DataFrame:
     for n in order:
         worse = errors[n] - errors[best]
         spread = worse.std(ddof=1) / np.sqrt(number) if number > 1 else 0.0
-        # As good as the best within one standard error, or so nearly that it does not matter.
-        if worse.mean() <= np.clip(spread, 0.05 * least, 0.1 * least):
+        # As good as the best within one standard error (Breiman et al. 1984).
+        if worse.mean() <= min(spread, 0.1 * least):
             chosen = int(n)
             break
     table = pd.DataFrame(rows, columns=["kind", "powers"])
@@ -203,7 +203,7 @@ def _steps(sums, kind, lag) -> list[int]:
 
 def _apart(sums, solved) -> bool:
     """Whether all pictures are shifted against the reference beyond the model."""
-    terms = sums.projected(solved.kind)[0]
+    terms = sums.projected(solved.kind)[1]
     constant, slope = (sums.shapes @ one.T for one in solved.coefficients(terms)[:2])
     constant = constant + sums.pattern
     # What an error of the reference's temperature makes grows and shifts as heat does.
@@ -226,17 +226,12 @@ def _say_step(sums, step) -> str:
 
 def _model(sums, solved: Solved, lag, lag_sigma, notes) -> ThermalModel:
     """The fitted model with its uncertainty."""
-    maps, terms = sums.maps, sums.projected(solved.kind)[0]
-    k, powers = len(terms), solved.powers
-    used = slice(k, (powers + 1) * k)  # the constant term is the reference's own error
+    maps, terms = sums.maps, sums.projected(solved.kind)[1]
+    k, powers, used = len(terms), solved.powers, solved.of_temperature
     felt, t0, _ = sums.optics(lag or 0.0)
     coefficients = solved.coefficients(terms)[1:].swapaxes(0, 1)
     dx, dy = coefficients.reshape(2, powers, sums.order, sums.order)
-    residual = sums.residual(solved)
-    values = np.concatenate([part.ravel() for part in residual])
-    noise = np.concatenate([maps.sigma[row, maps.valid[row]] for row in sums.rows])
-    rms = float(np.sqrt(np.mean(values**2)))
-    misfit = float(np.sqrt(max(rms**2 - np.mean(noise**2), (0.25 * rms) ** 2)))
+    rms, misfit = _misfit(sums, solved)
     inside = felt[sums.rows]
     covariance = solved.inverse[used, used] * _design_effect(sums, solved)
     return ThermalModel(
@@ -249,20 +244,46 @@ def _model(sums, solved: Solved, lag, lag_sigma, notes) -> ThermalModel:
     )  # fmt: skip
 
 
+def _misfit(sums, solved) -> tuple[float, float]:
+    """RMS of what the model leaves, and of the smooth part of it beyond noise, px an axis.
+
+    Smooth is what the fullest polynomial takes of each picture; noise is what that leaves, and
+    has its share in as many numbers as the polynomial has, less those of the model.
+    """
+    fitted = squares = 0.0
+    count = numbers = 0
+    for row, left in zip(sums.rows, sums.residual(solved), strict=True):
+        basis, _ = np.linalg.qr(sums.shapes[sums.maps.valid[row]])
+        squares += float(np.sum(left**2))
+        fitted += float(np.sum((basis.T @ left) ** 2))
+        count += left.size
+        numbers += 2 * basis.shape[1]
+    free = max(numbers - len(solved.inverse), 0)  # of what is smooth
+    noise = (squares - fitted) / max(sums.freedom(solved) - free, 1.0)
+    beyond = max(fitted - noise * free, 0.0)
+    return float(np.sqrt(squares / count)), float(np.sqrt(beyond / count))
+
+
 def _design_effect(sums, solved) -> float:
-    """By how much the errors that a picture's nodes share make the amplitudes worse."""
-    terms, K, r, cross = sums.projected(solved.kind)
-    power = solved.power
-    each = power @ solved.amplitude
-    score = r - np.einsum("nkl,nl->nk", K, each)
+    """Factor on the covariance of the amplitudes: what is left tells how good the maps are, and by
+    how much the errors that a picture's nodes share make the amplitudes worse.
+    """
+    constant, terms, K, r, cross = sums.projected(solved.kind)
+    power, at = solved.power, solved.of_temperature
+    term, of = sums.columns(solved.kind, solved.powers)
+    total = np.concatenate(
+        [np.broadcast_to(solved.of_constant, (len(power), len(constant))),
+         power[:, 1:] @ solved.amplitude], axis=1,
+    )  # fmt: skip
+    score = r - np.einsum("nkl,nl->nk", K, total)
     for step, size in zip(solved.steps, solved.jump, strict=True):
         score[step:] -= cross[step:] @ size
-    full = np.einsum("nm,nk->nmk", power, score).reshape(len(power), -1)
-    wide = full.shape[1]
-    inverse = solved.inverse[:wide, :wide]
-    ratio = np.einsum("na,ab,nb->", full, inverse, full) / wide
-    free = len(power) / max(len(power) - solved.powers - 1, 1)
-    return float(max(1.0, ratio * free))
+    wide = len(term)
+    moved = (power[:, of] * score[:, term]) @ solved.inverse[:wide, at]
+    metric = np.linalg.inv(solved.inverse[at, at])
+    ratio = np.einsum("na,ab,nb->", moved, metric, moved) / len(metric)
+    shared = len(power) / max(len(power) - solved.powers - 1, 1)
+    return float(max(solved.cost / sums.freedom(solved), ratio * shared))
 
 
 def _beyond(sums, solved, lag, inside, t0):
@@ -273,7 +294,7 @@ def _beyond(sums, solved, lag, inside, t0):
     if rival < 1:
         return np.zeros((2, 2, sums.order, sums.order))
     other = sums.solve(solved.kind, rival, lag, solved.steps)
-    terms = sums.projected(solved.kind)[0]
+    terms = sums.projected(solved.kind)[1]
     out = []
     for edge in (inside.min(), inside.max()):
         t = (edge - t0) / SCALE_C
@@ -305,9 +326,10 @@ def _pictures(sums, solved, lag) -> pd.DataFrame:
     table["cooling"] = rate < 0
     names = ("shift_x", "shift_y", "scale", "rotation")
     own = np.full((len(table), 4), np.nan)
-    terms, K, r, _ = sums.projected("similarity")
+    constant, _, K, r, _ = sums.projected("similarity")
+    its = slice(len(constant), None)
     unit = np.array([1.0, 1.0, 1e6 / sums.scale_px, 1e6 / sums.scale_px])
-    own[sums.rows] = np.linalg.solve(K, r[..., None])[..., 0] * unit
+    own[sums.rows] = np.linalg.solve(K[:, its, its], r[:, its, None])[..., 0] * unit
     table[list(names)] = own
     left = np.full(len(table), np.nan)
     # Without its jumps, so that they show.

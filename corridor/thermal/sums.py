@@ -26,9 +26,12 @@ _LEAST_SIGMA = 1e-4  # px: nothing is better known
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """Amplitudes (powers + 1, k) of spatial terms (constant first), and what they leave.
+    """What grows with powers of the temperature and what all pictures have alike.
 
-    power: (used, powers + 1) of the temperature of the optics from t0, in units of the model.
+    amplitude: (powers, k) of the kind's terms. of_constant: (c,) of the constant's terms; constant:
+    (2, order^2), px, their polynomial, the error of the reference. power: (used, powers + 1) of
+    the temperature of the optics from t0, in units of the model, the first is 1. inverse: of the
+    normal matrix, of_constant first, then the amplitudes.
     steps: used pictures from which on all are shifted by jump (steps, 2) px more. of_picture:
     (used,) weighted squares left. offset: (used, 2) px, what is left of a picture's shift.
     """
@@ -36,6 +39,8 @@ class Solved:
     kind: str
     power: np.ndarray
     amplitude: np.ndarray
+    of_constant: np.ndarray
+    constant: np.ndarray
     steps: tuple[int, ...]
     jump: np.ndarray
     inverse: np.ndarray
@@ -46,11 +51,19 @@ class Solved:
     @property
     def powers(self) -> int:
         """Of the temperature, beside the constant."""
-        return len(self.amplitude) - 1
+        return len(self.amplitude)
+
+    @property
+    def of_temperature(self) -> slice:
+        """Where `inverse` has the amplitudes."""
+        last = len(self.inverse) - 2 * len(self.steps)
+        return slice(last - self.amplitude.size, last)
 
     def coefficients(self, terms: np.ndarray) -> np.ndarray:
-        """Polynomials (powers + 1, 2, order^2) of the powers of temperature."""
-        return np.einsum("mk,kxa->mxa", self.amplitude, terms)
+        """Polynomials (powers + 1, 2, order^2) of the powers of temperature, constant first."""
+        return np.concatenate(
+            [self.constant[None], np.einsum("mk,kxa->mxa", self.amplitude, terms)]
+        )
 
 
 def _usable(maps: Maps) -> tuple[np.ndarray, list[str]]:
@@ -113,6 +126,7 @@ class Sums:
         self.weight = np.empty(count)
         self.shapes = shapes
         self.pattern = np.zeros((len(maps.x), 2))
+        self._patterned = 0
         self._sum_up()
 
     def _sum_up(self):
@@ -151,26 +165,31 @@ class Sums:
         det = s0 * s2 - s1**2
         good = (s0 >= _LEAST_FOR_PATTERN) & (det > 1e-6 * s0 * s2)
         constant = (s2[:, None] * sum0 - s1[:, None] * sum1)[good] / det[good, None]
-        terms = self.projected("polynomial")[0]
-        fitted = self.shapes @ np.einsum("k,kxa->xa", solved.amplitude[0], terms).T
-        self.pattern[good] += constant + fitted[good]
+        self.pattern[good] += constant + (self.shapes @ solved.constant.T)[good]
+        self._patterned = int(np.count_nonzero(good))
         self._sum_up()
 
     def projected(self, kind):
-        """Normal matrices (pictures, k, k) and right-hand sides (pictures, k) of a kind."""
+        """Terms of the constant (c, 2, order^2) and of a kind (k, 2, order^2); for c + k of them
+        normal matrices (used, c + k, c + k), right-hand sides (used, c + k), and those of a jump.
+
+        What the reference has wrong is no matter of temperature: its terms are the fullest, of
+        every kind, so that kinds differ by what grows with temperature alone.
+        """
         if kind not in self._projected:
-            terms = terms_of(kind, self.order)  # (k, 2, order^2)
+            of_kind = terms_of(kind, self.order)
+            constant = of_kind if kind == "printed" else terms_of("polynomial", self.order)
+            terms = np.concatenate([constant, of_kind])
             K = np.zeros((len(self.rows), len(terms), len(terms)))
             r = np.zeros((len(self.rows), len(terms)))
-            for axis in range(2):
-                K += np.einsum("ka,nab,lb->nkl", terms[:, axis], self.A, terms[:, axis])
-                r += np.einsum("ka,na->nk", terms[:, axis], self.b[:, :, axis])
-            shift = np.zeros((2, 2, self.order**2))
-            shift[0, 0, 0] = shift[1, 1, 0] = 1.0
             cross = np.zeros((len(self.rows), len(terms), 2))
             for axis in range(2):
-                cross += np.einsum("ka,nab,lb->nkl", terms[:, axis], self.A, shift[:, axis])
-            self._projected[kind] = terms, K, r, cross
+                moved = terms[:, axis]
+                onto = np.einsum("ka,nab->nkb", moved, self.A)
+                K += onto @ moved.T
+                r += np.einsum("ka,na->nk", moved, self.b[:, :, axis])
+                cross[:, :, axis] = onto[:, :, 0]
+            self._projected[kind] = constant, of_kind, K, r, cross
         return self._projected[kind]
 
     def optics(self, lag):
@@ -188,65 +207,76 @@ class Sums:
             )))  # fmt: skip
         return felt, t0, (felt[self.rows] - t0) / SCALE_C
 
+    def columns(self, kind, powers):
+        """Term and power of t of each column: of the constant first, then power by power."""
+        constant, terms = self.projected(kind)[:2]
+        c, k = len(constant), len(terms)
+        term = np.concatenate([np.arange(c), np.tile(c + np.arange(k), powers)])
+        return term, np.concatenate([np.zeros(c, dtype=int), np.repeat(1 + np.arange(powers), k)])
+
     def normal(self, kind, powers, lag, steps=(), use=None):
         """Normal matrix, right-hand side and powers of t (used, powers + 1)."""
-        _, K, r, cross = self.projected(kind)
+        *_, K, r, cross = self.projected(kind)
         _, _, t = self.optics(lag)
         power = t[:, None] ** np.arange(powers + 1)
         mask = np.ones(len(t)) if use is None else use.astype(float)
-        k, wide = K.shape[1], (powers + 1) * K.shape[1]
-        weighted = power * mask[:, None]
-        N = np.einsum("nm,nq,nkl->mkql", weighted, power, K, optimize=True).reshape(wide, wide)
-        right = np.einsum("nm,nk->mk", weighted, r).ravel()
+        term, of = self.columns(kind, powers)
+        by = power[:, of] * mask[:, None]
+        moments = np.einsum("nm,nq,nkl->mqkl", power * mask[:, None], power, K, optimize=True)
+        N = moments[of[:, None], of, term[:, None], term]
+        right = np.sum(by * r[:, term], axis=0)
         if len(steps):
             after = (np.arange(len(t))[:, None] >= np.asarray(steps)) * mask[:, None]
-            C = np.einsum("nm,nkc,ns->mksc", power, cross, after, optimize=True)
-            C = C.reshape(wide, 2 * len(steps))
+            C = np.einsum("nw,nwc,ns->wsc", by, cross[:, term], after, optimize=True)
+            C = C.reshape(len(term), 2 * len(steps))
             level = np.einsum("n,ns,nq->sq", self.weight * mask, after, after)
             D = np.kron(level, np.eye(2))
             N = np.block([[N, C], [C.T, D]])
             right = np.concatenate([right, np.einsum("nc,ns->sc", self.b[:, 0], after).ravel()])
-        return N, right, power, k
+        return N, right, power
 
     def solve(self, kind, powers, lag, steps=(), use=None) -> Solved:
         """Weighted least squares over the pictures that are used."""
-        N, right, power, k = self.normal(kind, powers, lag, steps, use)
+        N, right, power = self.normal(kind, powers, lag, steps, use)
         size = np.sqrt(np.diag(N))
         size[size == 0] = 1.0
         # A jump that the used pictures do not show stays at zero.
         scaled = N / np.outer(size, size) + 1e-12 * np.eye(len(N))
         inverse = np.linalg.inv(scaled) / np.outer(size, size)
         found = inverse @ right
-        cut = (powers + 1) * k
-        amplitude, jump = found[:cut].reshape(powers + 1, k), found[cut:].reshape(-1, 2)
-        spatial = self.spatial(kind, power, amplitude, steps, jump)
+        of_constant, terms = self.projected(kind)[:2]
+        c, k = len(of_constant), len(terms)
+        cut = c + powers * k
+        constant = np.einsum("k,kxa->xa", found[:c], of_constant)
+        amplitude, jump = found[c:cut].reshape(powers, k), found[cut:].reshape(-1, 2)
+        moved = np.einsum("mk,kxa->mxa", amplitude, terms)
+        spatial = _of_pictures(power, np.concatenate([constant[None], moved]), steps, jump)
         fitted = np.einsum("nab,nxb->nax", self.A, spatial)
         left = self.squares - 2 * np.einsum("nax,nxa->n", self.b, spatial)
         left = left + np.einsum("nxa,nax->n", spatial, fitted)
         offset = (self.b[:, 0] - fitted[:, 0]) / self.weight[:, None]
         mask = slice(None) if use is None else use
         return Solved(
-            kind, power, amplitude, tuple(steps), jump, inverse, float(left[mask].sum()), left,
-            offset,
+            kind, power, amplitude, found[:c], constant, tuple(steps), jump, inverse,
+            float(left[mask].sum()), left, offset,
         )  # fmt: skip
+
+    def freedom(self, solved) -> float:
+        """Numbers that a solution could not take up."""
+        constant = len(solved.of_constant)
+        taken = len(solved.inverse) + max(2 * self._patterned - constant, 0)
+        return float(max(2 * self.nodes.sum() - taken, 1.0))
 
     def most_powers(self, wanted):
         """Powers of T that the temperatures can tell apart."""
         different = len(np.unique(np.round(self.warm[self.rows], 1)))
         return max(1, min(wanted, different - 2, len(self.rows) - 2))
 
-    def spatial(self, kind, power, amplitude, steps, jump):
-        """Fitted polynomials (used, 2, order^2) of the pictures, px."""
-        terms = self.projected(kind)[0]
-        fitted = np.einsum("nm,mk,kxa->nxa", power, amplitude, terms, optimize=True)
-        for step, size in zip(steps, jump, strict=True):
-            fitted[step:, :, 0] += size
-        return fitted
-
     def residual(self, solved, jumps=True):
         """Measured minus modelled (nodes, 2) px of each used picture; with or without its jumps."""
         steps, jump = (solved.steps, solved.jump) if jumps else ((), ())
-        spatial = self.spatial(solved.kind, solved.power, solved.amplitude, steps, jump)
+        coefficients = solved.coefficients(self.projected(solved.kind)[1])
+        spatial = _of_pictures(solved.power, coefficients, steps, jump)
         out = []
         for n, row in enumerate(self.rows):
             valid = self.maps.valid[row]
@@ -263,3 +293,11 @@ class Sums:
         """Whether the series warms and cools through the same temperatures."""
         share = temperature.turns(self.maps.time_s[self.rows], self.warm[self.rows])
         return share >= _LEAST_TURN and len(self.rows) >= _LEAST_FOR_LAG
+
+
+def _of_pictures(power, coefficients, steps, jump):
+    """Fitted polynomials (used, 2, order^2) of the pictures, px."""
+    fitted = np.einsum("nm,mxa->nxa", power, coefficients)
+    for step, size in zip(steps, jump, strict=True):
+        fitted[step:, :, 0] += size
+    return fitted

@@ -1,12 +1,14 @@
 """Fitting: from maps to a model, its choice of terms, its lag, its sigma."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from walls import camlight, mapped, off_by, rms, warm_and_cool
 
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.thermal import degrees, fit, optics, simple_model, smoothed
-from corridor.thermal.render import Course
+from corridor.thermal.render import Course, simulated_maps
 
 WIDTH, HEIGHT = 1280, 960
 
@@ -28,6 +30,23 @@ class TestTerms:
         assert found.model.kind == kind
         table = found.cross_validation.set_index(["kind", "powers"])["rms_px"]
         assert table[kind, 1] == pytest.approx(table.min(), rel=0.03)
+
+    @pytest.mark.parametrize("pictures", [6, 16])
+    def test_an_error_of_the_reference_is_no_matter_of_temperature(self, pictures):
+        """What is alike in all maps changes neither terms nor amplitudes nor their sigma."""
+        model = simple_model(WIDTH, HEIGHT, scale=(13.7e-6,), radial=(0.002,))
+        maps = simulated_maps(Course(np.linspace(0, 1800, pictures), off_s=900), model, seed=5)
+        X, Y = maps.x / WIDTH - 0.5, maps.y / HEIGHT - 0.5
+        there = ~maps.reference[:, None]
+        moved = replace(
+            maps,
+            dx=maps.dx + there * (0.02 * X**3 * Y - 0.01 * Y**2),
+            dy=maps.dy + there * (0.03 * X * Y + 0.01 * X**2 * Y),
+        )
+        before, after = (fit(one, lag_s=0.0, smooth=False).model for one in (maps, moved))
+        assert (after.kind, len(after.dx)) == (before.kind, len(before.dx))
+        assert after.dx == pytest.approx(before.dx, abs=1e-7)
+        assert after.covariance == pytest.approx(before.covariance, rel=1e-4, abs=1e-12)
 
     def test_a_square_of_temperature_is_found(self, true):
         assert len(fit(mapped(warm_and_cool(), true)).model.dx) == 2
@@ -162,12 +181,13 @@ class TestSigma:
         inside, beyond = [], []
         x, y = np.meshgrid(np.linspace(0, WIDTH - 1, 17), np.linspace(0, HEIGHT - 1, 13))
         for seed in range(10):
-            found = fit(mapped(warm_and_cool(30), true, seed=seed), "decentring", 2, 0.0).model
+            found = fit(mapped(warm_and_cool(30), true, seed=seed)).model
             high = found.range_c[1]
             for warm, kept in ((high - 8, inside), (high + 5, beyond)):
                 off = off_by(found, true, warm)
                 kept.append(rms(off / found.sigma(x, y, warm)[..., None]))
-        assert 0.2 < np.mean(inside) < 1.5
+        # One series scatters by 0.23 (30 draws): three standard errors of the mean about 0.87.
+        assert 0.65 < np.mean(inside) < 1.1
         assert 0.05 < np.mean(beyond) < 1.5
 
     def test_it_grows_with_the_distance_from_the_range(self, true):
