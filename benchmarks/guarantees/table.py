@@ -56,11 +56,10 @@ EXIF, other sigmas that are plausible, another plan.
 
 ## What is known not to hold
 
-- `thermal fit` takes the fewest terms that predict nearly as well as the best. Where that leaves
-  out one that is there, its sigma does not hold it, at the rim of the picture above all.
 - `thermal fit` takes maps of which one axis was scaled for a lens that does so.
 - `gnss` takes one epoch that is off by less than a drone can move for a movement of the drone.
-- `readout led` states a sigma with what unresolved edges of the stripes may do at most.
+- `readout led`: one picture in a hundred is off by four of its sigmas, where unresolved edges of
+  the stripes fall on their rows.
 """
 
 
