@@ -13,6 +13,7 @@ import pandas as pd
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import explain, free_network, helmert_onto
 from corridor.adjustment.gnss_weight import weighted_by_scatter, without_unseen_arms
+from corridor.adjustment.gross import without_exchanged
 from corridor.adjustment.held_focal import held_focal
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import LinearSystem
@@ -109,10 +110,13 @@ def adjust(
             found.start = part
             return found
 
+    def whole(part: Block) -> Adjustment:
+        found = _without_false_fixes(again(part), again) if reject_gnss else again(part)
+        return without_unseen_arms(weighted_by_scatter(found, again), again)
+
     try:
-        result = again(block)
-        result = _without_false_fixes(result, again) if reject_gnss else result
-        result = without_unseen_arms(weighted_by_scatter(result, again), again)
+        result, exchanged = _with_ground_as_seen(block, model, whole, again)
+        left_out += exchanged
     except (InputError, AdjustmentFailed) as error:
         if not doubtful:
             raise
@@ -124,6 +128,27 @@ def adjust(
     for note in (*_used(prepared, model.effects), *reversed(left_out), *reversed(doubtful)):
         result.add_note(note)
     return result
+
+
+def _with_ground_as_seen(
+    block: Block, model: Model, whole: Callable[[Block], Adjustment], again: Callable
+) -> tuple[Adjustment, list[str]]:
+    """The block adjusted; where that fails, without ground points that are exchanged."""
+    failure = result = None
+    try:
+        result = whole(block)
+    except (InputError, AdjustmentFailed) as error:
+        failure = error
+    if result is None or not result.converged:
+        sound, notes = without_exchanged(block, model, again)
+        if notes:
+            try:
+                return whole(sound), notes
+            except (InputError, AdjustmentFailed) as error:
+                raise type(error)(f"{notes[0]} So: {error}") from None
+    if failure is not None:
+        raise failure
+    return result, []
 
 
 def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:

@@ -5,20 +5,33 @@ A comma in the wrong place is enough. Where the rest agrees, the block is none t
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from corridor.adjustment.model import Model
 from corridor.block import Block
 from corridor.camera import undistort
+from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
 
-_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+if TYPE_CHECKING:
+    from corridor.adjustment.result import Adjustment
+
 # Wild: beyond this many robust sigmas of what start values leave, and beyond this share of the
 # flying height; of the pictures, beyond this share of their size outside.
 _SIGMAS, _OF_HEIGHT, _OUTSIDE = 20.0, 0.5, 0.25
 # More than this share is no slip of the pen.
 _MOST = 0.2
 _NAMED = 5
+_SLIP = " (a comma or a digit out of place?)"
+# Two exchanged points lie on each other's place but for this share of their distance, and beyond
+# so many robust sigmas off their own.
+EXCHANGED, _EXCHANGED_SIGMAS, _FARTHEST = 0.25, 5.0, 20
+# Control points that hold a block without GNSS.
+_LEAST_CONTROL = 3
 
 
 def without_wild(block: Block, model: Model) -> tuple[Block, list[str]]:
@@ -27,16 +40,20 @@ def without_wild(block: Block, model: Model) -> tuple[Block, list[str]]:
     Looked for beside the start poses of images.csv, and beside the picture's size. Ground points
     become unused; GNSS positions and image observations go.
     """
-    pose = np.stack([block.column("images", name) for name in _POSE], axis=1)
     notes: list[str] = []
     out = block
     for table in ("tie_points", "marks"):
         out = _outside(out, block, table, notes)
-    posed = np.isfinite(pose).all(axis=1)
-    if posed.sum() < 3:
+    if not _posed(block):
         return out, notes
+    pose = block.poses
     out = _gnss(out, block, pose, notes)
     return _ground(out, block, model, pose, notes), notes
+
+
+def _posed(block: Block) -> bool:
+    """Whether start poses show where things are."""
+    return np.isfinite(block.poses).all(axis=1).sum() >= 3
 
 
 def _outside(out: Block, block: Block, table: str, notes: list[str]) -> Block:
@@ -62,6 +79,27 @@ def _outside(out: Block, block: Block, table: str, notes: list[str]) -> Block:
     return out
 
 
+def without_exchanged(
+    block: Block, model: Model, adjusted: Callable[[Block, Model], Adjustment]
+) -> tuple[Block, list[str]]:
+    """The block without exchanged ground points where no start pose shows them, and sentences.
+
+    For blocks that cannot be adjusted with them: `adjusted` is asked to do without ground control,
+    on GNSS alone, and shows then where ground points lie.
+    """
+    told = model.control is not None or model.check is not None
+    if told or len(block.gnss) < 4 or len(block.ground) < 4 or _posed(block):
+        return block, []
+    bare = block.copy()
+    bare.ground["role"] = "unused"
+    try:
+        blind = adjusted(bare, model.without_effects()).block
+    except (InputError, AdjustmentFailed):
+        return block, []
+    notes: list[str] = []
+    return _ground(block, block, model, blind.poses, notes, seen_by=blind), notes
+
+
 def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block:
     if not len(block.gnss):
         return out
@@ -79,29 +117,78 @@ def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block
     return out
 
 
-def _ground(out: Block, block: Block, model: Model, pose: np.ndarray, notes) -> Block:
+def _ground(
+    out: Block, block: Block, model: Model, pose: np.ndarray, notes, seen_by: Block | None = None
+) -> Block:
+    """seen_by: the block with cameras that are better known, where there is one."""
     roles = model.roles(block)
     used = np.flatnonzero((roles == "control") | (roles == "check"))
-    told = model.control is not None or model.check is not None
-    if len(used) < 4 or told or not len(block.marks):
+    if len(used) < 4 or not len(block.marks):
         return out
     given = block.ground[["x", "y", "z"]].to_numpy(float)[used]
-    rows, far = _far(given - _met(block, pose)[used], _height(block, pose))
-    if not len(rows):
+    seen = where_seen(seen_by or block, pose)[used]
+    names = block.ground["point"].to_numpy(dtype=object)[used]
+    pairs = exchanged_points(given, seen)
+    notes.extend(told_exchanged(names[i], names[j]) for i, j in pairs)
+    rows, far = _far(given - seen, _height(block, pose))
+    told = model.control is not None or model.check is not None
+    # A point without a role is of no use to a block of few: what is named is left where it is.
+    left = (roles[used] == "control").sum() - 2 * len(pairs)
+    if len(block.gnss) or left >= _LEAST_CONTROL:
+        rows = np.union1d(rows, np.array(pairs, dtype=int).ravel())
+    if told or not len(rows):
         return out
     shown = [
-        f"{block.where('ground', used[k])}: {block.ground['point'].iloc[used[k]]} "
-        f"({roles[used[k]]}), {far[k]:,.0f} m off"
+        f"{block.where('ground', used[k])}: {names[k]} ({roles[used[k]]}), {far[k]:,.0f} m off"
         for k in rows[:_NAMED]
     ]
-    notes.append(_told(rows, "ground point", "far from where its images show it", shown))
+    slip = "" if set(rows) <= set(np.ravel(pairs)) else _SLIP
+    notes.append(
+        _told(rows, "ground point", "far from where its images show it", shown, cause=slip)
+    )
     out = _own(out, block)
     out.ground.loc[out.ground.index[used[rows]], "role"] = "unused"
     return out
 
 
-def _met(block: Block, pose: np.ndarray) -> np.ndarray:
-    """Where the images of each ground point (n, 3) show it, by the start poses; NaN unknown."""
+def exchanged_points(given: np.ndarray, seen: np.ndarray) -> list[tuple[int, int]]:
+    """Pairs of ground points each of which lies where the other was surveyed.
+
+    given, seen: (n, 3), metres, as surveyed and as images show them; NaN unknown. Wherever all of
+    them are seen shifted alike, that does not count.
+    """
+    known = np.flatnonzero(np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1))
+    if len(known) < 2:
+        return []
+    away = seen[known] - given[known]
+    # Of four and more points most are where they belong.
+    middle = np.median(away, axis=0) if len(known) > 3 else np.zeros(3)
+    length = np.linalg.norm(away - middle, axis=1)
+    usual = robust_scale(length) if len(known) > 3 else 0.0
+    # Those that lie farthest off; of more pairs nobody would read.
+    worst = np.argsort(-length, kind="stable")[:_FARTHEST]
+    worst = np.sort(worst[length[worst] > _EXCHANGED_SIGMAS * usual])
+    pairs = []
+    for i, j in itertools.combinations(worst, 2):
+        one, two = known[i], known[j]
+        apart = np.linalg.norm(given[one] - given[two])
+        crossed = [seen[one] - middle - given[two], seen[two] - middle - given[one]]
+        other = np.linalg.norm(crossed, axis=1).max()
+        if other < EXCHANGED * apart and min(length[i], length[j]) > (1.0 - EXCHANGED) * apart:
+            pairs.append((int(one), int(two)))
+    return pairs
+
+
+def told_exchanged(one: str, two: str) -> str:
+    """The sentence on two such points."""
+    return (
+        f"Ground points {one} and {two}: each lies where the other was surveyed. Are their names "
+        "exchanged, in ground.csv or in marks.csv?"
+    )
+
+
+def where_seen(block: Block, pose: np.ndarray) -> np.ndarray:
+    """Where the images of each ground point (n, 3) show it, by these poses; NaN unknown."""
     marks = block.marks
     cameras = list(block.cameras.values())
     which = block.images["camera"].map({c.name: n for n, c in enumerate(cameras)}).to_numpy()
@@ -147,9 +234,9 @@ def _own(out: Block, block: Block) -> Block:
     return block.copy() if out is block else out
 
 
-def _told(rows: np.ndarray, what: str, why: str, shown: list[str]) -> str:
+def _told(rows: np.ndarray, what: str, why: str, shown: list[str], cause: str = _SLIP) -> str:
     more = "; ..." if len(rows) > len(shown) else ""
     return (
-        f"{len(rows)} {what}{'s' * (len(rows) > 1)} set aside, {why} (a comma or a digit out of "
-        f"place?): {'; '.join(shown)}{more}."
+        f"{len(rows)} {what}{'s' * (len(rows) > 1)} set aside, {why}{cause}: "
+        f"{'; '.join(shown)}{more}."
     )

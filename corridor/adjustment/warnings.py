@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from corridor.adjustment.gross import exchanged_points, told_exchanged
 from corridor.camera import undistort
 from corridor.geometry import Rays, meeting_points
 
@@ -31,8 +31,6 @@ LATE_SIGMAS, LATE_SHARE = 5.0, 0.3
 FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 # No drone carries its antenna so far from the camera.
 LONG_ARM_M = 5.0
-# Two exchanged points lie on each other's place but for this share of their distance.
-EXCHANGED = 0.25
 
 
 def warnings_of(adjustment: Adjustment) -> list[str]:
@@ -126,25 +124,15 @@ def _long_arm(a):
 
 
 def _exchanged(a):
-    """Pairs of control points each of which lies where the other was surveyed."""
-    left = a.residuals["control"]
-    if len(left) < 2 or not left["outlier"].any():
+    """Pairs of ground points each of which lies where the other was surveyed."""
+    control, check = a.residuals["control"], a.check_points
+    names = [*a.system.control_names, *check["point"]]
+    off = len(control) and control["outlier"].any()
+    if len(names) < 2 or not (off or len(check)):
         return
-    p = a.problem
-    names = a.system.control_names
-    given = p.control_given
-    seen = _intersected(a, names)
-    away = np.linalg.norm(np.nan_to_num(seen - given), axis=1)
-    # Those that lie farthest off; of more pairs nobody would read.
-    worst = sorted(np.argsort(-away)[:20])
-    for i, j in itertools.combinations(worst, 2):
-        apart = np.linalg.norm(given[i] - given[j])
-        other = max(np.linalg.norm(seen[i] - given[j]), np.linalg.norm(seen[j] - given[i]))
-        if other < EXCHANGED * apart and min(away[i], away[j]) > (1.0 - EXCHANGED) * apart:
-            yield (
-                f"Control points {names[i]} and {names[j]}: each lies where the other was "
-                "surveyed. Are their names exchanged, in ground.csv or in marks.csv?"
-            )
+    given = a.start.ground.set_index("point")[["x", "y", "z"]].loc[names].to_numpy(float)
+    for i, j in exchanged_points(given, _intersected(a, names)):
+        yield told_exchanged(names[i], names[j])
 
 
 def _intersected(a, names) -> np.ndarray:

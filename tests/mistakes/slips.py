@@ -96,11 +96,18 @@ def changed(name, **columns):
     )
 
 
-def two_points(frame):
-    """Control points exchanged."""
-    control = frame.index[frame["role"] == "control"][[1, 3]]
-    xyz = frame.loc[control, ["x", "y", "z"]].to_numpy()
-    frame.loc[control, ["x", "y", "z"]] = xyz[::-1]
+def two_points(one, other):
+    """Two ground points exchanged: of those with these roles, the two that lie farthest apart."""
+
+    def change(frame):
+        roles = frame["role"].to_numpy()
+        xyz = frame[["x", "y", "z"]].to_numpy()
+        apart = np.linalg.norm(xyz[:, None] - xyz, axis=2)
+        apart[(roles[:, None] != one) | (roles != other)] = -1.0
+        pair = list(np.unravel_index(apart.argmax(), apart.shape))
+        frame.loc[frame.index[pair], ["x", "y", "z"]] = xyz[pair[::-1]]
+
+    return table("ground", change)
 
 
 def reversed_track(folder):

@@ -36,7 +36,14 @@ ADJUSTED = {
         0, "are pixels counted from the middle", "",
     ),
     "two control points exchanged": (
-        table("ground", two_points), 0, "each lies where the other was surveyed", ""
+        two_points("control", "control"), 0, "each lies where the other was surveyed", ""
+    ),
+    "a control and a check point exchanged": (
+        two_points("control", "check"), 0, "each lies where the other was surveyed", ""
+    ),
+    "two control points exchanged, of images without poses": (
+        both(table("images", lambda f: f.drop(columns=POSE)), two_points("control", "control")),
+        0, "each lies where the other was surveyed", "",
     ),
     "a wild tie point": (cell("tie_points", 40, "x", 10), 0, "tie_points.csv, row 42", ""),
     "a wild GNSS position": (cell("gnss", 7, "x", 1e20), 0, "gnss.csv, row 9: image F", ""),
@@ -102,6 +109,7 @@ LONG = (
     "GNSS sigmas in millimetres", "GNSS sigmas a thousandth", "GNSS in feet",
     "GNSS of other images", "marks of points called otherwise", "one mark of another point",
     "half the focal length", "a wild GNSS position, strictly", "width and height exchanged",
+    "two control points exchanged, of images without poses",
     "a calibrated focal length 2 % too long", "y upwards", "ground heights above the ellipsoid",
 )  # fmt: skip
 
