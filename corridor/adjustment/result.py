@@ -26,8 +26,10 @@ from corridor.geometry import (
     robust_scale,
     robust_scale_of_lengths,
 )
+from corridor.report import with_units
 
 HIGH = 0.95
+_CHECKED = "dx dy dz sx sy sz"
 
 
 class Adjustment(Checked):
@@ -144,7 +146,8 @@ class Adjustment(Checked):
                 outlier=is_outlier(length[span], usual),
                 gross=is_outlier(length[span], usual, GROSS),
             )
-            out[kind] = frame[np.isfinite(frame["vx"])].reset_index(drop=True)
+            frame = frame[np.isfinite(frame["vx"])].reset_index(drop=True)
+            out[kind] = with_units(frame, {"px": "x y vx vy sigma"})
         names = p.images.names[p.gnss_image]
         out["gnss"] = _metres(names, "image", p.gnss_given, left.gnss, p.gnss_weight)
         names = self.system.control_names
@@ -247,7 +250,8 @@ class Adjustment(Checked):
             if g in flights:
                 sigma = [self._sigma_of("lever_arm", name, (g, axis)) for axis in range(3)]
                 rows.append((name, *self.state.arms[g], *sigma, not p.arms_free))
-        return pd.DataFrame(rows, columns=["flight", "x", "y", "z", "sx", "sy", "sz", "fixed"])
+        columns = ["flight", "x", "y", "z", "sx", "sy", "sz", "fixed"]
+        return with_units(pd.DataFrame(rows, columns=columns), {"m": "x y z sx sy sz"})
 
     @cached_property
     def correlation_matrix(self) -> pd.DataFrame:
@@ -340,16 +344,16 @@ class Adjustment(Checked):
         columns = self._pose_columns()
         names = p.block.images["image"].to_numpy(dtype=object)
         frame = pd.DataFrame({"image": names} | {k: columns[k] for k in "xyz"})
-        return frame.assign(
-            **dict(zip(("sx", "sy", "sz", "s_rx", "s_ry", "s_rz"), sigma.T, strict=True))
-        )
+        sigmas = ("sx", "sy", "sz", "s_rx", "s_ry", "s_rz")
+        frame = frame.assign(**dict(zip(sigmas, sigma.T, strict=True)))
+        return with_units(frame, {"m": "x y z sx sy sz", "rad": "s_rx s_ry s_rz"})
 
     @cached_property
     def points(self) -> pd.DataFrame:
         """Adjusted points, ties and marks; sigmas are in `point_sigma`, which takes longer."""
         p = self.problem
         x, y, z = self.state.points.T
-        return pd.DataFrame(
+        frame = pd.DataFrame(
             {
                 "point": p.point_names,
                 "x": x,
@@ -359,6 +363,7 @@ class Adjustment(Checked):
                 "kind": np.where(p.point_kinds, "mark", "tie"),
             }
         )
+        return with_units(frame, {"m": "x y z"})
 
     @cached_property
     def point_sigma(self) -> np.ndarray:
@@ -376,16 +381,17 @@ class Adjustment(Checked):
         marks = np.flatnonzero(p.point_kinds)
         at = {name: n for n, name in zip(marks, p.point_names[marks], strict=True)}
         seen = np.array([name in at for name in names], dtype=bool)
-        columns = ["point", "dx", "dy", "dz", "sx", "sy", "sz", "rays"]
+        columns, units = ["point", "dx", "dy", "dz", "sx", "sy", "sz", "rays"], {"m": _CHECKED}
         if not seen.any():
-            return pd.DataFrame(columns=columns).astype(dict.fromkeys(columns[1:], float))
+            empty = pd.DataFrame(columns=columns).astype(dict.fromkeys(columns[1:], float))
+            return with_units(empty, units)
         index = np.array([at[name] for name in names[seen]])
         difference = self.state.points[index] - given[seen]
         table = pd.DataFrame({"point": names[seen]})
         table[["dx", "dy", "dz"]] = difference
         table[["sx", "sy", "sz"]] = self.point_sigma[index]
         table["rays"] = np.diff(p.ptr)[index]
-        return table
+        return with_units(table, units)
 
     def add_note(self, sentence: str) -> None:
         """A sentence to stand first among the warnings."""
@@ -415,4 +421,4 @@ def _metres(names, key: str, given, residual, weight) -> pd.DataFrame:
     scaled = np.abs(residual) / sigma
     usual = robust_scale(scaled, least=1e-6) if len(scaled) > 6 else 1.0
     frame["outlier"] = is_outlier(scaled, usual).any(axis=1)
-    return frame
+    return with_units(frame, {"m": "x y z vx vy vz sx sy sz"})

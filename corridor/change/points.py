@@ -13,6 +13,7 @@ from corridor.change.common import common_control
 from corridor.change.joint import Joint
 from corridor.change.significance import Congruency, congruency, discoveries, spatial
 from corridor.change.stable import MOTIONS, motions_at, s_transformation, stable_weights
+from corridor.report import with_units
 
 
 @brief
@@ -71,7 +72,7 @@ class PointChanges:
         table["probability"] = self.probability
         if self.beside is not None:
             table["beside_effects"] = self.beside
-        return table.assign(verdict=words)
+        return with_units(table.assign(verdict=words), {"m": "x y z dx dy dz sx sy sz"})
 
     def beside_effects(
         self, shift: np.ndarray, covariance: np.ndarray, level: float, changed: bool

@@ -17,6 +17,9 @@ from corridor.change.m3c2 import LEAST, Members, distance_functions, members
 from corridor.change.roughness import excess, sampling, with_roughness
 from corridor.change.significance import discoveries, two_sided
 from corridor.errors import InputError
+from corridor.report import with_units
+
+_LENGTHS = "x y z station across change sigma sampling detection_95 rough_before rough_after"
 
 
 @brief
@@ -89,7 +92,8 @@ class SurfaceChange:
         table["sampling"], table["detection_95"] = self.sampling, self.detection
         table[["points_before", "points_after"]] = self.count
         table[["rough_before", "rough_after"]] = self.roughness
-        return table.assign(probability=self.probability, significant=self.moved.astype(int))
+        table = table.assign(probability=self.probability, significant=self.moved.astype(int))
+        return with_units(table, {"m": _LENGTHS})
 
 
 def surface_change(

@@ -16,6 +16,7 @@ from corridor.planning.detection import detectable
 from corridor.planning.planner import Control
 from corridor.planning.report import as_html, as_text, save
 from corridor.planning.sweep import flight_sets, swept
+from corridor.report import with_units
 from corridor.simulation import ORDINARY_NOISE, Noise, Plan
 
 
@@ -53,9 +54,9 @@ class Planned:
         """Control of the row that the advice names first: point, x, y, z (m, of the plan)."""
         ground = self.laid_out().ground if self.chosen is not None else pd.DataFrame()
         if not len(ground):
-            return pd.DataFrame(columns=["point", "x", "y", "z"])
+            return with_units(pd.DataFrame(columns=["point", "x", "y", "z"]), {"m": "x y z"})
         mine = ground.loc[ground["role"] == "control", ["point", "x", "y", "z"]]
-        return mine.reset_index(drop=True)
+        return with_units(mine.reset_index(drop=True), {"m": "x y z"})
 
     def laid_out(self) -> Block:
         """The chosen flight set: its images, its control points, and the check points."""

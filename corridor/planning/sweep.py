@@ -15,10 +15,13 @@ from corridor.errors import InputError
 from corridor.parallel import parallel
 from corridor.planning.planner import Control, Planner, subset
 from corridor.planning.surveyed import Surveyed
+from corridor.report import with_units
 from corridor.simulation import Plan, read_plan
 
 # 31 flight sets; a picture of more says nothing.
 _MOST_FLIGHTS = 5
+# Columns in metres; transfers of a bias and correlations have no unit.
+_LENGTHS = "xy z d3 stated_xy stated_z sigma_arm_z"
 
 
 def flight_sets(plans: Sequence[Plan | str], combined: bool | None = None) -> list[Plan]:
@@ -109,7 +112,7 @@ def swept(
             flown[read[done - 1].name] = block
             if progress:
                 progress(done, len(read))
-    return pd.DataFrame(rows), flown
+    return with_units(pd.DataFrame(rows), {"m": _LENGTHS, "px": "sigma_f"}), flown
 
 
 def assess(

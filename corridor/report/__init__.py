@@ -51,12 +51,14 @@ from corridor.report.numbers import (
 )
 from corridor.report.page import Report, numbered, page
 from corridor.report.table import WIDTH, Link, Table
+from corridor.report.units import UnitTable, named_with_units, with_units
 
 __all__ = [
     "CAPTIONS",
     "DASH",
     "Layer",
     "Link",
+    "UnitTable",
     "WIDTH",
     "Adjusted",
     "Report",
@@ -76,6 +78,7 @@ __all__ = [
     "listed_in",
     "metre_digits",
     "millimetres",
+    "named_with_units",
     "numbered",
     "of_adjustment",
     "page",
@@ -93,6 +96,7 @@ __all__ = [
     "whole_file",
     "whole_files",
     "whole_folder",
+    "with_units",
     "write_csv",
     "write_geopackage",
     "write_json",

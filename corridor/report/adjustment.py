@@ -36,6 +36,7 @@ from corridor.report.numbers import (
 )
 from corridor.report.page import Report
 from corridor.report.table import Table
+from corridor.report.units import with_units
 
 RESULT = "adjustment.json"
 CAPTIONS = {
@@ -222,9 +223,9 @@ def _outliers(adjustment: Adjusted) -> pd.DataFrame:
         table = adjustment.residuals[kind]
         part = table.loc[table["outlier"], columns].astype({"point": str, "image": str})
         parts.append(part.assign(kind=kind))
-    every = pd.concat(parts, ignore_index=True)
+    every = with_units(pd.concat(parts, ignore_index=True), {"px": "x y vx vy sigma"})
     size = np.hypot(every["vx"], every["vy"]) / every["sigma"]
-    return every.iloc[np.argsort(-size.to_numpy(), kind="stable")]
+    return every.iloc[np.argsort(-size.to_numpy(), kind="stable")].reset_index(drop=True)
 
 
 # --- the opening -------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.report.json import json_text
+from corridor.report.units import named_with_units
 
 # The smallest result has a table and a picture.
 LEAST_FREE = 1_000_000
@@ -152,8 +153,8 @@ def write_json(content: Mapping[str, Any], path: Path) -> None:
 
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
-    """A table with ten digits, empty where a number is unknown."""
-    frame.to_csv(path, index=False, float_format="%.10g", lineterminator="\n")
+    """A table with ten digits and units in its column names; empty where a number is unknown."""
+    named_with_units(frame).to_csv(path, index=False, float_format="%.10g", lineterminator="\n")
 
 
 def png(figure, dpi: float = 144) -> bytes:

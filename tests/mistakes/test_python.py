@@ -97,6 +97,36 @@ class TestWhatOneHoldsInHand:
         with pytest.warns(DeprecationWarning, match=r'observations.loc\["tie"\]'):
             assert adjusted.observations["tie"] == adjusted.statistics["tie"]
 
+    @pytest.mark.parametrize(
+        ("name", "units"),
+        [
+            ("check_points", {"m": "dx dy dz sx sy sz"}),
+            ("points", {"m": "x y z"}),
+            ("poses", {"m": "x y z sx sy sz", "rad": "s_rx s_ry s_rz"}),
+            ("lever_arm", {"m": "x y z sx sy sz"}),
+        ],
+    )
+    def test_every_number_has_its_unit_in_the_head(self, adjusted, name, units):
+        table = getattr(adjusted, name)
+        of = {column: unit for unit, columns in units.items() for column in columns.split()}
+        assert table.units == of
+        lengths = table.select_dtypes("float").columns
+        assert set(lengths) == set(of)
+        for column, unit in of.items():
+            assert f"{column} ({unit})" in table.sort_values(column)._repr_html_()
+
+    def test_no_unit_is_claimed_of_what_was_computed(self, adjusted):
+        table = adjusted.check_points.set_index("point")
+        assert "dx (m)" in repr(table[["dx", "dy"]])
+        assert "(m)" not in repr(1000.0 * table[["dx", "dy"]])
+
+    def test_a_file_bears_units_in_its_names(self, adjusted, tmp_path):
+        adjusted.save(tmp_path / "out")
+        head = (tmp_path / "out" / "check_points.csv").read_text().splitlines()[0]
+        assert head == "point,dx_m,dy_m,dz_m,sx_m,sy_m,sz_m,rays"
+        head = (tmp_path / "out" / "poses.csv").read_text().splitlines()[0]
+        assert head == "image,x_m,y_m,z_m,sx_m,sy_m,sz_m,s_rx_rad,s_ry_rad,s_rz_rad"
+
     def test_the_correlation_matrix_is_a_table(self, adjusted):
         table = adjusted.correlation_matrix
         assert list(table.index) == list(table.columns)

@@ -80,7 +80,7 @@ def test_without_noise_the_plan_has_the_noise_that_simulate_gives_it(plan, tmp_p
 
 def test_a_bias_is_on_the_ground_without_control(plan, tmp_path):
     words = [plan, "--as-given", "--control", "0", "--bias", "0,0,0.5"]
-    assert rows(words, tmp_path / "out")["z"].tolist() == [pytest.approx(0.50, abs=0.01)]
+    assert rows(words, tmp_path / "out")["z_m"].tolist() == [pytest.approx(0.50, abs=0.01)]
 
 
 def test_without_an_output_it_says_that_nothing_was_written(plan, capsys):
@@ -92,9 +92,9 @@ def test_without_an_output_it_says_that_nothing_was_written(plan, capsys):
 
 def test_a_bias_that_is_estimated_is_not_on_the_ground(plan, tmp_path):
     words = [plan, "--as-given", "--control", "1", "--bias", "0.1,0.1,0.1"]
-    blind = rows(words, tmp_path / "out")["d3"][0]
+    blind = rows(words, tmp_path / "out")["d3_m"][0]
     words += ["--effect", "gnss_bias", *(f"--prior=gnss_bias.{axis}=0.2" for axis in "xyz")]
-    assert rows(words, tmp_path / "out")["d3"][0] < 0.3 * blind
+    assert rows(words, tmp_path / "out")["d3_m"][0] < 0.3 * blind
 
 
 def test_camera_and_arm_of_another_flight_set_are_carried_over(plan, tmp_path):
@@ -104,7 +104,7 @@ def test_camera_and_arm_of_another_flight_set_are_carried_over(plan, tmp_path):
     words += ["--carry-over", plan, "--mounted", "nadir=nadir", "--held"]
     carried = rows(words, tmp_path / "out")
     assert len(carried) == 3
-    assert (carried["z"] < free["z"]).all()
+    assert (carried["z_m"] < free["z_m"]).all()
 
 
 def test_what_cannot_be_determined_is_a_sentence_and_no_failure(plan, tmp_path, capsys):
@@ -162,13 +162,13 @@ def test_with_change_it_also_says_where_a_change_would_be_seen(plan, tmp_path, c
     assert "Two such flights would show a change of" in said
     assert (out / "detection.png").is_file()
     table = pd.read_csv(out / "detection.csv")
-    total = np.hypot(table["sigma"], table["sampling"])
+    total = np.hypot(table["sigma_m"], table["sampling_m"])
     # Student's factor is never below the normal one.
-    assert (table["detection_95"] > 1.9599 * total).all()
+    assert (table["detection_95_m"] > 1.9599 * total).all()
     tight = ["plan", str(plan), "--as-given", "--control", "3", "--change", "--gnss-sigma", "1,1,1"]
     assert main([*tight, "--bias-sigma", "0.5", "-o", str(tmp_path / "b")]) == 0
     biased = pd.read_csv(tmp_path / "b" / "detection.csv")
-    assert biased["sigma"].median() > table["sigma"].median()
+    assert biased["sigma_m"].median() > table["sigma"].median()
 
 
 def test_a_carried_camera_has_no_level_of_detection(plan, tmp_path, capsys):
