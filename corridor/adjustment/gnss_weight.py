@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from corridor.adjustment.model import Model, arms_unseen
+from corridor.adjustment.model import Model, Setting, Settings, arms_unseen
 from corridor.block import Block
 from corridor.preparation import record_derived
 
@@ -53,25 +53,49 @@ def weighted_by_scatter(
     model = result.problem.model
     if model.lever_arm is None and arms_unseen(result.problem.block):
         model = replace(model, lever_arm="fixed")
+    # A flight at one height hardly tells the focal length, which flattens heights that positions
+    # have: both together run away, a smaller f and positions that fit the better for it.
+    held, found = _with_focal_held(result, model), result
     for _ in range(_ROUNDS):
-        start = result.start.copy()
-        for axis, column in enumerate(("sx", "sy", "sz")):
-            start.gnss[column] = sigma[0 if axis < 2 else 1]
-        told = (
-            f"GNSS: {stated[0, 0]:g} m in plan and {stated[0, 2]:g} m in height are assumed for "
-            f"all positions; about the flight they scatter by {sigma[0]:.2g} and {sigma[1]:.2g} m, "
-            "which is used. An offset that all of them share is not seen in this."
-        )
-        record_derived(start, "gnss.sx", "the residuals of the positions", sigma, told)
-        found = _from_where_it_ended(result, start, model, again)
+        start, told = _restated(result.start, stated[0], sigma)
+        found = _from_where_it_ended(found, start, held, again)
         if not found.converged:
             return result
-        result, before = found, sigma
-        sigma = np.array([_scatter(result, rows) for _, rows in _GROUPS])
+        before, sigma = sigma, np.array([_scatter(found, rows) for _, rows in _GROUPS])
         if np.all(np.abs(np.log(sigma / before)) < _SETTLED):
             break
-    result.add_note(told)
-    return result
+    start, told = _restated(result.start, stated[0], sigma)
+    found = _from_where_it_ended(found, start, model, again)
+    if not found.converged:
+        return result
+    found.add_note(told)
+    return found
+
+
+def _with_focal_held(result: Adjustment, model: Model) -> Model:
+    """The model with all focal lengths where they start."""
+    names = [f"camera.{name}.f" for name in result.start.cameras]
+    return replace(
+        model,
+        priors={name: prior for name, prior in model.priors.items() if name not in names},
+        parameters=Settings(
+            {**model.parameters, **{name: Setting(vary=False) for name in names}},
+        ),
+    )
+
+
+def _restated(start: Block, stated: np.ndarray, sigma: np.ndarray) -> tuple[Block, str]:
+    """A block with these sigmas of its positions, in plan and in height, and a word on that."""
+    start = start.copy()
+    for axis, column in enumerate(("sx", "sy", "sz")):
+        start.gnss[column] = sigma[0 if axis < 2 else 1]
+    told = (
+        f"GNSS: {stated[0]:g} m in plan and {stated[2]:g} m in height are assumed for "
+        f"all positions; about the flight they scatter by {sigma[0]:.2g} and {sigma[1]:.2g} m, "
+        "which is used. An offset that all of them share is not seen in this."
+    )
+    record_derived(start, "gnss.sx", "the residuals of the positions", sigma, told)
+    return start, told
 
 
 def _from_where_it_ended(result: Adjustment, start: Block, model: Model, again) -> Adjustment:

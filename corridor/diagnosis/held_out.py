@@ -52,6 +52,7 @@ class Verification:
             )
         self._believed, self._last = believed, course.last
         self._effects = {effect.slug: effect for effect in course.candidates.effects}
+        self._fitted: dict[frozenset[str], Adjustment] = {}
         few = len(believed.block.tie_points) <= SETTINGS.fewest_ties
         self._block, self._rows = (
             (believed.block, np.zeros(0, dtype=np.int64))
@@ -76,11 +77,18 @@ class Verification:
         self._drop_harmful()
 
     def _fit(self, keys: list[str], said: str) -> Adjustment | None:
+        which = frozenset(keys)
+        if which in self._fitted:
+            return self._fitted[which]
         try:
-            return self._believed.adjust(members(self._effects, keys), block=self._block)
+            fit = self._believed.adjust(members(self._effects, keys), block=self._block)
         except (InputError, AdjustmentFailed) as failed:
             self.notes.append(f"{said}: {failed}")
             return None
+        # Several questions end at the same model; of large blocks each weighs gigabytes.
+        if len(self._block.images) <= SETTINGS.large_block:
+            self._fitted[which] = fit
+        return fit
 
     def _fits(self, others: Iterable[str], instead: Callable[[str], list[str]]) -> dict:
         tried = {key: self._fit(instead(key), f"The fit with {key} failed") for key in others}

@@ -8,6 +8,7 @@ from scipy.stats import chi2
 from strips import corridor_block
 
 import corridor
+from corridor.adjustment import gnss_weight
 
 SCATTER = np.array([0.3, 0.3, 0.6])
 
@@ -83,3 +84,22 @@ class TestFocalLength:
     def test_a_value_without_sigma_is_refused(self):
         with pytest.raises(corridor.InputError, match="f_stated of camera .* as .1133.0, 34.0."):
             self.stated(5495.0, float("nan"))
+
+    def test_it_is_one_and_the_same_while_positions_are_weighted(self, monkeypatch):
+        """Else a shorter lens flattens the flight until it is as even as its positions.
+
+        They are believed more for it, and 1,314 px ended at 42 on a real flight.
+        """
+        lengths, plain = [], gnss_weight._from_where_it_ended
+
+        def watched(*given):
+            found = plain(*given)
+            lengths.append([camera["f"] for camera in found.block.cameras.values()])
+            return found
+
+        monkeypatch.setattr(gnss_weight, "_from_where_it_ended", watched)
+        found = free(surveyed())
+        assert len(lengths) >= 2
+        assert all(each == lengths[0] for each in lengths[:-1])
+        assert lengths[-1] == [camera["f"] for camera in found.block.cameras.values()]
+        assert lengths[-1] != lengths[0]
