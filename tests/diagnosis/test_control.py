@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.all_ground import AllGround
+from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.control import HEIGHT, blunders, explains_all
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.reduced import Reduced
