@@ -193,8 +193,8 @@ def rolling_shutter(scene, world, amplitude, rng):
 
 @effect
 def clock_offset(scene, world, amplitude, rng):
-    """The camera was exposed later than its stamp: the antenna had gone on. amplitude: s."""
-    world.antenna += scene.velocity * amplitude
+    """The camera was exposed later than its stamp, when the antenna was not there yet. s."""
+    world.antenna -= scene.velocity * amplitude
     return [_entry("clock_offset", "s", {"offset": amplitude})]
 
 

@@ -130,7 +130,14 @@ class TestKnownEffectsInMeasuredBlocks:
 
     @pytest.mark.parametrize(
         "slug, parameter, size, close",
-        [("rolling_shutter", "readout", 0.030, 2e-4), ("gnss_drift", None, 2e-4, 1e-6)],
+        [
+            ("rolling_shutter", "readout", 0.030, 2e-4),
+            ("gnss_drift", None, 2e-4, 1e-6),
+            ("clock_offset", "offset", 0.020, 2e-4),
+            ("focal_drift", "rate", 0.01, 2e-4),
+            ("principal_point_drift", None, 0.01, 2e-4),
+            ("lever_arm", None, 0.1, 2e-3),
+        ],
     )
     def test_what_is_put_in_is_what_an_adjustment_finds_more(
         self, dike, slug, parameter, size, close
@@ -145,7 +152,8 @@ class TestKnownEffectsInMeasuredBlocks:
             one = one.copy()
             # The bench knows of speeds only: real projects have no angular rates.
             one.images = one.images.drop(columns=["wx", "wy", "wz"]).assign(**velocity)
-            tables.append(corridor.adjust(one, effects=[slug]).effects.set_index("parameter"))
+            found = corridor.adjust(one, effects=[slug], lever_arm="fixed")
+            tables.append(found.effects.set_index("parameter"))
         gained = tables[0]["value"] - tables[1]["value"]
         for name in [parameter] if parameter else told:
             assert gained[name] == pytest.approx(told[name], abs=close)
