@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from datetime import date
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from corridor.adjustment import Adjustment
+from corridor.adjustment import Adjustment, gnss_of_metres
 from corridor.block import Block
 from corridor.change.clouds import Cloud
+from corridor.change.cores import Cores
 from corridor.change.epoch import Epoch
 from corridor.errors import InputError
 from corridor.geometry import robust_scale
@@ -63,6 +65,28 @@ def check_datum(before: Adjustment, after: Adjustment, datum: str) -> None:
             f"{' and '.join(free)} {'have' if both else 'has'} neither control nor GNSS and so no "
             "datum: give control points or GNSS, or lay both together on what stands still "
             "(--datum stable --motion similarity)"
+        )
+
+
+def usual_datum(adjusted: Iterable[Adjustment]) -> str:
+    """`stable` where an epoch hangs on GNSS of metres alone, and floats by as much; else
+    `stated`."""
+    for one in adjusted:
+        alone = not len(one.system.control.names) and one.system.held is None
+        if alone and gnss_of_metres(one.start):
+            return "stable"
+    return "stated"
+
+
+def check_meeting(before: np.ndarray, after: np.ndarray, cores: Cores) -> None:
+    """Raises InputError where the surfaces of both epochs (n, 3) lie beyond each other's reach."""
+    heights = [xyz[cKDTree(xyz[:, :2]).query(cores.xyz[:, :2])[1], 2] for xyz in (before, after)]
+    apart = float(np.median(np.abs(heights[1] - heights[0])))
+    if apart > cores.reach:
+        raise InputError(
+            f"the surfaces of both epochs lie {apart:.1f} m apart in height (median) where both "
+            f"show the ground, and are looked for within {cores.reach:.1f} m: look at what "
+            "`corridor adjust` says of both, at their focal lengths and their datum above all"
         )
 
 
@@ -127,9 +151,15 @@ def paired(before: Cloud, after: Cloud) -> tuple[Cloud, Cloud]:
 
 
 def sound(xyz: np.ndarray) -> np.ndarray:
-    """Which points (n,) lie on the ground around them, as far as can be seen."""
+    """Which points (n,) lie on the ground around them, as far as can be seen.
+
+    The usual distance is that of all points, or that of the neighbours among themselves where it
+    is larger: the crest of a dike is no wrong match.
+    """
     if len(xyz) <= _AROUND:
         return np.ones(len(xyz), dtype=bool)
     near = cKDTree(xyz[:, :2]).query(xyz[:, :2], _AROUND)[1][:, 1:]
-    away = xyz[:, 2] - np.median(xyz[near, 2], axis=1)
-    return np.abs(away) <= WILD * max(robust_scale(away), 1e-6)
+    around = xyz[near, 2]
+    away = xyz[:, 2] - np.median(around, axis=1)
+    usual = np.maximum(robust_scale(around, centred=True, axis=1), robust_scale(away, least=1e-6))
+    return np.abs(away) <= WILD * usual
