@@ -13,6 +13,7 @@ from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
 from corridor.adjustment.design import Design, Sets
 from corridor.adjustment.gains import PointGains, point_gains
+from corridor.adjustment.gnss_weight import gnss_of_metres
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.adjustment.matrix import Singular
@@ -56,6 +57,7 @@ __all__ = [
     "camera_of",
     "check_table",
     "complete",
+    "gnss_of_metres",
     "implausible",
     "lay_on_control",
     "listed",

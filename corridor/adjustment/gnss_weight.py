@@ -16,11 +16,13 @@ import numpy as np
 
 from corridor.adjustment.model import Model, Setting, Settings, arms_unseen
 from corridor.block import Block
-from corridor.preparation import record_derived
+from corridor.preparation import derived, record_derived
 
 if TYPE_CHECKING:
     from corridor.adjustment.result import Adjustment
 
+# What standard deviations come from that this file has made, as the block records it.
+SCATTER = "the residuals of the positions"
 # One number of at least so many metres for all positions is an assumption.
 _ASSUMED_M = 0.5
 # Photographs write their positions to some centimetres.
@@ -94,7 +96,7 @@ def _restated(start: Block, stated: np.ndarray, sigma: np.ndarray) -> tuple[Bloc
         f"all positions; about the flight they scatter by {sigma[0]:.2g} and {sigma[1]:.2g} m, "
         "which is used. An offset that all of them share is not seen in this."
     )
-    record_derived(start, "gnss.sx", "the residuals of the positions", sigma, told)
+    record_derived(start, "gnss.sx", SCATTER, sigma, told)
     return start, told
 
 
@@ -116,6 +118,13 @@ def _scatter(result: Adjustment, axes: slice) -> float:
     variance = np.einsum("nii->ni", result.covariance.each_pose)[p.gnss_image, :3][:, axes]
     share = np.clip(1.0 - variance * p.gnss_weight[:, axes], 0.05, 1.0)
     return max(float(np.sqrt(np.sum(v**2) / np.sum(share))), _LEAST_M)
+
+
+def gnss_of_metres(block: Block) -> bool:
+    """Whether all positions may be wrong together by decimetres or metres: the block says so, or
+    its standard deviations are of the scatter about the flight, which holds nothing common."""
+    scatter = any(one.column == "gnss.sx" and one.source == SCATTER for one in derived(block))
+    return scatter or arms_unseen(block)
 
 
 def without_unseen_arms(

@@ -18,9 +18,11 @@ from corridor.change.cores import Cores, make_cores
 from corridor.change.epochs import (
     check_blocks,
     check_datum,
+    check_meeting,
     check_names,
     check_overlap,
     clouds,
+    usual_datum,
 )
 from corridor.change.evidence import gathered
 from corridor.change.explanation import Explanation, explain
@@ -54,7 +56,8 @@ def change(
     model: of both adjustments (default: that of `corridor.adjust`).
     options: of `Comparison`: `datum="stable"`, `polygons={"toe": corners}`, `same_ties=True`.
 
-    Raises InputError, one sentence, where the two cannot be compared.
+    Raises InputError, one sentence, where the two cannot be compared, AdjustmentFailed where one of
+    them does not converge.
     """
     asked = Comparison(**options)
     given = (before, after)
@@ -65,6 +68,11 @@ def change(
         one if isinstance(one, Adjustment) else run.adjusted(block, name)
         for one, block, name in zip(given, blocks, _DATES, strict=True)
     )
+    for one in adjusted:
+        if not one.converged:
+            raise adjustment.not_converged(one)
+    if asked.datum is None:
+        run.asked = asked = replace(asked, datum=usual_datum(adjusted))
     check_datum(*adjusted, asked.datum)
     compared = run.compared(adjusted)
     gained, notes = None, []
@@ -152,7 +160,7 @@ class _Run:
         check_overlap(pair[0].epoch.xyz, pair[1].epoch.xyz)
         if asked.datum == "stable" and pair[0].epoch is not pair[1].epoch:
             pair = pair[0], brought(*pair, asked.motion, asked.same_ties)
-        joint = Joint(*pair, tuple(asked.common), asked.bias)
+        joint = Joint(*pair, asked.common, asked.bias)
         self.say("covariances of the points")
         points = point_changes(joint, asked.level, asked.datum, asked.motion)
         if points is not None:
@@ -160,6 +168,7 @@ class _Run:
         surface, volumes = None, {}
         if asked.surface:
             cores = self._cores_of(*pair)
+            check_meeting(pair[0].xyz, pair[1].xyz, cores)
             self.say(f"covariances of {len(cores)} core points")
             options = {"degree": asked.degree, "sampled": not asked.same_ties}
             surface = surface_change(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from corridor.adjustment import listed
 from corridor.change.stable import MOTIONS
 from corridor.errors import InputError
 
@@ -22,7 +23,8 @@ class Comparison:
         both), `priors` (the same value known beforehand), `gnss` (the base station's).
     gnss_bias: standard deviation, m (one number or three), of a constant error of the GNSS.
     datum: `stated`: as each epoch's control and GNSS say; `stable`: laid together on what stands
-        still by a motion: `translation`, `rigid`, `similarity`.
+        still by a motion: `translation`, `rigid`, `similarity`. Default: `stable` where an epoch
+        hangs on GNSS of metres alone, else `stated`.
     level: false discovery rate of single tests, level of the global ones.
     surface: whether surfaces are compared. camera: whether effects of the camera are asked for.
     together: both dates in one adjustment. stable: ground points that stand still, one point
@@ -42,15 +44,15 @@ class Comparison:
     Raises InputError for a value that means nothing.
     """
 
-    common: Iterable[str] = ("control", "priors")
+    common: str | Iterable[str] = ("control", "priors")
     gnss_bias: float | Iterable[float] | None = None
-    datum: str = "stated"
+    datum: str | None = None
     motion: str = "rigid"
     level: float = 0.01
     surface: bool = True
     camera: bool = True
     together: bool = False
-    stable: Iterable[str] | None = None
+    stable: str | Iterable[str] | None = None
     same_camera: bool = False
     largest: float = 5.0
     spacing: float | None = None
@@ -63,7 +65,11 @@ class Comparison:
     same_ties: bool = False
 
     def __post_init__(self):
-        if self.datum not in DATUMS:
+        # A text, and what can be walked through once, are names too, whenever they are asked for.
+        object.__setattr__(self, "common", tuple(listed(self.common)))
+        if self.stable is not None:
+            object.__setattr__(self, "stable", tuple(listed(self.stable)))
+        if self.datum is not None and self.datum not in DATUMS:
             raise InputError(f"datum {self.datum!r} is unknown: use {' or '.join(DATUMS)}")
         if self.motion not in MOTIONS:
             raise InputError(f"motion {self.motion!r} is unknown: use one of {', '.join(MOTIONS)}")

@@ -33,7 +33,7 @@ def detection(
     if not isinstance(what, Adjustment):
         one = adjustment.adjust(_block(what, seed), model=model)
     first, second = clouds(one, one, asked.same_ties, asked.rays)
-    joint = Joint(first, second, tuple(asked.common), asked.bias)
+    joint = Joint(first, second, asked.common, asked.bias)
     cores = make_cores(
         first.xyz, second.xyz, asked.spacing, asked.radius, asked.normal, asked.profile
     )

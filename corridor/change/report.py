@@ -42,7 +42,7 @@ _VERDICTS = {
 
 def of_change(change: Change) -> Report:
     """The report of a change: one sentence first."""
-    warnings = [*remedies(change), *change.notes, *_datum(change)]
+    warnings = [*remedies(change), *change.notes, *_datum(change), *_adjusted(change)]
     tables = [
         table
         for table in (_points(change), _surface(change), _effects(change), _volumes(change))
@@ -67,6 +67,7 @@ def to_dict(change: Change) -> dict:
         "datum": change.asked.datum,
         "together": change.asked.together,
         "notes": list(change.notes),
+        "doubts": _adjusted(change),
     }
     if points is not None:
         out["points"] = points.frame.to_dict("records")
@@ -255,6 +256,18 @@ def _datum(change: Change) -> list[str]:
             f"place of {apart:.1f} mm."
         )
     return out
+
+
+def _adjusted(change: Change, most: int = 3) -> list[str]:
+    """What is doubtful about the adjustments that the change rests on, the gravest of each."""
+    found: dict[str, list[str]] = {}
+    dates = ("First date", "Second date") if not change.asked.together else ("Both dates",)
+    for date, one in zip(dates, change.final.adjustments, strict=False):
+        for sentence in one.warnings[:most]:
+            found.setdefault(sentence, []).append(date)
+    return [
+        f"{'Both dates' if len(of) == 2 else of[0]}: {sentence}" for sentence, of in found.items()
+    ]
 
 
 def detection_report(surface: SurfaceChange) -> Report:

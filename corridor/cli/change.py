@@ -50,10 +50,9 @@ _OPTIONS = {
         several(number("is no number of metres from 0", least=0.0), counts=(1, 3)),
     ),
     "--datum": option(
-        "as control and GNSS of each date state it (default), or laid together on what stands "
-        "still",
+        "as control and GNSS of each date state it, or laid together on what stands still "
+        "(default: stated; stable where a date hangs on GNSS of metres alone)",
         choices=("stated", "stable"),
-        default="stated",
     ),
     "--motion": option(
         "what laying together may do (default: rigid)",
