@@ -324,7 +324,7 @@ def _direction(evidence: Evidence, n: int, beside: dict[int, float]) -> np.ndarr
         _, _, factor = evidence.model(rest)
         across = np.concatenate([evidence.across(evidence.groups[k], group) for k in rest])
         at = np.concatenate([evidence.groups[k].columns for k in rest])
-        out[at] -= cho_solve(factor, across @ theta, check_finite=False)
+        out[at] -= factor.solve(across @ theta)
     return out
 
 

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import cho_solve
 from scipy.stats import chi2
 
 from corridor.diagnosis.candidates import Group
@@ -102,7 +101,7 @@ def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> boo
         [r.M[a.columns][:, at] if a.own is None else r.between[a.own][:, at] for a in members]
     )
     g = r.g[at] - across.T @ theta
-    M = r.M[np.ix_(at, at)] - across.T @ cho_solve(factor, across, check_finite=False)
+    M = r.M[np.ix_(at, at)] - across.T @ factor.solve(across)
     statistic = float(g @ np.linalg.lstsq(M, g, rcond=None)[0])
     count = 2 * sum(group.point is not None for group in evidence.groups)
     return bool(chi2.sf(statistic, len(at)) * count < SETTINGS.control_level)

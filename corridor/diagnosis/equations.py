@@ -47,9 +47,10 @@ class Equations:
     standard deviation, image (k,): of the antenna positions. core: columns that images share;
     own: blocks of per-image columns; between: each of them with the core (p, c); mutual: (i, j)
     -> of two of them, i < j.
-    first (n,), at (c,), own_at: numbers of the poses and nuisance, of the core, and of the blocks,
-    among the system's columns, and unit of all of these. free_motions: (n, 7) of a block that
-    nothing holds, else None.
+    owner (n,): position of the image to which each of the poses and nuisance belongs, -1 of what
+    images share. first (n,), at (c,), own_at: numbers of the poses and nuisance, of the core, and
+    of the blocks, among the system's columns, and unit of all of these. free_motions: (n, 7) of a
+    block that nothing holds, else None.
     """
 
     system: LinearSystem
@@ -61,6 +62,7 @@ class Equations:
     between: list[np.ndarray]
     mutual: dict[tuple[int, int], csc_array]
     groups: list[Group]
+    owner: np.ndarray
     first: np.ndarray
     at: np.ndarray
     own_at: list[np.ndarray]
@@ -129,6 +131,10 @@ def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
     def with_gnss(at: np.ndarray) -> csr_array:
         return csr_array(jacobian[:, at] @ diags_array(unit[at]))
 
+    images = np.arange(len(columns.images))
+    owner = np.concatenate(
+        [np.repeat(images, 6), np.repeat(images, more.shape[1]), np.full(len(nuisance), -1)]
+    )
     blocks = list(own.values())
     nothing_holds = not len(system.gnss.names) and len(system.control_names) < 3
     return Equations(
@@ -156,6 +162,7 @@ def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
         between=[part(at, core).toarray() for at in blocks],
         mutual={(i, j): part(blocks[i], blocks[j]) for j in range(len(blocks)) for i in range(j)},
         groups=groups,
+        owner=owner,
         first=first,
         at=core,
         own_at=blocks,

@@ -15,11 +15,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh
-from scipy.sparse import block_diag, sparray
+from scipy.linalg import eigh
+from scipy.sparse import block_diag, csr_array, diags_array, sparray
 
 from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.reduced import Reduced
+from corridor.diagnosis.joint import BesideImages, OfImages, Together
+from corridor.diagnosis.reduced import Pieces, Reduced, whole
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -36,8 +37,12 @@ class Spectrum:
     vector: np.ndarray | sparray
 
     @classmethod
-    def of(cls, M: np.ndarray, most: int | None = None) -> Spectrum:
+    def of(cls, M: np.ndarray | Pieces, most: int | None = None) -> Spectrum:
         """Spectrum of M (p, p), symmetric; in pieces of `most` along its diagonal where given."""
+        if isinstance(M, Pieces):
+            each = [cls.of(piece) for piece in M.blocks]
+            vector = block_diag([one.vector for one in each], format="csr")
+            return cls(np.concatenate([one.value for one in each]), vector)
         if most is not None and len(M) > most:
             pieces = np.array_split(np.arange(len(M)), -(-len(M) // most))
             each = [cls.of(M[at[0] : at[-1] + 1, at[0] : at[-1] + 1]) for at in pieces]
@@ -84,6 +89,7 @@ class Evidence:
         self.groups: list[Group] = list(reduced.groups)
         self.number = {group.key: n for n, group in enumerate(self.groups)}
         self._alone: dict[int, Spectrum] = {}
+        self._of_images: dict[tuple[int, float], OfImages] = {}
 
     def narrow(self, n: int, names: Iterable[str]) -> None:
         """Only these parameters of the n-th group are asked for from now on."""
@@ -98,8 +104,8 @@ class Evidence:
         )
         self._alone.pop(n, None)
 
-    def block(self, group: Group) -> tuple[np.ndarray, np.ndarray]:
-        """M (p, p) and g (p,) of a group alone."""
+    def block(self, group: Group) -> tuple[np.ndarray | Pieces, np.ndarray]:
+        """M (p, p), of many values for each image its pieces, and g (p,) of a group alone."""
         r = self.reduced
         if group.own is None:
             return r.M[np.ix_(group.columns, group.columns)], r.g[group.columns]
@@ -124,8 +130,10 @@ class Evidence:
         if b.own is None:
             return r.between[a.own][:, b.columns]
         if a.own == b.own:
-            return r.own_matrix[a.own]
-        return r.mutual[a.own, b.own] if a.own < b.own else r.mutual[b.own, a.own].T
+            return whole(r.own_matrix[a.own])
+        if a.own < b.own:
+            return r.mutual[a.own, b.own].make()
+        return r.mutual[b.own, a.own].make().T
 
     def joint(self, chosen: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
         """M and g of several groups together."""
@@ -135,19 +143,63 @@ class Evidence:
         M = np.block([[self.across(a, b) for b in groups] for a in groups])
         return M, np.concatenate([self.block(group)[1] for group in groups])
 
-    def model(self, chosen: dict[int, float]) -> tuple[float, np.ndarray, tuple]:
+    def _vectors(self, chosen: dict[int, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """g, prior means and kappas (p,) of groups n -> kappa together."""
+        groups = [self.groups[n] for n in chosen]
+        g = np.concatenate([self.block(group)[1] for group in groups])
+        mean = np.concatenate([prior_mean(group) for group in groups])
+        return g, mean, self._sizes(chosen)
+
+    def _sizes(self, chosen: dict[int, float]) -> np.ndarray:
+        """kappa (p,) of each parameter of groups n -> kappa."""
+        each = [np.full(len(self.groups[n]), kappa) for n, kappa in chosen.items()]
+        return np.concatenate([np.zeros(0), *each])
+
+    def _many(self, chosen: Iterable[int]) -> int | None:
+        """The one group of many values for each image among those of a model."""
+        own = [n for n in chosen if self.groups[n].own is not None]
+        if len(own) != 1 or self.groups[own[0]].known:
+            return None
+        return own[0] if len(self.groups[own[0]]) > SETTINGS.large_group else None
+
+    def _beside(self, chosen: dict[int, float], many: int) -> BesideImages:
+        """The equations of groups n -> kappa of which one has many values for each image."""
+        r, kept = self.reduced, self._of_images
+        key = many, chosen[many]
+        if key not in kept:
+            # Of thousands of images one of them weighs some hundred megabytes.
+            while len(kept) > 1:
+                del kept[next(iter(kept))]
+            own = self.groups[many].own
+            kept[key] = OfImages(r.own_matrix[own], r.between[own], chosen[many])
+        sizes = [len(self.groups[n]) for n in chosen]
+        at = dict(zip(chosen, np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1]), strict=True))
+        others = [n for n in chosen if n != many]
+        empty = [np.zeros(0, dtype=np.int64)]
+        rest = np.concatenate(empty + [at[n] for n in others])
+        core = np.concatenate(empty + [self.groups[n].columns for n in others])
+        kappa = self._sizes({n: chosen[n] for n in others})
+        return BesideImages(kept[key], many, at[many], rest, core, r.M, kappa)
+
+    def model(
+        self, chosen: dict[int, float]
+    ) -> tuple[float, np.ndarray, Together | BesideImages | None]:
         """Log evidence of groups n -> kappa together, their parameters, and the factor."""
         if not chosen:
             return 0.0, np.zeros(0), None
-        M, g = self.joint(chosen)
-        groups = [self.groups[n] for n in chosen]
-        mean = np.concatenate([prior_mean(group) for group in groups])
-        kappa = np.concatenate([np.full(len(self.groups[n]), kappa) for n, kappa in chosen.items()])
-        away = g - M @ mean
-        factor = cho_factor(M + np.diag(kappa**-2.0), lower=True, check_finite=False)
-        step = cho_solve(factor, away, check_finite=False)
-        logdet = 2.0 * np.log(np.diag(factor[0])).sum() + 2.0 * np.log(kappa).sum()
-        total = mean @ g - 0.5 * mean @ M @ mean + 0.5 * away @ step - 0.5 * logdet
+        g, mean, kappa = self._vectors(chosen)
+        many = self._many(chosen)
+        if many is None:
+            M, _ = self.joint(chosen)
+            factor = Together(M, kappa)
+            expected = M @ mean
+        else:
+            factor = self._beside(chosen, many)
+            expected = factor.times(mean) if mean.any() else np.zeros_like(g)
+        away = g - expected
+        step = factor.solve(away)
+        logdet = factor.logdet + 2.0 * np.log(kappa).sum()
+        total = mean @ g - 0.5 * mean @ expected + 0.5 * away @ step - 0.5 * logdet
         sizes, log_weight = effect_sizes()
         for n, k in chosen.items():
             total += self.groups[n].log_prior
@@ -155,31 +207,62 @@ class Evidence:
                 total += log_weight[np.argmin(np.abs(sizes - k))]
         return float(total), mean + step, factor
 
-    def solution(self, chosen: dict[int, float]) -> tuple[np.ndarray, np.ndarray]:
+    def in_pieces(self, chosen: Iterable[int]) -> bool:
+        """Whether a model has so many values for each image that they are taken piece by piece."""
+        own = [self.groups[n].own for n in chosen]
+        return any(n is not None and isinstance(self.reduced.own_matrix[n], Pieces) for n in own)
+
+    def solution(self, chosen: dict[int, float]) -> tuple[np.ndarray, np.ndarray | csr_array]:
         """Parameters (p,) of groups n -> kappa together, and their covariance (p, p).
 
         The covariance is that of independent residuals: see `honest`. What the data say nothing
-        about (a focal length common to all flights, where the camera is free) is zero.
+        about (a focal length common to all flights, where the camera is free) is zero. Of values
+        for each image that are taken piece by piece it has the diagonal alone.
         """
-        M, g = self.joint(chosen)
-        if not len(M):
+        if not chosen:
             return np.zeros(0), np.zeros((0, 0))
-        kappa = np.concatenate([np.full(len(self.groups[n]), k) for n, k in chosen.items()])
-        mean = np.concatenate([prior_mean(self.groups[n]) for n in chosen])
-        value, vector = eigh(M + np.diag(kappa**-2.0), check_finite=False)
-        inverse = np.where(
-            value > SETTINGS.blind_information,
-            1.0 / np.maximum(value, SETTINGS.blind_information),
-            0.0,
-        )
-        covariance = (vector * inverse) @ vector.T
+        g, mean, kappa = self._vectors(chosen)
+        many = self._many(chosen)
+        if many is not None and self.in_pieces(chosen):
+            factor = self._beside(chosen, many)
+            away = g - (factor.times(mean) if mean.any() else 0.0)
+            step, covariance = factor.determined(away, _determined)
+            return mean + step, covariance
+        M, _ = self.joint(chosen)
+        covariance = _determined(M + np.diag(kappa**-2.0))
         return mean + covariance @ (g - M @ mean), covariance
 
-    def honest(self, chosen: Iterable[int], covariance: np.ndarray) -> np.ndarray:
+    def honest(self, chosen: Iterable[int], covariance):
         """A covariance (p, p) of groups as the spread of their scores has it."""
         each = [np.full(len(self.groups[n]), self.inflation[n]) for n in chosen]
-        root = np.sqrt(np.concatenate(each)) if each else np.zeros(0)
-        return covariance * root[:, None] * root
+        root = diags_array(np.sqrt(np.concatenate(each)) if each else np.zeros(0))
+        return root @ covariance @ root
+
+    def _own_given(self, members: list[Group], theta: np.ndarray, factor) -> tuple[list, list]:
+        """g and M of each block of per-image columns beside groups at theta; None of what is in."""
+        r = self.reduced
+        inside = {a.own for a in members if a.own is not None}
+        crowded = any(isinstance(r.own_matrix[k], Pieces) for k in inside)
+        own_g: list[np.ndarray | None] = [None] * len(r.own_g)
+        own_matrix: list[np.ndarray | None] = [None] * len(r.own_g)
+        for k, g in enumerate(r.own_g):
+            # Of thousands of images one kind of values for each is as much as can be told apart.
+            if g is None or k in inside or (crowded and isinstance(r.own_matrix[k], Pieces)):
+                continue
+            own_g[k], at = g.copy(), 0
+            for a in members:
+                values = theta[at : at + len(a)]
+                at += len(a)
+                own_g[k] -= (
+                    r.between[k][:, a.columns] @ values
+                    if a.own is None
+                    else r.across(k, a.own, values)
+                )
+            if len(g) <= SETTINGS.large_group:
+                group = next(group for group in self.groups if group.own == k)
+                to_own = np.concatenate([self.across(a, group) for a in members])
+                own_matrix[k] = r.own_matrix[k] - to_own.T @ factor.solve(to_own)
+        return own_g, own_matrix
 
     def given(self, chosen: dict[int, float], spread: bool = False) -> list[Gain]:
         """What every group would add to a model of groups n -> kappa.
@@ -196,22 +279,9 @@ class Evidence:
             to_core = np.concatenate(
                 [r.M[a.columns] if a.own is None else r.between[a.own] for a in members]
             )
-            M = r.M - to_core.T @ cho_solve(factor, to_core, check_finite=False)
+            M = r.M - factor.taken(to_core)
             g = r.g - to_core.T @ theta
-            own_g, own_matrix = [], []
-            for k in range(len(r.own_g)):
-                if r.own_g[k] is None:
-                    own_g.append(None)
-                    own_matrix.append(None)
-                    continue
-                whole = next(group for group in self.groups if group.own == k)
-                to_own = np.concatenate([self.across(a, whole) for a in members])
-                own_g.append(r.own_g[k] - to_own.T @ theta)
-                own_matrix.append(
-                    r.own_matrix[k] - to_own.T @ cho_solve(factor, to_own, check_finite=False)
-                    if len(r.own_g[k]) <= SETTINGS.large_group
-                    else None
-                )
+            own_g, own_matrix = self._own_given(members, theta, factor)
         out = []
         for n, group in enumerate(self.groups):
             unknown = group.own is not None and own_g[group.own] is None
@@ -232,6 +302,14 @@ class Evidence:
             gain = gain_of(group, inside, mine, spectrum)
             out.append(gain if group.point is None else _of_a_point(group, inside, mine, gain))
         return out
+
+
+def _determined(M: np.ndarray) -> np.ndarray:
+    """Inverse (p, p) of M, zero in what it does not determine."""
+    value, vector = eigh(M, check_finite=False)
+    known = value > SETTINGS.blind_information
+    inverse = np.where(known, 1.0 / np.maximum(value, SETTINGS.blind_information), 0.0)
+    return (vector * inverse) @ vector.T
 
 
 def _of_a_point(group: Group, M, g, whole: Gain) -> Gain:

@@ -17,16 +17,21 @@ unequal"; Harville 1977 for the gradient, tr(V dSigma) - v' dSigma v.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve
+from scipy.linalg import lu_factor, lu_solve, solveh_banded
 from scipy.optimize import minimize
+from scipy.sparse import block_diag, csr_array, diags_array
 
 from corridor.adjustment import LinearSystem
 from corridor.diagnosis.settings import SETTINGS
 from corridor.geometry import robust_scale
 from corridor.gnss import SlowNoise
+
+# Share of slow noise that is new after no time at all: two positions of one moment.
+_FRESH = 1e-9
 
 
 @dataclass
@@ -46,9 +51,6 @@ class GnssNoise:
     tau: np.ndarray
     most: np.ndarray = field(default_factory=lambda: np.full((2, 3), np.inf))
 
-    def __post_init__(self):
-        self._inverse = None
-
     def blocks(self):
         """Rows (n,) of 3k, flight and axis of each block of the covariance."""
         for f in range(len(self.tau)):
@@ -63,15 +65,60 @@ class GnssNoise:
         slow = SlowNoise(self.tau[f, axis]).correlation(self.time[rows // 3])
         return white, self.coloured[f, axis] ** 2 * slow
 
+    @property
+    def white_weight(self) -> np.ndarray:
+        """Weights (3k,) of the white part alone, 1/m2."""
+        axis = np.tile(np.arange(3), len(self.flight))
+        return (self.white[np.repeat(self.flight, 3), axis] * self.stated) ** -2.0
+
+    def slow_parts(self) -> Iterator[tuple[np.ndarray, float, np.ndarray]]:
+        """Of each block its rows (n,) in the order of time, the size of its slow part, m, and the
+        precision of that in units of the size: its diagonal and what is above it (2, n).
+
+        What remembers only its last value has a precision of neighbours. Source: Rue and Held
+        2005, "Gaussian Markov random fields", 1.1.
+        """
+        for rows, f, axis in self.blocks():
+            rows = rows[np.argsort(self.time[rows // 3], kind="stable")]
+            kept = SlowNoise(self.tau[f, axis]).memory(np.diff(self.time[rows // 3]))
+            fresh = np.maximum(1.0 - kept**2, _FRESH)
+            precision = np.zeros((2, len(rows)))
+            precision[1, 0] = 1.0
+            precision[1, 1:] = 1.0 / fresh
+            precision[1, :-1] += kept**2 / fresh
+            precision[0, 1:] = -kept / fresh
+            yield rows, float(self.coloured[f, axis]), precision
+
+    def states(self) -> tuple[np.ndarray, np.ndarray, csr_array]:
+        """Rows (s,) of 3k with a slow part, its size (s,) m, and its precision (s, s) in units of
+        the size: what is measured there less the slow part has the white part alone.
+        """
+        parts = [part for part in self.slow_parts() if part[1] > 0.0]
+        if not parts:
+            return np.zeros(0, dtype=np.int64), np.zeros(0), csr_array((0, 0))
+        chains = [diags_array([q[1], q[0, 1:], q[0, 1:]], offsets=[0, 1, -1]) for *_, q in parts]
+        rows = np.concatenate([rows for rows, *_ in parts])
+        size = np.concatenate([np.full(len(rows), size) for rows, size, _ in parts])
+        return rows, size, csr_array(block_diag(chains))
+
     def weigh(self, rows):
         """Inverse covariance times dense rows (3k, ...)."""
-        if self._inverse is None:
-            self._inverse = [
-                (at, np.linalg.inv(np.add(*self.parts(at, *which)))) for at, *which in self.blocks()
-            ]
-        out = np.zeros(np.shape(rows))
-        for at, inverse in self._inverse:
-            out[at] = inverse @ rows[at]
+        rows = np.asarray(rows)
+        weight = self.white_weight.reshape((-1,) + (1,) * (rows.ndim - 1))
+        out = weight * rows
+        for at, size, precision in self.slow_parts():
+            if size > 0.0:
+                inside = precision.copy()
+                inside[1] += size**2 * weight[at].ravel()
+                out[at] -= size**2 * weight[at] * solveh_banded(inside, out[at])
+        return out
+
+    def spread(self, rows: np.ndarray) -> np.ndarray:
+        """Covariance times dense rows (3k, n)."""
+        out = rows / self.white_weight[:, None]
+        for at, size, precision in self.slow_parts():
+            if size > 0.0:
+                out[at] += size**2 * solveh_banded(precision, rows[at])
         return out
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
@@ -90,6 +137,42 @@ class GnssNoise:
         for rows, f, axis in self.blocks():
             white = self.white[f, axis] ** 2 * np.mean(self.stated[rows] ** 2)
             out[f, axis] = np.sqrt(white + self.coloured[f, axis] ** 2)
+        return out
+
+
+class Weight:
+    """P (n, n) of antenna coordinates, made by parts where they are asked for.
+
+    make: (k,) numbers of all coordinates -> their part (k, k) of the whole. rows (n,): numbers of
+    those that are meant. less: pairs (n, k), (k, n) of which the product has been taken away.
+    """
+
+    def __init__(self, make: Callable[[np.ndarray], np.ndarray], rows: np.ndarray, less=()):
+        self._make, self.rows, self.taken = make, rows, list(less)
+
+    @classmethod
+    def of(cls, P: Weight | np.ndarray) -> Weight:
+        """Itself, or of a matrix that is there."""
+        if isinstance(P, Weight):
+            return P
+        return cls(lambda rows: P[np.ix_(rows, rows)], np.arange(len(P)))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def part(self, at: np.ndarray) -> Weight:
+        """Of some of the coordinates."""
+        return Weight(self._make, self.rows[at], [(a[at], b[:, at]) for a, b in self.taken])
+
+    def less(self, left: np.ndarray, right: np.ndarray) -> Weight:
+        """P - left right, for left (n, k) and right (k, n)."""
+        return Weight(self._make, self.rows, [*self.taken, (left, right)])
+
+    def toarray(self) -> np.ndarray:
+        """The matrix (n, n)."""
+        out = np.array(self._make(self.rows))
+        for left, right in self.taken:
+            out -= left @ right
         return out
 
 
@@ -153,30 +236,41 @@ def parts_of(noise: GnssNoise, P, rho) -> list[Likelihood]:
     blocks = list(noise.blocks())
     if len(rho) <= SETTINGS.most_together:
         return [Likelihood(noise, P, rho, blocks)]
+    P = Weight.of(P)
     return [
-        Likelihood(noise, P[np.ix_(block[0], block[0])], rho[block[0]], [block], own=True)
-        for block in blocks
+        Likelihood(noise, P.part(block[0]), rho[block[0]], [block], own=True) for block in blocks
     ]
+
+
+def in_pieces(time: np.ndarray) -> list[np.ndarray]:
+    """Numbers of positions of one axis at times (n,) that are taken together, s."""
+    if len(time) <= SETTINGS.most_at_a_time:
+        return [np.arange(len(time))]
+    count = -(-len(time) // SETTINGS.most_at_a_time)
+    return np.array_split(np.argsort(time, kind="stable"), count)
 
 
 class Likelihood:
     """-2 log L of the noise of some blocks (rows, flight, axis).
 
     Arguments x: logarithms of w of each block, of c over the stated sigma of each, of tau of each
-    flight. own: P and rho hold the rows of these blocks only; a long block of them is taken in
-    pieces of time, beyond which it remembers nothing. bounds: least and most of w, c and
-    tau, where nothing else is known of them; default: the weak prior knowledge of the settings.
+    flight. P: (n, n), or a `Weight`. own: P and rho hold the rows of these blocks only; a long
+    block of them is taken in pieces of time, beyond which it remembers nothing. bounds: least and
+    most of w, c and tau, where nothing else is known of them; default: the weak prior knowledge of
+    the settings.
     """
 
     def __init__(self, noise: GnssNoise, P, rho, blocks, own: bool = False, bounds=None):
-        self.P, self.rho, self.blocks, self.time = P, rho, blocks, noise.time
+        self.rho, self.blocks, self.time = rho, blocks, noise.time
         self.flights = sorted({f for _, f, _ in blocks})
         self.count = len(blocks)
         self.stated = np.array([np.sqrt(np.mean(noise.stated[rows] ** 2)) for rows, *_ in blocks])
         self.first = [noise.stated[rows] ** 2 for rows, *_ in blocks]
         time = [noise.time[rows // 3] for rows, *_ in blocks]
-        in_pieces = own and len(rho) > SETTINGS.most_at_a_time
-        self.lags = [] if in_pieces else [np.abs(t[:, None] - t) for t in time]
+        apart = own and len(rho) > SETTINGS.most_at_a_time
+        P = Weight.of(P)
+        self.P = None if apart else P.toarray()
+        self.lags = [] if apart else [np.abs(t[:, None] - t) for t in time]
         self.place = [np.arange(len(rows)) if own else rows for rows, *_ in blocks]
         many = [self.count, self.count, len(self.flights)]
         prior = SETTINGS.white_prior, SETTINGS.slow_prior, SETTINGS.time_constant_prior
@@ -195,13 +289,12 @@ class Likelihood:
             size = np.maximum(noise.most[:, [axis for *_, axis in blocks]], 1e-9) / self.stated
             self.high[two] = np.clip(np.log(size).ravel(), self.low[two], self.high[two])
         self.pieces: list[Likelihood] = []
-        if in_pieces:
+        if apart:
             ((rows, *which),) = blocks
-            count = -(-len(rho) // SETTINGS.most_at_a_time)
-            for at in np.array_split(np.argsort(time[0], kind="stable"), count):
+            for at in in_pieces(time[0]):
                 some = [(rows[at], *which)]
                 # What is known beforehand counts once, here.
-                one = Likelihood(noise, P[np.ix_(at, at)], rho[at], some, own=True, bounds=ends)
+                one = Likelihood(noise, P.part(at), rho[at], some, own=True, bounds=ends)
                 one.stated = self.stated
                 self.pieces.append(one)
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -21,7 +22,8 @@ from scipy.linalg import cho_factor, cho_solve
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.equations import Equations
 from corridor.diagnosis.evidence import Evidence
-from corridor.diagnosis.reduced import Antennas, Reduced
+from corridor.diagnosis.gnss_noise import Weight
+from corridor.diagnosis.reduced import Antennas, Reduced, less
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -50,10 +52,10 @@ class Lens:
                 continue
             to_own[n] = cho_solve(factor, with_core[:, at].T, check_finite=False)
             own_g[n] = r.own_g[n] - with_core[:, at] @ g
-            own_matrix[n] = r.own_matrix[n] - with_core[:, at] @ to_own[n]
+            own_matrix[n] = less(r.own_matrix[n], with_core[:, at], to_own[n])
             between[n] = with_core - with_core[:, at] @ solved
         mutual = {
-            (i, j): both - r.between[i][:, at] @ to_own[j] for (i, j), both in r.mutual.items()
+            (i, j): both.less(r.between[i][:, at], to_own[j]) for (i, j), both in r.mutual.items()
         }
         M = r.M - to_core.T @ solved
         return Reduced(M, r.g - to_core.T @ g, own_matrix, own_g, between, mutual, r.groups)
@@ -66,12 +68,13 @@ class Lens:
         own = list(a.own)
         for n, with_core in enumerate(r.between):
             if own[n] is not None and with_core is not None:
-                own[n] = own[n] - turned.T @ with_core[:, at].T
+                own[n] = partial(_beside, own[n], turned.T, with_core[:, at].T)
         return Antennas(
-            a.P - a.core[:, at] @ turned,
+            Weight.of(a.P).less(a.core[:, at], turned),
             a.rho - turned.T @ r.g[at],
             a.core - turned.T @ r.M[at],
             own,
+            a.under,
         )
 
     def factor(self, reduced: Reduced) -> tuple:
@@ -79,6 +82,11 @@ class Lens:
         at = self.group.columns
         inside = reduced.M[np.ix_(at, at)] + np.eye(len(at)) / self.size**2
         return cho_factor(inside, lower=True, check_finite=False)
+
+
+def _beside(felt, left: np.ndarray, right: np.ndarray, columns: slice) -> np.ndarray:
+    """What the antenna feels of some columns, less left (3k, s) times those of right (s, p)."""
+    return felt(columns) - left @ right[:, columns]
 
 
 def lens_group(equations: Equations) -> Group | None:

@@ -34,7 +34,7 @@ def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
     if not any(_bounded(evidence.groups[n]) for n in free):
         return {}
     theta, covariance = evidence.solution(free)
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sigma = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     out: dict[str, str] = {}
     at = 0
     for n in free:

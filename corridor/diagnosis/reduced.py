@@ -6,30 +6,107 @@ nuisance A leave, the candidates meet
     M = B'WQB,    g = B'WQr
 
 M theta = g is one more step of Newton's; under the null hypothesis g ~ N(0, M).
+
+Slow noise of the antenna positions is nuisance too: with its value at each position as an unknown,
+which depends on the one before it alone, what is left is white, and all equations hang together
+like a chain along the corridor (see `chain`). Poses, nuisance and slow noise are the *rows* here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
-from scipy.sparse import issparse
+from scipy.sparse import block_array, coo_array, csc_array, csr_array, diags_array, issparse, vstack
 
 from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.equations import Equations
+from corridor.diagnosis.chain import Chain, Half, block_ends
+from corridor.diagnosis.equations import Columns, Equations
+from corridor.diagnosis.gnss_noise import GnssNoise, Weight
+from corridor.diagnosis.settings import SETTINGS
 
-# Columns of the antenna's part that are made together.
-CHUNK = 600
+# Columns that are solved together where there are thousands.
+CHUNK = 500
+# Positions that follow one another in time and lie farther apart in the block than points reach:
+# so many of them are put into the border of the chain.
+_MOST_JUMPS = 32
+
+
+class Pieces:
+    """A symmetric matrix (p, p) of values for each image, of which pieces along the diagonal count.
+
+    Images far apart share little of what each has for itself.
+    """
+
+    def __init__(self, blocks: list[np.ndarray]):
+        self.blocks = blocks
+        ends = np.cumsum([len(one) for one in blocks])
+        self.spans = [slice(int(e) - len(b), int(e)) for e, b in zip(ends, blocks, strict=True)]
+        self.shape = (int(ends[-1]),) * 2
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def less(self, left: np.ndarray, right: np.ndarray) -> Pieces:
+        """Less the product of left (p, k) and right (k, p)."""
+        each = zip(self.blocks, self.spans, strict=True)
+        return Pieces([block - left[at] @ right[:, at] for block, at in each])
+
+    def __truediv__(self, factor: float) -> Pieces:
+        return Pieces([block / factor for block in self.blocks])
+
+    def __getitem__(self, at: tuple[np.ndarray, np.ndarray]) -> Pieces:
+        """Some rows and the same columns, in order: as with `np.ix_`."""
+        rows = at[0].ravel()
+        inside = [rows[(rows >= s.start) & (rows < s.stop)] - s.start for s in self.spans]
+        each = zip(self.blocks, inside, strict=True)
+        return Pieces([block[np.ix_(mine, mine)] for block, mine in each])
+
+    def diagonal(self) -> np.ndarray:
+        """Its diagonal (p,)."""
+        return np.concatenate([block.diagonal() for block in self.blocks])
+
+    def square(self) -> float:
+        """Sum of the squares of its entries."""
+        return float(sum(np.sum(block**2) for block in self.blocks))
+
+    def toarray(self) -> np.ndarray:
+        """As a matrix, zero beside the pieces."""
+        out = np.zeros(self.shape)
+        for block, at in zip(self.blocks, self.spans, strict=True):
+            out[at, at] = block
+        return out
+
+
+@dataclass(frozen=True)
+class Mutual:
+    """M between two blocks of per-image columns, which is large and seldom asked for.
+
+    make: the matrix (p, q). times: it times values (q,); back: its transpose times values (p,).
+    """
+
+    make: Callable[[], np.ndarray]
+    times: Callable[[np.ndarray], np.ndarray]
+    back: Callable[[np.ndarray], np.ndarray]
+
+    def less(self, left: np.ndarray, right: np.ndarray) -> Mutual:
+        """Less the product of left (p, k) and right (k, q)."""
+        return Mutual(
+            cache(lambda: self.make() - left @ right),
+            lambda values: self.times(values) - left @ (right @ values),
+            lambda values: self.back(values) - right.T @ (left.T @ values),
+        )
 
 
 @dataclass
 class Reduced:
     """M and g of the core (c, c), (c,), of each block of per-image columns, and between them.
 
-    between: of each block with the core; mutual: (i, j) -> of two blocks, i < j.
+    own_matrix: (p, p), `Pieces` of it where p is large. between: of each block with the core;
+    mutual: (i, j) -> of two blocks, i < j.
 
     g is that of no effect at all: where candidates stand at a value, their part has been put
     back. Blocks that were left out are None.
@@ -37,178 +114,308 @@ class Reduced:
 
     M: np.ndarray
     g: np.ndarray
-    own_matrix: list[np.ndarray | None]
+    own_matrix: list[np.ndarray | Pieces | None]
     own_g: list[np.ndarray | None]
     between: list[np.ndarray | None]
-    mutual: dict[tuple[int, int], np.ndarray]
+    mutual: dict[tuple[int, int], Mutual]
     groups: list[Group]
+
+    def across(self, i: int, n: int, values: np.ndarray) -> np.ndarray:
+        """M between two blocks of per-image columns times values (p,) of the second."""
+        return self.mutual[i, n].times(values) if i < n else self.mutual[n, i].back(values)
 
 
 class Antennas(NamedTuple):
     """One unit column for each antenna coordinate, reduced: all that the block knows of its noise.
 
-    P (3k, 3k), rho (3k,): their M and g. core (3k, c), own: M between them and the candidates;
-    None where a block of per-image columns cannot touch the antenna much.
+    P (3k, 3k), rho (3k,): their M and g. core (3k, c), own: M between them and the candidates, of
+    per-image columns what makes it for some of them (3k, some); None where a block of per-image
+    columns cannot touch the antenna much. under: a noise -> P of that noise times rows (3k, n);
+    before anything was taken away from P.
     """
 
-    P: np.ndarray
+    P: Weight
     rho: np.ndarray
     core: np.ndarray
-    own: list[np.ndarray | None]
+    own: list[Callable[[slice], np.ndarray] | None]
+    under: Callable[[GnssNoise], Callable[[np.ndarray], np.ndarray]] | None = None
 
 
 class Elimination:
     """Poses and nuisance of equations eliminated, for one covariance of the GNSS."""
 
-    def __init__(self, equations: Equations, noise):
-        """noise: `GnssNoise`; or None for the stated standard deviations."""
+    def __init__(self, equations: Equations, noise: GnssNoise | None):
+        """noise: None for the stated standard deviations."""
         self.equations, self.noise = equations, noise
         e = equations
         self.right = e.right.copy()
         if len(e.residual):
             self.right += e.jacobian.T @ self.weigh(e.residual)
+        nothing = np.zeros(0, dtype=np.int64), np.zeros(0), csr_array((0, 0))
+        self._at, self._size, slow = nothing if noise is None else noise.states()
+        self._white = e.stated**-2.0 if noise is None else noise.white_weight
+        self._order, ends, border = self._ordered(slow)
+        matrix = self._matrix(slow)
+        # In units of their own weight, or metres and radians would meet.
+        self.unit = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
+        scale = diags_array(self.unit)
+        matrix = csc_array(scale @ matrix @ scale)[self._order][:, self._order]
+        if e.free_motions is not None:
+            matrix = self._held(matrix)
         try:
-            self.unit, self.factor = self._factor(0.0)
+            self._chain = Chain(matrix, ends, border)
         except np.linalg.LinAlgError:
             # What nothing determines is held a little.
-            self.unit, self.factor = self._factor(1e-10)
-        self.half_right = self.half(self.right)
+            little = diags_array(np.full(matrix.shape[0], 1e-10))
+            self._chain = Chain(csc_array(matrix + little), ends, border)
+        self._right = self._chain.half(self._rows(e.right[:, None], e.residual[:, None]))
 
-    def _factor(self, held: float) -> tuple[np.ndarray, np.ndarray]:
-        """Units (n,) and lower Cholesky factor (n, n).
+    def _ordered(self, slow) -> tuple[np.ndarray, np.ndarray, int]:
+        """Order of the rows (n,), ends of the blocks of their chain, and how many are its border.
 
-        In units of their own weight, or metres and radians would meet. With a thousand images the
-        matrix is a third of a gigabyte: there is this one, and no copy of it.
+        slow: precision of the slow noise.
         """
         e = self.equations
-        matrix = e.matrix.toarray(order="F")
+        states = e.image[self._at // 3]
+        owner = np.concatenate([e.owner, states]).astype(np.int64)
+        if e.free_motions is not None or not (owner >= 0).any():
+            return np.arange(len(owner)), np.array([len(owner)]), 0
+        reach = np.arange(int(owner.max()) + 1)
+        links = coo_array(e.matrix)
+        one, other = owner[links.row], owner[links.col]
+        inner = (one >= 0) & (other >= 0)
+        np.maximum.at(reach, one[inner], other[inner])
+        links = coo_array(slow)
+        one, other = states[links.row], states[links.col]
+        width = int((reach - np.arange(len(reach))).max())
+        span = np.where(links.col == links.row + 1, np.abs(other - one), 0)
+        jumps = np.flatnonzero(span > width)
+        if len(jumps) > _MOST_JUMPS:
+            jumps = jumps[np.argsort(-span[jumps], kind="stable")[:_MOST_JUMPS]]
+        far = np.unique(links.col[jumps])
+        near = ~(np.isin(links.row, far) | np.isin(links.col, far))
+        np.maximum.at(reach, one[near], other[near])
+        owner[len(e.owner) + far] = -1
+        ends = block_ends(reach)
+        order = np.argsort(np.where(owner < 0, len(reach), owner), kind="stable")
+        count = np.cumsum(np.bincount(owner[owner >= 0], minlength=len(reach)))
+        return order, count[ends - 1], int((owner < 0).sum())
+
+    def _matrix(self, slow) -> csc_array:
+        """Equations (n, n) of poses, nuisance and slow noise."""
+        e = self.equations
+        if not len(e.residual):
+            return csc_array(e.matrix)
+        weighted = diags_array(self._white) @ e.jacobian
+        own = csr_array(e.matrix + e.jacobian.T @ weighted)
+        if not len(self._at):
+            return csc_array(own)
+        across = diags_array(self._size) @ csr_array(weighted)[self._at]
+        inside = slow + diags_array(self._size**2 * self._white[self._at])
+        return csc_array(block_array([[own, across.T], [across, inside]]))
+
+    def _held(self, matrix: csc_array) -> csc_array:
+        """A block that nothing holds is held as a whole, where it is."""
+        g = self.equations.free_motions
+        g = g / np.linalg.norm(g, axis=0)
+        g = self.unit[: len(g), None] * g
+        # The median of the diagonal before it was brought to units.
+        weight = np.median(self.unit**-2.0)
+        return csc_array(matrix + csc_array(weight * (g @ g.T)))
+
+    def _rows(self, right, antenna):
+        """Right sides (n, k) in the order of the chain, of those of poses and nuisance (n, k).
+
+        antenna (3k, k): what they come with of antenna positions, to be weighed. Both dense, or
+        both sparse.
+        """
+        e = self.equations
+        if issparse(right):
+            heavy = diags_array(self._white) @ antenna
+            whole = csr_array(right + e.jacobian.T @ heavy)
+            if len(self._at):
+                whole = vstack([whole, diags_array(self._size) @ csr_array(heavy)[self._at]])
+            return csc_array((diags_array(self.unit) @ csr_array(whole))[self._order])
         if len(e.residual):
-            self._add_antenna(matrix)
-        if e.free_motions is not None:
-            g = e.free_motions / np.linalg.norm(e.free_motions, axis=0)
-            matrix += np.median(np.diag(matrix)) * (g @ g.T)
-        unit = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        matrix *= unit[:, None]
-        matrix *= unit
-        matrix[np.diag_indices_from(matrix)] += held
-        return unit, cholesky(matrix, lower=True, check_finite=False, overwrite_a=True)
+            heavy = self._white[:, None] * antenna
+            right = right + e.jacobian.T @ heavy
+            right = np.concatenate([right, self._size[:, None] * heavy[self._at]])
+        return (self.unit[:, None] * right)[self._order]
 
-    def _add_antenna(self, matrix: np.ndarray) -> None:
-        """Add J' Sigma^-1 J, a few columns at a time."""
-        jacobian = self.equations.jacobian.tocsc()
-        for first in range(0, matrix.shape[1], CHUNK):
-            some = slice(first, first + CHUNK)
-            matrix[:, some] += jacobian.T @ self.weigh(jacobian[:, some].toarray())
-
-    def weigh(self, rows):
+    def weigh(self, rows: np.ndarray) -> np.ndarray:
         """Inverse covariance of the antenna positions times rows (3k, ...)."""
         if self.noise is None:
             weight = self.equations.stated**-2.0
             return rows * (weight[:, None] if rows.ndim == 2 else weight)
         return self.noise.weigh(rows)
 
-    def half(self, right: np.ndarray) -> np.ndarray:
-        """L^-1 right; products of two halves are what the elimination takes away."""
-        right = right.toarray(order="F") if issparse(right) else np.array(right, order="F")
-        right *= self.unit[:, None] if right.ndim == 2 else self.unit
-        return solve_triangular(
-            self.factor, right, lower=True, check_finite=False, overwrite_b=True
-        )
-
     def solve(self, right: np.ndarray) -> np.ndarray:
         """What poses and nuisance (n, k) do about right (n, k)."""
-        half = solve_triangular(
-            self.factor, self.half(right), lower=True, trans=1, check_finite=False, overwrite_b=True
-        )
-        return half * self.unit[:, None]
+        nothing = np.zeros((len(self._at), right.shape[1]))
+        whole = (self.unit[:, None] * np.concatenate([right, nothing]))[self._order]
+        out = np.empty_like(whole)
+        out[self._order] = self._chain.solve(whole)
+        return (self.unit[:, None] * out)[: len(right)]
 
-    def columns(self, block):
-        """Of one block of columns: half solution (n, p), weighted antenna (3k, p), right (p,).
-
-        The weighted antenna is None where the columns do not touch it.
-        """
+    def following(self, block: Columns, columns: slice = slice(None)) -> np.ndarray:
+        """What poses and nuisance (n, p) would do about some columns of a block."""
         e = self.equations
-        touched = block.antenna.nnz if issparse(block.antenna) else block.antenna.size
-        if not touched:
-            half = self.half(block.cross)
-            return half, None, block.right - half.T @ self.half_right
-        heavy = self.weigh(_dense(block.antenna))
-        half = self.half(_dense(block.cross) + e.jacobian.T @ heavy)
-        right = block.right + heavy.T @ e.residual - half.T @ self.half_right
-        return half, heavy, right
+        right = _dense(block.cross[:, columns])
+        if len(e.residual):
+            right = right + e.jacobian.T @ self.weigh(_dense(block.antenna[:, columns]))
+        return self.solve(right)
+
+    def _inside(self, block: Columns, a: slice, b: slice) -> np.ndarray:
+        """Of some columns of a block and others of it before the elimination."""
+        light = block.antenna[:, a]
+        heavy = diags_array(self._white) @ block.antenna[:, b]
+        return _dense(block.inside[a][:, b]) + _dense(light.T @ heavy)
+
+    def core(self) -> tuple[np.ndarray, np.ndarray, Half]:
+        """M (c, c) and g (c,) of what images share as they stand, and half their solution."""
+        e, block = self.equations, self.equations.core
+        half = self._chain.half(self._rows(block.cross, block.antenna))
+        heavy = self._white[:, None] * block.antenna
+        M = block.inside + block.antenna.T @ heavy - half.dot(half)
+        g = block.right + heavy.T @ e.residual - half.dot(self._right)[:, 0]
+        return M, g, half
+
+    def halves(self, block: Columns) -> Iterator[tuple[slice, Half]]:
+        """Half solutions of per-image columns, some images at a time."""
+        rows = self._rows(block.cross, block.antenna)
+        for at in pieces_of(len(block.value)):
+            yield at, self._chain.near(rows[:, at])
 
     def reduce(self, but: Container[int] = ()) -> Reduced:
         """M and g of all candidates, but for some of the blocks of per-image columns."""
         e = self.equations
-        half, heavy, g = self.columns(e.core)
-        M = e.core.inside - half.T @ half
-        if heavy is not None:
-            M += e.core.antenna.T @ heavy
-        here = e.core.value
-        g = g + M @ here
+        M, g, core = self.core()
         count = len(e.own)
         out = Reduced(
-            M,
-            g,
-            [None] * count,
-            [None] * count,
-            [None] * count,
-            {},
-            e.groups,
+            M, g + M @ e.core.value, [None] * count, [None] * count, [None] * count, {}, e.groups
         )
-        halves: dict[int, np.ndarray] = {}
-        for n, (block, cross) in enumerate(zip(e.own, e.between, strict=True)):
-            if n in but:
-                continue
-            mine, own_heavy, right = self.columns(block)
-            for i, other in halves.items():
-                both = -(other.T @ mine)
-                if (i, n) in e.mutual:
-                    both += e.mutual[i, n]
-                if own_heavy is not None:
-                    both += _dense(e.own[i].antenna.T @ own_heavy)
-                out.mutual[i, n] = both
-            halves[n] = mine
-            inside = -(mine.T @ mine)
-            inside += block.inside
-            with_core = cross - mine.T @ half
-            if own_heavy is not None:
-                inside += _dense(block.antenna.T @ own_heavy)
-            if heavy is not None:
-                with_core = with_core + _dense(block.antenna.T @ heavy)
+        tested = [n for n in range(count) if n not in but]
+        for n in tested:
+            self._reduce_own(out, n, core)
+        for n in tested:
+            out.mutual |= {(i, n): self._between(i, n) for i in tested if i < n}
             # What has been estimated counts as missing again: in all that is tested.
-            out.own_g[n] = right + inside @ block.value + with_core @ here
-            out.g = out.g + with_core.T @ block.value
-            out.own_matrix[n], out.between[n] = inside, with_core
-        for (i, j), both in out.mutual.items():
-            out.own_g[i] += both @ e.own[j].value
-            out.own_g[j] += both.T @ e.own[i].value
+            value = e.own[n].value
+            if value.any():
+                out.g = out.g + out.between[n].T @ value
+                for i in tested:
+                    if i != n:
+                        out.own_g[i] += self._across(i, n, value)
+        return out
+
+    def _reduce_own(self, out: Reduced, n: int, core: Half) -> None:
+        """Put M and g of a block of per-image columns in their place."""
+        e, block = self.equations, self.equations.own[n]
+        heavy = diags_array(self._white) @ block.antenna
+        out.between[n] = e.between[n] + _dense(heavy.T @ e.core.antenna)
+        out.own_g[n] = block.right + heavy.T @ e.residual
+        inside = []
+        for at, half in self.halves(block):
+            # One at a time: each reaches as far as it is felt.
+            out.between[n][at] -= half.dot(core)
+            out.own_g[n][at] -= half.dot(self._right)[:, 0]
+            inside.append(self._inside(block, at, at) - half.dot(half))
+        out.own_matrix[n] = inside[0] if len(inside) == 1 else Pieces(inside)
+        out.own_g[n] += out.between[n] @ e.core.value
+        if block.value.any():
+            out.own_g[n] += self._across(n, n, block.value)
+
+    def _across(self, i: int, n: int, value: np.ndarray) -> np.ndarray:
+        """M between two blocks of per-image columns times values (p,) of the second."""
+        e, one, other = self.equations, self.equations.own[i], self.equations.own[n]
+        inside = other.inside if i == n else e.mutual[i, n] if i < n else e.mutual[n, i].T
+        moved = other.antenna @ value
+        followed = self.solve((other.cross @ value + e.jacobian.T @ self.weigh(moved))[:, None])
+        left = self.weigh(moved - e.jacobian @ followed[:, 0])
+        return inside @ value - one.cross.T @ followed[:, 0] + one.antenna.T @ left
+
+    def _between(self, i: int, n: int) -> Mutual:
+        return Mutual(
+            cache(partial(self._mutual, i, n)),
+            partial(self._across, i, n),
+            partial(self._across, n, i),
+        )
+
+    def _mutual(self, i: int, n: int) -> np.ndarray:
+        """M between two blocks of per-image columns (p, q)."""
+        e, one, other = self.equations, self.equations.own[i], self.equations.own[n]
+        out = _dense(e.mutual[i, n])
+        out += _dense(one.antenna.T @ (diags_array(self._white) @ other.antenna))
+        second = list(self.halves(other))
+        for a, half in self.halves(one):
+            for b, its in second:
+                out[a, b] -= half.dot(its)
         return out
 
     def antennas(self) -> Antennas:
         """M and g of the antenna positions; like those of `reduce` they are of no effect at all."""
         e = self.equations
-        unit = self.weigh(np.eye(len(e.residual)))
-        half = self.half(e.jacobian.T @ unit)
-        g = unit @ e.residual - half.T @ self.half_right
-        core_half, core_heavy, _ = self.columns(e.core)
-        core = core_heavy - half.T @ core_half
-        g = g + core @ e.core.value
-        own = []
+        left = e.residual - e.jacobian @ self.solve(self.right[:, None])[:, 0]
+        rho = self.weigh(left)
+        core = self.felt(e.core, slice(None))
+        rho = rho + core @ e.core.value
+        own: list[Callable[[slice], np.ndarray] | None] = []
         for block in e.own:
             # Several values for each image tell of the picture; the antenna hardly feels them.
             few = len(block.value) <= len(e.system.columns.images)
-            across = None
-            if few or block.value.any():
-                mine, heavy, _ = self.columns(block)
-                across = -(half.T @ mine)
-                if heavy is not None:
-                    across += heavy
-                g = g + across @ block.value
-            own.append(across if few else None)
-        unit -= half.T @ half
-        return Antennas(unit, g, core, own)
+            own.append((lambda at, block=block: self.felt(block, at)) if few else None)
+            if block.value.any():
+                moved = (block.antenna @ block.value)[:, None]
+                right = (block.cross @ block.value)[:, None]
+                right = right + e.jacobian.T @ self.weigh(moved)
+                rho = rho + self.weigh(moved - e.jacobian @ self.solve(right))[:, 0]
+        made: dict[bytes, np.ndarray] = {}
+
+        def part(rows: np.ndarray) -> np.ndarray:
+            key = rows.tobytes()
+            if key not in made:
+                made[key] = self._weight_of(rows)
+            return made[key]
+
+        P = Weight(part, np.arange(len(e.residual)))
+        return Antennas(P, rho, core, own, lambda noise: Elimination(e, noise).weight)
+
+    def felt(self, block: Columns, columns: slice) -> np.ndarray:
+        """M (3k, p) between the antenna positions and some columns of a block."""
+        moved = self.equations.jacobian @ self.following(block, columns)
+        return self.weigh(_dense(block.antenna[:, columns]) - moved)
+
+    def weight(self, rows: np.ndarray) -> np.ndarray:
+        """P, as it is with this noise, times rows (3k, n)."""
+        e, heavy = self.equations, self.weigh(rows)
+        return heavy - self.weigh(e.jacobian @ self.solve(e.jacobian.T @ heavy))
+
+    def _weight_of(self, at: np.ndarray) -> np.ndarray:
+        """P (k, k) of some antenna coordinates, with white noise."""
+        columns = csc_array(
+            (self._white[at], (at, np.arange(len(at)))), shape=(len(self._white), len(at))
+        )
+        right = csr_array(self.equations.jacobian.T @ columns)
+        half = self._chain.near(csc_array((diags_array(self.unit) @ right)[self._order]))
+        return np.diag(self._white[at]) - half.dot(half)
 
 
-def _dense(matrix):
+def less(matrix: np.ndarray | Pieces, left: np.ndarray, right: np.ndarray):
+    """A matrix (p, p) or its pieces less the product of left (p, k) and right (k, p)."""
+    return matrix.less(left, right) if isinstance(matrix, Pieces) else matrix - left @ right
+
+
+def whole(matrix: np.ndarray | Pieces) -> np.ndarray:
+    """A matrix (p, p), zero beside its pieces."""
+    return matrix.toarray() if isinstance(matrix, Pieces) else matrix
+
+
+def pieces_of(count: int) -> list[slice]:
+    """Columns of values for each image that are taken together."""
+    some = -(-count // SETTINGS.most_own_together)
+    cut = np.cumsum([0, *map(len, np.array_split(np.arange(count), max(some, 1)))]).tolist()
+    return [slice(a, b) for a, b in zip(cut[:-1], cut[1:], strict=True)]
+
+
+def _dense(matrix) -> np.ndarray:
     return matrix.toarray() if issparse(matrix) else np.asarray(matrix)

@@ -12,7 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from corridor.adjustment import LinearSystem
-from corridor.diagnosis.gnss_noise import GnssNoise, Likelihood, stated_noise
+from corridor.diagnosis.gnss_noise import (
+    GnssNoise,
+    Likelihood,
+    Weight,
+    in_pieces,
+    stated_noise,
+)
 from corridor.effects import Context, every_effect
 from corridor.geometry import CLIPPED, robust_scale, robust_scale_of_lengths
 
@@ -118,22 +124,38 @@ def antenna_noise(system: LinearSystem, tie_sigma: float) -> GnssNoise | None:
         v = left[at] / stated
         usual = robust_scale(v, centred=True, least=1e-9)
         rho = np.clip(v, -CLIPPED * usual, CLIPPED * usual) / stated
-        jacobian = gnss.jacobian[at].toarray()
-        predicted = jacobian @ system.solve(jacobian.T) / stated[:, None] / stated
-        P = (np.eye(len(at)) - predicted) / stated[:, None] / stated
-        moved = P @ signals[at]
+        jacobian, weight = gnss.jacobian[at], (stated**-2.0)[:, None]
+        heavy = weight * signals[at]
+        moved = heavy - weight * (jacobian @ system.solve(jacobian.T @ heavy))
         inverse = np.linalg.pinv(signals[at].T @ moved, rcond=1e-10, hermitian=True)
-        P = P - moved @ inverse @ moved.T
+        P = _weight(system, at).less(moved @ inverse, moved.T)
         rho = rho - moved @ inverse @ (signals[at].T @ rho)
         noise = _of_block(noise, P, rho, block)
     return noise
 
 
-def _of_block(noise: GnssNoise, P: np.ndarray, rho: np.ndarray, block: tuple) -> GnssNoise:
+def _weight(system: LinearSystem, at: np.ndarray) -> Weight:
+    """P of some antenna coordinates (n,) after all that the system estimates."""
+    gnss, made = system.gnss, {}
+
+    def part(rows: np.ndarray) -> np.ndarray:
+        key = rows.tobytes()
+        if key not in made:
+            stated = gnss.sigma.ravel()[at[rows]]
+            jacobian = gnss.jacobian[at[rows]].toarray()
+            predicted = jacobian @ system.solve(jacobian.T) / stated[:, None] / stated
+            made[key] = (np.eye(len(rows)) - predicted) / stated[:, None] / stated
+        return made[key]
+
+    return Weight(part, np.arange(len(at)))
+
+
+def _of_block(noise: GnssNoise, P: Weight, rho: np.ndarray, block: tuple) -> GnssNoise:
     """The noise with that of one flight and axis, of which P and rho are left."""
     rows, flight, axis = block
     stated, time = noise.stated[rows], np.sort(noise.time[rows // 3])
-    free = float(np.trace(P * stated**2))
+    parts = in_pieces(noise.time[rows // 3])
+    free = float(sum(P.part(at).toarray().diagonal() @ stated[at] ** 2 for at in parts))
     square = float(rho @ (stated**2 * rho))
     white = noise.white.copy()
     if free < ENOUGH_EPOCHS:

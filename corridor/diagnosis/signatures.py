@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from corridor.adjustment import Design, LinearSystem, Loss, Sets
 from corridor.diagnosis.candidates import make_groups
@@ -52,13 +51,9 @@ class Signatures:
         raw += gnss.jacobian.power(2).T @ self._weight
 
         eliminated = Elimination(e, None)
-        half, heavy, _ = eliminated.columns(e.core)
-        M = e.core.inside - half.T @ half
-        if heavy is not None:
-            M += e.core.antenna.T @ heavy
-        followed = solve_triangular(eliminated.factor, half, lower=True, trans="T")
+        M, _, _ = eliminated.core()
         # What poses and the model follow of each column: N_xx^-1 N_xb.
-        self._followed = followed * eliminated.unit[:, None]
+        self._followed = eliminated.following(e.core)
         self._first, self._core, self._unit = e.first, e.at, e.unit[e.at]
         size = np.sqrt(raw[e.at]) * self._unit
         self.names: list[str] = []

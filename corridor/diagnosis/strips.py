@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve
 
 from corridor.diagnosis.clusters import Influence
 from corridor.diagnosis.evidence import Evidence
@@ -87,7 +86,7 @@ def of_group(
         others = dict.fromkeys(rest, SETTINGS.free_size)
         _, theta, factor = evidence.model(others)
         across = np.concatenate([evidence.across(evidence.groups[k], group) for k in rest])
-        response = cho_solve(factor, across, check_finite=False)
+        response = factor.solve(across)
         core[np.concatenate([evidence.groups[k].columns for k in rest])] = -response
         M, g = M - across.T @ response, g - across.T @ theta
     score, inside = influence.by_cluster(core, strip)

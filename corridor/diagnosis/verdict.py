@@ -17,6 +17,7 @@ from corridor.diagnosis.control import Wrong
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.location import locate
+from corridor.diagnosis.reduced import Pieces
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.search import Found, contributions, tuned
 from corridor.diagnosis.settings import SETTINGS
@@ -152,7 +153,7 @@ def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None
     evidence, found = one.evidence, one.found
     group = evidence.groups[n]
     theta = theta * group.scale
-    sigma = formal = np.sqrt(np.diag(spread)) * group.scale
+    sigma = formal = np.sqrt(spread.diagonal()) * group.scale
     kind = _kind(one, n)
     if strips is not None:
         each = zip(formal, strips.sigma * group.scale, strict=True)
@@ -319,7 +320,8 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
             for name in names:
                 rows = [k for k, label in enumerate(group.labels) if label[1] == name]
                 own = M[np.ix_(rows, rows)]
-                power = np.sqrt(0.5 * np.sum(own**2))
+                square = own.square() if isinstance(own, Pieces) else np.sum(own**2)
+                power = np.sqrt(0.5 * square)
                 scale = group.scale[rows[0]]
                 mine[name] = (
                     float(np.sqrt(SETTINGS.detection_sigma / power) * scale)

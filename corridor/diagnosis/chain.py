@@ -1,0 +1,160 @@
+"""Cholesky factor of equations that hang together like a chain, with a border.
+
+    [ D0  C0'           ]
+    [ C0  D1  C1'       ]  and below all of it a border, which touches every link.
+    [     C1  D2  ...   ]
+
+Images of a corridor meet their neighbours only: blocks as long as a link reaches make their
+equations block tridiagonal. `adjustment.matrix` has them as a band, for few right sides; here there
+are thousands, each of a few images, and blocks let them be solved with where they are felt alone.
+Source: Golub and Van Loan 2013, "Matrix Computations", section 4.5.1 (block tridiagonal systems).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.sparse import csc_array, sparray
+
+# Images that a block holds at least: smaller ones are work for Python and not for BLAS.
+_FEWEST = 12
+# Length of what is left of a right side, in its own, below which the rest of the chain is rounding.
+FELT = 1e-11
+
+
+@dataclass
+class Half:
+    """L^-1 of some right sides: rows (r1 - r0, k) from r0 on, zero elsewhere, and of the border."""
+
+    first: int
+    rows: np.ndarray
+    border: np.ndarray
+
+    def dot(self, other: Half) -> np.ndarray:
+        """Products (k, other k): what the elimination takes away between right sides."""
+        first = max(self.first, other.first)
+        last = min(self.first + len(self.rows), other.first + len(other.rows))
+        out = self.border.T @ other.border
+        if first < last:
+            mine = self.rows[first - self.first : last - self.first]
+            out += mine.T @ other.rows[first - other.first : last - other.first]
+        return out
+
+
+class Chain:
+    """Factor of a matrix (n, n), symmetric, sparse, whose last `border` rows are the border.
+
+    ends: rows behind the last of each block. Raises LinAlgError where it is not positive definite.
+    """
+
+    def __init__(self, matrix: csc_array, ends: np.ndarray, border: int):
+        self.n, self.border = matrix.shape[0], border
+        inner = self.n - border
+        self.ends = ends = np.asarray(ends)
+        self.starts = np.concatenate([[0], ends[:-1]]).astype(np.int64)
+        self._own: list[np.ndarray] = []
+        self._next: list[np.ndarray] = []
+        for k, (start, end) in enumerate(zip(self.starts, ends, strict=True)):
+            after = ends[k + 1] if k + 1 < len(ends) else end
+            columns = matrix[:, start:end]
+            own = columns[start:end].toarray(order="F")
+            if k:
+                link = self._next[-1]
+                own -= link @ link.T
+            factor = cholesky(own, lower=True, check_finite=False, overwrite_a=True)
+            self._own.append(factor)
+            link = columns[end:after].toarray()
+            if link.size:
+                link = solve_triangular(factor, link.T, lower=True, check_finite=False).T
+            self._next.append(link)
+        edge = matrix[:, inner:]
+        self._edge = self._forward(edge[:inner].toarray())
+        inside = edge[inner:].toarray() - self._edge.T @ self._edge
+        self._inside = cholesky(inside, lower=True, check_finite=False) if border else inside
+
+    def half(self, right: np.ndarray) -> Half:
+        """L^-1 right for right (n, k)."""
+        inner = self.n - self.border
+        return self._with_border(0, self._forward(right[:inner].copy()), right[inner:])
+
+    def near(self, right: sparray) -> Half:
+        """L^-1 right for sparse right (n, k) of a part of the chain: what is felt of it."""
+        inner = self.n - self.border
+        right = csc_array(right)
+        inside = right.indices[right.indices < inner]
+        border = right[inner:].toarray()
+        if not len(inside):
+            return self._with_border(0, np.zeros((0, right.shape[1])), border)
+        begin = int(np.searchsorted(self.ends, inside.min(), side="right"))
+        last = int(np.searchsorted(self.ends, inside.max(), side="right"))
+        parts, length, before = [], np.zeros(right.shape[1]), None
+        for k in range(begin, len(self.ends)):
+            start, end = self.starts[k], self.ends[k]
+            own = right[start:end].toarray() if k <= last else np.zeros((end - start, len(length)))
+            if before is not None:
+                own -= self._next[k - 1] @ before
+            before = solve_triangular(
+                self._own[k], own, lower=True, check_finite=False, overwrite_b=True
+            )
+            parts.append(before)
+            square = np.einsum("ij,ij->j", before, before)
+            length += square
+            if k >= last and (square <= FELT**2 * length).all():
+                break
+        return self._with_border(int(self.starts[begin]), np.concatenate(parts), border)
+
+    def _with_border(self, first: int, rows: np.ndarray, border: np.ndarray) -> Half:
+        left = border - self._edge[first : first + len(rows)].T @ rows
+        if self.border:
+            left = solve_triangular(self._inside, left, lower=True, check_finite=False)
+        return Half(first, rows, left)
+
+    def _forward(self, right: np.ndarray) -> np.ndarray:
+        """In place."""
+        if not right.size:
+            return right
+        for k, start, end in self._blocks():
+            if k:
+                right[start:end] -= self._next[k - 1] @ right[self.starts[k - 1] : start]
+            right[start:end] = solve_triangular(
+                self._own[k], right[start:end], lower=True, check_finite=False
+            )
+        return right
+
+    def _blocks(self) -> Iterator[tuple[int, int, int]]:
+        return zip(range(len(self.ends)), self.starts.tolist(), self.ends.tolist(), strict=True)
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solution (n, k) for right (n, k)."""
+        half = self.half(right)
+        rows, border = half.rows, half.border
+        if self.border:
+            border = solve_triangular(self._inside, border, lower=True, trans=1, check_finite=False)
+            rows -= self._edge @ border
+        for k, start, end in reversed(list(self._blocks())):
+            if k + 1 < len(self.ends):
+                rows[start:end] -= self._next[k].T @ rows[end : self.ends[k + 1]]
+            rows[start:end] = solve_triangular(
+                self._own[k], rows[start:end], lower=True, trans=1, check_finite=False
+            )
+        return np.concatenate([rows, border])
+
+
+def block_ends(reach: np.ndarray) -> np.ndarray:
+    """Images behind the last of each block of a chain: each block meets its neighbours only.
+
+    reach (m,): the last image that each meets.
+    """
+    count = len(reach)
+    farthest = np.maximum.accumulate(np.maximum(reach, np.arange(count)))
+    ends = []
+    end = min(max(int(farthest[0]) + 1, _FEWEST), count) if count else 0
+    while end:
+        ends.append(end)
+        if end == count:
+            break
+        end = min(max(int(farthest[end - 1]) + 1, end + _FEWEST), count)
+    return np.array(ends, dtype=np.int64)

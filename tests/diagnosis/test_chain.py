@@ -1,0 +1,75 @@
+"""The factor of a chain of equations against dense algebra."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_array
+
+from corridor.diagnosis.chain import Chain, block_ends
+
+IMAGES, OWN, REACH, BORDER = 120, 3, 2, 4
+
+
+def chained(seed=0):
+    """Symmetric (n, n), images meeting the next two and a border; ends of the blocks."""
+    rng = np.random.default_rng(seed)
+    n = IMAGES * OWN
+    image = np.repeat(np.arange(IMAGES), OWN)
+    near = np.abs(np.subtract.outer(image, image)) <= REACH
+    A = np.zeros((n + BORDER,) * 2)
+    A[:n, :n] = np.where(near, rng.standard_normal((n, n)), 0.0)
+    A[n:, :n] = 0.3 * rng.standard_normal((BORDER, n))
+    A = A + A.T
+    A[np.diag_indices_from(A)] = np.abs(A).sum(axis=1) + 0.1
+    ends = block_ends(np.minimum(np.arange(IMAGES) + REACH, IMAGES - 1))
+    return A, ends * OWN
+
+
+@pytest.fixture(scope="module")
+def chain():
+    A, ends = chained()
+    assert len(ends) > 5
+    return A, Chain(csc_array(A), ends, BORDER)
+
+
+def test_solutions_are_those_of_the_dense_matrix(chain):
+    A, factor = chain
+    right = np.random.default_rng(1).standard_normal((len(A), 7))
+    assert factor.solve(right) == pytest.approx(np.linalg.solve(A, right), rel=1e-9, abs=1e-12)
+
+
+def test_halves_multiply_to_what_the_elimination_takes_away(chain):
+    A, factor = chain
+    rng = np.random.default_rng(2)
+    right = rng.standard_normal((len(A), 5))
+    some = np.zeros((len(A), 4))
+    some[90:99] = rng.standard_normal((9, 4))
+    some[-1] = 1.0
+    near, half = factor.near(csc_array(some)), factor.half(right)
+    inverse = np.linalg.inv(A)
+    assert near.dot(half) == pytest.approx(some.T @ inverse @ right, rel=1e-9, abs=1e-10)
+    assert near.dot(near) == pytest.approx(some.T @ inverse @ some, rel=1e-9, abs=1e-10)
+
+
+def test_a_right_side_of_few_images_is_solved_with_where_it_is_felt(chain):
+    A, factor = chain
+    some = np.zeros((len(A), 2))
+    some[90:93] = np.eye(3)[:, :2]
+    near = factor.near(csc_array(some))
+    assert near.first > 0
+    assert len(near.rows) < 0.6 * len(A)
+
+
+def test_a_matrix_that_is_none_of_a_variance_is_refused():
+    A, ends = chained()
+    A[7, 7] = -1.0
+    with pytest.raises(np.linalg.LinAlgError):
+        Chain(csc_array(A), ends, BORDER)
+
+
+def test_blocks_meet_their_neighbours_only():
+    """Reach of 20, then of 1: no block meets the one after the next."""
+    reach = np.minimum(np.arange(200) + np.where(np.arange(200) < 100, 20, 1), 199)
+    ends = block_ends(reach)
+    assert ends[-1] == 200 and (np.diff(ends) > 0).all()
+    block = np.searchsorted(ends, np.arange(200), side="right")
+    assert (block[reach] - block <= 1).all()
