@@ -11,7 +11,6 @@ import pandas as pd
 
 from corridor.block import POSE, Block
 from corridor.brief import brief
-from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
 from corridor.gnss import Local
 
@@ -72,7 +71,7 @@ def local_of(block: Block) -> Local | None:
 def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
     """Quaternions (n, 4) of rotations (n, 3, 3), world to camera, made exactly orthogonal.
 
-    Raises InputError where one is no rotation.
+    Raises ValueError where one is no rotation: who reads a file says which it is.
     """
     rotation = np.asarray(rotation, dtype=float).reshape(-1, 3, 3)
     u, singular, vt = np.linalg.svd(rotation)
@@ -80,9 +79,9 @@ def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
         row = int(np.argmax(np.abs(singular - 1).max(axis=1)))
         if np.abs(singular[row] - 1).max() <= 1e-3:
             row = int(np.argmax(np.linalg.det(rotation) < 0))
-        raise InputError(
-            f"the rotation of image {row + 1} of {len(rotation)} is no rotation (its rows are not "
-            "perpendicular unit vectors in a right-handed order); export the project again"
+        raise ValueError(
+            f"the rotation of image {row + 1} of {len(rotation)} is none: its rows are no "
+            "perpendicular unit vectors, right-handed"
         )
     return quaternion_from_rotation(u @ vt)
 

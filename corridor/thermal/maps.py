@@ -18,6 +18,7 @@ from corridor.report import whole_file
 from corridor.thermal.matching import Matcher, fault
 from corridor.thermal.series import another_size, read_series
 
+LEAST_SPAN_C = 1.0  # of temperatures, for a thermal model
 _MARK = "series.json"
 _METHOD = 1  # raise it when numbers change: an interrupted run must not mix two methods
 _ARRAYS = {
@@ -161,6 +162,12 @@ def measure(series, kept=None, progress: Callable[[int, int, str], None] | None 
             notes.append(f"picture {name} has no valid node: {found['trouble']}")
         if progress:
             progress(row + 1, count, name)
+    known = series.temperature_c[np.isfinite(series.temperature_c)]
+    if len(known) and np.ptp(known) < LEAST_SPAN_C:
+        notes.append(
+            f"series.csv: the temperatures span {np.ptp(known):.1f} C, and a thermal model needs "
+            f"{LEAST_SPAN_C:g} C at least: is temperature_c filled in for each picture?"
+        )
     if not valid[~series.reference].any() and not series.reference.all():
         raise InputError(f"no picture of the series can be matched to the reference: {notes[-1]}")
     return Maps(

@@ -12,13 +12,12 @@ import numpy as np
 
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.thermal import temperature
-from corridor.thermal.maps import Maps
+from corridor.thermal.maps import LEAST_SPAN_C, Maps
 from corridor.thermal.shapes import monomials, terms_of
 
 SCALE_C = 10.0
 _LEAST_PICTURES = 4
 _LEAST_FOR_PATTERN = 8  # pictures, to tell the reference's noise from theirs
-_LEAST_SPAN = 1.0  # C
 _LEAST_FOR_LAG = 8  # pictures
 _LEAST_TURN = 0.2  # of the range, met both while warming and while cooling
 _LEAST_SIGMA = 1e-4  # px: nothing is better known
@@ -91,10 +90,10 @@ def _usable(maps: Maps) -> tuple[np.ndarray, list[str]]:
     rows = np.flatnonzero(use)
     rows = rows[np.argsort(maps.time_s[rows], kind="stable")]
     span = float(np.ptp(warm[rows]))
-    if span < _LEAST_SPAN:
+    if span < LEAST_SPAN_C:
         raise AdjustmentFailed(
             f"the temperatures of the usable pictures span {span:.1f} C: a thermal model needs "
-            f"{_LEAST_SPAN:g} C at least, and 25 C to be good"
+            f"{LEAST_SPAN_C:g} C at least, and 25 C to be good"
         )
     return rows, notes
 

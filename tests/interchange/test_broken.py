@@ -151,6 +151,18 @@ def test_two_images_of_one_name_are_refused_naming_the_project(tmp_path):
     assert str(home) in str(refused.value)
 
 
+def test_an_image_whose_rotation_is_none_is_refused_naming_the_project(tmp_path):
+    from .small_projects import write_all
+
+    home = write_all(tmp_path)["bundler"]
+    lines = (home / "bundle.out").read_text().splitlines()
+    lines[3] = " ".join(str(0.5 * float(word)) for word in lines[3].split())
+    (home / "bundle.out").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match="the rotation of image 1 of") as refused:
+        read_project(home)
+    assert str(home) in str(refused.value)
+
+
 def test_damaged_files_give_no_traceback_and_no_silent_block():
     """120 random damages of ten formats; `slow` has a thousand."""
     outcomes = run(120, seed=7)

@@ -154,6 +154,12 @@ class TestMap:
         warm = read_maps(tmp_path / "a.npz").temperature_c
         assert np.isnan(warm[3]) and np.isfinite(np.delete(warm, 3)).all()
 
+    def test_one_temperature_of_all_pictures_is_told(self, small, tmp_path, capsys):
+        folder = copied(small, tmp_path / "same")
+        changed(folder, temperature_c=dict.fromkeys(range(9), "31.5"))
+        assert run("map", str(folder), "-o", str(tmp_path / "a.npz")) == 0
+        assert "series.csv: the temperatures span 0.0 C" in capsys.readouterr().err
+
     @pytest.mark.parametrize(
         ("grey", "word"), [(120, "texture"), (255, "saturated")], ids=["blank", "saturated"]
     )

@@ -278,8 +278,10 @@ def _similarity(element):
     rotation = element.values("rotation", 9).reshape(3, 3)
     translation = element.values("translation", 3)
     scale = element.value("scale")
-    # A rotation only: rotations_to_columns raises where it is none.
-    rotations_to_columns(rotation)
+    try:
+        rotations_to_columns(rotation)
+    except ValueError as error:
+        raise element.wrong(f"the transform: {error}") from None
     if not scale > 0:
         raise element.wrong(f"the transform's scale is {scale:g}; export it again")
     return scale, rotation, translation
@@ -379,7 +381,7 @@ def _poses(chunk, parts, notes):
         far.append(np.linalg.norm(shift))
         try:
             rotations_to_columns(matrix[:3, :3])
-        except InputError as error:
+        except ValueError as error:
             raise part.wrong(f"camera {part.get('label')!r}: {error}") from None
         centre[k] = scale * turn @ matrix[:3, 3] + shift
         rotation[k] = (turn @ matrix[:3, :3]).T

@@ -207,7 +207,7 @@ def _direction(element):
 def _camera_to_world(matrix, root):
     try:
         rotations_to_columns(matrix)
-    except InputError:
+    except ValueError:
         raise root.wrong(
             "the matrix is no rotation (its lines are not perpendicular unit vectors); export the "
             "orientation again"
