@@ -31,7 +31,7 @@ from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import make_problem
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
-from corridor.adjustment.warnings import implausible
+from corridor.adjustment.warnings import grave, implausible
 from corridor.geometry import Similarity, similarity
 
 __all__ = [
@@ -58,6 +58,7 @@ __all__ = [
     "check_table",
     "complete",
     "gnss_of_metres",
+    "grave",
     "implausible",
     "lay_on_control",
     "listed",

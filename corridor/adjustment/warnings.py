@@ -36,6 +36,15 @@ LONG_ARM_M = 5.0
 def warnings_of(adjustment: Adjustment) -> list[str]:
     """Sentences, the gravest first."""
     return [
+        *grave(adjustment),
+        *_insignificant(adjustment),
+        *_beside_a_diagnosis(adjustment),
+    ]
+
+
+def grave(adjustment: Adjustment) -> list[str]:
+    """Those of them that put the numbers in doubt."""
+    return [
         *_convergence(adjustment),
         *implausible(adjustment),
         *_inseparable(adjustment),
@@ -47,8 +56,6 @@ def warnings_of(adjustment: Adjustment) -> list[str]:
         *_clock(adjustment),
         *_fit(adjustment),
         *_outliers(adjustment),
-        *_insignificant(adjustment),
-        *_beside_a_diagnosis(adjustment),
     ]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from corridor import figures
+from corridor.adjustment import grave
 from corridor.change.explanation import SHOWN
 from corridor.change.export import write_gis
 from corridor.change.sentence import millimetres, remedies, verdict_sentence
@@ -263,7 +264,7 @@ def _adjusted(change: Change, most: int = 3) -> list[str]:
     found: dict[str, list[str]] = {}
     dates = ("First date", "Second date") if not change.asked.together else ("Both dates",)
     for date, one in zip(dates, change.final.adjustments, strict=False):
-        for sentence in one.warnings[:most]:
+        for sentence in grave(one)[:most]:
             found.setdefault(sentence, []).append(date)
     return [
         f"{'Both dates' if len(of) == 2 else of[0]}: {sentence}" for sentence, of in found.items()

@@ -32,8 +32,8 @@ def of_change(change: Change) -> dict[str, tuple[Figure, str]]:
         )
         out["profile"] = (
             change_profile(change.surface),
-            "The same along the corridor: the mean over its width, with the standard deviation of "
-            "a core point.",
+            "The same along the corridor: core points, the mean over its width, and the level of "
+            "detection of a single core point (95 %).",
         )
     if change.points is not None:
         out["points"] = (
@@ -141,13 +141,13 @@ def change_profile(surface: SurfaceChange, bins: int = 60) -> Figure:
         return np.bincount(which, value, minlength=len(edges) - 1)[filled] / count[filled]
 
     keys = [
-        style.key("core points", **style.dot(".", style.FAINT, 3.0)),
+        style.key("core points", **style.dot(".", style.QUIET, 3.0)),
         style.key("mean across", color=style.DARK, lw=1.4),
         style.key("level of detection of a core point, 95 %", color=style.LIGHT, lw=1.2, ls="--"),
     ]
     figure, panels = style.charts("change along the corridor", "", [3.0], keys=keys)
     axes = panels[0, 0]
-    axes.plot(station, change, zorder=1, **style.dot(".", style.FAINT, 2.0, line=0.0))
+    axes.plot(station, change, zorder=1, **style.dot(".", style.QUIET, 2.5, line=0.0))
     axes.plot(middle, mean(change), color=style.DARK, lw=1.4, zorder=4)
     limit = mean(1000 * surface.detection)
     for sign in (1, -1):

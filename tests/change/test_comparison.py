@@ -70,13 +70,14 @@ def test_a_date_that_does_not_converge_tells_nothing():
 
 
 def test_what_is_doubtful_about_a_date_is_told():
-    """Two image points exchanged leave outliers, of which the adjustment warns."""
+    """One image point in a hundred is 30 px off: the adjustment warns, and so does the change."""
     spoilt = flown(11)
-    spoilt.tie_points.loc[:40, "x"] += 30.0
+    spoilt.tie_points.loc[::100, "x"] += 30.0
     after = corridor.adjust(spoilt)
     found = corridor.change(adjusted(10), after, camera=False, same_ties=True, spacing=12.0)
-    assert after.warnings
-    assert f"Second date: {after.warnings[0]}" in corridor.change.of_change(found).warnings
+    told = [text for text in corridor.change.of_change(found).warnings if "Second date" in text]
+    assert told and all(text.removeprefix("Second date: ") in after.warnings for text in told)
+    assert any("outlier" in text or "robust sigmas" in text for text in told)
 
 
 def test_the_crest_of_a_dike_is_ground_and_a_wrong_match_is_none():
