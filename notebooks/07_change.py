@@ -126,7 +126,7 @@ shown.round(1).reset_index(drop=True)
 #
 # ## 3. A settlement that is one
 #
-# The camera behaves. A bowl of 30 mm, 15 m wide, forms under the crest. Guess: which of all the
+# The camera behaves. A bowl of 30 mm, 30 m wide, forms under the crest. Guess: which of all the
 # core points will be called moved, and does any of the others join them by chance?
 
 # %%

@@ -75,9 +75,8 @@ def _moved(change: Change) -> str:
         way = "sank" if z < 0 else "rose"
         return (
             f"The ground moved: it {way} by {millimetres(abs(z), surface.total[k])} at station "
-            f"{surface.cores.station[k]:.0f} m, {abs(surface.cores.across[k]):.0f} m to the "
-            f"{'left' if surface.cores.across[k] >= 0 else 'right'}; {100 * share:.0f} % of the "
-            "surface moved significantly."
+            f"{surface.cores.station[k]:.0f} m, {_aside(surface.cores.across[k])}; "
+            f"{100 * share:.0f} % of the surface moved significantly."
         )
     if points is not None and points.moved.any():
         k = int(np.argmin(np.where(points.moved, points.probability, 2.0)))
@@ -92,6 +91,13 @@ def _moved(change: Change) -> str:
         "The ground moved: the change as a whole is beyond what its errors and every effect of the "
         "camera explain, though no single place is significant by itself."
     )
+
+
+def _aside(across: float) -> str:
+    """Where across the corridor, m."""
+    if abs(across) < 0.5:
+        return "on its axis"
+    return f"{abs(across):.0f} m to the {'left' if across > 0 else 'right'}"
 
 
 def _camera(change: Change) -> str:
