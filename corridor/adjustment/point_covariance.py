@@ -187,7 +187,7 @@ def make_point_covariance(d):
         q = shared.shape[0]
         work, gained = make_room(longest, d, scene.columns.wide, q)
         kc, kb = gained.own, gained.shared
-        sums = np.zeros((3, 3))
+        sums, moved = np.zeros((3, 3)), np.zeros((d, 3))
         for p in range(first, last):
             start = observations.start[p]
             m = observations.start[p + 1] - start
@@ -213,22 +213,32 @@ def make_point_covariance(d):
                             total -= kb[b, x] * shared[b, c] * kb[c, w]
                     sums[x, w] = total
             for k in range(m):
-                for n in range(k, m):
-                    i, j = img[start + k], img[start + n]
-                    at = block_offset(i, j, i, d, known.near)
+                i = img[start + k]
+                # Q K_c of the rays from this one on, half of its own: what follows is symmetric.
+                for c in range(d):
+                    moved[c, 0], moved[c, 1], moved[c, 2] = 0.0, 0.0, 0.0
+                at = block_offset(i, i, i, d, known.near)
+                for c in range(d):
+                    entry = 0.5 * near[at + U(c * stride + c)]
+                    for x in range(3):
+                        moved[c, x] += entry * kc[k, c, x]
+                    for e in range(c):
+                        entry = near[at + U(e * stride + c)]
+                        for x in range(3):
+                            moved[c, x] += entry * kc[k, e, x]
+                for n in range(k + 1, m):
+                    at = block_offset(i, img[start + n], i, d, known.near)
                     for c in range(d):
                         for e in range(d):
-                            if k == n:
-                                lower, upper = max(c, e), min(c, e)
-                                entry = near[at + U(upper * stride + lower)]
-                            else:
-                                entry = near[at + U(c * stride + e)]
+                            entry = near[at + U(c * stride + e)]
                             for x in range(3):
-                                for w in range(3):
-                                    term = entry * kc[k, c, x] * kc[n, e, w]
-                                    sums[x, w] += term
-                                    if k != n:
-                                        sums[w, x] += term
+                                moved[c, x] += entry * kc[n, e, x]
+                for c in range(d):
+                    for x in range(3):
+                        for w in range(3):
+                            term = kc[k, c, x] * moved[c, w]
+                            sums[x, w] += term
+                            sums[w, x] += term
             out[p, 0] = n00 + sums[0, 0]
             out[p, 1] = n10 + sums[1, 0]
             out[p, 2] = n11 + sums[1, 1]
