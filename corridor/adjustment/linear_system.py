@@ -483,6 +483,10 @@ class LinearSystem:
         ]
         return csc_array(block_array(blocks))
 
+    def let_go(self) -> None:
+        """Forget N, which is made anew where it is asked for: it grows to hundreds of megabytes."""
+        self.__dict__.pop("matrix", None)
+
     @property
     def _cross(self) -> np.ndarray:
         p = self.problem

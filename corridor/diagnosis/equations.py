@@ -124,9 +124,18 @@ def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
     more = np.concatenate([columns.pose[:, :0], *believed], axis=1)
     first = np.concatenate([columns.pose.ravel(), more.ravel(), nuisance]).astype(int)
 
-    def part(rows: np.ndarray, others: np.ndarray) -> csc_array:
-        inside = matrix[rows][:, others]
-        return csc_array(diags_array(unit[rows]) @ inside @ diags_array(unit[others]))
+    blocks = list(own.values())
+    order = np.concatenate([first, core, *blocks])
+    scale = diags_array(unit[order])
+    matrix = csc_array(scale @ matrix[order][:, order] @ scale)
+    # Of thousands of images it weighs too much to be there twice.
+    system.let_go()
+    ends = np.cumsum([0, *map(len, (first, core, *blocks))]).tolist()
+    spans = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    whole, shared, of_images = spans[0], spans[1], spans[2:]
+
+    def part(rows: slice, others: slice) -> csc_array:
+        return csc_array(matrix[:, others][rows])
 
     def with_gnss(at: np.ndarray) -> csr_array:
         return csr_array(jacobian[:, at] @ diags_array(unit[at]))
@@ -135,32 +144,33 @@ def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
     owner = np.concatenate(
         [np.repeat(images, 6), np.repeat(images, more.shape[1]), np.full(len(nuisance), -1)]
     )
-    blocks = list(own.values())
     nothing_holds = not len(system.gnss.names) and len(system.control_names) < 3
     return Equations(
         system=system,
-        matrix=part(first, first),
+        matrix=part(whole, whole),
         right=right[first],
         jacobian=with_gnss(first),
         core=Columns(
-            part(first, core).toarray(),
-            part(core, core).toarray(),
+            part(whole, shared).toarray(),
+            part(shared, shared).toarray(),
             right[core] * unit[core],
             with_gnss(core).toarray(),
             columns.value[core] / unit[core],
         ),
         own=[
             Columns(
-                part(first, at),
-                part(at, at),
+                part(whole, span),
+                part(span, span),
                 right[at] * unit[at],
                 with_gnss(at),
                 columns.value[at] / unit[at],
             )
-            for at in blocks
+            for at, span in zip(blocks, of_images, strict=True)
         ],
-        between=[part(at, core).toarray() for at in blocks],
-        mutual={(i, j): part(blocks[i], blocks[j]) for j in range(len(blocks)) for i in range(j)},
+        between=[part(span, shared).toarray() for span in of_images],
+        mutual={
+            (i, j): part(of_images[i], of_images[j]) for j in range(len(blocks)) for i in range(j)
+        },
         groups=groups,
         owner=owner,
         first=first,
