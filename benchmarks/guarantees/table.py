@@ -56,7 +56,6 @@ EXIF, other sigmas that are plausible, another plan.
 
 ## What is known not to hold
 
-- `thermal fit` takes maps of which one axis was scaled for a lens that does so.
 - `gnss` takes one epoch that is off by less than a drone can move for a movement of the drone.
 - `readout led`: one picture in a hundred is off by four of its sigmas, where unresolved edges of
   the stripes fall on their rows.

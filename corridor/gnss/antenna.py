@@ -170,6 +170,8 @@ def antenna(
     refused = made.table.loc[~good, ["time_s", "why"]].reset_index(drop=True)
     refused.insert(0, "image", names.to_numpy()[~good])
     notes = (*track.notes, *exposures.notes, *alignment.notes, *made.notes)
+    near = exposures.too_near()
+    notes += (near,) if near else ()
     if exposures.resolution_s:
         notes += (_of_resolution(exposures, made),)
     return Antenna(

@@ -4,10 +4,14 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from corridor.brief import brief
 from corridor.errors import InputError
+
+# Share of the usual interval that no camera undercuts; of the intervals of which that is a slip.
+_NEAR, _FEW = 0.01, 0.02
 
 
 @brief
@@ -33,6 +37,23 @@ class Exposures:
     source: Path
     notes: tuple[str, ...] = ()
     resolution_s: float | None = None
+
+    def too_near(self) -> str | None:
+        """A sentence where two exposures are nearer in time than any camera can take them.
+
+        Of a rig of cameras that fire together many are; where few are, a time is wrong.
+        """
+        known = self.table["time_s"].dropna().sort_values(kind="stable")
+        step = np.diff(known.to_numpy(float))
+        near = np.flatnonzero(step < _NEAR * np.median(step)) if len(step) > 2 else []
+        if not len(near) or len(near) > max(_FEW * len(step), 1):
+            return None
+        names = self.table["image" if "image" in self.table else "number"]
+        one, other = (names.loc[known.index[near[0] + k]] for k in (0, 1))
+        return (
+            f"{self.source.name}: {one} and {other} are {step[near[0]]:.4f} s apart, others "
+            f"{np.median(step):.3g} s: is one of their times wrong?"
+        )
 
     def named(self, images: list[str]) -> "Exposures":
         """With the column `image`: each number is looked for in the names of image files.

@@ -23,6 +23,7 @@ from corridor.thermal.sums import SCALE_C, Solved, Sums
 _MOST_POWERS = 3
 _BLOCKS = 6
 _MOST_STEPS = 3
+_STRETCH = 0.2  # of the growth: a difference of the axes that is told
 _LEAST_STEP = 0.03  # px: a smaller jump of the tripod does not matter
 
 
@@ -234,6 +235,8 @@ def _model(sums, solved: Solved, lag, lag_sigma, notes) -> ThermalModel:
     rms, misfit = _misfit(sums, solved)
     inside = felt[sums.rows]
     covariance = solved.inverse[used, used] * _design_effect(sums, solved)
+    stretched = _stretched(sums, solved, covariance)
+    notes += (stretched,) if stretched else ()
     return ThermalModel(
         kind=solved.kind, width=maps.width, height=maps.height, t0_c=t0,
         range_c=(float(min(inside.min(), t0)), float(max(inside.max(), t0))), dx=dx, dy=dy,
@@ -242,6 +245,27 @@ def _model(sums, solved: Solved, lag, lag_sigma, notes) -> ThermalModel:
         terms=terms.reshape(k, 2, sums.order, sums.order), covariance=covariance,
         beyond_px_c=_beyond(sums, solved, lag or 0.0, inside, t0),
     )  # fmt: skip
+
+
+def _stretched(sums, solved, covariance) -> str | None:
+    """A sentence where the middle of the picture grows otherwise in x than in y.
+
+    A lens and what holds it warm up about an axis: their picture grows alike.
+    """
+    terms = sums.projected(solved.kind)[1]
+    k, order = len(terms), sums.order
+    across = np.stack([terms[:, 0, order], terms[:, 1, 1]])  # X of x, Y of y
+    growth = across @ solved.amplitude[0]
+    apart = across[0] - across[1]
+    sigma = float(np.sqrt(max(apart @ covariance[:k, :k] @ apart, 0.0)))
+    off = abs(growth[0] - growth[1])
+    if off <= max(_STRETCH * np.abs(growth).max(), 6.0 * sigma):
+        return None
+    x, y = 1e6 * growth / (sums.scale_px * SCALE_C)
+    return (
+        f"the middle of the picture grows by {x:.1f} ppm a degree in x and {y:.1f} in y, which a "
+        "lens does alike: are the axes or the units of the maps mixed up?"
+    )
 
 
 def _misfit(sums, solved) -> tuple[float, float]:

@@ -7,6 +7,8 @@ from turbulent_flight import fly, observed
 
 from corridor.errors import InputError
 from corridor.gnss import interpolate
+from corridor.gnss.interpolation import segments
+from corridor.gnss.interpolation.wild_epochs import wild_epochs
 
 SXYZ = ["sx", "sy", "sz"]
 
@@ -82,6 +84,28 @@ class TestBySigmaNotByTheGap:
         table = interpolate(track, np.array([30.0, 60.0, 90.0])).table
         assert (table["why"] == "").tolist() == [True, False, True]
         assert table.loc[[0, 2], "sx"].max() < 0.02
+
+    def test_one_epoch_where_no_drone_can_be_is_left_out_and_told(self):
+        """Half of its height, with the sigma of all others; images nearby are as good as before."""
+        track, at = steady(), np.array([30.05, 49.93, 50.0, 50.1, 70.0])
+        whole = interpolate(track, at).table
+        track.loc[250, "z"] /= 2
+        found = interpolate(track, at)
+        assert any("at 50.000 s lies 40.0 m beside the line" in note for note in found.notes)
+        assert found.table["z"].to_numpy() == pytest.approx(whole["z"].to_numpy(), abs=0.02)
+        assert (found.table["sz"] < 0.02).all()
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_no_epoch_of_a_storm_or_of_coarse_fixes_is_left_out(self, seed):
+        storm = observed(fly(seed, gust=0.5), seed, interval=0.2)
+        coarse = steady(sigma=1.5, seed=seed).drop(columns=SXYZ)
+        for track in (storm, coarse):
+            assert wild_epochs(track, segments(track)) == {}
+
+    def test_a_track_that_jumps_keeps_all_its_epochs(self):
+        track = steady()
+        track.loc[250:, "x"] += 30.0
+        assert wild_epochs(track, segments(track)) == {}
 
     def test_one_single_epoch_among_fixes_does_no_harm(self):
         track = steady()

@@ -49,6 +49,15 @@ def test_clocks_that_do_not_meet_are_refused_not_stretched(flown):
         of_block(block)
 
 
+def test_two_images_that_are_too_near_in_time_are_told(flown):
+    block = flown[0].copy()
+    assert not any("apart" in note for note in of_block(block).notes)
+    time = block.images["time_s"].to_numpy(copy=True)
+    time[7] = time[0] + 0.004
+    block.images = block.images.assign(time_s=time)
+    assert any("are 0.0040 s apart, others" in note for note in of_block(block).notes)
+
+
 def test_the_command_adjusts_with_them_and_says_so(flown, tmp_path, capsys):
     block, _ = flown
     block.write(tmp_path / "block")

@@ -48,6 +48,14 @@ class TestTerms:
         assert after.dx == pytest.approx(before.dx, abs=1e-7)
         assert after.covariance == pytest.approx(before.covariance, rel=1e-4, abs=1e-12)
 
+    def test_axes_that_are_mixed_up_are_told(self):
+        model = simple_model(WIDTH, HEIGHT, scale=(13.7e-6,), radial=(0.002,))
+        maps = mapped(warm_and_cool(30), model)
+        said = "in x and -13.7 in y, which a lens does alike"
+        for wrong in (replace(maps, dy=-maps.dy), replace(maps, y=maps.y[::-1])):
+            assert any(said in one for one in fit(wrong).model.warnings)
+        assert not any("alike" in one for one in fit(maps).model.warnings)
+
     def test_a_square_of_temperature_is_found(self, true):
         assert len(fit(mapped(warm_and_cool(), true)).model.dx) == 2
 

@@ -9,6 +9,7 @@ from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.gnss.interpolation import polynomials, regimes, smoother
 from corridor.gnss.interpolation.segments import GAP_S, segments
+from corridor.gnss.interpolation.wild_epochs import wild_epochs
 
 METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
 # A position of 10 cm beside ones of 2 cm has a twenty-fifth of their weight: it can no longer
@@ -93,6 +94,11 @@ def interpolate(
     times = np.asarray(times, dtype=float).reshape(-1)
     pieces = segments(track, gap_s)
     notes: list[str] = []
+    wild = wild_epochs(track, pieces)
+    if wild:
+        notes.append(_of_wild(track, wild))
+        track = track.drop(track.index[list(wild)]).reset_index(drop=True)
+        pieces = segments(track, gap_s)
     epochs = _epochs(track, velocities and method == "smoother", notes)
     piece, why = _pieces_of(times, pieces, flight)
     position, sigma, velocity, v_sigma = (np.full((len(times), 3), np.nan) for _ in range(4))
@@ -132,6 +138,15 @@ def interpolate(
         else pd.DataFrame(columns=["time_s", *_POSITION, *_SIGMA, "segment"], dtype=float)
     )
     return Interpolated(table, pieces, found, curve, method, max_sigma, tuple(notes))
+
+
+def _of_wild(track: pd.DataFrame, wild: dict[int, float]) -> str:
+    worst = max(wild, key=wild.get)
+    many = f"{len(wild)} epochs are" if len(wild) > 1 else "1 epoch is"
+    return (
+        f"{many} left out of the track: that at {track['time_s'].iloc[worst]:.3f} s lies "
+        f"{wild[worst]:.1f} m beside the line between its neighbours, where no drone can have been"
+    )
 
 
 def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.Epochs:
