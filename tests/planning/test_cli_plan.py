@@ -168,7 +168,7 @@ def test_with_change_it_also_says_where_a_change_would_be_seen(plan, tmp_path, c
     tight = ["plan", str(plan), "--as-given", "--control", "3", "--change", "--gnss-sigma", "1,1,1"]
     assert main([*tight, "--bias-sigma", "0.5", "-o", str(tmp_path / "b")]) == 0
     biased = pd.read_csv(tmp_path / "b" / "detection.csv")
-    assert biased["sigma_m"].median() > table["sigma"].median()
+    assert biased["sigma_m"].median() > table["sigma_m"].median()
 
 
 def test_a_carried_camera_has_no_level_of_detection(plan, tmp_path, capsys):
