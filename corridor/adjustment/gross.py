@@ -108,7 +108,7 @@ def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block
     if not len(rows):
         return out
     shown = [
-        f"{block.where('gnss', k)}: image {block.gnss['image'].iloc[k]}, {far[k]:,.0f} m off"
+        f"{block.where('gnss', k)}: image {block.gnss['image'].iloc[k]}, {_metres(far[k])} off"
         for k in rows[:_NAMED]
     ]
     notes.append(_told(rows, "GNSS position", "far from where the others put the image", shown))
@@ -139,7 +139,7 @@ def _ground(
     if told or not len(rows):
         return out
     shown = [
-        f"{block.where('ground', used[k])}: {names[k]} ({roles[used[k]]}), {far[k]:,.0f} m off"
+        f"{block.where('ground', used[k])}: {names[k]} ({roles[used[k]]}), {_metres(far[k])} off"
         for k in rows[:_NAMED]
     ]
     slip = "" if set(rows) <= set(np.ravel(pairs)) else _SLIP
@@ -228,6 +228,10 @@ def _far(away: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
     usual = robust_scale(length[known], least=1e-9)
     rows = np.flatnonzero(length > max(_SIGMAS * usual, _OF_HEIGHT * height))
     return (rows if len(rows) <= max(_MOST * len(away), 1.0) else rows[:0]), length
+
+
+def _metres(length: float) -> str:
+    return f"{length:,.0f} m" if length < 1e9 else f"{length:.0e} m"
 
 
 def _own(out: Block, block: Block) -> Block:

@@ -31,7 +31,7 @@ class Summary:
     missing: files and optional columns that are absent or wholly unknown, such as
         `images.time_s`, `gnss` or `camera.readout_s`.
     untestable: what was handed in as `needs` and lacks a column -> the missing columns.
-    extent: "cameras", "points", "ground" -> ((x, y, z) min, (x, y, z) max), m.
+    extent: "cameras", "points", "ground", "GNSS" -> ((x, y, z) min, (x, y, z) max), m.
     gsd_m: median of depth / f over the observations, m; None without poses and points.
     cameras: one dict a camera: name, width, height, f, pixel_um, readout_s, calibrated, images.
     notes: one sentence each.
@@ -218,6 +218,7 @@ def summarise(block, needs: Mapping[str, Iterable[str]]) -> Summary:
         "cameras": pose[posed, :3],
         "points": start[["x", "y", "z"]].to_numpy(),
         "ground": block.ground[["x", "y", "z"]].to_numpy(),
+        "GNSS": block.gnss[["x", "y", "z"]].to_numpy(),
     }
     summary = Summary(
         name=block.name,

@@ -39,6 +39,7 @@ class Diagnosis:
     used: what `after` has more than `before`, by slug (`slug.point` for a control point): of
     effects that cannot be told apart, one. rivals: error with each of the others, over that with
     the one that was found, of `check` points and of held-out `tie` points.
+    doubts: what is probably a mistake in the block, seen at first sight; among the notes too.
     required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
     """
 
@@ -54,6 +55,7 @@ class Diagnosis:
     alarms: list[dict]
     lens: dict | None = None
     notes: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
     seconds: float = 0.0
     used: list[str] = field(default_factory=list)
     rivals: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -155,7 +157,8 @@ def diagnose(
         model, camera=camera, effects=effects, control=control, check=check, priors=priors
     )
     block, left_out = sound_part(block, model, strict)
-    notes = [*doubts(block), *left_out, *notes]
+    doubtful = doubts(block)
+    notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, threads, max_iterations)
     # Matrices are many and small: threads would wait for each other.
     with threadpool_limits(1):
@@ -185,12 +188,14 @@ def diagnose(
         lens=held.lens,
         alarms=[*variance_alarms(last.equations), *outlier_clusters(last.adjustment)],
         notes=[
+            *doubtful,
             *implausible(before),
             *course.notes,
             *course.impossible.values(),
             *notes,
             *held.notes,
         ],
+        doubts=doubtful,
         seconds=time.perf_counter() - began,
         used=used,
         rivals=held.rivals,

@@ -118,6 +118,12 @@ class TestAnswer:
         assert "`corridor adjust BLOCK --effect rolling_shutter -o OUT2`" in diagnosis.actions[0]
         assert diagnosis.to_dict()["actions"] == diagnosis.actions
 
+    def test_what_is_probably_a_mistake_in_the_block_comes_first(self, diagnosis, monkeypatch):
+        monkeypatch.setattr(diagnosis, "doubts", ["gnss.csv has x and y exchanged.", "other"])
+        first, *others = diagnosis.actions
+        assert first.startswith("Correct the block first") and first.endswith("y exchanged.")
+        assert len(others) <= 2
+
     def test_a_wrong_control_point_is_to_be_surveyed_again(self, diagnosis, monkeypatch):
         axes = [{"name": "x", "value": 0.06, "sigma": 0.004, "unit": "m"}]
         one = Estimate("control_blunder", "named", 9.0, axes, where={"point": "P7"})

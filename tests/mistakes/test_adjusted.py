@@ -46,7 +46,9 @@ ADJUSTED = {
         0, "each lies where the other was surveyed", "",
     ),
     "a wild tie point": (cell("tie_points", 40, "x", 10), 0, "tie_points.csv, row 42", ""),
-    "a wild GNSS position": (cell("gnss", 7, "x", 1e20), 0, "gnss.csv, row 9: image F", ""),
+    "a wild GNSS position": (
+        cell("gnss", 7, "x", 1e20), 0, r"gnss.csv, row 9: image F\S+, \de\+21 m off", ""
+    ),
     "a wild height": (
         table("ground", lambda f: f.assign(z=np.where(f.index == 1, f["z"] + 800, f["z"]))),
         0, r"ground.csv, row 3: G02 \(c\w+\), \d+ m off", "",

@@ -14,10 +14,26 @@ def actions(d: Diagnosed) -> list[str]:
 
     BLOCK is the folder that was diagnosed, OUT the one that the diagnosis was written to.
     """
-    steps = [*_surveyed(d), *_added(d), *_told_apart(d), *_looked_at(d), *_waited(d)]
+    steps = [
+        *_corrected(d),
+        *_surveyed(d),
+        *_added(d),
+        *_told_apart(d),
+        *_looked_at(d),
+        *_waited(d),
+    ]
     if not steps:
         steps = _accurate_enough(d)
-    return [f"{step}." for step in [*steps, *_handed_in(d)][:MOST]]
+    steps = [*steps, *_handed_in(d)][:MOST]
+    return [step if step.endswith("?") else f"{step}." for step in steps]
+
+
+def _corrected(d: Diagnosed) -> list[str]:
+    """What is probably a mistake in the block: as long as it stands, all else may follow from it."""
+    return [
+        f"Correct the block first, what was found may come from it alone: {doubt.rstrip('.')}"
+        for doubt in d.doubts[:1]
+    ]
 
 
 def _surveyed(d: Diagnosed) -> list[str]:

@@ -26,6 +26,7 @@ class Diagnosed(Protocol):
     alarms: list[dict]
     lens: dict | None
     notes: list[str]
+    doubts: list[str]
     used: list[str]
     rivals: dict[str, dict[str, float]]
     level: float
