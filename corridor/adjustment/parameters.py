@@ -85,7 +85,7 @@ def parameters_of(adjustment: Adjustment) -> Parameters:
     out = []
     for row in adjustment.camera.itertuples(index=False):
         begun = p.block.cameras[row.camera][row.parameter]
-        unit = "px" if row.parameter in ("f", "cx", "cy") else ""
+        unit = row.unit
         which = ParameterId(CAMERA, row.camera, row.parameter)
         out.append(found(which, row.value, row.sigma, unit, row.free, begun))
     for row in adjustment.lever_arm.itertuples(index=False):

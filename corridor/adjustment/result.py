@@ -29,6 +29,7 @@ from corridor.geometry import (
 from corridor.report import with_units
 
 HIGH = 0.95
+_IN_PIXELS = ("f", "cx", "cy")
 _CHECKED = "dx dy dz sx sy sz"
 
 
@@ -211,7 +212,7 @@ class Adjustment(Checked):
 
     @cached_property
     def camera(self) -> pd.DataFrame:
-        """Interior parameters of each camera; sigma 0 where held."""
+        """Interior parameters of each camera with their units; sigma 0 where held."""
         rows = []
         for c, name in enumerate(self.problem.images.camera_names):
             free = self.problem.free[name]
@@ -219,8 +220,10 @@ class Adjustment(Checked):
                 value = float(self.state.interior[c, k])
                 sigma = self._sigma_of("camera", name, (c, k))
                 if parameter in free or value != 0.0 or k < 3:
-                    rows.append((name, parameter, value, sigma, parameter in free))
-        return pd.DataFrame(rows, columns=["camera", "parameter", "value", "sigma", "free"])
+                    unit = "px" if parameter in _IN_PIXELS else ""
+                    rows.append((name, parameter, value, sigma, unit, parameter in free))
+        columns = ["camera", "parameter", "value", "sigma", "unit", "free"]
+        return pd.DataFrame(rows, columns=columns)
 
     @cached_property
     def values(self) -> Values:

@@ -79,3 +79,7 @@ class _Callable(ModuleType):
 
 
 sys.modules[__name__].__class__ = _Callable
+
+
+def __dir__():
+    return sorted(__all__)

@@ -8,3 +8,7 @@ from corridor.data.fetch import fetch
 from corridor.data.register import DataSet, register, table
 
 __all__ = ["DataSet", "fetch", "register", "table"]
+
+
+def __dir__():
+    return sorted(__all__)

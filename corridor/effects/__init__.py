@@ -60,3 +60,7 @@ __all__ = [
     "summary",
     "take_out",
 ]
+
+
+def __dir__():
+    return sorted(__all__)

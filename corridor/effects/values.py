@@ -308,7 +308,8 @@ def _stated(effect: Effect, block: Block) -> Mapping:
         names = ", ".join(f"{p.name}=..." for p in effect.parameters(block)[:3])
         raise InputError(
             f"effect {effect.slug} needs values, the block states none: write "
-            f"{effect.slug}:{names}, or take them from an adjustment"
+            f"{effect.slug}:{names}, or take them from an adjustment (--from OUT/adjustment.json; "
+            "in Python, its `values`)"
         )
     return stated
 

@@ -66,3 +66,7 @@ __all__ = [
     "thermal_parameters",
     "track",
 ]
+
+
+def __dir__():
+    return sorted(__all__)

@@ -55,3 +55,7 @@ __all__ = [
     "segments",
     "to_local",
 ]
+
+
+def __dir__():
+    return sorted(__all__)

@@ -68,7 +68,11 @@ class Planned:
         block.ground = block.ground.assign(role=role)[kept].reset_index(drop=True)
         return block
 
-    __str__ = __repr__ = as_text
+    def __repr__(self) -> str:
+        sets, first = len(self.flown), self.advice.partition("; ")[0].partition(". ")[0]
+        return f"Plan of {sets} flight set{'s' * (sets > 1)}: {first.rstrip('.')}"
+
+    __str__ = as_text
     _repr_html_ = as_html
 
     def save(self, folder: str | os.PathLike) -> list[Path]:

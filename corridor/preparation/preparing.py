@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import copy
+import os
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
+from corridor.block import Block, read
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.gnss import Antenna, of_block
 from corridor.preparation.record import Derived, derived, record
@@ -30,9 +31,10 @@ class Prepared(NamedTuple):
     notes: list[str]
 
 
-def prepare(block: Block) -> Prepared:
+def prepare(block: Block | str | os.PathLike) -> Prepared:
     """The block with antenna positions, velocities, flights and angular rates it can tell itself.
 
+    block: as read, or its folder.
     Antenna positions: from track.csv where there is no gnss.csv. Velocities vx, vy, vz with their
     sigmas svx, svy, svz (m/s, world): by the smoother of `corridor.gnss`, from track.csv, else
     gnss.csv, else the poses of images.csv; a drone that brakes or turns between two positions has
@@ -45,6 +47,7 @@ def prepare(block: Block) -> Prepared:
     was measured; preparing twice changes nothing. Missing columns never stop it.
     Raises InputError where track.csv contradicts the images: other clock, single positions alone.
     """
+    block = read(block)
     made, notes = copy.copy(block), []
     made.extra = copy.deepcopy(block.extra)
     known = np.isfinite(made.column("images", "time_s"))

@@ -90,6 +90,11 @@ def simulate(
     """
     plan = plan if isinstance(plan, Plan) else read_plan(plan)
     say = progress or (lambda what, share: None)
+    if effects is not None and not isinstance(effects, Mapping):
+        raise InputError(
+            f"effects = {effects!r}: give values by slug and parameter, as in "
+            "{'rolling_shutter': {'readout': 0.03}}"
+        )
     added = {**plan.effects, **(effects or {})}
     if not isinstance(seed, numbers.Integral) or seed < 0:
         raise InputError(f"seed = {seed!r} is not a whole number from 0")

@@ -42,6 +42,10 @@ CALLS = {
     ),
     "a plan that is none": (lambda block: corridor.simulate("thesis_50vz"), "did you mean"),
     "a plan that is a dictionary": (lambda block: corridor.simulate({}), "plan"),
+    "effects that are a name": (
+        lambda block: corridor.simulate("thesis_50vt", "rolling_shutter"), "by slug and parameter"
+    ),
+    "a preparation of no folder": (lambda block: corridor.prepare("nowhere"), "no such folder"),
     "a plan that is a block": (lambda block: corridor.plan(block), "block|plan"),
     "a camera of numbers": (
         lambda block: corridor.Camera("phone", 1600, 1200, 1500.0), "Camera.from_table"
@@ -75,6 +79,19 @@ def test_a_block_is_as_good_as_its_folder(sound):
     block = corridor.read(sound)
     assert corridor.read(block) is block
     assert repr(corridor.summary(block)) == repr(corridor.summary(sound))
+
+
+def test_a_preparation_takes_a_folder(sound):
+    assert corridor.prepare(sound).derived == corridor.prepare(corridor.read(sound)).derived
+
+
+@pytest.mark.parametrize(
+    "room", ["change", "data", "effects", "figures", "gnss", "readout", "thermal"]
+)
+def test_a_room_shows_what_it_offers(room):
+    room = getattr(corridor, room)
+    assert dir(room) == sorted(room.__all__)
+    assert all(hasattr(room, name) for name in room.__all__)
 
 
 @pytest.fixture(scope="module")

@@ -29,7 +29,7 @@ def actions(d: Diagnosed) -> list[str]:
 
 
 def _corrected(d: Diagnosed) -> list[str]:
-    """What is probably a mistake in the block: as long as it stands, all else may follow from it."""
+    """What is probably a mistake in the block: all that was found may follow from it."""
     return [
         f"Correct the block first, what was found may come from it alone: {doubt.rstrip('.')}"
         for doubt in d.doubts[:1]
