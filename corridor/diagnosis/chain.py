@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.sparse import csc_array, sparray
+from scipy.sparse import csc_array, csr_array, sparray
 
 # Images that a block holds at least: smaller ones are work for Python and not for BLAS.
 _FEWEST = 12
@@ -83,8 +83,8 @@ class Chain:
     def near(self, right: sparray) -> Half:
         """L^-1 right for sparse right (n, k) of a part of the chain: what is felt of it."""
         inner = self.n - self.border
-        right = csc_array(right)
-        inside = right.indices[right.indices < inner]
+        right = csr_array(right)
+        inside = np.flatnonzero(np.diff(right.indptr)[:inner])
         border = right[inner:].toarray()
         if not len(inside):
             return self._with_border(0, np.zeros((0, right.shape[1])), border)

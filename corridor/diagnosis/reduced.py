@@ -308,6 +308,10 @@ class Elimination:
                         out.own_g[i] += self._across(i, n, value)
         return out
 
+    def shared(self) -> Reduced:
+        """M and g of what images share alone, where no values of single images are asked for."""
+        return self.reduce(range(len(self.equations.own)))
+
     def _reduce_own(self, out: Reduced, n: int, core: Half) -> None:
         """Put M and g of a block of per-image columns in their place."""
         e, block = self.equations, self.equations.own[n]

@@ -241,7 +241,7 @@ class _Asked:
         if not self.draws:
             self.draws += drawn(self.adjustment, self.equations)
         elimination = Elimination(self.equations, noise)
-        influence = Influence(elimination, elimination.reduce(), lens, self.draws)
+        influence = Influence(elimination, elimination.shared(), lens, self.draws)
         return inflation_of_scores(influence, evidence, both)
 
     def _barred(self) -> set[str]:

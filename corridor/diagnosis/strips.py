@@ -54,7 +54,7 @@ def by_strips(one: Round) -> dict[int, ByStrips]:
     if not asked or len(strips) < SETTINGS.fewest_strips:
         return {}
     elimination = Elimination(one.equations, one.noise)
-    influence = Influence(elimination, elimination.reduce(), one.lens)
+    influence = Influence(elimination, elimination.shared(), one.lens)
     of_file = np.empty(len(one.equations.system.images.names), dtype=np.int64)
     for number, (_, rows) in enumerate(strips):
         of_file[rows] = number
