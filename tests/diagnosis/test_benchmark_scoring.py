@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.diagnosis import real_rates
 from benchmarks.diagnosis.assess import parameter_errors
 from benchmarks.diagnosis.judge import judge
 from benchmarks.diagnosis.methods import methods
@@ -315,3 +316,25 @@ class TestMethods:
     def test_two_models_within_six_of_bic_cannot_be_told_apart(self):
         found = methods(self.rows(), self.nulls(1.0))
         assert found["bic"]["alike"]["share"] == 1.0 and found["bic"]["score"] == 0.5
+
+
+def test_to_take_out_what_was_put_in_is_no_harm_to_check_points():
+    """It had made good, by chance, what the untouched part is off by; beyond that it is harm."""
+
+    def row(before, after):
+        return {
+            "failed": None, "kind": "single", "hidden": "clock_offset", "named": True,
+            "right_value": True, "inside": True, "wrong": [], "stated": True, "absurd": [],
+            "worse": after > real_rates.WORSE * before, "sure": [],
+            "check": {"before": before, "after": after},
+        }  # fmt: skip
+
+    rows = {
+        "west_untouched": row(0.055, 0.055) | {"kind": "null"},
+        "west_clock_offset_20": row(0.046, 0.055),
+        "west_lever_arm_10": row(0.055, 0.100),
+        "east_lever_arm_10": row(0.055, 0.100),
+    }
+    told = real_rates.rates(rows)
+    assert told["check points worse by a tenth"].startswith("75")
+    assert told["check points worse by a tenth, than in the untouched part too"].startswith("50")
