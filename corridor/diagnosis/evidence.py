@@ -235,7 +235,9 @@ class Evidence:
     def honest(self, chosen: Iterable[int], covariance):
         """A covariance (p, p) of groups as the spread of their scores has it."""
         each = [np.full(len(self.groups[n]), self.inflation[n]) for n in chosen]
-        root = diags_array(np.sqrt(np.concatenate(each)) if each else np.zeros(0))
+        if not each:
+            return covariance
+        root = diags_array(np.sqrt(np.concatenate(each)))
         return root @ covariance @ root
 
     def _own_given(self, members: list[Group], theta: np.ndarray, factor) -> tuple[list, list]:
