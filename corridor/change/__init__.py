@@ -29,6 +29,7 @@ from corridor.change.result import Change
 from corridor.change.sentence import remedies, verdict_sentence
 from corridor.change.signature import Signatures
 from corridor.change.surface import SurfaceChange, surface_change
+from corridor.change.together import dates_of
 from corridor.change.volume import Volume, volume
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "Volume",
     "change",
     "clouds",
+    "dates_of",
     "detection",
     "detection_report",
     "detection_table",

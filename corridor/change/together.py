@@ -17,6 +17,7 @@ from corridor.block import Block
 from corridor.change.clouds import Cloud
 from corridor.change.epoch import Epoch
 from corridor.change.epochs import cloud, paired
+from corridor.errors import InputError
 
 BEFORE, AFTER = "before:", "after:"
 _TABLES = ("images", "tie_points", "points", "marks", "ground", "gnss", "rates", "track")
@@ -93,6 +94,30 @@ def _renamed(block: Block, prefix: str, stable: set[str], same_camera: bool) -> 
         default = out.lever_arm.pop("default")
         out.lever_arm = {prefix + name: default for name in block.flight_names} | out.lever_arm
     return out
+
+
+def dates_of(block: Block, folders: Iterable[str]) -> tuple[Block, Block]:
+    """The two dates of a block whose photographs were matched all together.
+
+    folders: what the names of the images of each date begin with, `2023/` and `2024/`, as
+    `corridor import photos` names those of a folder that holds both. Raises InputError where there
+    are not two of them, or no image is of one.
+    """
+    folders = tuple(folders)
+    if len(folders) != 2:
+        raise InputError(f"{len(folders)} folders of photographs are no two dates: name both")
+    out = []
+    for folder in folders:
+        images = [name for name in block.images["image"].astype(str) if name.startswith(folder)]
+        if not images:
+            raise InputError(
+                f"images.csv of {block.name}: no image is called {folder}...; name the folders "
+                "of the two dates as the images have them"
+            )
+        part = block.select(images=images)
+        part.name = f"{block.name}, {folder.strip('/')}"
+        out.append(part)
+    return out[0], out[1]
 
 
 def together_clouds(

@@ -7,6 +7,9 @@ examples:
       laid together on what stands still: free networks, GNSS of metres
   corridor change BEFORE AFTER --together -o out/c
       both dates in one adjustment, with the points that stand still common to both
+  corridor import photos BOTH -o both
+  corridor change both --dates 2023/,2024/ --together --same-ties -o out/e
+      the photographs of both dates in one folder, matched with each other
   corridor change BEFORE AFTER --polygon toe.csv -o out/d
       the change of volume in a polygon (columns x, y), with its standard deviation
   corridor change BLOCK_OR_PLAN
@@ -38,6 +41,12 @@ from corridor.cli._options import (
 _POSITIVE = number("is not a number of metres above 0", above=0.0)
 _OPTIONS = {
     "after": option("folder of the block of the second date", "AFTER", Path, nargs="?"),
+    "--dates": option(
+        "BLOCK holds both dates, matched with each other: what the names of the images of each "
+        "begin with",
+        "BEFORE/,AFTER/",
+        names("folder"),
+    ),
     "--common": option(
         "errors that both dates share, of control, priors, gnss, or none (default: control,priors)",
         "KIND,KIND",
@@ -105,19 +114,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Compare, print the report, save what was asked for."""
     import corridor
+    from corridor.errors import InputError
     from corridor.report import check_folder
 
     announce_compilation("half a minute", "assemble")
     model = _model.of_options(options)
     asked = _comparison(options)
-    if options.after is None:
+    before, after = options.block, options.after
+    if options.dates is not None:
+        if after is not None:
+            raise InputError("--dates are of one block that holds both; two are given")
+        before, after = corridor.change.dates_of(corridor.read(before), options.dates)
+    if after is None:
         surface = corridor.change.detection(options.block, model, **asked)
         print(corridor.change.detection_report(surface))
         return
     if options.output is not None:
         check_folder(options.output, "change.json")
     found = corridor.change(
-        options.block, options.after, model=model, threads=options.threads, progress=say, **asked
+        before, after, model=model, threads=options.threads, progress=say, **asked
     )
     print(found)
     if options.output is None:

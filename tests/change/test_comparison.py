@@ -1,15 +1,17 @@
 """What is asked of two dates, and on which datum and points it stands."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from made import adjusted, flown
 from scipy.stats import chi2
 
 import corridor
 from benchmarks import change as benchmark
-from corridor.change import Comparison, clouds, make_cores, surface_change, volume
+from corridor.change import Comparison, clouds, dates_of, make_cores, surface_change, volume
 from corridor.change.epochs import check_meeting, sound, usual_datum
 from corridor.change.joint import Joint
+from corridor.cli import main
 from corridor.errors import AdjustmentFailed, InputError
 
 
@@ -130,3 +132,38 @@ def test_other_tie_points_of_the_same_ground_change_no_more_than_stated():
     low, high = np.sqrt(chi2.ppf([0.0005, 0.9995], 12) / 12)
     assert low < np.sqrt(np.mean(np.square(volumes))) < high
     assert np.mean(beyond) < 0.05
+
+
+def matched(folder):
+    """Two flights over the dike in one block, written, as photographs of both come matched."""
+    parts = []
+    for draw, folder in ((10, "2023/"), (11, "2024/")):
+        part = flown(draw)
+        for table in ("images", "tie_points", "marks", "gnss"):
+            rows = getattr(part, table)
+            rows["image"] = folder + rows["image"].astype(str)
+        parts.append(part)
+    both = parts[0].copy()
+    for table in ("images", "tie_points", "marks", "gnss"):
+        rows = [getattr(part, table) for part in parts]
+        setattr(both, table, pd.concat(rows, ignore_index=True))
+    both.copy().write(folder)
+    return folder
+
+
+def test_two_dates_in_one_block_are_those_of_two_blocks(tmp_path, capsys):
+    """Points move between the dates of one block as between the two flights."""
+    both = matched(tmp_path / "both")
+    first, second = dates_of(corridor.read(both), ["2023/", "2024/"])
+    options = {"same_ties": True, "camera": False, "surface": False}
+    together = corridor.change(first, second, **options)
+    later = flown(11)
+    later.ground = flown(10).ground  # one survey for both
+    apart = corridor.change(flown(10), later, **options)
+    np.testing.assert_allclose(together.points.shift, apart.points.shift, atol=1e-6)
+    given = ["change", str(both), "--no-camera", "--points-only", "--dates"]
+    assert main([*given, "2023/,2024/"]) == 0
+    assert "No change is significant" in capsys.readouterr().out
+    for wrong, said in (("2023/,2025/", "no image is called 2025/"), ("2023/", "no two dates")):
+        assert main([*given, wrong]) == 2
+        assert said in capsys.readouterr().err
