@@ -240,8 +240,7 @@ def _datum(change: Change) -> list[str]:
             out.append(
                 f"What stands still scatters {times(surface.laying.scale)} times as much as its "
                 "standard deviations say, by errors that the adjustments do not know; those of the "
-                "surface are multiplied by it. One adjustment of both dates with one camera "
-                "(--together --same-camera), or control, would lessen them."
+                f"surface are multiplied by it. {_lessened(change)} would lessen them."
             )
         limit = 0.0 if surface is None else float(np.median(surface.detection / surface.total))
         if limit > FEW:
@@ -257,6 +256,13 @@ def _datum(change: Change) -> list[str]:
             f"place of {apart:.1f} mm."
         )
     return out
+
+
+def _lessened(change: Change) -> str:
+    """What has not been done against errors that the adjustments do not know."""
+    if change.asked.together and change.asked.same_camera:
+        return "Control"
+    return "One adjustment of both dates with one camera (--together --same-camera), or control,"
 
 
 def _adjusted(change: Change, most: int = 3) -> list[str]:
