@@ -137,11 +137,11 @@ def test_other_tie_points_of_the_same_ground_change_no_more_than_stated():
 def matched(folder):
     """Two flights over the dike in one block, written, as photographs of both come matched."""
     parts = []
-    for draw, folder in ((10, "2023/"), (11, "2024/")):
+    for draw, date in ((10, "2023/"), (11, "2024/")):
         part = flown(draw)
         for table in ("images", "tie_points", "marks", "gnss"):
             rows = getattr(part, table)
-            rows["image"] = folder + rows["image"].astype(str)
+            rows["image"] = date + rows["image"].astype(str)
         parts.append(part)
     both = parts[0].copy()
     for table in ("images", "tie_points", "marks", "gnss"):
