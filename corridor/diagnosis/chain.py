@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -106,6 +107,39 @@ class Chain:
                 break
         return self._with_border(int(self.starts[begin]), np.concatenate(parts), border)
 
+    def taken(self, right: sparray) -> np.ndarray:
+        """What the elimination takes away (k, k) among sparse right sides (n, k) of a part.
+
+        With whole solutions, of which only the rows that the part touches are needed: products of
+        halves would run to where nothing is felt any more.
+        """
+        right, inner = csr_array(right), self.n - self.border
+        half = self.near(right)
+        rows, before = half.rows, None
+        first = int(np.searchsorted(self.starts, half.first))
+        last = int(np.searchsorted(self.ends, half.first + len(rows)))
+        touched = np.flatnonzero(np.diff(right.indptr)[:inner])
+        upto = int(touched.max()) + 1 if len(touched) else half.first
+        for k in range(last, first - 1, -1) if len(rows) else ():
+            mine = slice(self.starts[k] - half.first, self.ends[k] - half.first)
+            if before is not None:
+                rows[mine] -= self._next[k].T @ before
+            before = rows[mine] = solve_triangular(
+                self._own[k], rows[mine], lower=True, trans=1, check_finite=False
+            )
+        out = right[half.first : upto].T @ rows[: upto - half.first]
+        if self.border:
+            moved = solve_triangular(
+                self._inside, half.border, lower=True, trans=1, check_finite=False
+            )
+            out += (right[inner:].T - right[:inner].T @ self._follows) @ moved
+        return 0.5 * (out + out.T)
+
+    @cached_property
+    def _follows(self) -> np.ndarray:
+        """What the inner rows (n, border) do about a border that moves."""
+        return self._backward(self._edge.copy())
+
     def _with_border(self, first: int, rows: np.ndarray, border: np.ndarray) -> Half:
         left = border - self._edge[first : first + len(rows)].T @ rows
         if self.border:
@@ -129,18 +163,25 @@ class Chain:
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution (n, k) for right (n, k)."""
-        half = self.half(right)
-        rows, border = half.rows, half.border
+        return self.other_half(self.half(right))
+
+    def other_half(self, half: Half) -> np.ndarray:
+        """L'^-1 (n, k) of a half of the whole chain."""
+        rows, border = half.rows.copy(), half.border
         if self.border:
             border = solve_triangular(self._inside, border, lower=True, trans=1, check_finite=False)
             rows -= self._edge @ border
+        return np.concatenate([self._backward(rows), border])
+
+    def _backward(self, half: np.ndarray) -> np.ndarray:
+        """In place."""
         for k, start, end in reversed(list(self._blocks())):
             if k + 1 < len(self.ends):
-                rows[start:end] -= self._next[k].T @ rows[end : self.ends[k + 1]]
-            rows[start:end] = solve_triangular(
-                self._own[k], rows[start:end], lower=True, trans=1, check_finite=False
+                half[start:end] -= self._next[k].T @ half[end : self.ends[k + 1]]
+            half[start:end] = solve_triangular(
+                self._own[k], half[start:end], lower=True, trans=1, check_finite=False
             )
-        return np.concatenate([rows, border])
+        return half
 
 
 def block_ends(reach: np.ndarray) -> np.ndarray:

@@ -295,8 +295,9 @@ class Elimination:
             M, g + M @ e.core.value, [None] * count, [None] * count, [None] * count, {}, e.groups
         )
         tested = [n for n in range(count) if n not in but]
+        followed = [self._chain.other_half(half) for half in (core, self._right) if tested]
         for n in tested:
-            self._reduce_own(out, n, core)
+            self._reduce_own(out, n, followed)
         for n in tested:
             out.mutual |= {(i, n): self._between(i, n) for i in tested if i < n}
             # What has been estimated counts as missing again: in all that is tested.
@@ -312,18 +313,22 @@ class Elimination:
         """M and g of what images share alone, where no values of single images are asked for."""
         return self.reduce(range(len(self.equations.own)))
 
-    def _reduce_own(self, out: Reduced, n: int, core: Half) -> None:
-        """Put M and g of a block of per-image columns in their place."""
+    def _reduce_own(self, out: Reduced, n: int, followed: list[np.ndarray]) -> None:
+        """Put M and g of a block of per-image columns in their place.
+
+        followed: what poses and nuisance do about the core (n, c), and about all else (n, 1).
+        """
         e, block = self.equations, self.equations.own[n]
         heavy = diags_array(self._white) @ block.antenna
         out.between[n] = e.between[n] + _dense(heavy.T @ e.core.antenna)
         out.own_g[n] = block.right + heavy.T @ e.residual
-        inside = []
-        for at, half in self.halves(block):
-            # One at a time: each reaches as far as it is felt.
-            out.between[n][at] -= half.dot(core)
-            out.own_g[n][at] -= half.dot(self._right)[:, 0]
-            inside.append(self._inside(block, at, at) - half.dot(half))
+        rows, (core, right) = self._rows(block.cross, block.antenna), followed
+        out.between[n] -= rows.T @ core
+        out.own_g[n] -= rows.T @ right[:, 0]
+        inside = [
+            self._inside(block, at, at) - self._chain.taken(rows[:, at])
+            for at in pieces_of(len(block.value))
+        ]
         out.own_matrix[n] = inside[0] if len(inside) == 1 else Pieces(inside)
         out.own_g[n] += out.between[n] @ e.core.value
         if block.value.any():
@@ -400,8 +405,8 @@ class Elimination:
             (self._white[at], (at, np.arange(len(at)))), shape=(len(self._white), len(at))
         )
         right = csr_array(self.equations.jacobian.T @ columns)
-        half = self._chain.near(csc_array((diags_array(self.unit) @ right)[self._order]))
-        return np.diag(self._white[at]) - half.dot(half)
+        right = (diags_array(self.unit) @ right)[self._order]
+        return np.diag(self._white[at]) - self._chain.taken(right)
 
 
 def less(matrix: np.ndarray | Pieces, left: np.ndarray, right: np.ndarray):

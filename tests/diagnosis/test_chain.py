@@ -47,6 +47,9 @@ def test_halves_multiply_to_what_the_elimination_takes_away(chain):
     near, half = factor.near(csc_array(some)), factor.half(right)
     inverse = np.linalg.inv(A)
     assert near.dot(half) == pytest.approx(some.T @ inverse @ right, rel=1e-9, abs=1e-10)
+    assert factor.taken(csc_array(some)) == pytest.approx(
+        some.T @ inverse @ some, rel=1e-9, abs=1e-10
+    )
     assert near.dot(near) == pytest.approx(some.T @ inverse @ some, rel=1e-9, abs=1e-10)
 
 
