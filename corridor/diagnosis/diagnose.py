@@ -171,6 +171,9 @@ def diagnose(
     found = held.findings
     _add_discontinuity(found, before, last.adjustment)
     untestable = sorted(course.candidates.untestable.items())
+    limits = detection_limits(last)
+    # Simulated counterparts need the room.
+    last.let_go()
     return Diagnosis(
         block=block,
         believed=believed,
@@ -183,7 +186,7 @@ def diagnose(
             "check_m": check_gap(before, after),
             "gnss_m": gnss_gap(before, after),
         },
-        detection_limits=detection_limits(last),
+        detection_limits=limits,
         untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
         lens=held.lens,
         alarms=[*variance_alarms(last.equations), *outlier_clusters(last.adjustment)],

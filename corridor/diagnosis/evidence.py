@@ -104,6 +104,11 @@ class Evidence:
         )
         self._alone.pop(n, None)
 
+    def let_go(self) -> None:
+        """Forget spectra and factors, which are made anew where they are asked for."""
+        self._alone.clear()
+        self._of_images.clear()
+
     def block(self, group: Group) -> tuple[np.ndarray | Pieces, np.ndarray]:
         """M (p, p), of many values for each image its pieces, and g (p,) of a group alone."""
         r = self.reduced

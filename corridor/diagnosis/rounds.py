@@ -54,6 +54,11 @@ class Round:
     lens: Lens | None = None
     wrong: Blunders = Blunders()
 
+    def let_go(self) -> None:
+        """Forget what can be made anew, once the findings are known."""
+        self.evidence.let_go()
+        self.noises.evidence.let_go()
+
     def shed(self) -> None:
         """Let go of what weighs gigabytes in a block of a thousand images."""
         if len(self.adjustment.block.images) > SETTINGS.large_block:
