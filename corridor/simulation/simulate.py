@@ -25,7 +25,16 @@ from corridor.report import whole_file
 from corridor.simulation.fly import Flown, bank_of, check_plan, fly, ground_width
 from corridor.simulation.ground_points import evenly, surveyed
 from corridor.simulation.noise import add_noise
-from corridor.simulation.plan import Ground, Noise, Plan, Start, TiePoints, build, read_plan
+from corridor.simulation.plan import (
+    ORDINARY_NOISE,
+    Ground,
+    Noise,
+    Plan,
+    Start,
+    TiePoints,
+    build,
+    read_plan,
+)
 from corridor.simulation.terrain import Dike
 from corridor.simulation.views import Network, Views, matched, thin
 
@@ -72,7 +81,7 @@ def simulate(
     effects: Mapping[str, Mapping] | None = None,
     seed: int = 0,
     *,
-    noise: Noise | Mapping | None = None,
+    noise: Noise | Mapping | str | None = None,
     start: Start | Mapping | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Simulated:
@@ -81,7 +90,7 @@ def simulate(
     plan: a `Plan`, a `.toml` file, or names of ready-made plans joined by +.
     effects: `{slug: {parameter: value}}`, on top of the plan's own.
     noise, start: in place of the plan's: errors of measurement, and of the start values. Without
-        noise all rays of a point meet in it.
+        noise, or with `none`, all rays of a point meet in it; `ordinary` is that of the command.
     progress: called with what is being done and the share that is done.
 
     The start values in the block (poses, points, camera) miss the truth by what `start` says; what
@@ -98,7 +107,7 @@ def simulate(
     added = {**plan.effects, **(effects or {})}
     if not isinstance(seed, numbers.Integral) or seed < 0:
         raise InputError(f"seed = {seed!r} is not a whole number from 0")
-    noise = _settings(noise, plan.noise, Noise)
+    noise = _settings(_noise_called(noise), plan.noise, Noise)
     start = _settings(start, plan.start, Start)
     _check_camera(start)
     _check_effects(plan, added)
@@ -261,6 +270,16 @@ def _check_points(
         fit &= np.abs(seen.across) <= ground.within_m
     fit = np.flatnonzero(fit)
     return fit[evenly(seen.station[fit], seen.across[fit], ground.check_from_ties, draw)]
+
+
+def _noise_called(noise):
+    """The noise that goes by a name; anything else as it is."""
+    if not isinstance(noise, str):
+        return noise
+    known = {"ordinary": ORDINARY_NOISE, "none": Noise()}
+    if noise not in known:
+        raise InputError(f"noise {noise!r} is unknown: use ordinary, none, or a table of sigmas")
+    return known[noise]
 
 
 def _settings(given, plans, kind):

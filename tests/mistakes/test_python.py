@@ -42,6 +42,9 @@ CALLS = {
     ),
     "a plan that is none": (lambda block: corridor.simulate("thesis_50vz"), "did you mean"),
     "a plan that is a dictionary": (lambda block: corridor.simulate({}), "plan"),
+    "a noise that is none": (
+        lambda block: corridor.simulate("thesis_50vt", noise="loud"), "ordinary, none"
+    ),
     "effects that are a name": (
         lambda block: corridor.simulate("thesis_50vt", "rolling_shutter"), "by slug and parameter"
     ),
