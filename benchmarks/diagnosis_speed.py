@@ -1,6 +1,6 @@
 """What a diagnosis takes as blocks grow: seconds, CPU, memory, and when it first says something.
 
-python benchmarks/diagnosis_speed.py [--images 100,180,1000] [--threads N] [--short] [--json FILE]
+python benchmarks/diagnosis_speed.py [--images 100,1000] [--threads N] [--short] [--json FILE]
 
 Blocks of three strips, 333 observations an image, a camera to be calibrated, GNSS with slow errors,
 8 control and 7 check points; nothing is missing from the model. What is timed is the command as it
@@ -26,7 +26,7 @@ from strips import corridor_block  # noqa: E402
 
 from corridor.simulation import add_noise  # noqa: E402
 
-SIZES, SHORT = (100, 180, 1000), (24, 48)
+SIZES, SHORT = (100, 180, 1000, 5000), (24, 48)
 NOISE = {"tie_px": 0.4, "mark_px": 0.4, "gnss_m": (0.012, 0.012, 0.02), "control_m": 0.005}
 SLOW = {"gnss_slow": 0.6, "gnss_slow_s": 60.0}
 PER_IMAGE = 333
