@@ -6,11 +6,12 @@ Each doubt is one sentence with the likely cause. Nothing here stops anything: a
 from __future__ import annotations
 
 from collections.abc import Iterator
+from difflib import get_close_matches
 
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
+from corridor.block import LAYOUTS, Block
 from corridor.camera import INTERIOR
 from corridor.errors import did_you_mean
 from corridor.geometry import rotation_from_quaternion
@@ -31,6 +32,8 @@ _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", 
 # The last two are written by `corridor import photos`.
 _CAMERA_KEYS = ("width", "height", *INTERIOR, "pixel_um", "readout_s", "row_direction",
                 "calibrated", "readout_from", "f_stated")  # fmt: skip
+# So far a file's name is that of a table: `tiepoints`, `Gnss`, `ground.txt`.
+_ALIKE = 0.85
 # Measured and modelled image coordinates that agree but for noise and rough start values.
 _CLEAR = 0.9
 # Beyond these two sets of positions of one flight do not belong together.
@@ -47,8 +50,25 @@ def doubts(block: Block) -> list[str]:
         *_pictures(block),
         *_axes(block),
         *_settings(block),
+        *_passed_over(block),
         *motion_doubts(block),
     ]
+
+
+# --- files ------------------------------------------------------------------------------------
+
+
+def _passed_over(block: Block) -> Iterator[str]:
+    """Files of the folder that are called nearly as a table that the block lacks."""
+    if block.folder is None or not block.folder.is_dir():
+        return
+    lacking = [table for table in LAYOUTS if not len(getattr(block, table))]
+    names = sorted(file.name for file in block.folder.iterdir() if file.is_file())
+    for name in names:
+        stem = name.partition(".")[0]
+        near = get_close_matches(stem.lower().replace("-", "_"), lacking, 1, _ALIKE)
+        if near and name not in (f"{near[0]}.csv", f"{near[0]}.parquet"):
+            yield f"{name} is not read: a block has {near[0]}.csv (or {near[0]}.parquet)."
 
 
 # --- block.toml -------------------------------------------------------------------------------

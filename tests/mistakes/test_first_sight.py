@@ -78,6 +78,18 @@ AT_FIRST_SIGHT = {
     "[sigmas] for [sigma]": (more("[sigmas]\ntie_px = 1.0"), r"\[sigmas\].*did you mean sigma"),
     "[lever_arms]": (more("[lever_arms]\ndefault = [0, 0, 0]"), "did you mean lever_arm"),
     "offsets for offset": (more("offsets = [0, 0, 0]", first=True), "did you mean offset"),
+    "a file called otherwise": (
+        lambda folder: (folder / "gnss.csv").rename(folder / "Gnss.CSV"),
+        r"Gnss.CSV is not read: a block has gnss.csv",
+    ),
+    "a table of another kind": (
+        lambda folder: (folder / "ground.csv").rename(folder / "ground.xlsx"),
+        r"ground.xlsx is not read: a block has ground.csv",
+    ),
+    "a name in one word": (
+        lambda folder: (folder / "tie_points.csv").rename(folder / "tiepoints.csv"),
+        r"tiepoints.csv is not read: a block has tie_points.csv",
+    ),
     "a crs that is none": (more('crs = "UTM32"', first=True), "is no coordinate system"),
     "a crs in degrees": (more('crs = "EPSG:4326"', first=True), "counts degrees"),
     "a geocentric crs": (more('crs = "EPSG:4978"', first=True), "has no height axis"),
