@@ -214,7 +214,8 @@ def _axes(block: Block) -> Iterator[str]:
     if len(measured) < _ENOUGH:
         return
     ray = seen[ahead, :2] / seen[ahead, 2:]
-    (xu, xv), (yu, yv) = np.corrcoef(measured.T, ray.T)[:2, 2:]
+    with np.errstate(invalid="ignore"):  # a coordinate that never varies goes with nothing
+        (xu, xv), (yu, yv) = np.corrcoef(measured.T, ray.T)[:2, 2:]
     if xu > _CLEAR and yv < -_CLEAR:
         yield (
             "Image coordinates run against the start poses in y: is y counted upwards? It is "

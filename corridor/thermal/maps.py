@@ -98,6 +98,12 @@ def read_maps(path: str | os.PathLike) -> Maps:
     values["picture"] = values["picture"].astype(str)
     for name in ("time_s", "temperature_c", "x", "y", "dx", "dy", "sigma"):
         values[name] = values[name].astype(float)
+    lost = ~np.isfinite(values["x"] + values["y"])
+    if lost.any():
+        raise InputError(
+            f"{path}: arrays x and y have no place for node {int(np.argmax(lost)) + 1} of "
+            f"{len(lost)}: make them with `corridor thermal map`"
+        )
     return Maps(**values, warnings=notes)
 
 

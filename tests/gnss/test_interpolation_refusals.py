@@ -102,6 +102,13 @@ class TestBySigmaNotByTheGap:
         for track in (storm, coarse):
             assert wild_epochs(track, segments(track)) == {}
 
+    def test_epochs_that_are_missing_are_counted(self):
+        track, at = steady(), np.array([30.05])
+        thin = track.drop(index=np.random.default_rng(1).choice(np.arange(1, 499), 200, False))
+        said = "200 of 499 epochs at intervals of 0.2 s are missing"
+        assert any(said in note for note in interpolate(thin.reset_index(drop=True), at).notes)
+        assert not any("missing" in note for note in interpolate(track, at).notes)
+
     def test_a_track_that_jumps_keeps_all_its_epochs(self):
         track = steady()
         track.loc[250:, "x"] += 30.0

@@ -154,6 +154,15 @@ class TestMap:
         warm = read_maps(tmp_path / "a.npz").temperature_c
         assert np.isnan(warm[3]) and np.isfinite(np.delete(warm, 3)).all()
 
+    def test_a_node_without_a_place_is_refused(self, small, tmp_path, capsys):
+        assert run("map", str(small), "-o", str(tmp_path / "a.npz")) == 0
+        with np.load(tmp_path / "a.npz") as file:
+            arrays = dict(file)
+        arrays["y"] = np.where(np.arange(len(arrays["y"])) == 2, np.nan, arrays["y"])
+        np.savez(tmp_path / "b.npz", **arrays)
+        assert run("fit", str(tmp_path / "b.npz"), "-o", str(tmp_path / "m.json")) == 2
+        assert "x and y have no place for node 3 of" in capsys.readouterr().err
+
     def test_one_temperature_of_all_pictures_is_told(self, small, tmp_path, capsys):
         folder = copied(small, tmp_path / "same")
         changed(folder, temperature_c=dict.fromkeys(range(9), "31.5"))

@@ -17,6 +17,7 @@ METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
 MAX_SIGMA_M = 0.10
 # Of multipath and atmosphere over a short base line: half a minute to some minutes.
 CORRELATION_S = 60.0
+_MOST_LOST = 0.1  # share of the epochs of a receiver that nobody misses
 _CURVE = 2000
 _POSITION, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
 _VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
@@ -99,6 +100,7 @@ def interpolate(
         notes.append(_of_wild(track, wild))
         track = track.drop(track.index[list(wild)]).reset_index(drop=True)
         pieces = segments(track, gap_s)
+    notes += _of_holes(track["time_s"].to_numpy(dtype=float), pieces)
     epochs = _epochs(track, velocities and method == "smoother", notes)
     piece, why = _pieces_of(times, pieces, flight)
     position, sigma, velocity, v_sigma = (np.full((len(times), 3), np.nan) for _ in range(4))
@@ -138,6 +140,19 @@ def interpolate(
         else pd.DataFrame(columns=["time_s", *_POSITION, *_SIGMA, "segment"], dtype=float)
     )
     return Interpolated(table, pieces, found, curve, method, max_sigma, tuple(notes))
+
+
+def _of_holes(time: np.ndarray, pieces: pd.DataFrame) -> list[str]:
+    """A sentence where a receiver's regular epochs are not all there."""
+    step = np.concatenate([np.diff(time[row.first : row.last + 1]) for row in pieces.itertuples()])
+    usual = float(np.quantile(step, 0.1, method="lower"))
+    lost = int(np.round(np.maximum(step / usual - 1.0, 0.0)).sum())
+    if lost <= _MOST_LOST * (len(step) + lost):
+        return []
+    return [
+        f"{lost} of {len(step) + lost} epochs at intervals of {usual:.3g} s are missing in the "
+        "track: what the drone did there is not known"
+    ]
 
 
 def _of_wild(track: pd.DataFrame, wild: dict[int, float]) -> str:
