@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -148,13 +149,16 @@ def measure(series, kept=None, progress: Callable[[int, int, str], None] | None 
     height, width = matcher.reference.shape
     count, nodes = len(series.picture), len(matcher.nodes)
     dx, dy, sigma = (np.full((count, nodes), np.nan) for _ in range(3))
-    valid = np.zeros((count, nodes), bool)
+    valid, seen = np.zeros((count, nodes), bool), {}
     for row, name in enumerate(series.picture):
         found = kept.get(row) if kept else None
         if found is None:
             grey = series.read(row)
             if grey.shape != (height, width):
                 raise another_size(name, grey.shape, (height, width))
+            first = seen.setdefault(hashlib.sha256(grey.tobytes()).digest(), name)
+            if first != name:
+                notes.append(f"pictures {first} and {name} are the same, dot by dot")
             match = matcher.find(grey)
             found = {
                 "shift": match.shift, "sigma": match.sigma, "valid": match.valid,

@@ -277,6 +277,11 @@ def _model(content: dict) -> ThermalModel:
     lag = number("lag_s")
     if lag is not None and not (math.isfinite(lag) and lag >= 0):
         raise ValueError(f"lag_s = {lag:g} is negative")
+    terms, covariance = optional("terms"), optional("covariance")
+    if terms is not None and covariance is not None:
+        wanted = (len(terms) * len(dx),) * 2
+        if terms.ndim != 4 or covariance.shape != wanted:
+            raise ValueError(f"covariance has the shape {covariance.shape}, not {wanted}")
     residual = number("residual_px", 0.0)
     return ThermalModel(
         kind=content["kind"],
@@ -294,8 +299,8 @@ def _model(content: dict) -> ThermalModel:
         lag_s=lag,
         lag_sigma_s=number("lag_sigma_s"),
         warnings=tuple(str(w) for w in content.get("warnings", ())),
-        terms=optional("terms"),
-        covariance=optional("covariance"),
+        terms=terms,
+        covariance=covariance,
         beyond_px_c=optional("beyond_px_c"),
         extra={k: v for k, v in content.items() if k not in known},
     )

@@ -177,3 +177,10 @@ class TestBlock:
         pd.read_csv(DATA / "track.csv").to_parquet(tmp_path / "track.parquet")
         track = read_track(tmp_path / "track.parquet")
         assert track.table.equals(read_track(DATA / "track.csv").table)
+
+
+def test_two_images_of_one_name_are_refused(tmp_path):
+    file = tmp_path / "images.csv"
+    file.write_text("image,time_s\na.jpg,1\nb.jpg,2\na.jpg,3\n")
+    with pytest.raises(InputError, match="row 4: image a.jpg occurs twice"):
+        read_exposures(file)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -162,6 +163,12 @@ class TestMap:
         np.savez(tmp_path / "b.npz", **arrays)
         assert run("fit", str(tmp_path / "b.npz"), "-o", str(tmp_path / "m.json")) == 2
         assert "x and y have no place for node 3 of" in capsys.readouterr().err
+
+    def test_two_pictures_that_are_one_are_told(self, small, tmp_path, capsys):
+        folder = copied(small, tmp_path / "twins")
+        shutil.copy(folder / "0004.png", folder / "0006.png")
+        assert run("map", str(folder), "-o", str(tmp_path / "a.npz")) == 0
+        assert "0004.png and 0006.png are the same, dot by dot" in capsys.readouterr().err
 
     def test_one_temperature_of_all_pictures_is_told(self, small, tmp_path, capsys):
         folder = copied(small, tmp_path / "same")
@@ -409,6 +416,7 @@ class TestApply:
             lambda c: c["normalisation"].update(scale_px=0),
             lambda c: c["coefficients"].update(dx=[1, 2]),
             lambda c: c.update(range_c=[50, 20]),
+            lambda c: c.update(covariance=c["covariance"][1:]),
         ],
     )
     def test_a_wrong_model_is_refused(self, made, tmp_path, capsys, change):

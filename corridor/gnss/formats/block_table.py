@@ -71,6 +71,12 @@ def _track(path: Path, frame: pd.DataFrame) -> Track:
 
 
 def _exposures(path: Path, frame: pd.DataFrame) -> Exposures:
+    twice = frame["image"].duplicated().to_numpy()
+    if twice.any():
+        row = int(twice.argmax())
+        raise InputError(
+            f"{place(path, row)}: image {frame['image'].iloc[row]} occurs twice; give each its name"
+        )
     if not {"x", "y", "z"} <= set(frame):
         frame = frame[[name for name in frame if name not in "xyz"]]
     unknown = frame["time_s"].isna().to_numpy()
