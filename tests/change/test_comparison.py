@@ -16,7 +16,9 @@ from corridor.errors import AdjustmentFailed, InputError
 
 
 @pytest.mark.parametrize(
-    "names", ["control, priors", ["control", "priors"], iter(["control", "priors"])], ids=str
+    "names",
+    ["control, priors", ["control", "priors"], iter(["control", "priors"])],
+    ids=["text", "list", "generator"],
 )
 def test_names_are_names_however_they_are_given(names):
     asked = Comparison(common=names, together=True)
