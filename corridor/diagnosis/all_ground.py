@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy.special import chdtrc
 
 from corridor.diagnosis.control import Blunders, Wrong, blunders, explains_all, listed_points
@@ -44,10 +45,9 @@ class AllGround:
 
         Raises InputError and AdjustmentFailed as the adjustment does.
         """
-        ground = believed.block.ground
-        roles = believed.model.roles(believed.block)
-        every = ground.loc[[role in ("control", "check") for role in roles], "point"]
-        named = replace(believed.model, control=every.astype(str).tolist(), check=None)
+        points = believed.block.ground["point"].astype(str).to_numpy()
+        every = asked(points, np.array(believed.model.roles(believed.block)))
+        named = replace(believed.model, control=every, check=None)
         result = replace(believed, model=named).adjust(model)
         shapes = [] if last.lens is None else [last.lens.group.effect]
         e = equations(result, [blunder, *shapes], {})
@@ -103,6 +103,18 @@ class AllGround:
                 new = Estimate(group.slug, "named", each[n], rows, where=where, key=group.key)
                 out.append(new)
         return out
+
+
+def asked(points: np.ndarray, roles: np.ndarray) -> list[str]:
+    """Names of all control points and of check points, of many as many as are enough.
+
+    points, roles (n,). Hypotheses grow with the square of the points; a few dozen tell as well who
+    is wrong, taken evenly as they are listed.
+    """
+    check = points[roles == "check"]
+    few = min(len(check), SETTINGS.most_asked_points)
+    chosen = check[np.linspace(0, len(check) - 1, few).round().astype(int)]
+    return [*points[roles == "control"].tolist(), *chosen.tolist()]
 
 
 def contradicted(misfit: float, coordinates: int) -> bool:

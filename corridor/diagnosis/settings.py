@@ -184,6 +184,8 @@ class Settings:
     harm_sigma: float = 1.645
     # Chance of check points as far off as they are, below which control is asked with their help.
     check_chance: float = 0.05
+    # Check points that are asked, where there are more.
+    most_asked_points: int = 60
     # Check points from which on they decide. Ratios of errors that are more than chance: one in two
     # hundred of ties; of check points, which are few and each shift of the datum moves, more; a
     # shape has more parameters than an effect, and no cause that anyone knows.

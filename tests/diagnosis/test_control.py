@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from corridor.diagnosis.all_ground import AllGround
+from corridor.diagnosis.all_ground import AllGround, asked
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.control import HEIGHT, blunders, explains_all
 from corridor.diagnosis.evidence import Evidence
@@ -66,6 +66,16 @@ def test_one_of_three_is_as_good_as_the_other_two():
     sets = [set(one.points) for one in (told.found, *told.alike)]
     assert {0, 1} in sets and {2} in sets
     assert all(part == HEIGHT for one in (told.found, *told.alike) for part in one.parts)
+
+
+def test_of_many_check_points_some_are_asked_and_all_control():
+    points = np.array([f"P{k}" for k in range(1465)])
+    roles = np.where(np.arange(1465) % 150 == 7, "control", "check")
+    roles[3] = "unused"
+    names = asked(points, roles)
+    assert set(points[roles == "control"]) <= set(names) and "P3" not in names
+    assert len(names) == (roles == "control").sum() + SETTINGS.most_asked_points == len(set(names))
+    assert sorted(asked(points[:9], roles[:9])) == sorted(set(points[:9]) - {"P3"})
 
 
 class TestWithCheckPointsAsked:
