@@ -143,9 +143,9 @@ def _ground(
         for k in rows[:_NAMED]
     ]
     slip = "" if set(rows) <= set(np.ravel(pairs)) else _SLIP
-    notes.append(
-        _told(rows, "ground point", "far from where its images show it", shown, cause=slip)
-    )
+    them = "them" if len(rows) > 1 else "it"
+    where = f"far from where images show {them}"
+    notes.append(_told(rows, "ground point", where, shown, cause=slip))
     out = _own(out, block)
     out.ground.loc[out.ground.index[used[rows]], "role"] = "unused"
     return out

@@ -38,7 +38,8 @@ def sentence(words: list[str], control: int, gnss: int, arms_free: bool) -> str:
     what = " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
     by = [f"{control} control point{'s' * (control != 1)}" if control else "no control point"]
     by.append(f"{gnss} GNSS positions{' with free lever arms' * arms_free}" if gnss else "no GNSS")
+    stay = "stay" if len(words) > 1 else "stays"
     return (
-        f"{what[0].upper()}{what[1:]} of the block cannot be determined by {' and '.join(by)}: "
+        f"{what[0].upper()}{what[1:]} of the block {stay} open with {' and '.join(by)}: "
         "plan more control points, GNSS, a strip beside the first, or a lever arm that is known"
     )

@@ -112,7 +112,7 @@ def test_what_cannot_be_determined_is_a_sentence_and_no_failure(plan, tmp_path, 
     out = tmp_path / "out"
     assert main(["plan", str(plan), "--as-given", "--control", "0,4", "-o", str(out)]) == 0
     said = capsys.readouterr().out
-    assert "cannot be determined by no control point and no GNSS" in said
+    assert "stay open with no control point and no GNSS" in said
     rows = json.loads((out / "plan.json").read_text(encoding="utf-8"))["rows"]
     assert rows[0]["d3"] is None and rows[1]["d3"] > 0
 

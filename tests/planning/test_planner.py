@@ -206,7 +206,7 @@ class TestADatumWithAHole:
 
     def test_what_is_open_can_be_printed_and_not_carried_over(self):
         expected = Planner(plan_of(NADIR, gnss=False)).expect(0)
-        assert "cannot be determined" in repr(expected)
+        assert "stay open with" in repr(expected)
         with pytest.raises(InputError, match="nothing to carry over"):
             expected.carried()
 
