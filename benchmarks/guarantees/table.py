@@ -57,7 +57,7 @@ EXIF, other sigmas that are plausible, another plan.
 ## What is known not to hold
 
 - `gnss` takes one epoch that is off by less than a drone can move for a movement of the drone.
-- `readout led`: one picture in a hundred is off by four of its sigmas, where unresolved edges of
+- `readout led` is now and then off by four of its sigmas, where unresolved edges of
   the stripes fall on their rows.
 """
 
