@@ -204,14 +204,19 @@ class TestMissing:
         ("leave_out", "said"),
         [
             (without_times, "time_s in images.csv"),
-            (without_temperatures, "temperature_c in images.csv"),
             (without_gnss, "antenna positions (gnss.csv"),
-            (without_check_points, "check points (role check in ground.csv)"),
-            (without_control, "control points (role control in ground.csv"),
             (without_ground, "check points (role check in ground.csv)"),
-            (without_point_coordinates, ""),
             (with_marks_alone, ""),
-            (with_a_track_alone, "interpolated from the track"),
+            *(
+                pytest.param(leave_out, said, marks=pytest.mark.slow)
+                for leave_out, said in (
+                    (without_temperatures, "temperature_c in images.csv"),
+                    (without_check_points, "check points (role check in ground.csv)"),
+                    (without_control, "control points (role control in ground.csv"),
+                    (without_point_coordinates, ""),
+                    (with_a_track_alone, "interpolated from the track"),
+                )
+            ),
         ],
     )
     def test_it_ends_in_a_sentence_all_the_same(self, leave_out, said, tmp_path, capsys):

@@ -80,6 +80,7 @@ def test_what_is_half_written_is_told_from_what_is_whole(status, said, there, wr
 QUICK = ("correct", "simulate", "export", "gnss")
 
 
+@pytest.mark.slow
 def test_a_verb_that_is_stopped_leaves_nothing_half_written():
     found = interrupted.run(times=2, seed=1, say=print, some=QUICK)
     assert found["holds"] and found["moments"] == 2 * len(QUICK), found["faults"]

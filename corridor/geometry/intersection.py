@@ -56,6 +56,7 @@ def intersect(
     """
     points = np.arange(len(starts) - 1) if points is None else np.asarray(points, dtype=np.int64)
     depth = np.zeros(0) if depth is None else depth
+    rays = _as_compiled(rays)
     count = len(points)
     found = Intersection(
         np.full((count, 3), np.nan),
@@ -66,6 +67,12 @@ def intersect(
     )
     _intersect(points, starts, rows, rays, float(gate), depth, found)
     return found
+
+
+def _as_compiled(rays: Rays) -> Rays:
+    """Rays in the one layout for which `_intersect` is compiled: each other costs a second."""
+    kinds = np.int32, float, float, float, float
+    return Rays(*(np.ascontiguousarray(a, kind) for a, kind in zip(rays, kinds, strict=True)))
 
 
 def meeting_points(rays: Rays, point: np.ndarray, count: int) -> np.ndarray:

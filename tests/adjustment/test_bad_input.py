@@ -211,10 +211,14 @@ class TestSingularDatum:
         refused(block, "rolling_shutter.readout", "cannot be determined", "leave the effect out",
                 effects=["rolling_shutter"])  # fmt: skip
 
+    def test_a_drift_at_one_time(self, block):
+        block.images["time_s"] = 10.0
+        refused(block, "focal_drift.rate", "cannot be determined", effects=["focal_drift"])
+
+    @pytest.mark.slow
     def test_a_drift_of_each_image(self, block):
         """One epoch an image tells of no drift where its own time is the middle of the block."""
         block.images["time_s"] = 10.0
-        refused(block, "focal_drift.rate", "cannot be determined", effects=["focal_drift"])
         refused(block, "rate of effect focal_drift cannot be determined for image",
                 "focal_drift@flight", effects=["focal_drift@image"])  # fmt: skip
 

@@ -67,7 +67,14 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module", params=CASES)
+# What the others say in another way: each dense inverse takes a second.
+LONG = {
+    "an effect of the cameras", "effects of both kinds", "a prior", "free network with an effect",
+}  # fmt: skip
+EACH = [pytest.param(one, marks=[pytest.mark.slow] * (one in LONG)) for one in CASES]
+
+
+@pytest.fixture(scope="module", params=EACH)
 def case(request):
     """Problem, state, dense covariance; whether the network is free."""
     options = dict(CASES[request.param])

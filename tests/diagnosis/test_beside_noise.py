@@ -22,6 +22,7 @@ def found(hidden):
     return diagnose(hidden.block)
 
 
+@pytest.mark.slow
 def test_a_camera_mounted_anew_shows_through_slow_noise(found):
     assert [one["slug"] for one in found.effects] == ["lever_arm_per_flight"] * 3
     assert found.verdict == "named"

@@ -146,6 +146,7 @@ def biased(rng, epochs=40, step=2.5, tau=60.0, bias=0.05):
     return NoiseModel(seen, Antennas(P, P @ y, A, []), evidence)
 
 
+@pytest.mark.slow
 def test_the_sigma_of_a_bias_covers_what_slow_noise_makes_of_it():
     """36 flights, 3 axes: error over sigma spreads as wide as it says, 0.8 to 1.3.
 
@@ -182,6 +183,7 @@ def test_slow_noise_is_taken_for_a_bias_as_rarely_as_the_odds_say():
     assert np.sum(odds_of_a_bias(0.0, 50, rng) > 3.0) <= 3
 
 
+@pytest.mark.slow
 def test_a_group_is_told_from_noise_by_as_much_as_it_says():
     """Foretold from flights that lack it: the gain in log likelihood of those that have it.
 

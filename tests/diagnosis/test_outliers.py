@@ -138,7 +138,13 @@ class TestACrowd:
         assert sum(map(bool, found)) <= 1
 
 
-@pytest.mark.parametrize("seed", [4, 2_304_029], ids=["on the outer side", "on the inner side"])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(4, id="on the outer side"),
+        pytest.param(2_304_029, id="on the inner side", marks=pytest.mark.slow),
+    ],
+)
 def test_a_pane_that_few_points_cross_is_told_at_its_rim_and_not_without_it(seed):
     """Some sixty of 6,000 observations are of points on its rim.
 

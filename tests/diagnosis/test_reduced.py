@@ -29,6 +29,7 @@ SLUGS = [
     "rolling_shutter", "thermal", "focal", "affine_distortion", "radial_distortion",
     "sensor_unflatness", "lever_arm", "clock_offset", "gnss_drift", "gnss_spline",
     "control_blunder", "control_datum", "row_polynomial", "time_rounding", "focal_per_image",
+    "rolling_shutter_rotation",
 ]  # fmt: skip
 
 

@@ -24,6 +24,7 @@ def test_a_pane_over_part_of_the_picture_is_outside_the_catalogue_and_found_at_i
     assert low - 640 <= rim <= high + 640
 
 
+@pytest.mark.slow
 def test_large_terms_of_one_effect_do_not_call_a_second_one():
     """Quadratic terms of the unflatness were once left to the principal point."""
     block = generate(
@@ -33,6 +34,7 @@ def test_large_terms_of_one_effect_do_not_call_a_second_one():
     assert [one["slug"] for one in found.effects] == ["sensor_unflatness"]
 
 
+@pytest.mark.slow
 def test_a_gyroscope_in_a_block_that_lacks_nothing_names_nothing():
     """Its candidate starts an adjustment from a shutter of 30 ms; a diagnosis begins from none."""
     block = generate(null("clean", gyro="rates", **SMALL), seed=4).block
@@ -57,6 +59,7 @@ def test_check_points_tell_a_knock_of_the_camera_from_an_error_of_the_gnss():
     assert found.gap["check_m"]["after"] < 0.5 * found.gap["check_m"]["before"]
 
 
+@pytest.mark.slow
 def test_where_the_gnss_is_off_no_knock_of_the_camera_takes_its_place():
     hidden = generate(
         single("gnss_bias", 1.0, geometry="nadir", arms="fixed", images=40, observations=150),

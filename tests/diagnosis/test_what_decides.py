@@ -101,6 +101,7 @@ def test_a_deformation_is_taken_out_of_a_block_without_marks():
     assert back == pytest.approx(block.tie_points[xy].to_numpy(), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_block_without_any_noise_is_diagnosed():
     """Rounding errors are no evidence; a shutter of 30 ms is, to a hundredth."""
     block = corridor_block(

@@ -171,7 +171,20 @@ class Dense:
         return np.concatenate([part.ravel() for part in parts])
 
 
-@pytest.mark.parametrize("slugs", [[slug] for slug in EVERY] + [NAMED], ids=named)
+# Kernels of their own, which compile for seconds, or a hundred columns.
+LONG = {
+    "motion_per_image", "water_refraction", "focal_per_image", "image_deformation",
+    "image_deformation_over_time", "image_steps", "gnss_spline",
+}  # fmt: skip
+
+
+def each():
+    for slugs in [[slug] for slug in EVERY] + [NAMED]:
+        long = len(slugs) > 1 or slugs[0] in LONG
+        yield pytest.param(slugs, id=named(slugs), marks=[pytest.mark.slow] * long)
+
+
+@pytest.mark.parametrize("slugs", each())
 def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slugs):
     """The gradient vanishes at the solution, and every sigma is that of the dense inverse.
 

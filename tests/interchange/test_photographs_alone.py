@@ -71,6 +71,7 @@ def imported(photographs, tmp_path_factory):
     return output
 
 
+@pytest.mark.slow
 def test_twelve_pictures_become_a_block_that_adjusts(imported, photographs):
     block = corridor.read(imported)
     assert len(block.images) == 12 and len(block.gnss) == 12
@@ -80,6 +81,7 @@ def test_twelve_pictures_become_a_block_that_adjusts(imported, photographs):
     assert tie["count"] > 500 and tie["rms"] < 1.0
 
 
+@pytest.mark.slow
 def test_the_block_is_where_the_photographs_were_taken(imported, photographs):
     """Positions in EXIF are rounded to a millimetre; the pictures are 10 cm a pixel."""
     block = corridor.read(imported)
@@ -92,6 +94,7 @@ def test_the_block_is_where_the_photographs_were_taken(imported, photographs):
     assert np.ptp(block.column("images", "time_s")) == pytest.approx(22.0)
 
 
+@pytest.mark.slow
 def test_nothing_is_left_beside_the_block(imported):
     assert [entry.name for entry in imported.parent.iterdir()] == ["block"]
 

@@ -113,7 +113,12 @@ class TestWhatItWrites:
         (1, "star grey.png grey.png --turns-per-second 3", "no star"),
         (1, "star still.png still.png --turns-per-second 3", "does not turn"),
         (1, "wheel grey.png grey.png --turns-per-second 3", "no wheel"),
-        (1, "wheel wheel1.png wheel2.png --turns-per-second 3", "does not turn"),
+        pytest.param(
+            1,
+            "wheel wheel1.png wheel2.png --turns-per-second 3",
+            "does not turn",
+            marks=pytest.mark.slow,
+        ),
         (1, "led grey.png --frequency 800", "no stripes"),
         (1, "led bright.png --frequency 800", "overexposed"),
         (1, "led white.png --frequency 800", "overexposed"),

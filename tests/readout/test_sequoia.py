@@ -96,7 +96,7 @@ def test_one_constant_rate_does_not_explain_the_pictures_and_the_program_says_so
     assert steady.cost > 5 * flight.adjustment.cost
 
 
-@pytest.mark.parametrize("direction", ["down", "up"])
+@pytest.mark.parametrize("direction", ["down", pytest.param("up", marks=pytest.mark.slow)])
 def test_wrong_axes_and_the_wrong_row_direction_are_told_apart(still, gyro, flight, direction):
     """README: the right assignment is best by a factor of nearly 4, rows up by much more."""
     every = axis_assignments()

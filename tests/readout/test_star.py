@@ -60,6 +60,7 @@ class TestAnIndependentPhotograph:
         assert (found.row_direction, found.extra["sectors"]) == (direction, 16)
 
 
+@pytest.mark.slow
 def test_many_sectors_of_a_tilted_star_read_out_to_the_left_are_followed():
     """30 degrees of tilt move edges by more than one of 48 sectors; 18 degrees of turn."""
     photos = pair("left", 18 / 360 / 0.04, tilt=30.0, sectors=48)
@@ -99,6 +100,7 @@ class TestEverySenseAndDirection:
             measure_star(*pair(), 2.5, row_direction="left")
 
 
+@pytest.mark.slow
 def test_an_error_of_the_speed_goes_into_the_readout_one_to_one():
     photos = pair()
     right = measure_star(*photos, 2.5)

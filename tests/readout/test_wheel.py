@@ -68,6 +68,7 @@ def test_a_turn_that_is_badly_known_is_not_called_none():
     assert "does not turn" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_wheel_that_turns_by_31_degrees_is_measured():
     """Fits that had not come to rest were 0.3 per cent off and stated sigmas of 0.3."""
     texture = independent.wheel_texture(28, 2)
@@ -126,6 +127,7 @@ def test_row_order_and_sense_are_found(direction, turns):
     assert found.extra["spokes"] == 28
 
 
+@pytest.mark.slow
 def test_spokes_of_nine_pixels_are_measured_at_both_edges():
     """As in a photograph of 20 million pixels: a spoke that fills its profile has no place in it.
 

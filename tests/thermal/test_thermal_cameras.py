@@ -82,6 +82,7 @@ class TestResection:
         for name, true in (("f", 0.0752), ("cx", 0.05), ("cy", -0.03)):
             assert abs(found["slope"][name] - true) < 4 * found["sigma"][name]
 
+    @pytest.mark.slow
     def test_the_formal_sigma_is_the_empirical_one(self, warming):
         """Issue 9, must show 6: within 15 %, over draws."""
         slopes, formal = [], None

@@ -191,6 +191,7 @@ class TestMap:
         assert not maps.valid[4].any() and np.isnan(maps.dx[4]).all()
         assert maps.valid[[1, 2, 3, 5, 6, 7, 8]].all()
 
+    @pytest.mark.slow
     def test_interrupted_it_leaves_no_maps_and_goes_on_to_the_same_numbers(self, tmp_path):
         folder = tmp_path / "series"
         course = Course(np.linspace(0, 1600, 30), off_s=800)
@@ -206,7 +207,7 @@ class TestMap:
                 break
             time.sleep(0.002)
         process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=60)[1]
+        said = process.communicate(timeout=600)[1]
         assert process.returncode == 130 and "goes on" in said.splitlines()[-1]
         assert "Traceback" not in said
         done = list(kept.glob("*.npz"))

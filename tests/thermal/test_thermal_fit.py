@@ -184,6 +184,7 @@ class TestJump:
 
 
 class TestSigma:
+    @pytest.mark.slow
     def test_it_is_as_large_as_the_error(self, true):
         """Over ten series with noise of matching: inside, and 5 C beyond."""
         inside, beyond = [], []
