@@ -2,8 +2,10 @@
 
     python -m benchmarks.diagnosis.real_rates FOLDER OUT.json [--only WORD,WORD]
 
-OUT holds a row for each block, kept as soon as it is done, and the rates. No twins and no other
-methods, as `corridor benchmark-diagnosis --blocks FOLDER` has them: a third of its time.
+OUT holds a row for each block, kept as soon as it is done, and the rates. Of the untouched twin the
+first round alone is made, which tells how strongly the flight shows what is hidden, and from what
+it can tell it (see `signal`). No other methods, as `corridor benchmark-diagnosis --blocks FOLDER`
+has them: a third of its time.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import argparse
 import json
 import time
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -20,19 +23,44 @@ import corridor
 from benchmarks.diagnosis.assess import parameter_errors
 from benchmarks.diagnosis.judge import judge
 from benchmarks.diagnosis.rates import Rate
+from benchmarks.diagnosis.signal import Signal, signals
 from benchmarks.diagnosis.trials import of_folder
 from benchmarks.diagnosis.truth import Truth
+from corridor.adjustment import Model
 from corridor.block import Block
+from corridor.diagnosis.reference import ReferenceModel
+from corridor.diagnosis.rounds import Round, run
+from corridor.diagnosis.settings import changed
 from corridor.effects import every_effect
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.preparation import prepare
 from corridor.report import plain, whole_file, write_json
 
 # A value is right within so many of its stated sigmas.
 RIGHT_SIGMAS = 3.0
 # Check points are worse where their error grows by more than this share.
 WORSE = 1.1
+# Least signal-to-noise ratio at which an effect has to be named.
+STRONG = 10.0
 # Edges of the probabilities that are held against what came out.
 EDGES = (0.0, 0.9, 0.98, 0.999, 1.0)
+
+
+class Twins:
+    """Untouched parts of which the first round has been made, each once."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple, tuple[Block, Round]] = {}
+
+    def signals(self, truth: Truth, block: Block, twin: Block) -> dict[str, Signal]:
+        """How strongly what is hidden shows in a block, by its twin."""
+        key = tuple(twin.images["image"]), tuple(twin.images)
+        if key not in self._made:
+            untouched, *_ = prepare(twin)
+            with changed(most_refits=0):
+                self._made[key] = untouched, run(ReferenceModel.of(untouched, Model())).last
+        untouched, first = self._made[key]
+        return signals(truth, first.evidence, block, untouched, {}, first.noises)
 
 
 def row_of(block: Block, truth: Truth) -> dict:
@@ -101,7 +129,17 @@ def rates(every: Mapping[str, dict]) -> dict[str, str]:
     hidden = [row for row in read if row["kind"] != "null"]
     blunders = [row for row in hidden if set(row["hidden"].split("+")) == {"control_blunder"}]
     others = [row for row in hidden if row not in blunders]
+    strong = [row for row in others if _least(row, "ratio") >= STRONG]
+    apart = [row for row in strong if all(one["separable"] for one in row["signals"].values())]
     out = {
+        "of 10 sigma, which the flight can tell from all others: named": Rate.of(
+            row["named"] for row in apart
+        ),
+        "of these with the right value": Rate.of(
+            row["named"] and row["right_value"] for row in apart
+        ),
+        "of these in the set that is named": Rate.of(row["inside"] for row in apart),
+        "of 10 sigma: in the set that is named": Rate.of(row["inside"] for row in strong),
         "named, effects": Rate.of(row["named"] for row in others),
         "named with the right value, effects": Rate.of(
             row["named"] and row["right_value"] for row in others
@@ -125,6 +163,11 @@ def rates(every: Mapping[str, dict]) -> dict[str, str]:
     return {name: str(rate) for name, rate in out.items()}
 
 
+def _least(row: Mapping, what: str) -> float:
+    """The least of a number of the signals of a row."""
+    return min((one[what] or 0.0 for one in row["signals"].values()), default=0.0)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Diagnose the blocks of a folder and print the rates."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.diagnosis.real_rates")
@@ -133,12 +176,16 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--only", default="", help="blocks whose name holds one of these words")
     options = parser.parse_args(arguments)
     rows = json.loads(options.out.read_text())["rows"] if options.out.is_file() else {}
-    words = options.only.split(",")
+    words, twins = options.only.split(","), Twins()
     for trial in of_folder(options.folder):
         if trial.name in rows or not any(word in trial.name for word in words):
             continue
-        block, _, truth = trial.load()
+        block, twin, truth = trial.load()
         rows[trial.name] = row = row_of(block, truth)
+        found = {} if twin is None else twins.signals(truth, block, twin)
+        row["signals"] = {
+            key: asdict(one) | {"separable": one.separable} for key, one in found.items()
+        }
         told = [f"{slug} ({kind})" for slug, kind, _ in row.get("effects", ())]
         told += [f"{group} ({kind})" for group, kind in row.get("unknown", ())]
         print(f"{trial.name}: {row.get('verdict', row['failed'])}; {', '.join(told)}", flush=True)

@@ -104,6 +104,13 @@ class Evidence:
         )
         self._alone.pop(n, None)
 
+    def widen(self) -> None:
+        """All parameters of every group are asked for again."""
+        for n, group in enumerate(self.reduced.groups):
+            if self.groups[n] is not group:
+                self.groups[n] = group
+                self._alone.pop(n, None)
+
     def let_go(self) -> None:
         """Forget spectra and factors, which are made anew where they are asked for."""
         self._alone.clear()

@@ -46,7 +46,8 @@ def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
         value, doubt = theta[mine] * group.scale, sigma[mine] * group.scale
         beyond = (np.abs(value) - SETTINGS.implausible_sigma * doubt) / group.most
         worst = int(np.argmax(beyond))
-        if beyond[worst] > 1.0:
+        within = _within(group, theta[mine], covariance[mine, mine])
+        if beyond[worst] > 1.0 and within < SETTINGS.same_fit_share:
             _, name, unit = group.labels[worst]
             unit = "" if unit == "1" else f" {unit}"
             out[group.key] = (
@@ -55,6 +56,21 @@ def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
                 "does not happen: it is not taken for the cause."
             )
     return out
+
+
+def _within(group, theta: np.ndarray, covariance: np.ndarray) -> float:
+    """Share of what a group explains that is left where none of its parameters is beyond its most.
+
+    theta (p,), covariance (p, p): beside all others. To leave the group out costs
+    theta' C^-1 theta / 2 of log likelihood; to hold some parameters at b, of which C_b is the
+    covariance, (theta_b - b)' C_b^-1 (theta_b - b) / 2.
+    """
+    most = group.most / group.scale
+    over = np.clip(theta, -most, most) != theta
+    away = theta[over] - np.clip(theta, -most, most)[over]
+    whole = theta @ np.linalg.lstsq(covariance, theta, rcond=None)[0]
+    held = away @ np.linalg.lstsq(covariance[np.ix_(over, over)], away, rcond=None)[0]
+    return float(1.0 - held / whole) if whole > 0.0 else 0.0
 
 
 def _bounded(group) -> bool:
@@ -114,7 +130,8 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
 
     Where a generic shape explains more than a named effect that shows in the same way, the named
     one is not the cause, and makes up for what the shape is too coarse for. Every lens leaves a
-    shape that all pictures share; what goes with the speed of each picture is no part of that.
+    shape that all pictures share; what goes with the speed of each picture is no part of that, and
+    what brings as much without the shape as beside it has nothing to do with it.
     """
     groups = evidence.groups
     generic = [n for n in found.chosen if groups[n].generic]
@@ -128,6 +145,7 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
                 found.evidence[n] < SETTINGS.share_beside_generic * found.evidence[k]
                 or (kappa >= SETTINGS.implausible_size and not groups[n].generic)
             )
+            and _overlap(evidence, found, n, k)
             for k in generic
             if k != n
         )
@@ -136,6 +154,13 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
         return found
     each = contributions(evidence, chosen)
     return Found(chosen, each, evidence.model(chosen)[0], found.kept)
+
+
+def _overlap(evidence: Evidence, found: Found, n: int, shape: int) -> bool:
+    """Whether the n-th group brings another amount beside a shape than without it."""
+    rest = {k: kappa for k, kappa in found.chosen.items() if k not in (n, shape)}
+    bare, beside = evidence.given(rest)[n].evidence, found.evidence[n]
+    return min(bare, beside) < SETTINGS.share_of_its_own * max(bare, beside)
 
 
 def _shows(group) -> str:

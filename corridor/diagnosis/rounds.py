@@ -263,7 +263,7 @@ class _Asked:
         found = self._possible(evidence, threshold)
         if wrong.found is None:
             return found
-        plain.groups = list(self.reduced.groups)
+        plain.widen()
         for n, names in wrong.found.of_point.items():
             evidence.narrow(n, names)
             plain.narrow(n, names)
@@ -272,7 +272,8 @@ class _Asked:
         likely = found.total - kept.total <= SETTINGS.model_log_odds
         if likely and stands(evidence, wrong.found, rest):
             return kept
-        evidence.groups, plain.groups = list(self.reduced.groups), list(self.reduced.groups)
+        evidence.widen()
+        plain.widen()
         return found
 
     def _possible(self, evidence: Evidence, threshold: float, kept=()) -> Found:

@@ -47,6 +47,7 @@ def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[i
         chosen = _dropped(evidence, chosen, threshold, kept)
         chosen = _swapped(evidence, chosen, kept)
         chosen = _merged(evidence, chosen, kept)
+        chosen = _named(evidence, chosen)
         chosen = tuned(evidence, chosen)
         if set(chosen) == set(before):
             break
@@ -103,6 +104,33 @@ def _merged(evidence, chosen, kept):
             if found > total and (best is None or found > best[0]):
                 best = found, trial
     return best[1] if best else chosen
+
+
+def _named(evidence, chosen):
+    """Each shape replaced by a named effect that explains nearly as much of the data.
+
+    Residuals of a real flight hang together, and a shape with many parameters follows them where
+    an effect of few cannot: what it brings beyond the effect is of the kind that it always brings.
+    """
+    for n in list(chosen):
+        if not evidence.groups[n].generic:
+            continue
+        rest = {k: v for k, v in chosen.items() if k != n}
+        gains = evidence.given(rest)
+        names = [
+            k
+            for k, group in enumerate(evidence.groups)
+            if not group.generic and group.own is None and group.point is None and k not in rest
+        ]
+        best = max(names, key=lambda k: gains[k].evidence, default=None)
+        if best is None:
+            continue
+        near = gains[n].evidence - gains[best].evidence <= max(
+            SETTINGS.look_alike_log_odds, SETTINGS.shape_advantage * gains[n].evidence
+        )
+        if near and gains[best].fit >= SETTINGS.named_share_of_shape * gains[n].fit:
+            chosen = rest | {best: gains[best].kappa}
+    return chosen
 
 
 def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:

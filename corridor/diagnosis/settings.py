@@ -101,6 +101,11 @@ class Settings:
     # Evidence from which on an effect shows through any noise of the GNSS.
     clear_evidence: float = 40.0
     shortlist: int = 6
+    # Share of the fit of a shape with which a named effect takes its place, where it is behind by
+    # no more than the log odds of look-alikes or this share of its evidence. Residuals of real
+    # flights hang together: in Saraburi a shape of 15 parameters beat the true drift by 2 to 6.
+    named_share_of_shape: float = 0.6
+    shape_advantage: float = 0.15
     # Log odds by which another model has to be better to take the place of one.
     model_log_odds: float = 3.0
     # Parameters of a group that are few enough to be left free, and the size they are given.
@@ -111,6 +116,9 @@ class Settings:
     # nearly cancel, and no cause. Tuned.
     share_beside_generic: float = 0.5
     implausible_size: float = 100.0
+    # Share of the larger one of its evidences, with a shape and without, from which on the smaller
+    # one says that the two have nothing to do with each other.
+    share_of_its_own: float = 0.7
     # Standard deviations by which an effect has to be larger than it can be, to be ruled out.
     implausible_sigma: float = 2.0
     # Images from which on earlier rounds keep no matrices.

@@ -30,6 +30,46 @@ def system(columns, g, sizes):
     return Evidence(Reduced(M, g, [], [], [], {}, groups))
 
 
+def drift_and_shape(wiggle):
+    """A drift of a hundred epochs with slow noise, and two that explain it: it, and nine curves.
+
+    wiggle: size of a fourth-degree curve that is there too, in standard deviations.
+    """
+    t = np.linspace(-1.0, 1.0, 100)
+    curves = np.polynomial.legendre.legvander(t, 9)[:, 1:]
+    rng = np.random.default_rng(3)
+    slow = np.convolve(rng.normal(size=119), np.ones(20), "valid") / 20**0.5
+    y = 3.0 * t + slow + wiggle * curves[:, 3]
+    B = np.column_stack([t, curves])
+    evidence = system(B, B.T @ y, [1, 9])
+    evidence.groups[1].effect.generic = True
+    return evidence
+
+
+def test_an_effect_takes_the_place_of_a_shape_that_follows_slow_noise_too():
+    """White noise is what evidence knows of: of slow noise nine curves explain more than chance."""
+    evidence = drift_and_shape(0.0)
+    drift, shape = evidence.given({})
+    assert 0.85 * shape.evidence < drift.evidence < shape.evidence
+    assert set(search(evidence, 4.0).chosen) == {0}
+
+
+def test_a_shape_stays_where_the_effect_explains_the_half_of_it():
+    assert 1 in search(drift_and_shape(4.0), 4.0).chosen
+
+
+def test_what_was_asked_in_part_is_asked_as_a_whole_again():
+    """A spectrum of one parameter was kept for a group that had three again, and met its size."""
+    rng = np.random.default_rng(4)
+    B = rng.normal(size=(50, 3))
+    evidence = system(B, B.T @ B[:, 0], [3])
+    whole = evidence.given({})[0]
+    evidence.narrow(0, ["p0"])
+    assert evidence.given({})[0].evidence != whole.evidence
+    evidence.widen()
+    assert evidence.given({})[0].evidence == whole.evidence
+
+
 def test_the_log_bayes_factor_is_the_integral_over_the_prior():
     """One parameter: log of the integral of N(theta; 0, kappa^2) exp(g theta - M theta^2 / 2)."""
     M, g = 7.0, 9.0

@@ -11,8 +11,8 @@ from benchmarks.diagnosis.real_noise import inject, scene_of, surveys
 from corridor.diagnosis.candidates import Group
 from corridor.diagnosis.evidence import Evidence, gain_of
 from corridor.diagnosis.held_out import harms
-from corridor.diagnosis.plausibility import impossible
-from corridor.diagnosis.search import Found
+from corridor.diagnosis.plausibility import impossible, plausible
+from corridor.diagnosis.search import Found, contributions
 from corridor.effects import find
 
 
@@ -50,6 +50,16 @@ class TestASizeThatDoesNotHappen:
         evidence, _ = one_group("earth_curvature", M, M @ [90.0])
         assert not impossible(evidence, Found({0: 1000.0}, {0: 5.0}, 5.0))
 
+    def test_what_is_known_well_is_not_given_up_for_what_is_not(self):
+        """A lever arm of 0.3 m in x; in z, which a focal length can imitate, 2 m with 0.4 m."""
+        scale = find("lever_arm").parameters(None)[0].scale
+        M = np.diag(scale**2 / np.array([0.01, 0.01, 0.4]) ** 2)
+        evidence, _ = one_group("lever_arm", M, M @ (np.array([0.3, 0.0, 2.0]) / scale))
+        assert not impossible(evidence, Found({0: 10.0}, {0: 400.0}, 400.0))
+        evidence, group = one_group("lever_arm", M, M @ (np.array([0.01, 0.0, 2.0]) / scale))
+        told = impossible(evidence, Found({0: 10.0}, {0: 12.0}, 12.0))
+        assert "with z 2 m" in told[group.key]
+
     def test_a_group_that_is_ruled_out_is_never_offered_again(self):
         M = np.array([[100.0]])
         evidence, group = one_group("earth_curvature", M, M @ [90.0])
@@ -71,6 +81,34 @@ class TestAnErrorInTheHeightOfOnePoint:
         M = np.diag([4.0, 4.0, 4.0])
         evidence, group = one_group("control_blunder", M, np.zeros(3), "P1")
         assert evidence.given({})[0].evidence < 0.0
+
+
+class TestPartsOfAShape:
+    """A shape of one kind of measurements, and an effect that shows in the same kind."""
+
+    @staticmethod
+    def left(across):
+        """Keys that stay of a shape with evidence 120 and an effect that adds 45 to it."""
+        groups = []
+        for n, slug in enumerate(("image_deformation", "thermal")):
+            effect = find(slug)
+            labels = [("block", "p", "px")]
+            groups.append(Group(slug, effect, None, np.array([n]), np.ones(1), labels))
+        M = np.array([[100.0, across], [across, 100.0]])
+        found = np.linalg.solve(M, [0.0, 0.0]) + np.array([1.6, 1.0])
+        reduced = SimpleNamespace(groups=groups, M=M, g=M @ found, own_g=[], own_matrix=[])
+        evidence = Evidence(reduced)
+        chosen = {0: 1.0, 1: 1.0}
+        each = contributions(evidence, chosen)
+        assert each[1] < 0.5 * each[0]
+        left = plausible(evidence, Found(chosen, each, 0.0), [], 2.5)
+        return {evidence.groups[n].key for n in left.chosen}
+
+    def test_what_brings_as_much_without_the_shape_has_nothing_to_do_with_it(self):
+        assert self.left(0.0) == {"image_deformation", "thermal"}
+
+    def test_what_brings_more_without_the_shape_is_a_part_of_it(self):
+        assert self.left(60.0) == {"image_deformation"}
 
 
 def checked(differences, sigma=0.01):
