@@ -52,15 +52,34 @@ class Twins:
     def __init__(self) -> None:
         self._made: dict[tuple, tuple[Block, Round]] = {}
 
-    def signals(self, truth: Truth, block: Block, twin: Block) -> dict[str, Signal]:
-        """How strongly what is hidden shows in a block, by its twin."""
+    def first(self, twin: Block) -> tuple[Block, Round]:
+        """The twin as it is diagnosed, and its first round."""
         key = tuple(twin.images["image"]), tuple(twin.images)
         if key not in self._made:
             untouched, *_ = prepare(twin)
             with changed(most_refits=0):
                 self._made[key] = untouched, run(ReferenceModel.of(untouched, Model())).last
-        untouched, first = self._made[key]
+        return self._made[key]
+
+    def signals(self, truth: Truth, block: Block, twin: Block) -> dict[str, Signal]:
+        """How strongly what is hidden shows in a block, by its twin."""
+        untouched, first = self.first(twin)
         return signals(truth, first.evidence, block, untouched, {}, first.noises)
+
+    def value(self, twin: Block, slug: str, name: str) -> float:
+        """What the twin itself says of a parameter, nothing else being missing; 0 if nothing.
+
+        A real survey is known to be free of an effect no better than that.
+        """
+        _, first = self.first(twin)
+        evidence = first.evidence
+        n = evidence.number.get(slug)
+        if n is None or evidence.groups[n].own is not None:
+            return 0.0
+        group = evidence.groups[n]
+        theta, _ = evidence.solution({n: group.free})
+        at = [k for k, (_, parameter, _) in enumerate(group.labels) if parameter == name]
+        return float(theta[at[0]] * group.scale[at[0]]) if at else 0.0
 
 
 def row_of(block: Block, truth: Truth) -> dict:
@@ -86,6 +105,7 @@ def row_of(block: Block, truth: Truth) -> dict:
         "named": wanted <= set(judged.named),
         "inside": wanted <= set(judged.inside),
         "right_value": bool(errors) and all(abs(e["sigmas"]) < RIGHT_SIGMAS for e in errors),
+        "errors": errors,
         "wrong": judged.wrong,
         "stated": bool(stated or judged.unknown),
         "absurd": [one["slug"] for one in stated if _absurd(one, block)],
@@ -138,6 +158,9 @@ def rates(every: Mapping[str, dict]) -> dict[str, str]:
         "of these with the right value": Rate.of(
             row["named"] and row["right_value"] for row in apart
         ),
+        "of these with what the untouched part has and what was put in": Rate.of(
+            row["named"] and _right_beside_twin(row) for row in apart
+        ),
         "of these in the set that is named": Rate.of(row["inside"] for row in apart),
         "of 10 sigma: in the set that is named": Rate.of(row["inside"] for row in strong),
         "named, effects": Rate.of(row["named"] for row in others),
@@ -163,6 +186,13 @@ def rates(every: Mapping[str, dict]) -> dict[str, str]:
     return {name: str(rate) for name, rate in out.items()}
 
 
+def _right_beside_twin(row: Mapping) -> bool:
+    """Whether each value is the true one and what the untouched part has of it, as `value`."""
+    return bool(row["errors"]) and all(
+        abs(e["value"] - e["true"] - e["twin"]) < RIGHT_SIGMAS * e["sigma"] for e in row["errors"]
+    )
+
+
 def _least(row: Mapping, what: str) -> float:
     """The least of a number of the signals of a row."""
     return min((one[what] or 0.0 for one in row["signals"].values()), default=0.0)
@@ -186,6 +216,8 @@ def main(arguments: list[str] | None = None) -> None:
         row["signals"] = {
             key: asdict(one) | {"separable": one.separable} for key, one in found.items()
         }
+        for error in row.get("errors", ()):
+            error["twin"] = twins.value(twin, error["slug"], error["name"])
         told = [f"{slug} ({kind})" for slug, kind, _ in row.get("effects", ())]
         told += [f"{group} ({kind})" for group, kind in row.get("unknown", ())]
         print(f"{trial.name}: {row.get('verdict', row['failed'])}; {', '.join(told)}", flush=True)
