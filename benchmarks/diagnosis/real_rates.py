@@ -1,6 +1,6 @@
 """How often the diagnosis is right on real noise: blocks of `real_noise`, diagnosed and counted.
 
-    python -m benchmarks.diagnosis.real_rates FOLDER OUT.json [--only WORD,WORD]
+    python -m benchmarks.diagnosis.real_rates FOLDER OUT.json [--only WORD,WORD] [--figures FILE]
 
 OUT holds a row for each block, kept as soon as it is done, and the rates. Of the untouched twin the
 first round alone is made, which tells how strongly the flight shows what is hidden, and from what
@@ -26,6 +26,7 @@ from benchmarks.diagnosis.rates import Rate
 from benchmarks.diagnosis.signal import Signal, signals
 from benchmarks.diagnosis.trials import of_folder
 from benchmarks.diagnosis.truth import Truth
+from benchmarks.guarantees import table
 from corridor.adjustment import Model
 from corridor.block import Block
 from corridor.diagnosis.reference import ReferenceModel
@@ -169,6 +170,7 @@ def rates(every: Mapping[str, dict]) -> dict[str, str]:
         ),
         "in the set that is named, effects": Rate.of(row["inside"] for row in others),
         "control blunders named": Rate.of(row["named"] for row in blunders),
+        "control blunders in the set that is named": Rate.of(row["inside"] for row in blunders),
         "wrong names beside hidden effects": Rate.of(bool(row["wrong"]) for row in hidden),
         "untouched blocks of which something is said": Rate.of(
             row["stated"] for row in read if row["kind"] == "null"
@@ -204,6 +206,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--only", default="", help="blocks whose name holds one of these words")
+    parser.add_argument("--figures", type=Path, help="docs/guarantees.json, to hold the figures")
     options = parser.parse_args(arguments)
     rows = json.loads(options.out.read_text())["rows"] if options.out.is_file() else {}
     words, twins = options.only.split(","), Twins()
@@ -225,6 +228,9 @@ def main(arguments: list[str] | None = None) -> None:
             write_json({"rates": rates(rows), "rows": rows}, part)
     for name, rate in rates(rows).items():
         print(f"{name}: {rate}")
+    if options.figures is not None:
+        table.store(options.figures, "flights", rates(rows))
+        table.write(options.figures)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from benchmarks.guarantees import dates
+from benchmarks.guarantees import dates, flights
 from benchmarks.guarantees.malformed import BYTES, SECONDS
 
 RUN = "python -m benchmarks.guarantees"
@@ -128,6 +128,7 @@ def _rows(known):
             _ratio((made("sigmas") or {}).get("kinds", {}).get(name)),
             f"`{RUN} sigmas`",
         )
+    yield from flights.rows(made("flights"))
     yield from dates.rows(made("change"))
     yield (
         "Order of rows, names, offset and unit of coordinates, CSV or Parquet do not matter",
