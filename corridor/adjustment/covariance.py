@@ -8,10 +8,12 @@ Source: Takahashi et al. 1973; Triggs et al. 2000, section 9 (free networks: S-t
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from numpy.lib.stride_tricks import as_strided
+from scipy.linalg import blas, lapack
 from threadpoolctl import threadpool_limits
 
 from corridor.adjustment.datum import centred
@@ -104,19 +106,11 @@ class Covariance:
     @cached_property
     def _near(self) -> np.ndarray:
         """Entries between images that share a point, in the storage of the equations."""
-        system = self._system
-        blocks = system.blocks
+        blocks = self._system.blocks
         with threadpool_limits(1):
             if not isinstance(blocks, Band):
                 return self._near_sparse()
-            flat = selected_inverse(blocks.flat, blocks.n, blocks.ld)
-        left, right = self._low_rank()
-        table = flat.reshape(blocks.n, blocks.ld)
-        for r in range(blocks.ld):
-            table[: blocks.n - r, r] += np.einsum(
-                "nk,nk->n", left[r:], right[: blocks.n - r], optimize=True
-            )
-        return flat
+            return selected_inverse(blocks.flat, blocks.n, blocks.ld, *self._low_rank())
 
     def _low_rank(self) -> tuple[np.ndarray, np.ndarray]:
         """Border and datum as a sum of products: entry (i, j) gets left[i] . right[j]."""
@@ -147,84 +141,105 @@ class Covariance:
         """Of every image (m, d, d)."""
         p, blocks = self.system.problem, self._system.blocks
         d = p.d
-        out = np.empty((p.image_count, d, d))
+        out, near = np.empty((p.image_count, d, d)), self._near
         for c in range(d):
             for r in range(c, d):
                 if isinstance(blocks, Band):
-                    entry = self._near[c * blocks.ld + r - c :: d * blocks.ld][: p.image_count]
+                    entry = near[c * blocks.ld + r - c :: d * blocks.ld][: p.image_count]
                 else:
-                    entry = self._near[blocks.neighbour_start[:-1] * d * d + c * d + r]
+                    entry = near[blocks.neighbour_start[:-1] * d * d + c * d + r]
                 out[:, r, c] = out[:, c, r] = entry
+        self._let_go("each_point")
         return out
 
-    @cached_property
-    def _points(self) -> tuple[np.ndarray, np.ndarray]:
+    def _let_go(self, other: str) -> None:
+        """Forget `_near`, which is as large as the equations, where what else needs it is known."""
+        if other in self.__dict__:
+            del self.__dict__["_near"]
+
+    def _of_points(self, wanted: np.ndarray, columns: np.ndarray, out, cross) -> None:
+        """Fill out and cross; see `make_point_covariance`."""
         p, normal, blocks = self.system.problem, self.normal, self._system.blocks
         view = normal.view(self.state)
-        count = len(p.ptr) - 1
-        out, cross = np.empty((count, 6)), np.empty((count, 3, p.shared_count))
         kernel = point_covariance_for(p.d)
         modelled = normal.modelled_at(self.state)
-        storage = Storage(self._near, blocks.stride, blocks.neighbour_start, blocks.neighbour)
-        known = Inverse(storage, self.poses_shared, self.shared)
-        for first, last in normal.chunks(0, count):
-            scene = normal.scene(view, modelled, first, last)
-            kernel(first, last, scene, known, normal.longest, out, cross)
-        return out, cross
+        # Without `out` no entry of the images is looked at.
+        flat = self._near if len(out) else np.zeros(0)
+        storage = Storage(flat, blocks.stride, blocks.neighbour_start, blocks.neighbour)
+        known = Inverse(storage, self.poses_shared, np.ascontiguousarray(self.shared))
 
-    @property
+        def work(thread: int, start: int, stop: int) -> None:
+            for first, last in normal.chunks(start, stop):
+                scene = normal.scene(view, modelled, first, last)
+                kernel(first, last, scene, known, normal.longest, wanted, columns, out, cross)
+
+        normal.run(work)
+
+    @cached_property
     def each_point(self) -> np.ndarray:
         """Of every point (n, 6): xx, yx, yy, zx, zy, zz, metres squared."""
-        return self._points[0]
+        count = len(self.system.problem.ptr) - 1
+        out = np.empty((count, 6))
+        nothing = np.zeros(0, dtype=np.int64)
+        self._of_points(np.full(count, -1), nothing, out, np.zeros((0, 3, 0)))
+        self._let_go("each_pose")
+        return out
 
     @property
     def points_shared(self) -> np.ndarray:
         """Between every point and the shared unknowns (n, 3, q)."""
-        return self._points[1]
+        return self.between(slice(None), range(self._system.q))
+
+    def between(self, points: np.ndarray | slice, columns: Iterable[int]) -> np.ndarray:
+        """Between some points and some of the shared unknowns (points, 3, columns)."""
+        count = len(self.system.problem.ptr) - 1
+        chosen, columns = np.arange(count)[points], np.array(list(columns), dtype=np.int64)
+        wanted = np.full(count, -1)
+        wanted[chosen] = np.arange(len(chosen))
+        cross = np.empty((len(chosen), 3, len(columns)))
+        self._of_points(wanted, columns, np.zeros((0, 6)), cross)
+        return cross
 
 
-def selected_inverse(factor: np.ndarray, n: int, ld: int) -> np.ndarray:
-    """Entries of (L L')^-1 inside the band, in lower band storage as L itself (flat, n * ld).
+def selected_inverse(
+    factor: np.ndarray, n: int, ld: int, left: np.ndarray, right: np.ndarray
+) -> np.ndarray:
+    """Entries of (L L')^-1 + left right' inside the band, in lower band storage (flat, n * ld).
 
+    factor: L so stored; left, right: (n, k).
     Blocks of the bandwidth make the matrix block tridiagonal: with G = L21 L11^-1,
     S21 = -S22 G and S11 = (L11 L11')^-1 + G' S22 G, from the end to the start.
     """
-    band = factor[: n * ld].reshape(n, ld)
     out = np.zeros(n * ld)
-    table = out.reshape(n, ld)
     size = max(ld - 1, 1)
-    starts = list(range(0, n, size))
     below = None
-    for start in reversed(starts):
+    for start in reversed(range(0, n, size)):
         stop = min(start + size, n)
-        k = stop - start
-        own = _dense(band, start, stop, start, stop)
-        inverse = solve_triangular(own, np.eye(k), lower=True)
-        here = inverse.T @ inverse
+        own = _window(factor, ld, (start, stop), (start, stop))
+        own = np.asfortranarray(np.tril(own))
+        here, _ = lapack.dpotri(own, lower=1)
+        here = np.tril(here) + np.tril(here, -1).T
+        mine = right[start:stop].T
         if below is not None:
             after = min(stop + size, n)
-            link = _dense(band, stop, after, start, stop)
-            gain = link @ inverse
-            across = -below @ gain
+            link = np.triu(_window(factor, ld, (stop, after), (start, stop)))
+            gain = blas.dtrsm(1.0, own, np.asfortranarray(link), side=1, lower=1)
+            across = -(below @ gain)
             here -= gain.T @ across
-            _store(table, across, stop, start)
-        _store(table, here, start, start)
+            place = _window(out, ld, (stop, after), (start, stop))
+            inside = np.triu(np.ones(place.shape, dtype=bool))
+            np.copyto(place, across + left[stop:after] @ mine, where=inside)
+        place = _window(out, ld, (start, stop), (start, stop))
+        np.copyto(place, here + left[start:stop] @ mine, where=np.tri(stop - start, dtype=bool))
         below = here
     return out
 
 
-def _dense(band: np.ndarray, r0: int, r1: int, c0: int, c1: int) -> np.ndarray:
-    """Rows r0..r1, columns c0..c1 of a lower band matrix, dense."""
-    rows, columns = np.arange(r0, r1)[:, None], np.arange(c0, c1)[None]
-    under = rows - columns
-    inside = (under >= 0) & (under < band.shape[1])
-    return np.where(inside, band[columns, np.where(inside, under, 0)], 0.0)
+def _window(flat: np.ndarray, ld: int, rows: tuple[int, int], columns: tuple[int, int]):
+    """Rows and columns of a matrix in lower band storage as a view, right inside the band only.
 
-
-def _store(table: np.ndarray, block: np.ndarray, r0: int, c0: int) -> None:
-    """Put a dense block into lower band storage, as far as it lies inside."""
-    rows = np.arange(block.shape[0])[:, None] + r0
-    columns = np.arange(block.shape[1])[None] + c0
-    under = rows - columns
-    inside = (under >= 0) & (under < table.shape[1])
-    table[np.broadcast_to(columns, block.shape)[inside], under[inside]] = block[inside]
+    Entry (r, c) lies at c ld + r - c = c (ld - 1) + r.
+    """
+    (r0, r1), (c0, c1) = rows, columns
+    step = flat.itemsize
+    return as_strided(flat[c0 * (ld - 1) + r0 :], (r1 - r0, c1 - c0), (step, (ld - 1) * step))

@@ -60,15 +60,19 @@ def _outside(out: Block, block: Block, table: str, notes: list[str]) -> Block:
     frame = getattr(block, table)
     sizes = {c.name: (c.width, c.height) for c in block.cameras.values()}
     size = np.array([sizes[name] for name in block.images["camera"]], dtype=float)
-    size = size[block.image_rows(table)]
-    xy = frame[["x", "y"]].to_numpy(float)
-    wild = ((xy < -_OUTSIDE * size) | (xy > (1.0 + _OUTSIDE) * size)).any(axis=1)
+    one = bool(len(size)) and (size == size[0]).all()
+    image = None if one else block.image_rows(table)
+    wild = np.zeros(len(frame), dtype=bool)
+    for axis, limit in zip("xy", size.T, strict=True):
+        limit, at = limit[0] if one else limit[image], frame[axis].to_numpy()
+        wild |= at < -_OUTSIDE * limit
+        wild |= at > (1.0 + _OUTSIDE) * limit
     rows = np.flatnonzero(wild)
     if not len(rows) or len(rows) > 0.02 * len(frame):
         return out
     shown = [
         f"{block.where(table, k)}: point {frame['point'].iloc[k]} in image "
-        f"{frame['image'].iloc[k]} at {xy[k, 0]:g}, {xy[k, 1]:g}"
+        f"{frame['image'].iloc[k]} at {frame['x'].iloc[k]:g}, {frame['y'].iloc[k]:g}"
         for k in rows[:_NAMED]
     ]
     notes.append(_told(rows, "image observation", "far outside the picture", shown))

@@ -233,13 +233,13 @@ def _three(x, at):
 
 
 @njit(**SCALAR)
-def _panel(x, at):
+def panel(x, at):
     """The PANEL numbers from `at` on."""
     return x[at], x[at + U(1)], x[at + U(2)], x[at + U(3)]
 
 
 @njit(**SCALAR)
-def _set(x, at, p):
+def put(x, at, p):
     """x[at:at + PANEL] = p."""
     x[at] = p[0]
     x[at + U(1)] = p[1]
@@ -248,7 +248,7 @@ def _set(x, at, p):
 
 
 @njit(**SCALAR)
-def _plus(p, f, q):
+def plus(p, f, q):
     """p + f q."""
     return p[0] + f * q[0], p[1] + f * q[1], p[2] + f * q[2], p[3] + f * q[3]
 
@@ -267,11 +267,12 @@ def _two(f, p, g, q):
 @njit(**SCALAR)
 def _add(out, at, f, p, g, q):
     """out[at:at + PANEL] += f p + g q."""
-    _set(out, at, _plus(_plus(_panel(out, at), f, p), g, q))
+    put(out, at, plus(plus(panel(out, at), f, p), g, q))
 
 
 @njit(**SCALAR)
-def _zero():
+def zeros():
+    """A panel of zeros."""
     return 0.0, 0.0, 0.0, 0.0
 
 
@@ -392,17 +393,17 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
             s = row_of[i, U(1)] * row + row_of[i, U(2)]
             c, t, dc, dt = _motion(s, cameras.motion, i, U(0))
             x = _less(x, c)
-            _set(seen, at, (x[0], x[1], x[2], row))
-            _set(seen, at + U(16), (t[0], t[1], t[2], s))
+            put(seen, at, (x[0], x[1], x[2], row))
+            put(seen, at + U(16), (t[0], t[1], t[2], s))
             # Slope of X before its turn: -dc/ds + X x dtheta/ds.
             slope = _less(cross(x, dt), dc)
             sine, cosine = sines(t)
-            _set(seen, at + U(24), (slope[0], slope[1], slope[2], sine))
+            put(seen, at + U(24), (slope[0], slope[1], slope[2], sine))
             seen[at + U(28)] = cosine
             x = rotated(sine, cosine, (-t[0], -t[1], -t[2]), x)
         else:
-            _set(seen, at, (x[0], x[1], x[2], 0.0))
-        _set(seen, at + U(4), (x[0], x[1], x[2], 0.0))
+            put(seen, at, (x[0], x[1], x[2], 0.0))
+        put(seen, at + U(4), (x[0], x[1], x[2], 0.0))
     for k in range(m):
         o, at = U(first + k), U(k * SEEN)
         i = U(observations.image[o])
@@ -412,9 +413,9 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
         a, b, au, av, bu, bv = distort_normalised(u, v, interior, i, cameras.radials)
         iz *= interior[i, U(0)]
         g0, g1, h0, h1 = iz * au, iz * av, iz * bu, iz * bv
-        _set(seen, at + U(4), (u, v, a, b))
-        _set(seen, at + U(8), (g0, g1, -(g0 * u + g1 * v), h0))
-        _set(seen, at + U(12), (h1, -(h0 * u + h1 * v), iz, 0.0))
+        put(seen, at + U(4), (u, v, a, b))
+        put(seen, at + U(8), (g0, g1, -(g0 * u + g1 * v), h0))
+        put(seen, at + U(12), (h1, -(h0 * u + h1 * v), iz, 0.0))
     cost = 0.0
     for k in range(m):
         o, at = U(first + k), U(k * SEEN)
@@ -438,10 +439,10 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
             x, y = looked.modelled[o, U(0)], looked.modelled[o, U(1)]
             mx, my = x + s00 * (mx - x) + s01 * (my - y), y + s10 * (mx - x) + s11 * (my - y)
             g, h = _rows_before(s00, s01, s10, s11, g, h)
-            _set(seen, at + U(20), (s00, s01, s10, s11))
+            put(seen, at + U(20), (s00, s01, s10, s11))
         if moves:
             row = seen[at + U(3)]
-            t0, t1, t2, s = _panel(seen, at + U(16))
+            t0, t1, t2, s = panel(seen, at + U(16))
             slope, sine, cosine = _three(seen, at + U(24)), seen[at + U(27)], seen[at + U(28)]
             g, h = rotated(sine, cosine, (t0, t1, t2), g), rotated(sine, cosine, (t0, t1, t2), h)
             factor = row_of[i, U(1)]
@@ -462,7 +463,7 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
             looked.row[o] = row + missed
             farthest = max(farthest, abs(missed))
             top = k00 * s00 + k01 * s10, k00 * s01 + k01 * s11
-            _set(seen, at + U(20), (top[0], top[1], k10 * s00 + k11 * s10, k10 * s01 + k11 * s11))
+            put(seen, at + U(20), (top[0], top[1], k10 * s00 + k11 * s10, k10 * s01 + k11 * s11))
         if looked.modelled.shape[0] > 0:
             seen[at + U(29)], seen[at + U(30)] = mx, my
         root = observations.weight[o if observations.weight.shape[0] > 1 else U(0)]
@@ -476,8 +477,8 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
             ry *= soft
         cost += square
         seen[at + U(3)] = root
-        _set(seen, at + U(8), (root * g[0], root * g[1], root * g[2], root * h[0]))
-        _set(seen, at + U(12), (root * h[1], root * h[2], rx, ry))
+        put(seen, at + U(8), (root * g[0], root * g[1], root * g[2], root * h[0]))
+        put(seen, at + U(12), (root * h[1], root * h[2], rx, ry))
     return cost, farthest
 
 
@@ -497,11 +498,11 @@ def _slope(seen, at):
     What moves the pixel moves its row, and the row moves the camera; and effects look at where
     the pixel is. `seen` has it in the derivatives by X, Y, Z already.
     """
-    return _panel(seen, at + U(20))
+    return panel(seen, at + U(20))
 
 
 @njit(**SCALAR)
-def _put(column, gx, gy, to):
+def _add_column(column, gx, gy, to):
     """Add to a shared column, or to the image's own unknown 4 - column where it is <= -2."""
     if column >= 0:
         to.jb[to.b0 + U(column)] += gx
@@ -523,8 +524,8 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
     cameras, derivatives, columns = scene.cameras, scene.derivatives, scene.columns
     low, high = span
     for c in range(low, high, PANEL):
-        _set(jb, to.b0 + U(c), _zero())
-        _set(jb, to.b1 + U(c), _zero())
+        put(jb, to.b0 + U(c), zeros())
+        put(jb, to.b1 + U(c), zeros())
     x = _three(seen, at)
     ahead = x[2] > 0.0
     for c in range(6 if ahead else 0, d):
@@ -533,7 +534,7 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
     if not ahead:
         return
     root = seen[at + U(3)]
-    u, v, a, b = _panel(seen, at + U(4))
+    u, v, a, b = panel(seen, at + U(4))
     g, h = _three(seen, at + U(8)), _three(seen, at + U(11))
     p, q = _before_rotation(cameras.pose, i, g), _before_rotation(cameras.pose, i, h)
     # g . (dr x X) = dr . (X x g)
@@ -560,12 +561,12 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
             change = derivatives.interior[i, U(k), U(n)]
             dx += seen[inner + U(2 * k)] * change
             dy += seen[inner + U(2 * k + 1)] * change
-        _put(columns.slot[i, slot], root * dx, root * dy, to)
+        _add_column(columns.slot[i, slot], root * dx, root * dy, to)
         slot += U(1)
     for n in range(derivatives.image.shape[2]):
         dx = root * derivatives.image[e, U(0), U(n)]
         dy = root * derivatives.image[e, U(1), U(n)]
-        _put(columns.slot[i, slot], dx, dy, to)
+        _add_column(columns.slot[i, slot], dx, dy, to)
         slot += U(1)
     moves = cameras.motion.shape[2] > 0
     if not moves and derivatives.image.shape[2] == 0:
@@ -578,9 +579,9 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
             jc[to.j0 + U(c)] += k00 * dx + k01 * dy
             jc[to.j1 + U(c)] += k10 * dx + k11 * dy
     for c in range(low, high, PANEL):
-        by_x, by_y = _panel(jb, to.b0 + U(c)), _panel(jb, to.b1 + U(c))
-        _set(jb, to.b0 + U(c), _two(k00, by_x, k01, by_y))
-        _set(jb, to.b1 + U(c), _two(k10, by_x, k11, by_y))
+        by_x, by_y = panel(jb, to.b0 + U(c)), panel(jb, to.b1 + U(c))
+        put(jb, to.b0 + U(c), _two(k00, by_x, k01, by_y))
+        put(jb, to.b1 + U(c), _two(k10, by_x, k11, by_y))
     for c in range(6, d):
         dx, dy = jc[to.j0 + U(c)], jc[to.j1 + U(c)]
         jc[to.j0 + U(c)], jc[to.j1 + U(c)] = k00 * dx + k01 * dy, k10 * dx + k11 * dy
@@ -593,7 +594,7 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
         away = (-c[0], -c[1], -c[2])
         if theta[0] != 0.0 or theta[1] != 0.0 or theta[2] != 0.0:
             away = _less(cross(x, left_jacobian(t, theta)), c)
-        _put(columns.slot[i, slot], dot(g, away), dot(h, away), to)
+        _add_column(columns.slot[i, slot], dot(g, away), dot(h, away), to)
         slot += U(1)
 
 
@@ -652,23 +653,23 @@ def look(first, last, scene, out, seen):
 @njit(**SCALAR)
 def _reduced(x, at, a, y, n, q):
     """x[at:at + PANEL] - a0 y[n:] - a1 y[n + q:] - a2 y[n + 2 q:]."""
-    left = _plus(_panel(x, at), -a[0], _panel(y, n))
-    left = _plus(left, -a[1], _panel(y, q + n))
-    return _plus(left, -a[2], _panel(y, q + q + n))
+    left = plus(panel(x, at), -a[0], panel(y, n))
+    left = plus(left, -a[1], panel(y, q + n))
+    return plus(left, -a[2], panel(y, q + q + n))
 
 
 @njit(**SCALAR)
 def _by_point(p, x, rays):
     """-P'x of a point: three panels, one a coordinate; p, x: `Strided`."""
-    w0, w1, w2 = _zero(), _zero(), _zero()
+    w0, w1, w2 = zeros(), zeros(), zeros()
     n, at = p.at, x.at
     for _ in range(rays):
         for half in range(2):
             j = n + U(half) * p.row
-            row = _panel(x.values, at + U(half) * x.row)
-            w0 = _plus(w0, p.values[j], row)
-            w1 = _plus(w1, p.values[j + U(1)], row)
-            w2 = _plus(w2, p.values[j + U(2)], row)
+            row = panel(x.values, at + U(half) * x.row)
+            w0 = plus(w0, p.values[j], row)
+            w1 = plus(w1, p.values[j + U(1)], row)
+            w2 = plus(w2, p.values[j + U(2)], row)
         n += p.apart
         at += x.apart
     return w0, w1, w2
@@ -694,7 +695,7 @@ def _gram(x, start, rows, width, span, columns, out, to):
             f0, f1, f2, f3 = 0.0, 0.0, 0.0, 0.0
             row = start
             for _ in range(rows):
-                x0, x1, x2, x3 = _panel(x, row + U(r))
+                x0, x1, x2, x3 = panel(x, row + U(r))
                 n = row + U(at + c)
                 f = x[n]
                 a0 += f * x0
@@ -728,12 +729,12 @@ def _gram(x, start, rows, width, span, columns, out, to):
                 f3 += f * x3
                 row += U(width)
             n = to + U(c * width + r)
-            _set(out, n, (a0, a1, a2, a3))
-            _set(out, n + U(width), (b0, b1, b2, b3))
-            _set(out, n + U(2 * width), (c0, c1, c2, c3))
-            _set(out, n + U(3 * width), (d0, d1, d2, d3))
-            _set(out, n + U(4 * width), (e0, e1, e2, e3))
-            _set(out, n + U(5 * width), (f0, f1, f2, f3))
+            put(out, n, (a0, a1, a2, a3))
+            put(out, n + U(width), (b0, b1, b2, b3))
+            put(out, n + U(2 * width), (c0, c1, c2, c3))
+            put(out, n + U(3 * width), (d0, d1, d2, d3))
+            put(out, n + U(4 * width), (e0, e1, e2, e3))
+            put(out, n + U(5 * width), (f0, f1, f2, f3))
 
 
 @njit(**SCALAR)
@@ -742,7 +743,7 @@ def _subtract(out, at, x, n):
     s0, s1, s2 = out[at] - x[n], out[at + U(1)] - x[n + U(1)], out[at + U(2)] - x[n + U(2)]
     s3, s4 = out[at + U(3)] - x[n + U(3)], out[at + U(4)] - x[n + U(4)]
     s5 = out[at + U(5)] - x[n + U(5)]
-    _set(out, at, (s0, s1, s2, s3))
+    put(out, at, (s0, s1, s2, s3))
     out[at + U(4)] = s4
     out[at + U(5)] = s5
 
@@ -801,7 +802,7 @@ def block_offset(i, j, t, d, storage):
 
 
 @njit(**SCALAR)
-def _same_images(img, start, m, following):
+def same_images(img, start, m, following):
     """Whether the next point, of `following` rays, is seen by the same m images."""
     if m != following:
         return False
@@ -874,8 +875,8 @@ def make_assemble(d, sighted=False):
                 jc[j1] = seen[at + U(15)] if ahead else 0.0
                 if sighted:
                     a, b = point_rows(U(img[o]), o - U(scene.looked.base), seen, at, scene)
-                    _set(jp, U(8 * k), (jc[j0], -a[0], -a[1], -a[2]))
-                    _set(jp, U(8 * k + 4), (jc[j1], -b[0], -b[1], -b[2]))
+                    put(jp, U(8 * k), (jc[j0], -a[0], -a[1], -a[2]))
+                    put(jp, U(8 * k + 4), (jc[j1], -b[0], -b[1], -b[2]))
 
             # With the residual before the unknowns one panel gives P'e and V.
             if sighted:
@@ -920,12 +921,12 @@ def make_assemble(d, sighted=False):
                 w0, w1, w2 = _by_point(by_p, Strided(jb, n, q + q, q), m)
                 if given >= 0:
                     b0 = U(2 * m) * q + n
-                    w0 = _plus(w0, -c0, _panel(jb, b0))
-                    w1 = _plus(w1, -c1, _panel(jb, b0 + q))
-                    w2 = _plus(w2, -c2, _panel(jb, b0 + q + q))
-                _set(z, n, _plus(_zero(), -i0, w0))
-                _set(z, q + n, _two(-i1, w0, -i2, w1))
-                _set(z, q + q + n, _plus(_two(-i3, w0, -i4, w1), -i5, w2))
+                    w0 = plus(w0, -c0, panel(jb, b0))
+                    w1 = plus(w1, -c1, panel(jb, b0 + q))
+                    w2 = plus(w2, -c2, panel(jb, b0 + q + q))
+                put(z, n, plus(zeros(), -i0, w0))
+                put(z, q + n, _two(-i1, w0, -i2, w1))
+                put(z, q + q + n, plus(_two(-i3, w0, -i4, w1), -i5, w2))
 
             # Y of this point: three rows of d m columns, and n as one more.
             n_y = U(-(-(d * m + behind_y) // PANEL) * PANEL)
@@ -944,11 +945,11 @@ def make_assemble(d, sighted=False):
                 b = -i0 * b[0], -i1 * b[0] - i2 * b[1], -i3 * b[0] - i4 * b[1] - i5 * b[2]
                 # The last panel runs into the next image's columns, which are filled after it.
                 for x in range(0, d, PANEL):
-                    f, g = _panel(jc, j0 + U(x)), _panel(jc, j1 + U(x))
+                    f, g = panel(jc, j0 + U(x)), panel(jc, j1 + U(x))
                     n = y_first + U(k * d + x)
-                    _set(y, n, _two(a[0], f, b[0], g))
-                    _set(y, n + n_y, _two(a[1], f, b[1], g))
-                    _set(y, n + n_y + n_y, _two(a[2], f, b[2], g))
+                    put(y, n, _two(a[0], f, b[0], g))
+                    put(y, n + n_y, _two(a[1], f, b[1], g))
+                    put(y, n + n_y + n_y, _two(a[2], f, b[2], g))
                 e0 = jc[j0 - U(1)] - dot(a, right)
                 e1 = jc[j1 - U(1)] - dot(b, right)
                 b0 = U(2 * k) * q
@@ -963,7 +964,7 @@ def make_assemble(d, sighted=False):
                         at += q
                     for r in range(x, min(hi, work.used)):
                         _add(equations.block, U(r) * q + n, jb[b0 + U(r)], s, jb[b1 + U(r)], u)
-                    s, u = _panel(jb, b0 + n), _panel(jb, b1 + n)
+                    s, u = panel(jb, b0 + n), panel(jb, b1 + n)
                     _add(equations.shared_gradient, n, e0, s, e1, u)
                     s = s[0] * s[0], s[1] * s[1], s[2] * s[2], s[3] * s[3]
                     u = u[0] * u[0], u[1] * u[1], u[2] * u[2], u[3] * u[3]
@@ -995,7 +996,7 @@ def make_assemble(d, sighted=False):
             if (
                 waiting < GROUP
                 and p + 1 < last
-                and _same_images(img, start, m, observations.start[p + 2] - start - m)
+                and same_images(img, start, m, observations.start[p + 2] - start - m)
             ):
                 continue
 
@@ -1101,7 +1102,7 @@ def make_substitute(d, sighted=False):
                 x = _three(seen, at)
                 root = seen[at + U(3)]
                 f = scene.cameras.interior[i, U(0)]
-                sx, sy = interior_change(_panel(seen, at + U(4)), f, radials, step.interior, i)
+                sx, sy = interior_change(panel(seen, at + U(4)), f, radials, step.interior, i)
                 for n in range(step.image.shape[1]):
                     e = o - U(scene.looked.base)
                     sx += scene.derivatives.image[e, U(0), U(n)] * step.image[i, U(n)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from corridor.adjustment.gross import without_wild
 from corridor.adjustment.model import Model
-from corridor.block import Block
+from corridor.block import Block, is_among
 from corridor.errors import InputError
 
 # Points that a pose needs.
@@ -34,26 +34,35 @@ def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block,
     roles = model.roles(block)
     ground = block.ground["point"].to_numpy(dtype=object)
     ties, marks = (getattr(block, table)["point"].cat for table in ("tie_points", "marks"))
-    names = np.concatenate([c.categories.to_numpy(dtype=object) for c in (ties, marks)])
+    names = ties.categories.append(marks.categories)
     is_mark = np.arange(len(names)) >= len(ties.categories)
-    held, unused = (is_mark & np.isin(names, ground[roles == r]) for r in ("control", "unused"))
-    point = np.concatenate([ties.codes, marks.codes.astype(np.int32) + len(ties.categories)])
+    held, unused = (
+        np.concatenate([np.zeros(len(ties.categories), bool), is_among(marks.categories, given)])
+        for given in (ground[roles == role] for role in ("control", "unused"))
+    )
+    codes = marks.codes.to_numpy().astype(np.int32)
+    point = np.concatenate([ties.codes.to_numpy(), codes + np.int32(len(ties.categories))])
     image = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
 
     counts = ~unused[point]
     keep, there = counts.copy(), np.ones(len(block.images), dtype=bool)
     alone, few = np.zeros(len(names), dtype=bool), {}
     while True:
-        single = (np.bincount(point[keep], minlength=len(names)) == 1) & ~held
-        keep &= ~single[point]
-        seen = np.bincount(image[keep], minlength=len(there))
+        # Where all count, which is the rule, nothing is copied.
+        rows = slice(None) if keep.all() else keep
+        single = (np.bincount(point[rows], minlength=len(names)) == 1) & ~held
+        if single.any():
+            keep &= ~single[point]
+            rows = keep
+        seen = np.bincount(image[rows], minlength=len(there))
         scarce = np.flatnonzero(there & (seen < LEAST_POINTS))
         if not single.any() and not len(scarce):
             break
         alone |= single
         few |= {block.images["image"].iloc[k]: seen[k] for k in scarce}
         there[scarce] = False
-        keep &= there[image]
+        if len(scarce):
+            keep &= there[image]
     if 2 * there.sum() < len(there) or not (alone.any() or few):
         return block, wild
     notes = wild + [

@@ -294,7 +294,7 @@ class Normal:
             yield first, upto
             first = upto
 
-    def _run(self, work) -> None:
+    def run(self, work) -> None:
         """Call work(thread, first, last) for the points of each thread."""
         count = len(self.problem.ptr) - 1
         if self.threads == 1:
@@ -378,7 +378,7 @@ class Normal:
                         scene = scene._replace(observations=unweighted, loss=Loss())
                     totals[thread] += kernels.look(first, last, scene, out, seen)
 
-            self._run(work)
+            self.run(work)
             moved = np.abs(modelled.pixel[:, :2] - before)
             if not np.max(moved, initial=0.0) > within:
                 break
@@ -430,7 +430,7 @@ class Normal:
                 scene = self.scene(view, self.modelled, first, last)
                 kernel(first, last, scene, damping, equations, totals[thread], self.longest)
 
-        self._run(work)
+        self.run(work)
         if self.threads > 1:
             self.blocks.fold(self.split, self.spare)
             n, s, k = p.image_count, self.split, self.spare
@@ -594,7 +594,7 @@ class Normal:
                 scene = self.scene(view, self.modelled, first, last, anew)
                 kernel(first, last, scene, damping, whole, moved, totals[thread], self.longest)
 
-        self._run(work)
+        self.run(work)
         down, square = totals.sum(axis=0)
         return moved, float(down), float(square)
 

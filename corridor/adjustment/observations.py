@@ -6,8 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from corridor.adjustment.ordering import bandwidth, corridor_order
-from corridor.block import Block
+from corridor.adjustment.ordering import (
+    bandwidth,
+    corridor_order,
+    first_and_same,
+    sorted_rows,
+)
+from corridor.block import Block, is_among
 from corridor.effects import Images
 from corridor.errors import InputError
 
@@ -68,7 +73,7 @@ def _starts_of_marks(block: Block) -> np.ndarray:
     """
     starts = block.positions("marks")
     vague = block.ground.loc[(block.ground_sigma() > VAGUE_M).any(axis=1), "point"]
-    rows = block.points[block.points["point"].isin(vague)]
+    rows = block.points[is_among(block.points["point"], vague)]
     at = block.marks["point"].cat.categories.get_indexer(rows["point"])
     xyz = rows[["x", "y", "z"]].to_numpy(float)
     known = (at >= 0) & np.isfinite(xyz).all(axis=1)
@@ -85,9 +90,7 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
         rows["point"].cat.codes.to_numpy().astype(np.int32, copy=False) for rows in (tie, mark)
     ]
     point = _joined(codes[0], codes[1] + np.int32(len(tie_names)))
-    image = _joined(
-        block.image_rows("tie_points").astype(np.int32), block.image_rows("marks").astype(np.int32)
-    )
+    image = _joined(block.image_rows("tie_points"), block.image_rows("marks"))
     del codes
     count = len(tie_names) + len(mark_names)
     xyz = np.concatenate([block.positions("tie_points"), _starts_of_marks(block)])
@@ -105,33 +108,21 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
     order = corridor_order(point, image, xyz, images)
     rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order))
-    at = rank[image]
-    del image
-    first = np.full(count, len(order), dtype=np.int32)
-    np.minimum.at(first, point, at)
     # Points that the same images see belong together: the kernel gathers them.
-    same = np.bincount(point, at.astype(float) ** 2, minlength=count)
+    first, same = first_and_same(point, image, rank, count)
     by_first = np.lexsort((same, first))
-    number = np.empty(count, dtype=np.int64)
-    number[by_first] = np.arange(count)
-    key = number[point]
-    del point
-    key *= len(order)
-    key += at
-    sort = np.argsort(key, kind="stable")
-    del key
-    img = at[sort]
-    row = sort.astype(np.int32) if keep is None else keep[sort].astype(np.int32)
-    del at, sort, keep
     used = multiplicity[by_first] > 0
     codes = by_first[used]
     ptr = np.concatenate([[0], np.cumsum(multiplicity[codes])])
+    start = np.zeros(count, dtype=np.int64)
+    start[codes] = ptr[:-1]
+    img, row = sorted_rows(point, image, rank, start)
+    row = row if keep is None else keep[row].astype(np.int32)
+    del point, image, keep
     xy = np.empty((len(row), 2))
     for k, axis in enumerate("xy"):
         xy[:, k] = _joined(tie[axis].to_numpy(float), mark[axis].to_numpy(float))[row]
-    weight = 1.0 / _joined(block.tie_sigma(), block.mark_sigma())[row]
-    if len(weight) and np.all(weight == weight[0]):
-        weight = weight[:1].copy()
+    weight = _weights(block, row)
     kinds = codes >= len(tie_names)
     return Network(
         order=order,
@@ -182,6 +173,15 @@ def gnss_of(block: Block, rank: np.ndarray) -> Gnss:
     known = np.isfinite(given).all(axis=1)
     image = rank[block.image_rows("gnss")]
     return Gnss(image[known], given[known], block.gnss_sigma()[known] ** -2.0)
+
+
+def _weights(block: Block, row: np.ndarray) -> np.ndarray:
+    """Root of the weight of the observations in these rows, or the one (1,) that all have."""
+    sigmas = [sigma for sigma in (block.tie_sigma(), block.mark_sigma()) if len(sigma)]
+    if len(row) and all(sigma.strides == (0,) and sigma[0] == sigmas[0][0] for sigma in sigmas):
+        return 1.0 / sigmas[0][:1]
+    weight = 1.0 / _joined(block.tie_sigma(), block.mark_sigma())[row]
+    return weight[:1].copy() if len(weight) and np.all(weight == weight[0]) else weight
 
 
 def _joined(ties: np.ndarray, marks: np.ndarray) -> np.ndarray:

@@ -19,14 +19,8 @@ def corridor_order(
     is taken; a block that bends or goes round is better off with the graph.
     """
     count = len(images.names)
-    known = np.isfinite(position).all(axis=1)[point]
-    where, by = (point, image) if known.all() else (point[known], image[known])
-    by = by.astype(np.int64)
-    seen = np.maximum(np.bincount(by, minlength=count), 1)
-    footprint = np.stack(
-        [np.bincount(by, position[where, k], minlength=count) / seen for k in range(3)], 1
-    )
-    del where, by, known
+    footprint, seen = _sums(point, image, position, np.isfinite(position).all(axis=1), count)
+    footprint /= np.maximum(seen, 1)[:, None]
     centred = footprint - footprint.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
     along = centred @ axes[:, -1]
@@ -52,12 +46,66 @@ def _links(point: np.ndarray, image: np.ndarray, count: int):
 def _width(point: np.ndarray, image: np.ndarray, order: np.ndarray) -> int:
     rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order))
-    at = rank[image]
-    first = np.full(point.max() + 1, len(order), dtype=np.int32)
-    last = np.full(point.max() + 1, -1, dtype=np.int32)
-    np.minimum.at(first, point, at)
-    np.maximum.at(last, point, at)
-    return int((last - first).max()) + 1
+    return _widest(point, image, rank, int(point.max()) + 1) + 1
+
+
+@compiled()
+def _sums(point, image, position, known, count):
+    """Sum (count, 3) of the known positions that each image shows, and how many these are."""
+    total, seen = np.zeros((count, 3)), np.zeros(count, dtype=np.int64)
+    for o in range(len(point)):
+        p, i = point[o], image[o]
+        if known[p]:
+            seen[i] += 1
+            for k in range(3):
+                total[i, k] += position[p, k]
+    return total, seen
+
+
+@compiled()
+def _widest(point, image, rank, count):
+    """The largest distance between images that share a point."""
+    first, last = np.full(count, len(rank), dtype=np.int32), np.full(count, -1, dtype=np.int32)
+    for o in range(len(point)):
+        p, at = point[o], rank[image[o]]
+        first[p], last[p] = min(first[p], at), max(last[p], at)
+    widest = -1
+    for p in range(count):
+        widest = max(widest, last[p] - first[p])
+    return widest
+
+
+@compiled()
+def first_and_same(point, image, rank, count):
+    """Of each point the first place of its images, and the sum of their squares, which is the same
+    for points that the same images see."""
+    first, same = np.full(count, len(rank), dtype=np.int32), np.zeros(count)
+    for o in range(len(point)):
+        p, at = point[o], rank[image[o]]
+        first[p] = min(first[p], at)
+        same[p] += float(at) * float(at)
+    return first, same
+
+
+@compiled()
+def sorted_rows(point, image, rank, start):
+    """Places of the images, by point and place, and the rows they come from.
+
+    start (points,): where the rows of each point begin.
+    """
+    where = start.copy()
+    img = np.empty(len(point), dtype=np.int32)
+    row = np.empty(len(point), dtype=np.int32)
+    for o in range(len(point)):
+        p, at = point[o], rank[image[o]]
+        n = where[p]
+        # A point has few rows: each goes before those that it precedes.
+        while n > start[p] and img[n - 1] > at:
+            img[n], row[n] = img[n - 1], row[n - 1]
+            n -= 1
+        img[n], row[n] = at, o
+        where[p] += 1
+    return img, row
 
 
 @compiled()

@@ -3,8 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from corridor.adjustment.kernels import (
+    PANEL,
     SEEN,
     Rows,
     Storage,
@@ -12,10 +14,18 @@ from corridor.adjustment.kernels import (
     block_offset,
     invert_cholesky,
     jacobian_rows,
+    panel,
+    plus,
     point_rows,
+    put,
+    same_images,
     see,
+    zeros,
 )
-from corridor.compiled import compiled
+from corridor.compiled import SCALAR, compiled
+
+# Points seen by the same images that are gone over together: three panels of four numbers.
+GROUP = 4
 
 
 class Inverse(NamedTuple):
@@ -173,77 +183,183 @@ def make_point_gains(d):
 def make_point_covariance(d):
     """Covariances of points for images with `d` unknowns."""
 
-    @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
-    def point_covariance(first, last, scene, known, longest, out, cross):
+    @compiled(vectorised=True, nogil=True, error_model="numpy", fastmath={"contract"})
+    def point_covariance(first, last, scene, known, longest, wanted, columns, out, cross):
         """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and shared.
 
-        out: (points, 6) lower halves; cross: (points, 3, q) with the shared. longest: the most
-        rays of a point.
+        out: (points, 6) lower halves, or (0, 6) for none. cross: (k, 3, columns) with some of the
+        shared unknowns, of the points whose number k in `wanted` (points,) is not -1. longest:
+        the most rays of a point.
+
+        Points that the same images see need the same part of Q: up to `GROUP` of them go together,
+        a panel of numbers at a time.
         """
         observations = scene.observations
         img = observations.image
         near, shared, poses_shared = known.near.flat, known.shared, known.poses_shared
-        stride = known.near.stride
+        stride = U(known.near.stride)
         q = shared.shape[0]
         work, gained = make_room(longest, d, scene.columns.wide, q)
         kc, kb = gained.own, gained.shared
-        sums, moved = np.zeros((3, 3)), np.zeros((d, 3))
-        for p in range(first, last):
+        lanes = -(-3 * GROUP // PANEL) * PANEL
+        gains, sums = np.zeros(longest * d * lanes), np.zeros((GROUP, 6))
+        moved, offset = np.zeros(d * lanes), np.zeros(longest, dtype=np.int64)
+        own, whole = np.zeros((3, q)), np.zeros((3, q))
+        p = first
+        while p < last:
             start = observations.start[p]
             m = observations.start[p + 1] - start
-            n00, n10, n11, n20, n21, n22 = gain(p, scene, d, work, gained)
-            # cov(P, shared) = -(K_c' Q_cs + K_b' Q_ss)
-            for x in range(3):
-                for c in range(q):
-                    total = 0.0
+            count = 1
+            while (
+                count < GROUP
+                and p + count < last
+                and same_images(
+                    img,
+                    start + (count - 1) * m,
+                    m,
+                    observations.start[p + count + 1] - observations.start[p + count],
+                )
+            ):
+                count += 1
+            used = -(-3 * count // PANEL) * PANEL
+            for r in range(m * d):
+                for x in range(3 * count, used):
+                    gains[r * lanes + x] = 0.0
+            for j in range(count):
+                number = wanted[p + j]
+                if number < 0 and out.shape[0] == 0:
+                    continue
+                inverse = gain(p + j, scene, d, work, gained)
+                # cov(P, shared) = -(K_c' Q_cs + K_b' Q_ss)
+                for x in range(3):
+                    for c in range(q):
+                        own[x, c] = 0.0
                     for b in range(q):
-                        total += kb[b, x] * shared[b, c]
-                    for k in range(m):
-                        i = img[start + k]
-                        for a in range(d):
-                            total += kc[k, a, x] * poses_shared[i * d + a, c]
-                    cross[p, x, c] = -total
-            for x in range(3):
-                for w in range(3):
-                    # K_b' Q_sc K_c + K_c' Q_cs K_b + K_b' Q_ss K_b, of which cross holds the most
-                    total = 0.0
-                    for b in range(q):
-                        total -= cross[p, x, b] * kb[b, w] + cross[p, w, b] * kb[b, x]
+                        f = kb[b, x]
                         for c in range(q):
-                            total -= kb[b, x] * shared[b, c] * kb[c, w]
-                    sums[x, w] = total
-            for k in range(m):
-                i = img[start + k]
-                # Q K_c of the rays from this one on, half of its own: what follows is symmetric.
-                for c in range(d):
-                    moved[c, 0], moved[c, 1], moved[c, 2] = 0.0, 0.0, 0.0
-                at = block_offset(i, i, i, d, known.near)
-                for c in range(d):
-                    entry = 0.5 * near[at + U(c * stride + c)]
-                    for x in range(3):
-                        moved[c, x] += entry * kc[k, c, x]
-                    for e in range(c):
-                        entry = near[at + U(e * stride + c)]
+                            own[x, c] += f * shared[b, c]
+                    for c in range(q):
+                        whole[x, c] = own[x, c]
+                for k in range(m):
+                    row = img[start + k] * d
+                    for a in range(d):
+                        at = (k * d + a) * lanes + 3 * j
                         for x in range(3):
-                            moved[c, x] += entry * kc[k, e, x]
-                for n in range(k + 1, m):
-                    at = block_offset(i, img[start + n], i, d, known.near)
-                    for c in range(d):
-                        for e in range(d):
-                            entry = near[at + U(c * stride + e)]
-                            for x in range(3):
-                                moved[c, x] += entry * kc[n, e, x]
-                for c in range(d):
+                            f = kc[k, a, x]
+                            gains[at + x] = f
+                            for c in range(q):
+                                whole[x, c] += f * poses_shared[row + a, c]
+                if number >= 0:
                     for x in range(3):
-                        for w in range(3):
-                            term = kc[k, c, x] * moved[c, w]
-                            sums[x, w] += term
-                            sums[w, x] += term
-            out[p, 0] = n00 + sums[0, 0]
-            out[p, 1] = n10 + sums[1, 0]
-            out[p, 2] = n11 + sums[1, 1]
-            out[p, 3] = n20 + sums[2, 0]
-            out[p, 4] = n21 + sums[2, 1]
-            out[p, 5] = n22 + sums[2, 2]
+                        for c in range(len(columns)):
+                            cross[number, x, c] = -whole[x, columns[c]]
+                # V^-1 + K_b' Q_sc K_c + K_c' Q_cs K_b + K_b' Q_ss K_b
+                n = 0
+                for x in range(3):
+                    for w in range(x + 1):
+                        total = inverse[n]
+                        for b in range(q):
+                            total += whole[x, b] * kb[b, w] + (whole[w, b] - own[w, b]) * kb[b, x]
+                        sums[j, n] = total
+                        n += 1
+            if out.shape[0] > 0:
+                _sum_of_images(
+                    img, start, m, d, known.near, near, stride, used, lanes, gains, moved, offset,
+                    sums,
+                )  # fmt: skip
+                for j in range(count):
+                    for n in range(6):
+                        out[p + j, n] = sums[j, n]
+            p += count
 
     return point_covariance
+
+
+@njit(**SCALAR)
+def _sum_of_images(
+    img, start, m, d, storage, near, stride, used, lanes, gains, moved, offset, sums
+):
+    """Add K_c' Q_cc K_c of some points that the same m images see; sums (points, 6).
+
+    gains: a row an unknown of the images, `used` numbers of `lanes` long, three a point.
+    """
+    for k in range(m):
+        i = img[start + k]
+        # Q K_c of the rays from this one on, half of its own: what follows is symmetric.
+        at = block_offset(i, i, i, d, storage)
+        for c in range(d):
+            column = at + U(c) * stride
+            for x in range(0, used, PANEL):
+                row = U((k * d + c) * lanes + x)
+                total = plus(zeros(), 0.5 * near[column + U(c)], panel(gains, row))
+                for e in range(c + 1, d):
+                    row += U(lanes)
+                    total = plus(total, near[column + U(e)], panel(gains, row))
+                put(moved, U(c * lanes + x), total)
+        for n in range(k + 1, m):
+            offset[n] = block_offset(i, img[start + n], i, d, storage)
+        for c in range(0, d - 5, 6):
+            _six_columns(k, m, d, c, near, stride, used, lanes, gains, moved, offset)
+        for c in range(d // 6 * 6, d):
+            for x in range(0, used, PANEL):
+                total = panel(moved, U(c * lanes + x))
+                for n in range(k + 1, m):
+                    column = U(offset[n]) + U(c) * stride
+                    for e in range(d):
+                        row = U((n * d + e) * lanes + x)
+                        total = plus(total, near[column + U(e)], panel(gains, row))
+                put(moved, U(c * lanes + x), total)
+        for j in range(used // 3):
+            s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for c in range(d):
+                row = U((k * d + c) * lanes + 3 * j)
+                a0, a1, a2 = gains[row], gains[row + U(1)], gains[row + U(2)]
+                row = U(c * lanes + 3 * j)
+                b0, b1, b2 = moved[row], moved[row + U(1)], moved[row + U(2)]
+                s0 += 2.0 * (a0 * b0)
+                s1 += a1 * b0 + a0 * b1
+                s2 += 2.0 * (a1 * b1)
+                s3 += a2 * b0 + a0 * b2
+                s4 += a2 * b1 + a1 * b2
+                s5 += 2.0 * (a2 * b2)
+            sums[j, 0] += s0
+            sums[j, 1] += s1
+            sums[j, 2] += s2
+            sums[j, 3] += s3
+            sums[j, 4] += s4
+            sums[j, 5] += s5
+
+
+@njit(**SCALAR)
+def _six_columns(k, m, d, c, near, stride, used, lanes, gains, moved, offset):
+    """Add to six columns of Q K_c, from c on, what the images behind image k make of them."""
+    for x in range(0, used, PANEL):
+        to = U(c * lanes + x)
+        t0, t1 = panel(moved, to), panel(moved, to + U(lanes))
+        t2, t3 = panel(moved, to + U(2 * lanes)), panel(moved, to + U(3 * lanes))
+        t4, t5 = panel(moved, to + U(4 * lanes)), panel(moved, to + U(5 * lanes))
+        for n in range(k + 1, m):
+            at = U(offset[n]) + U(c) * stride
+            row = U(n * d * lanes + x)
+            for _ in range(d):
+                g = panel(gains, row)
+                column = at
+                t0 = plus(t0, near[column], g)
+                column += stride
+                t1 = plus(t1, near[column], g)
+                column += stride
+                t2 = plus(t2, near[column], g)
+                column += stride
+                t3 = plus(t3, near[column], g)
+                column += stride
+                t4 = plus(t4, near[column], g)
+                column += stride
+                t5 = plus(t5, near[column], g)
+                at += U(1)
+                row += U(lanes)
+        put(moved, to, t0)
+        put(moved, to + U(lanes), t1)
+        put(moved, to + U(2 * lanes), t2)
+        put(moved, to + U(3 * lanes), t3)
+        put(moved, to + U(4 * lanes), t4)
+        put(moved, to + U(5 * lanes), t5)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from corridor.adjustment.kernels import PANEL
 from corridor.adjustment.model import EFFECT, Model, ParameterId
@@ -87,9 +88,13 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
     @property
     def point_names(self) -> np.ndarray:
         """Names of the points, ties and marks, in the order of the problem."""
-        ties = self.block.tie_points["point"].cat.categories.to_numpy(dtype=object)
-        marks = self.block.marks["point"].cat.categories.to_numpy(dtype=object)
-        return np.concatenate([ties, marks])[self.point_codes]
+        return self.point_index.to_numpy(dtype=object)
+
+    @property
+    def point_index(self) -> pd.Index:
+        """`point_names` without an object for each name."""
+        ties, marks = (t["point"].cat.categories for t in (self.block.tie_points, self.block.marks))
+        return (ties.append(marks) if len(marks) else ties).take(self.point_codes)
 
     def values(
         self,

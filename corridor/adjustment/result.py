@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +17,7 @@ from corridor.adjustment.observation_table import observation_table
 from corridor.adjustment.parameters import Parameters, parameters_of
 from corridor.adjustment.solve import Solution
 from corridor.adjustment.warnings import warnings_of
-from corridor.block import POSE, Block
+from corridor.block import POSE, Block, frugal, places
 from corridor.camera import INTERIOR
 from corridor.effects import Values
 from corridor.geometry import (
@@ -98,20 +99,32 @@ class Adjustment(Checked):
             name: camera.with_interior(interior)
             for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
         }
-        columns = ["x", "y", "z", "sx", "sy", "sz"]
-        found = self.points[["point", "x", "y", "z"]].copy()
-        found[columns[3:]] = self.point_sigma
-        old = block.points.reindex(columns=[*dict.fromkeys([*block.points.columns, *columns])])
-        at = pd.Index(found["point"]).get_indexer(old["point"])
-        hit = at >= 0
-        old.loc[hit, columns] = found[columns].to_numpy()[at[hit]]
-        new = found[~found["point"].isin(old["point"])]
-        block.points = pd.concat([old, new], ignore_index=True) if len(new) else old
+        block.points = self._points_table(block.points)
         if p.arms_free:
             block.lever_arm = {
                 name: tuple(arm) for name, arm in zip(block.flight_names, state.arms, strict=True)
             }
         return block
+
+    @frugal()
+    def _points_table(self, given: pd.DataFrame) -> pd.DataFrame:
+        """points.csv with what was found in place of what was given, new points behind."""
+        names = self.problem.point_index
+        found = dict(zip(("x", "y", "z"), self.state.points.T, strict=True))
+        found |= dict(zip(("sx", "sy", "sz"), self.point_sigma.T, strict=True))
+        at = places(given["point"], names)
+        hit = at >= 0
+        columns = {}
+        for name, values in found.items():
+            old = given[name].to_numpy() if name in given else np.nan
+            columns[name] = np.where(hit, values[at], old) if len(names) else old
+        table = given.assign(**columns)
+        fresh = np.ones(len(names), dtype=bool)
+        fresh[at[hit]] = False
+        if not fresh.any():
+            return table
+        new = pd.DataFrame({"point": names[fresh]} | {k: v[fresh] for k, v in found.items()})
+        return pd.concat([table, new], ignore_index=True)
 
     def _pose_columns(self) -> dict[str, np.ndarray]:
         p, state = self.problem, self.state
@@ -127,27 +140,37 @@ class Adjustment(Checked):
         """Measured minus modelled, by kind: `tie`, `mark` (px), `gnss`, `control` (m)."""
         p = self.problem
         left = self.system.residuals()
-        pixels = np.full((len(p.block.tie_points) + len(p.block.marks), 2), np.nan)
-        pixels[p.row] = left.pixels
-        sigma = np.concatenate([p.block.tie_sigma(), p.block.mark_sigma()])
-        length = np.hypot(*pixels.T) / sigma
+        v = np.full((2, len(p.block.tie_points) + len(p.block.marks)), np.nan)
+        for axis in range(2):
+            v[axis, p.row] = left.pixels[:, axis]
+        left = replace(left, pixels=left.pixels[:0])  # as large as the observations
+        sigma = {"tie": p.block.tie_sigma(), "mark": p.block.mark_sigma()}
+        length = np.hypot(*v)
+        length[: p.tie_count] /= sigma["tie"]
+        length[p.tie_count :] /= sigma["mark"]
         usual = robust_scale_of_lengths(length, least=1e-9)
         loss = self.system.loss
-        weight = np.ones(len(length)) if loss.kind == 0 else _weights(loss, length)
+        weight = np.broadcast_to(1.0, len(length))
+        if loss.kind != 0:
+            weight = _weights(loss, length)
         out = {}
         for kind, rows, span in (
             ("tie", p.block.tie_points, slice(0, p.tie_count)),
             ("mark", p.block.marks, slice(p.tie_count, None)),
         ):
-            frame = rows[["point", "image", "x", "y"]].assign(
-                vx=pixels[span, 0],
-                vy=pixels[span, 1],
-                sigma=sigma[span],
-                weight=weight[span],
-                outlier=is_outlier(length[span], usual),
-                gross=is_outlier(length[span], usual, GROSS),
-            )
-            frame = frame[np.isfinite(frame["vx"])].reset_index(drop=True)
+            mine = {
+                "vx": v[0, span],
+                "vy": v[1, span],
+                "sigma": sigma[kind],
+                "weight": weight[span],
+                "outlier": is_outlier(length[span], usual),
+                "gross": is_outlier(length[span], usual, GROSS),
+            }
+            shown = {name: rows[name] for name in ("point", "image", "x", "y")}
+            frame = pd.DataFrame(shown | mine, copy=False)
+            known = np.isfinite(mine["vx"])
+            if not known.all():
+                frame = frame[known].reset_index(drop=True)
             out[kind] = with_units(frame, {"px": "x y vx vy sigma"})
         names = p.images.names[p.gnss_image]
         out["gnss"] = _metres(names, "image", p.gnss_given, left.gnss, p.gnss_weight)
@@ -174,12 +197,14 @@ class Adjustment(Checked):
             if not len(frame):
                 out[kind] = {}
                 continue
-            kept = frame[~frame["gross"]]
-            v = kept[["vx", "vy"]].to_numpy()
+            gross, sigma = frame["gross"].to_numpy(), frame["sigma"].to_numpy()
+            kept = ~gross if gross.any() else slice(None)
+            axes = [frame[axis].to_numpy()[kept] for axis in ("vx", "vy")]
+            scaled = [v / sigma[kept] for v in axes]
             out[kind] = {
                 "count": len(frame),
-                "rms": float(np.sqrt(np.mean(v**2))),
-                "sigma0": float(np.sqrt(np.mean((v / kept[["sigma"]].to_numpy()) ** 2))),
+                "rms": float(np.sqrt(np.mean([np.mean(v**2) for v in axes]))),
+                "sigma0": float(np.sqrt(np.mean([np.mean(v**2) for v in scaled]))),
                 "outliers": int(frame["outlier"].sum()),
                 "gross": int(frame["gross"].sum()),
             }
@@ -299,7 +324,9 @@ class Adjustment(Checked):
         if not len(picked):
             picked = np.flatnonzero(np.diff(p.ptr) >= 3)
         ground = np.sqrt(self.covariance.each_point[picked, 5])
-        with_ground = self.covariance.points_shared[picked, 2]
+        focal = [n for n, u in enumerate(p.unknowns) if (u.kind, u.name) == ("camera", "f")]
+        between = self.covariance.between(picked, focal)[:, 2]
+        with_ground = dict(zip(focal, between.T, strict=True))
         out = []
         chosen = [
             (n, unknown)
@@ -316,7 +343,7 @@ class Adjustment(Checked):
                     here = mine & (p.images.flight == g)
                     which = f"height.{p.images.flight_names[g]}"
                     out.append(self._pair(n, name, which, with_height[here, n], height[here]))
-                out.append(self._pair(n, name, "ground height", with_ground[:, n], ground))
+                out.append(self._pair(n, name, "ground height", with_ground[n], ground))
             else:
                 mine = p.images.flight == unknown.at[0]
                 out.append(self._pair(n, name, "height", with_height[mine, n], height[mine]))
@@ -358,7 +385,7 @@ class Adjustment(Checked):
         x, y, z = self.state.points.T
         frame = pd.DataFrame(
             {
-                "point": p.point_names,
+                "point": p.point_index,
                 "x": x,
                 "y": y,
                 "z": z,
@@ -371,7 +398,9 @@ class Adjustment(Checked):
     @cached_property
     def point_sigma(self) -> np.ndarray:
         """Standard deviations (n, 3), m, of the rows of `points`."""
-        return self.sigma0 * np.sqrt(self.covariance.each_point[:, [0, 2, 5]])
+        sigma = np.sqrt(self.covariance.each_point[:, [0, 2, 5]])
+        sigma *= self.sigma0
+        return sigma
 
     @cached_property
     def check_points(self) -> pd.DataFrame:
@@ -382,7 +411,7 @@ class Adjustment(Checked):
         names = ground["point"].to_numpy(dtype=object)[rows]
         given = ground[["x", "y", "z"]].to_numpy(float)[rows]
         marks = np.flatnonzero(p.point_kinds)
-        at = {name: n for n, name in zip(marks, p.point_names[marks], strict=True)}
+        at = {name: n for n, name in zip(marks, p.point_index[marks], strict=True)}
         seen = np.array([name in at for name in names], dtype=bool)
         columns, units = ["point", "dx", "dy", "dz", "sx", "sy", "sz", "rays"], {"m": _CHECKED}
         if not seen.any():

@@ -5,7 +5,16 @@ from corridor.block.corners import corner_rays, footprints
 from corridor.block.reading import place, read_columns, row_numbers
 from corridor.block.record import forget_correction, record_correction, taken_out
 from corridor.block.summary import Summary
-from corridor.block.tables import LAYOUTS, POSE, QUATERNION, SIGMAS, Layout
+from corridor.block.tables import (
+    LAYOUTS,
+    POSE,
+    QUATERNION,
+    SIGMAS,
+    Layout,
+    frugal,
+    is_among,
+    places,
+)
 
 __all__ = [
     "LAYOUTS",
@@ -18,8 +27,11 @@ __all__ = [
     "corner_rays",
     "footprints",
     "forget_correction",
+    "frugal",
+    "is_among",
     "is_block",
     "place",
+    "places",
     "read",
     "read_columns",
     "record_correction",

@@ -146,13 +146,13 @@ class Block:
         return pd.factorize(self.images["flight"].fillna("1"))
 
     def image_rows(self, table: str) -> np.ndarray:
-        """(n,) int: the row of `images` that each row of a table belongs to, -1 where none."""
+        """(n,) int32: the row of `images` that each row of a table belongs to, -1 where none."""
         column = getattr(self, table)["image"]
         names = pd.Index(self.images["image"])
         if not isinstance(column.dtype, pd.CategoricalDtype):
-            return names.get_indexer(column)
-        place = names.get_indexer(column.cat.categories)
-        return np.append(place, -1)[column.cat.codes.to_numpy()]
+            return names.get_indexer(column).astype(np.int32)
+        place = np.append(names.get_indexer(column.cat.categories), -1).astype(np.int32)
+        return place[column.cat.codes.to_numpy()]
 
     @frugal()
     def positions(self, table: str) -> np.ndarray:
@@ -168,6 +168,12 @@ class Block:
             known = (at >= 0) & np.isfinite(xyz).all(axis=1)
             out[at[known]] = xyz[known]
         return out
+
+    @property
+    def form(self) -> str:
+        """How its observations were stored: "parquet", or "csv", also of a block made in memory."""
+        files = [self._files[table] for table in ("tie_points", "marks") if table in self._files]
+        return "parquet" if files and files[0].suffix == ".parquet" else "csv"
 
     def where(self, table: str, row: int) -> str:
         """`images.csv, row 3` for row 1 of the table (rows from 0): the line of the file.
@@ -185,11 +191,11 @@ class Block:
 
     def tie_sigma(self) -> np.ndarray:
         """(n,) px of the tie observations, the default of block.toml where none is given."""
-        return self._filled("tie_points", ("sigma",), "tie_px")[:, 0]
+        return self._sigma_px("tie_points", "tie_px")
 
     def mark_sigma(self) -> np.ndarray:
         """(n,) px of the marks, the default of block.toml where none is given."""
-        return self._filled("marks", ("sigma",), "mark_px")[:, 0]
+        return self._sigma_px("marks", "mark_px")
 
     def gnss_sigma(self) -> np.ndarray:
         """(n, 3) m of the antenna positions, the default of block.toml where none is given."""
@@ -198,6 +204,12 @@ class Block:
     def ground_sigma(self) -> np.ndarray:
         """(n, 3) m of the ground points, the default of block.toml where none is given."""
         return self._filled("ground", SIGMAS, "control_m")
+
+    def _sigma_px(self, table: str, default: str) -> np.ndarray:
+        if "sigma" in getattr(self, table):
+            return self._filled(table, ("sigma",), default)[:, 0]
+        # One number for all takes no room.
+        return np.broadcast_to(self.sigma[default], len(getattr(self, table)))
 
     def _filled(self, table: str, columns: tuple[str, ...], default: str) -> np.ndarray:
         frame = getattr(self, table)
@@ -212,9 +224,12 @@ class Block:
     # --- other blocks ------------------------------------------------------------------------
 
     def copy(self) -> Block:
-        """A block that shares nothing with this one."""
+        """A block of its own: what is changed in one is not changed in the other.
+
+        pandas copies a column when one of the two is written to.
+        """
         return self._with(
-            **{table: getattr(self, table).copy() for table in LAYOUTS},
+            **{table: getattr(self, table).copy(deep=False) for table in LAYOUTS},
             cameras={
                 name: replace(
                     camera, interior=camera.interior.copy(), extra=copy.deepcopy(camera.extra)

@@ -264,7 +264,9 @@ def _uneven_lines(path: Path, _modified: int, _size: int) -> np.ndarray | None:
 
 def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
     try:
-        with pa.parquet.ParquetFile(path, memory_map=False) as file:
+        with pa.parquet.ParquetFile(
+            path, memory_map=False, read_dictionary=list(layout.coded)
+        ) as file:
             names = file.schema_arrow.names
             missing = [name for name in layout.needed if name not in names]
             if missing:
@@ -302,16 +304,32 @@ def _parquet_column(file: pa.parquet.ParquetFile, layout, name: str) -> pd.Serie
     if name not in layout.listed:
         return file.read(columns=[name])[name].to_pandas()
 
-    def pieces(kind: pa.DataType):
+    def read():
         for group in range(file.num_row_groups):
-            column = file.read_row_group(group, columns=[name], use_threads=False)[name]
+            yield file.read_row_group(group, columns=[name], use_threads=False)[name]
+
+    def pieces(kind: pa.DataType):
+        for column in read():
             if pa.types.is_dictionary(column.type):
                 column = pc.cast(column, column.type.value_type)
             yield pc.cast(column, kind, safe=kind != pa.float64())
 
     if name in layout.coded:
-        return _coded([column.dictionary_encode() for column in pieces(pa.string())])
+        return _coded([_encoded(column) for column in read()])
     if name in NAMES:
         chunks = [chunk for column in pieces(pa.string()) for chunk in column.chunks]
         return pa.chunked_array(chunks, type=pa.string()).to_pandas()
     return _numbers(pieces(pa.float64()), file.metadata.num_rows)
+
+
+def _encoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """A column of names by codes, without a copy of every name where it is stored so already."""
+    if pa.types.is_dictionary(column.type):
+        if column.type.index_type == pa.int32():
+            chunks = [
+                pa.DictionaryArray.from_arrays(c.indices, pc.cast(c.dictionary, pa.string()))
+                for c in column.chunks
+            ]
+            return pa.chunked_array(chunks, type=_CODED)
+        column = pc.cast(column, column.type.value_type)
+    return pc.cast(column, pa.string()).dictionary_encode()

@@ -114,12 +114,16 @@ def places(names: pd.Series | pd.Index, known: pd.Series | pd.Index) -> np.ndarr
     """
     if not len(names):
         return np.zeros(0, dtype=np.int32)
-    found = pc.index_in(
-        pa.array(names, type=pa.large_string(), from_pandas=True),
-        value_set=pa.array(known, type=pa.large_string(), from_pandas=True),
-        skip_nulls=True,
-    )
+    wanted, among = (_arrow(each) for each in (names, known))
+    if len(wanted) == len(among) and not wanted.null_count and wanted.equals(among):
+        return np.arange(len(wanted), dtype=np.int32)
+    found = pc.index_in(wanted, value_set=among, skip_nulls=True)
     return pc.fill_null(found, -1).to_numpy(zero_copy_only=False)
+
+
+def _arrow(names: pd.Series | pd.Index) -> pa.Array:
+    found = pa.array(names, type=pa.large_string(), from_pandas=True)
+    return found.combine_chunks() if isinstance(found, pa.ChunkedArray) else found
 
 
 def categorical(codes: np.ndarray, names: pd.Index) -> pd.Categorical:

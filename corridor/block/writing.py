@@ -5,6 +5,7 @@ import io
 import os
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
@@ -14,6 +15,9 @@ from corridor.block.settings import FILE, write_settings
 from corridor.block.tables import LAYOUTS
 from corridor.errors import InputError
 from corridor.report import whole_folder
+
+# Rows that a .parquet holds together.
+_GROUP = 1 << 20
 
 
 def write_block(block, folder: str | os.PathLike, form: str) -> None:
@@ -40,12 +44,46 @@ def write_table(frame: pd.DataFrame, path: Path) -> None:
             f"{path.name}: a column mixes text and numbers ({reason}); give it one type"
         ) from None
     if path.suffix == ".parquet":
-        pa.parquet.write_table(arrow, path)
+        _write_parquet(arrow, path)
         return
     try:
         _write_csv(arrow, path, "none")
     except pa.ArrowInvalid:  # a comma, a quote or a line break in a text
         _write_csv(arrow, path, "needed")
+
+
+def _write_parquet(arrow: pa.Table, path: Path) -> None:
+    """In groups of rows, each with the names that it needs and no others."""
+    names = [f.name for f in arrow.schema if not pa.types.is_floating(f.type)]
+    schema = pa.schema([(f.name, _narrow(f.type)) for f in arrow.schema])
+    with pa.parquet.ParquetWriter(path, schema, use_dictionary=names) as file:
+        for first in range(0, max(arrow.num_rows, 1), _GROUP):
+            part = arrow.slice(first, _GROUP)
+            columns = [
+                pa.chunked_array([_compact(c) for c in column.chunks], kind)
+                if pa.types.is_dictionary(kind)
+                else column
+                for column, kind in zip(part.columns, schema.types, strict=True)
+            ]
+            file.write_table(pa.Table.from_arrays(columns, schema=schema))
+
+
+def _narrow(kind: pa.DataType) -> pa.DataType:
+    return pa.dictionary(pa.int32(), kind.value_type) if pa.types.is_dictionary(kind) else kind
+
+
+def _compact(coded: pa.DictionaryArray) -> pa.DictionaryArray:
+    """The same without the names that it does not need."""
+    codes = coded.indices.cast(pa.int32()).fill_null(-1).to_numpy()
+    high = int(codes.max(initial=-1))
+    low = max(int(codes.min(initial=max(high, 0))), 0)
+    used = np.zeros(high - low + 2, dtype=bool)
+    used[codes - low] = True
+    used[-1] = False  # where the empty cell, code -1, may have been counted
+    place = np.cumsum(used, dtype=np.int32) - 1
+    index = pa.array(place[codes - low], mask=codes < 0, type=pa.int32())
+    names = coded.dictionary.take(pa.array(np.flatnonzero(used) + low))
+    return pa.DictionaryArray.from_arrays(index, names)
 
 
 def _write_csv(arrow: pa.Table, path: Path, quoting: str) -> None:

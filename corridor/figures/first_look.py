@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 6000
 MOST_RAYS = 20
+# Observations that are sorted into cells in one go.
+ROWS_AT_ONCE = 1 << 20
 
 
 def first_look(block: Block, camera: str | None = None) -> Figure:
@@ -130,13 +132,16 @@ def _coverage(
 ) -> None:
     """Counts of observations over the image; the panel is at most width by height inches."""
     tables = [table for table in (block.tie_points, block.marks) if len(table)]
-    chosen = np.concatenate([camera_of(block, table) for table in tables]) == camera
-    x, y = np.concatenate([maps.columns(table) for table in tables]).T
+    chosen = [np.asarray(camera_of(block, table) == camera) for table in tables]
     size = block.cameras[camera]
     wide, high = _fitted(size, width, height)
     axes = style.panel(figure, left, top, wide, high)
-    edges_x, edges_y = cells(size.width, size.height, int(chosen.sum()), most=32)
-    count, _, _ = np.histogram2d(y[chosen], x[chosen], bins=(edges_y, edges_x))
+    number = int(sum(np.count_nonzero(mine) for mine in chosen))
+    edges_x, edges_y = cells(size.width, size.height, number, most=32)
+    count = sum(
+        in_cells(table, mine, edges_x, edges_y)[0]
+        for table, mine in zip(tables, chosen, strict=True)
+    )
     image = axes.pcolormesh(
         edges_x, edges_y, count, cmap=style.COUNTS, vmin=0, vmax=max(count.max(), 1)
     )
@@ -168,14 +173,41 @@ def _fitted(camera: Camera, width: float, height: float) -> tuple[float, float]:
     return scale * camera.width, scale * camera.height
 
 
-def camera_of(block: Block, table: pd.DataFrame) -> np.ndarray:
+def camera_of(block: Block, table: pd.DataFrame) -> pd.Categorical:
     """(n,) the camera of each row of a table of observations or residuals."""
     of_image = pd.Series(
         block.images["camera"].astype(str).to_numpy(), index=block.images["image"].astype(str)
     )
     image = table["image"].astype("category")
-    names = of_image.reindex(image.cat.categories.astype(str)).to_numpy(dtype=object)
-    return names[image.cat.codes.to_numpy()]
+    names = of_image.reindex(image.cat.categories.astype(str))
+    codes = pd.Index(list(block.cameras)).get_indexer(names).astype(np.int16)
+    return pd.Categorical.from_codes(codes[image.cat.codes.to_numpy()], list(block.cameras))
+
+
+def in_cells(
+    table: pd.DataFrame, chosen: np.ndarray, edges_x: np.ndarray, edges_y: np.ndarray, *sums: str
+) -> np.ndarray:
+    """Number of rows in each cell of an image, and their sums: (1 + 2 k, rows, columns).
+
+    table: with x and y, px; chosen (n,): its rows that count. edges: of even cells. sums: columns
+    of the table; of each the sum of its values, then that of their squares.
+    """
+    shape = len(edges_y) - 1, len(edges_x) - 1
+    out = np.zeros((1 + 2 * len(sums), shape[0] * shape[1]))
+    values = [table[name].to_numpy(dtype=float) for name in ("x", "y", *sums)]
+    for first in range(0, len(table), ROWS_AT_ONCE):
+        part = slice(first, first + ROWS_AT_ONCE)
+        x, y, *rest = (column[part][chosen[part]] for column in values)
+        inside = (x >= edges_x[0]) & (x <= edges_x[-1]) & (y >= edges_y[0]) & (y <= edges_y[-1])
+        if not inside.all():
+            x, y, *rest = (column[inside] for column in (x, y, *rest))
+        # What lies on the last edge belongs to the last cell.
+        column = np.minimum((x - edges_x[0]) / (edges_x[1] - edges_x[0]), shape[1] - 1)
+        row = np.minimum((y - edges_y[0]) / (edges_y[1] - edges_y[0]), shape[0] - 1)
+        cell = row.astype(np.int64) * shape[1] + column.astype(np.int64)
+        for k, weights in enumerate([None, *(w for v in rest for w in (v, v**2))]):
+            out[k] += np.bincount(cell, weights, minlength=out.shape[1])
+    return out.reshape(-1, *shape)
 
 
 def cells(

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from corridor.figures import style
-from corridor.figures.first_look import camera_of, cells
+from corridor.figures.first_look import camera_of, cells, in_cells
 from corridor.report import Adjusted, readable, short
 
 MOST_CAMERAS = 4
@@ -30,19 +30,21 @@ def residual_vectors(adjustment: Adjusted, camera: str | None = None) -> Figure:
     """
     block = adjustment.block
     title = f"{short(block.name, 50)}: mean residuals in the image"
-    table = used(adjustment)
-    if table is None:
+    found = used(adjustment)
+    if found is None:
         return style.sentence("No image residuals to show.", title)
+    table, counts = found
     owner = camera_of(block, table)
     names = [camera] if camera is not None else list(block.cameras)
-    number = {name: int(np.count_nonzero(owner == name)) for name in names}
+    mine = {name: counts & np.asarray(owner == name) for name in names}
+    number = {name: int(np.count_nonzero(rows)) for name, rows in mine.items()}
     shown = sorted((n for n in names if number[n]), key=lambda n: -number[n])[:MOST_CAMERAS]
     if not shown:
         return style.sentence("No image residuals to show.", title)
     across = 1 if len(shown) == 1 else 2
     box = (8.1, 5.6) if across == 1 else (3.95, 3.4)
     inch_per_px = min(_scale(block.cameras[name], *box) for name in shown)
-    fields = [_Field(block.cameras[name], table[owner == name], inch_per_px) for name in shown]
+    fields = [_Field(block.cameras[name], table, mine[name], inch_per_px) for name in shown]
     exaggeration = style.nice(min(field.step for field in fields) / max(_longest(fields), 1e-12))
 
     sizes = [(inch_per_px * field.width, inch_per_px * field.height) for field in fields]
@@ -74,8 +76,8 @@ def _scale(camera, width: float, height: float) -> float:
     return min(width / camera.width, height / camera.height)
 
 
-def used(adjustment: Adjusted) -> pd.DataFrame | None:
-    """Image residuals that took part: of tie points, else of marks; None without any."""
+def used(adjustment: Adjusted) -> tuple[pd.DataFrame, np.ndarray] | None:
+    """Image residuals, of tie points, else of marks, and which took part; None without any."""
     for kind in ("tie", "mark"):
         table = adjustment.residuals.get(kind)
         if table is not None and len(table):
@@ -83,30 +85,25 @@ def used(adjustment: Adjusted) -> pd.DataFrame | None:
             for flag in ("outlier", "gross"):
                 if flag in table:
                     left_out |= table[flag].to_numpy(dtype=bool)
-            kept = table[~left_out & np.isfinite(table["vx"].to_numpy(dtype=float))]
-            if len(kept):
-                return kept
+            kept = ~left_out & np.isfinite(table["vx"].to_numpy(dtype=float))
+            if kept.any():
+                return table, kept
     return None
 
 
 class _Field:
     """Mean residual, its standard error and the count in each cell of one camera's image."""
 
-    def __init__(self, camera, table: pd.DataFrame, inch_per_px: float):
+    def __init__(self, camera, table: pd.DataFrame, mine: np.ndarray, inch_per_px: float):
         self.width, self.height = camera.width, camera.height
         most = max(4, int(inch_per_px * camera.width / 0.33))
-        self.edges_x, self.edges_y = cells(camera.width, camera.height, len(table), most)
-        bins = (self.edges_y, self.edges_x)
-        x, y = table["x"].to_numpy(dtype=float), table["y"].to_numpy(dtype=float)
-        vx, vy = table["vx"].to_numpy(dtype=float), table["vy"].to_numpy(dtype=float)
-
-        def total(weights):
-            return np.histogram2d(y, x, bins=bins, weights=weights)[0]
-
-        self.count = total(None)
+        number = int(np.count_nonzero(mine))
+        self.edges_x, self.edges_y = cells(camera.width, camera.height, number, most)
+        totals = in_cells(table, mine, self.edges_x, self.edges_y, "vx", "vy")
+        self.count = totals[0]
         divisor = np.where(self.count >= LEAST, self.count, np.nan)
-        self.mean = np.stack([total(vx) / divisor, total(vy) / divisor])
-        spread = np.stack([total(vx**2), total(vy**2)]) / divisor - self.mean**2
+        self.mean = totals[[1, 3]] / divisor
+        spread = totals[[2, 4]] / divisor - self.mean**2
         error = np.sqrt(np.clip(spread.sum(axis=0), 0, None) / divisor)
         self.length = np.hypot(*self.mean)
         self.real = self.length > 2 * error

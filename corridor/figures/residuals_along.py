@@ -9,6 +9,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from corridor.figures import maps, style
+from corridor.figures.first_look import ROWS_AT_ONCE
 from corridor.figures.residual_vectors import used
 from corridor.report import Adjusted, short
 
@@ -24,10 +25,10 @@ def residuals_along(adjustment: Adjusted) -> Figure:
     """
     block = adjustment.block
     title = f"{short(block.name, 50)}: residuals along the block"
-    table = used(adjustment)
+    found = used(adjustment)
     gnss = adjustment.residuals.get("gnss")
     gnss = gnss if gnss is not None and len(gnss) else None
-    if table is None and gnss is None:
+    if found is None and gnss is None:
         return style.sentence("No residuals to show.", title)
     frame = maps.frame_of(block)
     names = block.images["image"].astype(str)
@@ -41,7 +42,7 @@ def residuals_along(adjustment: Adjusted) -> Figure:
 
     known = where[np.isfinite(where)]
     room = 0.015 * max(float(np.ptp(known)), 1.0) if len(known) else 1.0
-    heights = ([2.6] if table is not None else []) + ([1.45] * 3 if gnss is not None else [])
+    heights = ([2.6] if found is not None else []) + ([1.45] * 3 if gnss is not None else [])
     figure, panels = style.charts(title, _note(frame), heights, sharex=True)
     panels = list(panels[:, 0])
     panels[0].set_xlim((known.min() - room, known.max() + room) if len(known) else (0.0, 1.0))
@@ -49,8 +50,8 @@ def residuals_along(adjustment: Adjusted) -> Figure:
         MaxNLocator(10, steps=[1, 2, 5, 10], integer=not frame.turned)
     )
     style.label(panels[-1], axis)
-    if table is not None:
-        _image_rms(panels[0], table, position)
+    if found is not None:
+        _image_rms(panels[0], *found, position)
     if gnss is not None:
         _antenna(panels[-3:], adjustment.block, gnss, position)
     return figure
@@ -65,21 +66,19 @@ def _note(frame: maps.MapFrame) -> str:
     return f"distance along the block grows towards {azimuth:.0f}\u00b0 from {north}, clockwise"
 
 
-def _image_rms(axes, table: pd.DataFrame, position: pd.Series) -> None:
+def _image_rms(axes, table: pd.DataFrame, counts: np.ndarray, position: pd.Series) -> None:
     category = table["image"].astype("category")
     codes = category.cat.codes.to_numpy()
-    number = np.bincount(codes, minlength=len(category.cat.categories))
+    number, *squares = _of_images(codes, counts, len(category.cat.categories), table)
     at = position.reindex(category.cat.categories.astype(str)).to_numpy()
     size = float(np.clip(60 / np.sqrt(max(len(at), 1)), 1.8, 5.0))
     keys, highest = [], 0.0
-    for column, (colour, marker), dash, word in zip(
-        ("vx", "vy"), style.SERIES, ("-", "--"), ("line", "dashed"), strict=False
+    for column, square, (colour, marker), dash, word in zip(
+        ("vx", "vy"), squares, style.SERIES, ("-", "--"), ("line", "dashed"), strict=False
     ):
-        values = table[column].to_numpy(dtype=float)
-        square = np.bincount(codes, weights=values**2, minlength=len(number))
         with np.errstate(invalid="ignore", divide="ignore"):
             rms = np.sqrt(square / number)
-        overall = float(np.sqrt(np.mean(values**2)))
+        overall = float(np.sqrt(square.sum() / number.sum()))
         axes.axhline(overall, color=colour, lw=0.8, ls=dash, zorder=2)
         text = f"{column[1]} in the image, all together {overall:.2f} px ({word})"
         look = style.dot(marker, colour, size, "white", 0.3)
@@ -90,6 +89,19 @@ def _image_rms(axes, table: pd.DataFrame, position: pd.Series) -> None:
     style.label(axes, y="RMS (px)")
     style.own_legend(axes, keys)
     style.caption(axes, "image residuals")
+
+
+def _of_images(codes, counts, images: int, table: pd.DataFrame) -> np.ndarray:
+    """Residuals that count of each image, and the sums of squares of vx and vy (3, images)."""
+    out = np.zeros((3, images))
+    values = [None, *(table[name].to_numpy(dtype=float) for name in ("vx", "vy"))]
+    for first in range(0, len(codes), ROWS_AT_ONCE):
+        part = slice(first, first + ROWS_AT_ONCE)
+        kept = counts[part]
+        for k, column in enumerate(values):
+            square = None if column is None else column[part][kept] ** 2
+            out[k] += np.bincount(codes[part][kept], square, minlength=images)
+    return out
 
 
 def _antenna(panels, block, gnss: pd.DataFrame, position: pd.Series) -> None:

@@ -133,12 +133,16 @@ def _pictures(block: Block) -> Iterator[str]:
     of_image = block.images["camera"].map({c.name: n for n, c in enumerate(cameras)}).to_numpy()
     tables = [table for table in ("tie_points", "marks") if len(getattr(block, table))]
     pixels = {table: getattr(block, table)[["x", "y"]].to_numpy(float) for table in tables}
-    users = {table: of_image[block.image_rows(table)] for table in tables}
+    users = {}
+    if len(cameras) > 1:
+        users = {table: of_image[block.image_rows(table)] for table in tables}
     for n, camera in enumerate(cameras):
         size = np.array([camera.width, camera.height], dtype=float)
-        mine = {table: np.flatnonzero(users[table] == n) for table in tables}
+        mine = {
+            table: np.flatnonzero(users[table] == n) if users else slice(None) for table in tables
+        }
         seen = [pixels[table][rows] for table, rows in mine.items()]
-        seen = np.concatenate(seen) if seen else np.zeros((0, 2))
+        seen = seen[0] if len(seen) == 1 else np.concatenate(seen or [np.zeros((0, 2))])
         if not len(seen):
             continue
         gone = ((seen < -0.5) | (seen > size - 0.5)).any(axis=1)
@@ -161,7 +165,8 @@ def _pictures(block: Block) -> Iterator[str]:
 
 def _beyond(seen: np.ndarray, size: np.ndarray) -> float:
     """How far the farthest of some pixels lies outside the picture, px; negative inside."""
-    return float(np.maximum(-0.5 - seen, seen - (size - 0.5)).max())
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    return float(np.maximum(-0.5 - low, high - (size - 0.5)).max())
 
 
 def _why_outside(seen: np.ndarray, size: np.ndarray) -> str:
@@ -186,7 +191,8 @@ def _outside(block, camera, mine, pixels) -> str:
         away = np.maximum(-0.5 - xy, xy - (size - 0.5)).max(axis=1)
         count += int((away > 0).sum())
         if len(away) and away.max() > far:
-            far, at = float(away.max()), (table, int(rows[away.argmax()]))
+            row = int(np.arange(len(pixels[table]))[rows][away.argmax()])
+            far, at = float(away.max()), (table, row)
     table, row = at
     there = getattr(block, table).iloc[row]
     return (

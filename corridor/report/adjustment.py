@@ -142,7 +142,7 @@ def save_adjustment(
     """
     folder, pictures = Path(folder), pictures or {}
     with whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part:
-        adjustment.block.write(part / "block")
+        adjustment.block.write(part / "block", form=adjustment.block.form)
         shown = []
         for name, figure in pictures.items():
             png = write_picture(figure, part / f"{name}.png")
