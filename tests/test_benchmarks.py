@@ -53,6 +53,22 @@ def test_diagnoses_are_timed_and_say_something_before_the_counterparts(tmp_path)
     assert rows[0]["exponent"] is None and -1 < rows[1]["exponent"] < 3
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="peak memory is asked of Unix")
+def test_a_river_is_adjusted_from_parquet_to_parquet_and_comes_out_right(tmp_path):
+    """Two blocks: f within 5 of its sigmas, check points within 6 cm at 50 m, no larger errors."""
+    kept, figures = tmp_path / "kept", tmp_path / "river.json"
+    done = run("river.py", "--short", "--folder", str(kept), "--json", str(figures))
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(figures.read_text())["rows"]
+    assert [row["images"] for row in rows] == [60, 120]
+    for row in rows:
+        assert abs(row["f_over_sigma"]) < 5 and row["check_3d_m"] < 0.06
+        assert 0.95 < row["sigma0"] < 1.05
+        peaks = [peak for _, _, peak in row["stages"]]
+        assert len(peaks) == 8 and peaks == sorted(peaks) and peaks[-1] <= row["peak_mb"]
+    assert (kept / "river_60_1_15" / "tie_points.parquet").is_file()
+
+
 @pytest.mark.skipif(
     importlib.util.find_spec("pyceres") is not None, reason="pyceres is installed: the next test"
 )

@@ -197,6 +197,14 @@ class TestLookingUp:
         other.extra["pilot"]["name"] = "Bob"
         assert_identical(block, read(folder))
 
+    def test_what_is_changed_in_a_block_is_not_changed_in_its_copy(self, folder):
+        block = read(folder)
+        other = block.copy()
+        block.points.loc[0, "x"] = 99.0
+        block.tie_points["x"] += 1.0
+        block.images.iloc[0, 0] = "other"
+        assert_identical(other, read(folder))
+
 
 class TestWriting:
     def test_reading_what_was_written_gives_the_same_block(self, folder, tmp_path):
@@ -210,6 +218,20 @@ class TestWriting:
         assert (tmp_path / "copy" / "tie_points.parquet").is_file()
         assert not list((tmp_path / "copy").glob("*.csv"))
         assert_identical(block, read(tmp_path / "copy"))
+
+    def test_parquet_in_many_groups_gives_the_same_block(self, folder, tmp_path, monkeypatch):
+        """Each group has the names that it needs, in its own order; marks are in no order."""
+        monkeypatch.setattr(corridor.block.writing, "_GROUP", 2)
+        block = read(folder)
+        block.marks = block.marks.iloc[::-1].reset_index(drop=True)
+        block = block.copy()  # brings its names into the order of their rows
+        block.write(tmp_path / "copy", form="parquet")
+        assert_identical(block, read(tmp_path / "copy"))
+
+    def test_how_the_observations_were_stored_is_known(self, folder, tmp_path):
+        assert small().form == read(folder).form == "csv"
+        read(folder).write(tmp_path / "copy", form="parquet")
+        assert read(tmp_path / "copy").form == read(tmp_path / "copy").copy().form == "parquet"
 
     def test_a_block_made_in_memory_comes_back_the_same(self, tmp_path):
         block = small()

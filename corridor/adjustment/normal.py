@@ -315,6 +315,8 @@ class Normal:
         Effects make a shift that differs between places a pixel apart by far less than a pixel:
         what is left is a small part of that.
         """
+        if not (self.has_image_effects or self.has_motion):
+            return self._start()
         return self._converge(self.view(state), near, within)[0]
 
     def residuals(self, state: State, near: Modelled | None = None) -> tuple[np.ndarray, int]:

@@ -129,10 +129,11 @@ def _arrow(names: pd.Series | pd.Index) -> pa.Array:
 def categorical(codes: np.ndarray, names: pd.Index) -> pd.Categorical:
     """Categorical of codes (-1: empty) and different names.
 
-    pandas looks at the names through a table of Python objects, 70 bytes a name, and keeps it as
-    long as the index lives. A deep copy of the type comes without it.
+    pandas asks whether the names differ through a table of Python objects, 70 bytes a name, which
+    takes longer than reading them, and keeps it as long as the index lives: it is not asked.
     """
-    return pd.Categorical.from_codes(codes, dtype=copy.deepcopy(pd.CategoricalDtype(names)))
+    kind = pd.CategoricalDtype._from_fastpath(copy.deepcopy(names), ordered=False)
+    return pd.Categorical.from_codes(codes, dtype=kind)
 
 
 @contextmanager

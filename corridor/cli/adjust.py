@@ -17,7 +17,7 @@ examples:
       for QGIS and CloudCompare too: adjustment.gpkg, adjustment.las
 
 OUT holds report.html (tables and pictures on one page), adjustment.json (every number), block/
-(the adjusted block, readable as any other) and the pictures; with --gis also adjustment.gpkg
+(the adjusted block, .parquet where BLOCK is) and the pictures; with --gis also adjustment.gpkg
 (layers points, check_vectors, cameras, footprints; standard deviations sx, sy, sz in metres) and
 adjustment.las (the points), in the block's CRS with its offset added. It appears when all of it is
 written, or not at all; an earlier result in OUT is replaced. An adjustment that did not converge
