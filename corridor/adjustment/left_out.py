@@ -42,7 +42,9 @@ def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block,
     )
     codes = marks.codes.to_numpy().astype(np.int32)
     point = np.concatenate([ties.codes.to_numpy(), codes + np.int32(len(ties.categories))])
-    image = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
+    image = np.concatenate(
+        [block.image_rows(table).astype(np.int32) for table in ("tie_points", "marks")]
+    )
 
     counts = ~unused[point]
     keep, there = counts.copy(), np.ones(len(block.images), dtype=bool)

@@ -90,7 +90,9 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
         rows["point"].cat.codes.to_numpy().astype(np.int32, copy=False) for rows in (tie, mark)
     ]
     point = _joined(codes[0], codes[1] + np.int32(len(tie_names)))
-    image = _joined(block.image_rows("tie_points"), block.image_rows("marks"))
+    image = _joined(
+        block.image_rows("tie_points").astype(np.int32), block.image_rows("marks").astype(np.int32)
+    )
     del codes
     count = len(tie_names) + len(mark_names)
     xyz = np.concatenate([block.positions("tie_points"), _starts_of_marks(block)])

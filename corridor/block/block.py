@@ -146,13 +146,13 @@ class Block:
         return pd.factorize(self.images["flight"].fillna("1"))
 
     def image_rows(self, table: str) -> np.ndarray:
-        """(n,) int32: the row of `images` that each row of a table belongs to, -1 where none."""
+        """(n,) int: the row of `images` that each row of a table belongs to, -1 where none."""
         column = getattr(self, table)["image"]
         names = pd.Index(self.images["image"])
         if not isinstance(column.dtype, pd.CategoricalDtype):
-            return names.get_indexer(column).astype(np.int32)
-        place = np.append(names.get_indexer(column.cat.categories), -1).astype(np.int32)
-        return place[column.cat.codes.to_numpy()]
+            return names.get_indexer(column)
+        place = names.get_indexer(column.cat.categories)
+        return np.append(place, -1)[column.cat.codes.to_numpy()]
 
     @frugal()
     def positions(self, table: str) -> np.ndarray:
