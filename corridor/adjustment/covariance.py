@@ -20,7 +20,7 @@ from corridor.adjustment.datum import centred
 from corridor.adjustment.kernels import Storage
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Band
-from corridor.adjustment.point_covariance import Inverse, make_point_covariance
+from corridor.adjustment.point_covariance import Asked, Inverse, make_point_covariance
 
 point_covariance_for = lru_cache(make_point_covariance)
 
@@ -157,21 +157,21 @@ class Covariance:
         if other in self.__dict__:
             del self.__dict__["_near"]
 
-    def _of_points(self, wanted: np.ndarray, columns: np.ndarray, out, cross) -> None:
-        """Fill out and cross; see `make_point_covariance`."""
+    def _of_points(self, asked: Asked) -> None:
+        """Fill what is asked for; see `make_point_covariance`."""
         p, normal, blocks = self.system.problem, self.normal, self._system.blocks
         view = normal.view(self.state)
         kernel = point_covariance_for(p.d)
         modelled = normal.modelled_at(self.state)
         # Without `out` no entry of the images is looked at.
-        flat = self._near if len(out) else np.zeros(0)
+        flat = self._near if len(asked.out) else np.zeros(0)
         storage = Storage(flat, blocks.stride, blocks.neighbour_start, blocks.neighbour)
         known = Inverse(storage, self.poses_shared, np.ascontiguousarray(self.shared))
 
         def work(thread: int, start: int, stop: int) -> None:
             for first, last in normal.chunks(start, stop):
                 scene = normal.scene(view, modelled, first, last)
-                kernel(first, last, scene, known, normal.longest, wanted, columns, out, cross)
+                kernel(first, last, scene, known, normal.longest, asked)
 
         normal.run(work)
 
@@ -181,7 +181,7 @@ class Covariance:
         count = len(self.system.problem.ptr) - 1
         out = np.empty((count, 6))
         nothing = np.zeros(0, dtype=np.int64)
-        self._of_points(np.full(count, -1), nothing, out, np.zeros((0, 3, 0)))
+        self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))))
         self._let_go("each_pose")
         return out
 
@@ -197,7 +197,7 @@ class Covariance:
         wanted = np.full(count, -1)
         wanted[chosen] = np.arange(len(chosen))
         cross = np.empty((len(chosen), 3, len(columns)))
-        self._of_points(wanted, columns, np.zeros((0, 6)), cross)
+        self._of_points(Asked(wanted, columns, np.zeros((0, 6)), cross))
         return cross
 
 

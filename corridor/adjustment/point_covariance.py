@@ -26,6 +26,7 @@ from corridor.compiled import SCALAR, compiled
 
 # Points seen by the same images that are gone over together: three panels of four numbers.
 GROUP = 4
+LANES = -(-3 * GROUP // PANEL) * PANEL
 
 
 class Inverse(NamedTuple):
@@ -53,6 +54,28 @@ class Work(NamedTuple):
     by_shared: np.ndarray
     by_point: np.ndarray
     part: np.ndarray
+
+
+class Asked(NamedTuple):
+    """What is to be found. out (points, 6): lower halves, or (0, 6) for none. cross
+    (k, 3, columns): with some of the shared unknowns, of the points whose number k in `number`
+    (points,) is not -1."""
+
+    number: np.ndarray
+    columns: np.ndarray
+    out: np.ndarray
+    cross: np.ndarray
+
+
+class Together(NamedTuple):
+    """Points that the same images see. gains: K_c, a row of LANES numbers an unknown of the
+    images, three a point; moved: Q K_c of one image; offset (longest,): blocks of Q; sums
+    (GROUP, 6): lower halves."""
+
+    gains: np.ndarray
+    moved: np.ndarray
+    offset: np.ndarray
+    sums: np.ndarray
 
 
 # Of the module and not of a maker's: a function that a maker's holds is compiled in each process.
@@ -184,26 +207,23 @@ def make_point_covariance(d):
     """Covariances of points for images with `d` unknowns."""
 
     @compiled(vectorised=True, nogil=True, error_model="numpy", fastmath={"contract"})
-    def point_covariance(first, last, scene, known, longest, wanted, columns, out, cross):
+    def point_covariance(first, last, scene, known, longest, asked):
         """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and shared.
 
-        out: (points, 6) lower halves, or (0, 6) for none. cross: (k, 3, columns) with some of the
-        shared unknowns, of the points whose number k in `wanted` (points,) is not -1. longest:
-        the most rays of a point.
+        longest: the most rays of a point. asked: `Asked`, which receives them.
 
         Points that the same images see need the same part of Q: up to `GROUP` of them go together,
         a panel of numbers at a time.
         """
         observations = scene.observations
         img = observations.image
-        near, shared, poses_shared = known.near.flat, known.shared, known.poses_shared
-        stride = U(known.near.stride)
+        shared, poses_shared = known.shared, known.poses_shared
+        wanted, columns, out, cross = asked.number, asked.columns, asked.out, asked.cross
         q = shared.shape[0]
         work, gained = make_room(longest, d, scene.columns.wide, q)
         kc, kb = gained.own, gained.shared
-        lanes = -(-3 * GROUP // PANEL) * PANEL
-        gains, sums = np.zeros(longest * d * lanes), np.zeros((GROUP, 6))
-        moved, offset = np.zeros(d * lanes), np.zeros(longest, dtype=np.int64)
+        gains, sums = np.zeros(longest * d * LANES), np.zeros((GROUP, 6))
+        together = Together(gains, np.zeros(d * LANES), np.zeros(longest, dtype=np.int64), sums)
         own, whole = np.zeros((3, q)), np.zeros((3, q))
         p = first
         while p < last:
@@ -224,7 +244,7 @@ def make_point_covariance(d):
             used = -(-3 * count // PANEL) * PANEL
             for r in range(m * d):
                 for x in range(3 * count, used):
-                    gains[r * lanes + x] = 0.0
+                    gains[r * LANES + x] = 0.0
             for j in range(count):
                 number = wanted[p + j]
                 if number < 0 and out.shape[0] == 0:
@@ -243,7 +263,7 @@ def make_point_covariance(d):
                 for k in range(m):
                     row = img[start + k] * d
                     for a in range(d):
-                        at = (k * d + a) * lanes + 3 * j
+                        at = (k * d + a) * LANES + 3 * j
                         for x in range(3):
                             f = kc[k, a, x]
                             gains[at + x] = f
@@ -263,10 +283,7 @@ def make_point_covariance(d):
                         sums[j, n] = total
                         n += 1
             if out.shape[0] > 0:
-                _sum_of_images(
-                    img, start, m, d, known.near, near, stride, used, lanes, gains, moved, offset,
-                    sums,
-                )  # fmt: skip
+                _sum_of_images(img, start, m, d, known.near, used, together)
                 for j in range(count):
                     for n in range(6):
                         out[p + j, n] = sums[j, n]
@@ -276,13 +293,11 @@ def make_point_covariance(d):
 
 
 @njit(**SCALAR)
-def _sum_of_images(
-    img, start, m, d, storage, near, stride, used, lanes, gains, moved, offset, sums
-):
-    """Add K_c' Q_cc K_c of some points that the same m images see; sums (points, 6).
-
-    gains: a row an unknown of the images, `used` numbers of `lanes` long, three a point.
-    """
+def _sum_of_images(img, start, m, d, storage, used, together):
+    """Add K_c' Q_cc K_c of points that the same m images see; used: numbers of a row of gains."""
+    near, stride = storage.flat, U(storage.stride)
+    gains, moved, sums = together.gains, together.moved, together.sums
+    offset = together.offset
     for k in range(m):
         i = img[start + k]
         # Q K_c of the rays from this one on, half of its own: what follows is symmetric.
@@ -290,31 +305,31 @@ def _sum_of_images(
         for c in range(d):
             column = at + U(c) * stride
             for x in range(0, used, PANEL):
-                row = U((k * d + c) * lanes + x)
+                row = U((k * d + c) * LANES + x)
                 total = plus(zeros(), 0.5 * near[column + U(c)], panel(gains, row))
                 for e in range(c + 1, d):
-                    row += U(lanes)
+                    row += U(LANES)
                     total = plus(total, near[column + U(e)], panel(gains, row))
-                put(moved, U(c * lanes + x), total)
+                put(moved, U(c * LANES + x), total)
         for n in range(k + 1, m):
             offset[n] = block_offset(i, img[start + n], i, d, storage)
         for c in range(0, d - 5, 6):
-            _six_columns(k, m, d, c, near, stride, used, lanes, gains, moved, offset)
+            _six_columns(k, m, d, c, storage, used, together)
         for c in range(d // 6 * 6, d):
             for x in range(0, used, PANEL):
-                total = panel(moved, U(c * lanes + x))
+                total = panel(moved, U(c * LANES + x))
                 for n in range(k + 1, m):
                     column = U(offset[n]) + U(c) * stride
                     for e in range(d):
-                        row = U((n * d + e) * lanes + x)
+                        row = U((n * d + e) * LANES + x)
                         total = plus(total, near[column + U(e)], panel(gains, row))
-                put(moved, U(c * lanes + x), total)
+                put(moved, U(c * LANES + x), total)
         for j in range(used // 3):
             s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for c in range(d):
-                row = U((k * d + c) * lanes + 3 * j)
+                row = U((k * d + c) * LANES + 3 * j)
                 a0, a1, a2 = gains[row], gains[row + U(1)], gains[row + U(2)]
-                row = U(c * lanes + 3 * j)
+                row = U(c * LANES + 3 * j)
                 b0, b1, b2 = moved[row], moved[row + U(1)], moved[row + U(2)]
                 s0 += 2.0 * (a0 * b0)
                 s1 += a1 * b0 + a0 * b1
@@ -331,16 +346,18 @@ def _sum_of_images(
 
 
 @njit(**SCALAR)
-def _six_columns(k, m, d, c, near, stride, used, lanes, gains, moved, offset):
+def _six_columns(k, m, d, c, storage, used, together):
     """Add to six columns of Q K_c, from c on, what the images behind image k make of them."""
+    near, stride = storage.flat, U(storage.stride)
+    gains, moved, offset = together.gains, together.moved, together.offset
     for x in range(0, used, PANEL):
-        to = U(c * lanes + x)
-        t0, t1 = panel(moved, to), panel(moved, to + U(lanes))
-        t2, t3 = panel(moved, to + U(2 * lanes)), panel(moved, to + U(3 * lanes))
-        t4, t5 = panel(moved, to + U(4 * lanes)), panel(moved, to + U(5 * lanes))
+        to = U(c * LANES + x)
+        t0, t1 = panel(moved, to), panel(moved, to + U(LANES))
+        t2, t3 = panel(moved, to + U(2 * LANES)), panel(moved, to + U(3 * LANES))
+        t4, t5 = panel(moved, to + U(4 * LANES)), panel(moved, to + U(5 * LANES))
         for n in range(k + 1, m):
             at = U(offset[n]) + U(c) * stride
-            row = U(n * d * lanes + x)
+            row = U(n * d * LANES + x)
             for _ in range(d):
                 g = panel(gains, row)
                 column = at
@@ -356,10 +373,10 @@ def _six_columns(k, m, d, c, near, stride, used, lanes, gains, moved, offset):
                 column += stride
                 t5 = plus(t5, near[column], g)
                 at += U(1)
-                row += U(lanes)
+                row += U(LANES)
         put(moved, to, t0)
-        put(moved, to + U(lanes), t1)
-        put(moved, to + U(2 * lanes), t2)
-        put(moved, to + U(3 * lanes), t3)
-        put(moved, to + U(4 * lanes), t4)
-        put(moved, to + U(5 * lanes), t5)
+        put(moved, to + U(LANES), t1)
+        put(moved, to + U(2 * LANES), t2)
+        put(moved, to + U(3 * LANES), t3)
+        put(moved, to + U(4 * LANES), t4)
+        put(moved, to + U(5 * LANES), t5)
