@@ -354,6 +354,16 @@ class TestHelp:
         for verb in ("adjust", "summary", "effects"):
             assert f"corridor {verb}" in text
 
+    @pytest.mark.parametrize("words", [[], ["adjust"], ["readout", "led"]], ids=" ".join)
+    def test_help_as_a_word_is_help_as_an_option(self, capsys, words):
+        told = []
+        for typed in (["help", *words], [*words, "--help"]):
+            with pytest.raises(SystemExit) as stop:
+                main(typed)
+            assert stop.value.code == 0
+            told.append(capsys.readouterr().out)
+        assert told[0] == told[1]
+
     @pytest.mark.parametrize("verb", VERBS)
     def test_every_verb_has_examples(self, capsys, verb):
         with pytest.raises(SystemExit):

@@ -32,6 +32,8 @@ from corridor.preparation import Prepared, doubts, prepare
 ITERATIONS = 100
 # What a lens that is not calibrated may bend, as a start: with this standard deviation.
 START_LENS = {"k1": 0.1, "k2": 0.1}
+# Start values beyond the pictures: of more points than this share, something else is wrong.
+_WILD = 0.1
 
 
 def adjust(
@@ -177,9 +179,13 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
         block = complete(block, say and (lambda line: say({"message": line})))
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
     residual, behind = Normal(problem, loss).residuals(problem.start)
+    lost = _wild_starts(problem, residual)
     if behind:
-        block, more = _ahead(block, problem, residual)
+        block, more = _ahead(block, problem, residual, lost)
         notes += more
+    elif lost:
+        block = _without_starts(block, lost)
+    if behind or lost:
         problem = make_problem(block, model)
     del residual  # as large as the observations
 
@@ -284,8 +290,33 @@ def _incomplete(block: Block) -> bool:
     return False
 
 
-def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block, list[str]]:
-    """The block with points that start behind a camera intersected anew, or left out."""
+def _wild_starts(problem: Problem, residual: np.ndarray) -> set[str]:
+    """Names of the few points whose start lies beyond the picture of an image that sees others.
+
+    Start values do not shape a result; one that is wild leads every image astray on the way.
+    residual (n, 2): px, of the start.
+    """
+    far = (np.abs(residual) > problem.images.size[problem.img]).any(axis=1)
+    seen, lost = (
+        np.bincount(images, minlength=problem.image_count)
+        for images in (problem.img, problem.img[far])
+    )
+    names = _names_of(problem, far & (2 * lost < seen)[problem.img])
+    return names if len(names) <= _WILD * (len(problem.ptr) - 1) else set()
+
+
+def _without_starts(block: Block, names: set[str]) -> Block:
+    """The block with tie points of these names intersected anew."""
+    block = block.copy()
+    lost = block.points["point"].isin(names)
+    block.points.loc[lost, ["x", "y", "z"]] = np.nan
+    return complete(block)
+
+
+def _ahead(
+    block: Block, problem: Problem, residual: np.ndarray, wild: set[str]
+) -> tuple[Block, list[str]]:
+    """The block with points that start behind a camera, or wild, intersected anew or left out."""
     behind = np.isnan(residual[:, 0])
     count = np.bincount(problem.img, minlength=problem.image_count)
     hidden = np.bincount(problem.img[behind], minlength=problem.image_count)
@@ -298,16 +329,12 @@ def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block,
             f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
             "to camera, qw first) and its position"
         )
-    names = _names_behind(problem, behind)
-    block = block.copy()
-    lost = block.points["point"].isin(names)
-    block.points.loc[lost, ["x", "y", "z"]] = np.nan
-    block = complete(block)
+    block = _without_starts(block, _names_of(problem, behind) | wild)
     again = make_problem(block)
     residual, still = Normal(again, Loss()).residuals(again.start)
     if not still:
         return block, []
-    hopeless = _names_behind(again, np.isnan(residual[:, 0]))
+    hopeless = _names_of(again, np.isnan(residual[:, 0]))
     keep = ~block.tie_points["point"].isin(hopeless)
     block.tie_points = block.tie_points[keep].reset_index(drop=True)
     block.tie_points["point"] = block.tie_points["point"].cat.remove_unused_categories()
@@ -318,6 +345,7 @@ def _ahead(block: Block, problem: Problem, residual: np.ndarray) -> tuple[Block,
     ]
 
 
-def _names_behind(problem: Problem, behind: np.ndarray) -> set[str]:
+def _names_of(problem: Problem, rays: np.ndarray) -> set[str]:
+    """Names of the points of some rays (n,), given as a mask."""
     point = np.repeat(np.arange(len(problem.ptr) - 1), np.diff(problem.ptr))
-    return set(problem.point_names[np.unique(point[behind])])
+    return set(problem.point_names[np.unique(point[rays])])

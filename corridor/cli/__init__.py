@@ -55,7 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
             stream.reconfigure(errors="replace")
     with _interruptions() as came:
         try:
-            options = _parser().parse_args(_with_signs(arguments))
+            options = _parser().parse_args(_asking(_with_signs(arguments)))
             _check_output(options)
             options.run(options)
             sys.stdout.flush()
@@ -142,6 +142,11 @@ def _with_signs(words: list[str] | None) -> list[str]:
         else:
             out.append(word)
     return out
+
+
+def _asking(words: list[str]) -> list[str]:
+    """`help VERB` as `VERB --help`, which more people know."""
+    return [*words[1:], "--help"] if words[:1] == ["help"] else words
 
 
 def _end(status, sentence):

@@ -137,6 +137,14 @@ class TestBehindTheCamera:
         assert adjusted.converged
         assert abs(adjusted.block.points["z"][3]) < 10.0
 
+    def test_a_point_that_starts_far_outside_every_picture_is_intersected_anew(self, block):
+        """A slipped digit of one start value is no reason to blame the lens."""
+        whole = corridor.adjust(block)
+        block.points.loc[3, "y"] += 300.0
+        adjusted = corridor.adjust(block)
+        xyz = adjusted.block.points[["x", "y", "z"]]
+        assert xyz.to_numpy() == pytest.approx(whole.block.points[xyz.columns].to_numpy(), abs=1e-3)
+
 
 class TestSingularDatum:
     """Each sentence names the quantities, what there is, and the remedy."""

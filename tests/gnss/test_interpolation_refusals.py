@@ -8,7 +8,7 @@ from turbulent_flight import fly, observed
 from corridor.errors import InputError
 from corridor.gnss import interpolate
 from corridor.gnss.interpolation import segments
-from corridor.gnss.interpolation.wild_epochs import wild_epochs
+from corridor.gnss.interpolation.wild_epochs import singular_epochs, wild_epochs
 
 SXYZ = ["sx", "sy", "sz"]
 
@@ -101,6 +101,19 @@ class TestBySigmaNotByTheGap:
         coarse = steady(sigma=1.5, seed=seed).drop(columns=SXYZ)
         for track in (storm, coarse):
             assert wild_epochs(track, segments(track)) == {}
+
+    def test_one_epoch_that_a_drone_can_reach_is_told_where_none_other_does_the_like(self):
+        """Up and down again within 0.4 s: what the smoother takes for a movement."""
+        track, at = steady(), np.array([50.05])
+        track.loc[250, "z"] += 0.3
+        told = interpolate(track, at).notes
+        assert any("the epoch at 50.000 s lies 0.3" in n and "neighbours in z" in n for n in told)
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_no_epoch_of_a_flight_with_turns_and_gusts_stands_out(self, seed):
+        for gust in (0.0, 0.5):
+            track = observed(fly(seed, gust=gust), seed, interval=0.2)
+            assert singular_epochs(track, segments(track)) == []
 
     def test_epochs_that_are_missing_are_counted(self):
         track, at = steady(), np.array([30.05])

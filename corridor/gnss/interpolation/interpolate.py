@@ -9,7 +9,7 @@ from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.gnss.interpolation import polynomials, regimes, smoother
 from corridor.gnss.interpolation.segments import GAP_S, segments
-from corridor.gnss.interpolation.wild_epochs import wild_epochs
+from corridor.gnss.interpolation.wild_epochs import singular_epochs, wild_epochs
 
 METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
 # A position of 10 cm beside ones of 2 cm has a twenty-fifth of their weight: it can no longer
@@ -100,6 +100,7 @@ def interpolate(
         notes.append(_of_wild(track, wild))
         track = track.drop(track.index[list(wild)]).reset_index(drop=True)
         pieces = segments(track, gap_s)
+    notes += _of_singular(track, pieces)
     notes += _of_holes(track["time_s"].to_numpy(dtype=float), pieces)
     epochs = _epochs(track, velocities and method == "smoother", notes)
     piece, why = _pieces_of(times, pieces, flight)
@@ -162,6 +163,15 @@ def _of_wild(track: pd.DataFrame, wild: dict[int, float]) -> str:
         f"{many} left out of the track: that at {track['time_s'].iloc[worst]:.3f} s lies "
         f"{wild[worst]:.1f} m beside the line between its neighbours, where no drone can have been"
     )
+
+
+def _of_singular(track: pd.DataFrame, pieces: pd.DataFrame) -> list[str]:
+    return [
+        f"the epoch at {one.time_s:.3f} s lies {one.off:.2f} m off its neighbours in {one.axis}, "
+        f"no other more than {one.others:.2f} m: taken for a movement of the drone; if it stood "
+        "out for no reason, take the row out of the track"
+        for one in singular_epochs(track, pieces)
+    ]
 
 
 def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.Epochs:
