@@ -5,7 +5,8 @@ from these, and from nothing else. Parts: malformed, interrupted, full, sigmas, 
 
 examples:
   python -m benchmarks.guarantees malformed --cases 100000 --jobs 2
-      all malformed inputs; --from K goes on from case K, and adds to the figures that are there
+      all malformed inputs; --from K goes on from case K, and adds to the figures that are there,
+      which are stored once a minute: --resume goes on where a run was stopped
   python -m benchmarks.guarantees malformed --case 4711
       one of them again, with all that it prints
 """
@@ -36,6 +37,7 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="every part, at full length")
     parser.add_argument("--cases", type=int, default=100_000, help="malformed inputs")
     parser.add_argument("--from", type=int, default=0, dest="first", help="number of the first")
+    parser.add_argument("--resume", action="store_true", help="the cases that are left")
     parser.add_argument("--again", action="store_true", help="the faults once more")
     parser.add_argument("--case", type=int, help="this one alone, printed; no figures")
     parser.add_argument("--seed", type=int, default=0)
@@ -66,15 +68,7 @@ def _part(part, options) -> bool:
     """Run one part and store its figures; whether all holds."""
     known = table.stored(options.figures)
     if part == "malformed":
-        cases = range(options.first, options.cases)
-        if options.again:
-            cases = [case["number"] for case in known[part]["faults"]]
-        found = malformed.run(cases, options.seed, options.jobs, say=_say, minutes=options.minutes)
-        figures = malformed.figures(found)
-        if options.again:
-            figures = malformed.retried(known[part], found)
-        elif options.first:
-            figures = malformed.added(known.get(part), figures)
+        figures = _malformed(known.get(part), options)
     elif part == "interrupted":
         figures = interrupted.run(options.times, options.seed, _say, options.minutes)
     elif part == "full":
@@ -89,6 +83,28 @@ def _part(part, options) -> bool:
     table.store(options.figures, part, figures)
     print(json.dumps({k: v for k, v in figures.items() if k != "faults"}, indent=1), flush=True)
     return bool(figures["holds"])
+
+
+def _malformed(known, options) -> dict:
+    """Run malformed cases; the figures with those that are there, stored once a minute."""
+    cases = range(options.first, options.cases)
+    if options.again:
+        cases = [case["number"] for case in known["faults"]]
+    elif options.resume:
+        cases = malformed.left(known)
+
+    def figures(found):
+        now = malformed.figures(found)
+        return malformed.added(known, now) if options.first or options.resume else now
+
+    def store(found):
+        table.store(options.figures, "malformed", figures(found))
+
+    found = malformed.run(
+        cases, options.seed, options.jobs, say=_say, minutes=options.minutes,
+        store=None if options.again else store,
+    )  # fmt: skip
+    return malformed.retried(known, found) if options.again else figures(found)
 
 
 def _say(what):

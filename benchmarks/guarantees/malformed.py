@@ -16,13 +16,16 @@ import re
 import resource
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time
 import traceback
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import asdict, dataclass, field
-from multiprocessing.connection import wait
+from itertools import chain
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +34,8 @@ from benchmarks.guarantees import samples, subjects
 from benchmarks.guarantees.damage import damage
 
 SECONDS, BYTES = 60, 4 * 2**30
+# Cases that a worker is dealt at a time, and seconds after which figures are stored.
+BATCH, STORE_S = 20, 60.0
 # Who waits for a worker on a busy machine gives it this many times its processor time.
 PATIENCE = 10
 MEMORY = "/dev/shm"
@@ -67,7 +72,7 @@ class Case:
 
 @dataclass
 class Found:
-    """Counts of outcomes by verb and by kind of damage, and every case that is a fault."""
+    """Counts of outcomes by verb and by kind of damage, the faults, and numbers that are left."""
 
     seed: int
     cases: int = 0
@@ -77,6 +82,7 @@ class Found:
     faults: list = field(default_factory=list)
     most_seconds: float = 0.0
     most_bytes: int = 0
+    left: list = field(default_factory=list)
 
     def add(self, case: Case, peak: int) -> None:
         """Count one case. peak: bytes of the worker's memory at most until now."""
@@ -98,7 +104,34 @@ def figures(found: Found) -> dict:
         "damages": {kind: dict(count) for kind, count in found.damages.items()},
         "most_seconds": round(found.most_seconds, 1), "most_gb": round(found.most_bytes / 1e9, 2),
         "faults": [asdict(case) for case in found.faults], "holds": not found.faults,
+        "left": _ranges(found.left), "commits": {_commit(): found.cases},
     }  # fmt: skip
+
+
+def left(known: dict) -> list[int]:
+    """Numbers of the cases that a run that was stopped has left."""
+    return [number for first, last in known.get("left", []) for number in range(first, last + 1)]
+
+
+def _ranges(numbers):
+    """Ascending numbers as pairs of first and last."""
+    out = []
+    for number in numbers:
+        if out and out[-1][1] == number - 1:
+            out[-1][1] = number
+        else:
+            out.append([number, number])
+    return out
+
+
+@functools.cache
+def _commit():
+    """Of the code that runs; `unknown` outside a clone."""
+    asked = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short", "HEAD"]
+    try:
+        return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
 
 
 def retried(before: dict, again: Found) -> dict:
@@ -111,10 +144,11 @@ def retried(before: dict, again: Found) -> dict:
         both["verbs"][case.typed][case.outcome] -= 1
         both["damages"][case.damage.split(":")[0]][case.outcome] -= 1
     both["outcomes"] = {name: count for name, count in both["outcomes"].items() if count}
-    left = len(again.faults)
+    still = len(again.faults)
     return both | {
-        "cases": before["cases"], "holds": not left,
-        "mended": before.get("mended", 0) + len(numbers) - left,
+        "cases": before["cases"], "holds": not still,
+        "mended": before.get("mended", 0) + len(numbers) - still,
+        "left": before.get("left", []), "commits": before.get("commits", {}),
     }  # fmt: skip
 
 
@@ -138,18 +172,19 @@ def added(before: dict | None, after: dict) -> dict:
         "most_gb": max(before["most_gb"], after["most_gb"]),
         "faults": before["faults"] + after["faults"],
         "holds": before["holds"] and after["holds"], "mended": before.get("mended", 0),
+        "left": after["left"], "commits": sums(before.get("commits", {}), after["commits"]),
     }  # fmt: skip
 
 
 def run(
     cases, seed: int = 0, jobs: int = 1, short: bool = False, place: Path | None = None, say=None,
-    keep: bool = False, minutes: float = np.inf,
+    keep: bool = False, minutes: float = np.inf, store=None,
 ) -> Found:  # fmt: skip
     """Run cases (numbers) in `jobs` forked workers.
 
     short: without the commands that take long. place: folder for samples and scratch files, made
     anew. say: called with every fault. keep: leave the folder, with the last case in it.
-    minutes: after which no case is begun.
+    minutes: after which no case is begun. store: called once a minute with what was found so far.
     """
     # In memory where there is such a place: a case writes and removes some twenty files.
     memory = MEMORY if os.access(MEMORY, os.W_OK) else None
@@ -157,55 +192,78 @@ def run(
     shutil.rmtree(home, ignore_errors=True)
     _prepare(home / "good", short)
     until = time.time() + 60.0 * minutes
-    found, todo = Found(seed), list(cases)
-    shares = [todo[k::jobs] for k in range(jobs)]
+    found, todo = Found(seed), deque(cases)
     context = multiprocessing.get_context("fork")
-    workers = {}
+    workers: dict[Connection, _Worker] = {}
 
     def start(k):
-        ours, theirs = context.Pipe(duplex=False)
-        process = context.Process(
-            target=_work,
-            args=(shares[k], seed, short, home / "good", home / f"worker{k}", theirs, keep, until),
-        )
+        ours, theirs = context.Pipe()
+        arguments = (seed, short, home / "good", home / f"worker{k}", theirs, keep)
+        process = context.Process(target=_work, args=arguments)
         process.start()
         theirs.close()
-        workers[ours] = [k, process, None, time.monotonic()]
+        workers[ours] = _Worker(k, process)
+        deal(ours)
+
+    def deal(end):
+        """The next cases, or the word that there are none."""
+        worker = workers[end]
+        more = time.time() < until
+        worker.dealt = [todo.popleft() for _ in range(min(BATCH, len(todo)) if more else 0)]
+        end.send(list(worker.dealt))
+
+    def count(worker, case, peak):
+        worker.dealt.remove(case.number)
+        found.add(case, peak)
+        if say is not None and case.outcome in FAULTS:
+            say(case)
 
     for k in range(jobs):
         start(k)
+    stored = time.monotonic()
     while workers:
         for end in wait(list(workers), timeout=5.0):
-            k, process, begun, _ = workers[end]
+            worker = workers[end]
             try:
                 sent = end.recv()
             except EOFError:
-                process.join()
+                worker.process.join()
                 del workers[end]
-                if begun is not None:  # it died within a case
-                    begun.outcome, begun.words = "died", f"exit status {process.exitcode}"
-                    _count(found, begun, 0, shares[k], say)
-                    start(k)
+                if worker.case is not None:  # it died within a case
+                    worker.case.outcome = "died"
+                    worker.case.words = f"exit status {worker.process.exitcode}"
+                    count(worker, worker.case, 0)
+                    todo.extendleft(reversed(worker.dealt))
+                    start(worker.number)
                 continue
+            worker.case, worker.since = None, time.monotonic()
             if isinstance(sent, Case):
-                workers[end][2:] = [sent, time.monotonic()]
+                worker.case = sent
             else:
-                case, peak = sent
-                workers[end][2:] = [None, time.monotonic()]
-                _count(found, case, peak, shares[k], say)
-        for _, process, begun, since in workers.values():
-            if begun is not None and time.monotonic() - since > PATIENCE * SECONDS:
-                process.kill()
+                count(worker, *sent)
+                if not worker.dealt:
+                    deal(end)
+        for worker in workers.values():
+            if worker.case is not None and time.monotonic() - worker.since > PATIENCE * SECONDS:
+                worker.process.kill()
+        found.left = sorted([*todo, *(n for worker in workers.values() for n in worker.dealt)])
+        if store is not None and time.monotonic() - stored > STORE_S:
+            store(found)
+            stored = time.monotonic()
     if not keep:
         shutil.rmtree(home, ignore_errors=True)
     return found
 
 
-def _count(found, case, peak, share, say):
-    share.remove(case.number)
-    found.add(case, peak)
-    if say is not None and case.outcome in FAULTS:
-        say(case)
+@dataclass
+class _Worker:
+    """A worker, the case that it is at and since when, and the numbers that it was dealt."""
+
+    number: int
+    process: BaseProcess
+    case: Case | None = None
+    since: float = 0.0
+    dealt: list[int] = field(default_factory=list)
 
 
 def _prepare(good, short):
@@ -288,16 +346,14 @@ def _words(command, there, out):
     return words, Path(words[words.index("-o") + 1]) if "-o" in words else None
 
 
-def _work(share, seed, short, good, scratch, end, keep, until):
-    """A worker: its cases one after the other; announced before, told after."""
+def _work(seed, short, good, scratch, end, keep):
+    """A worker: cases as it is dealt them; announced before, told after."""
     resource.setrlimit(resource.RLIMIT_DATA, (BYTES, BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     scratch.mkdir(parents=True, exist_ok=True)
     gc.freeze()  # what the libraries hold need not be looked through after each case
     with Captured(scratch) as (_, printed):
-        for number in list(share):
-            if time.time() > until:
-                break
+        for number in chain.from_iterable(iter(end.recv, [])):
             case, todo = prepared(number, seed, short, good, scratch)
             end.send(case)
             printed()  # what the damage itself had to say
