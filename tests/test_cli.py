@@ -3,6 +3,7 @@
 import argparse
 import errno
 import json
+import os
 import pkgutil
 import re
 import signal
@@ -343,6 +344,19 @@ class TestEffects:
         told = capsys.readouterr().out
         assert "x_1 to x_60 (px), y_1 to y_60 (px) for each camera" in told
         assert "0.5 px (x_1 to x_60)" in told
+
+
+def test_a_result_is_written_though_nobody_reads_on(tmp_path):
+    """`corridor data fetch dike | head -0`: the pipe is closed before the first line."""
+    end, start = os.pipe()
+    os.close(end)
+    words = [sys.executable, "-m", "corridor", "data", "fetch", "dike", "-o", str(tmp_path / "d")]
+    try:
+        done = subprocess.run(words, stdout=start, stderr=subprocess.PIPE, text=True)
+    finally:
+        os.close(start)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "d" / "block.toml").is_file()
 
 
 class TestHelp:

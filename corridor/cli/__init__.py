@@ -20,6 +20,7 @@ from contextlib import contextmanager
 
 from corridor import __version__
 from corridor.cli._help import Parser
+from corridor.cli._streams import unread
 from corridor.errors import AdjustmentFailed, InputError
 
 __all__ = ["main"]
@@ -53,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
         # A console that knows no Greek letters must not end an adjustment.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
-    with _interruptions() as came:
+    with unread(), _interruptions() as came:
         try:
             options = _parser().parse_args(_asking(_with_signs(arguments)))
             _check_output(options)
@@ -76,10 +77,6 @@ def _failed(error: Exception) -> int:
         return _end(2, f"error: {error}")
     if isinstance(error, AdjustmentFailed):
         return _end(1, f"failed: {error}")
-    if isinstance(error, BrokenPipeError):
-        # The reader of our output (`| head`) has seen enough; nothing more can be said to it.
-        sys.stdout = None
-        return 0
     if isinstance(error, OSError):
         # What is not whole yet has a hidden name, of which nobody knows.
         name = re.sub(r"\.([^/\\]+)\.[0-9a-f]{8}\.(part|old)", r"\1", str(error.filename or ""))
