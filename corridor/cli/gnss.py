@@ -107,7 +107,7 @@ def _doubt(images, found):
     import numpy as np
     import pandas as pd
 
-    from corridor.preparation import against
+    from corridor.preparation import against, unlike
 
     path = images / "images.csv" if images.is_dir() else images
     if path.suffix.lower() != ".csv" or not path.is_file():
@@ -118,6 +118,7 @@ def _doubt(images, found):
     posed = table.drop_duplicates("image").set_index("image").reindex(found.gnss["image"])
     known = posed[["x", "y", "z"]].apply(pd.to_numeric, errors="coerce").to_numpy(float)
     given = found.gnss[["x", "y", "z"]].to_numpy(float)
-    told = against("the track", np.asarray(given), str(path.name), known)
+    names = ("the track", np.asarray(given), str(path.name), known)
+    told = against(*names) or unlike(*names)
     if told:
         yield told

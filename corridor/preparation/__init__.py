@@ -4,7 +4,7 @@ from corridor.preparation.angular_rate import rates_from_gyro, rates_from_neighb
 from corridor.preparation.preparing import Prepared, prepare
 from corridor.preparation.record import Derived, derived
 from corridor.preparation.record import record as record_derived
-from corridor.preparation.slips import against, doubts
+from corridor.preparation.slips import against, doubts, unlike
 from corridor.preparation.smoothing import rounding
 from corridor.preparation.strips import strips_of
 from corridor.preparation.velocity import METHODS, Velocities, track_runs, velocities
@@ -24,5 +24,6 @@ __all__ = [
     "rounding",
     "strips_of",
     "track_runs",
+    "unlike",
     "velocities",
 ]

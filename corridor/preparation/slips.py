@@ -38,6 +38,8 @@ _ALIKE = 0.85
 _CLEAR = 0.9
 # Beyond these two sets of positions of one flight do not belong together.
 _FAR_M, _FAR_UP_M, _GEOID_M = 100.0, 10.0, 120.0
+# Share of the width of a flight by which the same images may lie apart, each another way.
+_UNLIKE = 0.4
 _XYZ = ("x", "y", "z")
 _POSE = (*_XYZ, "qw", "qx", "qy", "qz")
 _REMEDY = "x is east, y north, in metres less the block's offset."
@@ -288,6 +290,24 @@ def against(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
             "same way: subtract the block's offset from it."
         )
     return ""
+
+
+def unlike(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
+    """A sentence where positions (n, 3) go ways of their own beside those of the same images."""
+    both = np.isfinite(given).all(axis=1) & np.isfinite(known).all(axis=1)
+    if both.sum() < 4:
+        return ""
+    given, known = given[both, :2], known[both, :2]
+    away, wide = (
+        float(np.median(np.linalg.norm(one - np.median(one, axis=0), axis=1)))
+        for one in (given - known, given)
+    )
+    if away <= _UNLIKE * wide:
+        return ""
+    return (
+        f"{file} and {other} put the images {away:.1f} m (median) apart in plan, each another way, "
+        f"in a flight that is {2 * wide:.0f} m wide: do names, times and columns belong together?"
+    )
 
 
 def _kilometres(metres: float) -> str:

@@ -125,7 +125,7 @@ class Sums:
         self.weight = np.empty(count)
         self.shapes = shapes
         self.pattern = np.zeros((len(maps.x), 2))
-        self._patterned = 0
+        self._patterned, self._taken = 0, 0.0
         self._sum_up()
 
     def _sum_up(self):
@@ -166,6 +166,9 @@ class Sums:
         constant = (s2[:, None] * sum0 - s1[:, None] * sum1)[good] / det[good, None]
         self.pattern[good] += constant + (self.shapes @ solved.constant.T)[good]
         self._patterned = int(np.count_nonzero(good))
+        # n residuals less an error d of the constant, of variance v: n - 2 + n v is expected of
+        # their squares, in place of n - 1 where d is their mean.
+        self._taken = float(np.mean(2.0 - (s0 * s2)[good] / det[good])) if good.any() else 0.0
         self._sum_up()
 
     def projected(self, kind):
@@ -261,9 +264,10 @@ class Sums:
         )  # fmt: skip
 
     def freedom(self, solved) -> float:
-        """Numbers that a solution could not take up."""
+        """What is expected of the weighted squares left, in squares of unit weight."""
         constant = len(solved.of_constant)
-        taken = len(solved.inverse) + max(2 * self._patterned - constant, 0)
+        # Below the constant's own polynomial the solution has adjusted what was taken out.
+        taken = len(solved.inverse) + self._taken * max(2 * self._patterned - constant, 0)
         return float(max(2 * self.nodes.sum() - taken, 1.0))
 
     def most_powers(self, wanted):

@@ -110,6 +110,18 @@ class TestWhatItWrites:
         assert run(block, "--method", method) == 0
         assert f"method: {method}" in capsys.readouterr().out
 
+    def test_times_of_other_images_are_told(self, block, flight, capsys):
+        """A column of images.csv is another's: the antennas go a way of their own."""
+        table = pd.read_csv(block / "images.csv")
+        table[["x", "y", "z"]] = flight.position(table["time_s"].to_numpy())
+        table.to_csv(block / "images.csv", index=False)
+        assert run(block) == 0
+        assert "another way" not in capsys.readouterr().err
+        table["time_s"] = np.random.default_rng(1).permutation(table["time_s"])
+        table.to_csv(block / "images.csv", index=False)
+        assert run(block) == 0
+        assert "each another way" in " ".join(capsys.readouterr().err.split())
+
     def test_a_track_without_sigmas_gives_a_table_without_them(self, block):
         track = pd.read_csv(block / "track.csv").drop(columns=SXYZ)
         track.to_csv(block / "track.csv", index=False)

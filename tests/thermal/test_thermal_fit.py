@@ -9,6 +9,7 @@ from walls import camlight, mapped, off_by, rms, warm_and_cool
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.thermal import degrees, fit, optics, simple_model, smoothed
 from corridor.thermal.render import Course, simulated_maps
+from corridor.thermal.sums import Sums
 
 WIDTH, HEIGHT = 1280, 960
 
@@ -198,6 +199,14 @@ class TestSigma:
         # One series scatters by 0.23 (30 draws): three standard errors of the mean about 0.87.
         assert 0.65 < np.mean(inside) < 1.1
         assert 0.05 < np.mean(beyond) < 1.5
+
+    def test_noise_of_the_reference_does_not_pass_for_noise_of_the_maps(self, true):
+        """Half of the stated variance is each map's own: 0.5 but for chance, 2 per cent."""
+        maps = simulated_maps(Course(np.linspace(0, 1800, 16), off_s=900), true, seed=2)
+        sums = Sums(maps, None)
+        sums.remove_error_of_reference(0.0, [])
+        solved = sums.solve("polynomial", 2, 0.0)
+        assert solved.cost / sums.freedom(solved) == pytest.approx(0.5, rel=0.05)
 
     def test_it_grows_with_the_distance_from_the_range(self, true):
         found = fit(mapped(warm_and_cool(), true)).model
