@@ -261,6 +261,10 @@ def _fit(found: _Stripes) -> _Fitted | None:
     influence = inverse[0] * root * 2.0 / rows
     cluster = np.floor((row - row[0]) * cycles).astype(int)
     noise, lines, edge = basis.without_edges(residual, row, cycles)
+    # Where nearly every edge lies on a line that is fitted, the rest says little of its size: the
+    # fitted harmonics count as one line more.
+    fitted = basis.fitted_edge(solved[1 + len(phase) :])
+    edge = math.sqrt((lines / 2 * edge**2 + fitted**2) / (lines / 2 + 1))
     sigma = sigma_of(influence, noise, np.ones(rows), cluster)
     # Squares that the fit took up, and those lines, are missing in what is left.
     sigma *= math.sqrt(rows / max(rows - len(solved) - lines, 1))
@@ -307,6 +311,15 @@ class _Basis:
         size = np.linalg.lstsq(waves, residual, rcond=None)[0]
         edge = np.sqrt(2 * np.mean((np.array(lines * 2) * size) ** 2))
         return residual - waves @ size, 2 * len(lines), float(edge)
+
+    def fitted_edge(self, base) -> float:
+        """Amplitude of an edge as the fitted harmonics have it; base: what is solved for."""
+        left, found = base[self.background.shape[1] :], []
+        for order, shape in zip(self.orders, self.envelopes, strict=True):
+            part, left = left[: shape.shape[1]], left[shape.shape[1] :]
+            found.append(order * np.sqrt(np.mean((shape @ part) ** 2)))
+        # The last two, an odd one and an even one: nearest to those that are not fitted.
+        return float(np.sqrt(np.mean(np.square(found[-2:]))))
 
     def moved_by_edges(self, influence, row, cycles, edge):
         """Cycles by which unfitted harmonics of edges move the stripes, wherever rows show them;
