@@ -56,8 +56,9 @@ EXIF, other sigmas that are plausible, another plan.
 
 ## What is known not to hold
 
-- `gnss` takes one epoch that is off by less than a drone can move for a movement of the drone.
-- `readout led` is now and then off by four of its sigmas, where unresolved edges of
+- `gnss` takes one epoch that is off by less than a drone can move for a movement of the drone; it
+  says so only where nothing else in the flight moves nearly as much.
+- `readout led` is now and then off by three of its sigmas, where unresolved edges of
   the stripes fall on their rows.
 """
 
@@ -173,6 +174,8 @@ def _malformed(found):
     short = "" if cases >= FULL else f" of the {FULL:,} that the command has"
     mended = found.get("mended", 0)
     told = f"; {mended} faults of earlier cases mended and tried again" if mended else ""
+    commits = len(found.get("commits", {}))
+    told += f"; the code of {commits} commits, as faults were mended" if commits > 1 else ""
     return (
         f"{cases:,} cases{short}: {_faults(found)}{told}. Refused {good.get('refused', 0):,}, "
         f"right {good.get('right', 0):,}, told {good.get('told', 0):,}, "
