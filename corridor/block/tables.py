@@ -130,9 +130,15 @@ def categorical(codes: np.ndarray, names: pd.Index) -> pd.Categorical:
     """Categorical of codes (-1: empty) and different names.
 
     pandas asks whether the names differ through a table of Python objects, 70 bytes a name, which
-    takes longer than reading them, and keeps it as long as the index lives: it is not asked.
+    takes longer than reading them, and keeps it as long as the index lives: it is not asked, in
+    versions of pandas that can be told so. A deep copy comes without the table.
     """
-    kind = pd.CategoricalDtype._from_fastpath(copy.deepcopy(names), ordered=False)
+    unasked = getattr(pd.CategoricalDtype, "_from_fastpath", None)
+    kind = (
+        copy.deepcopy(pd.CategoricalDtype(names))
+        if unasked is None
+        else unasked(copy.deepcopy(names), ordered=False)
+    )
     return pd.Categorical.from_codes(codes, dtype=kind)
 
 
