@@ -86,6 +86,7 @@ def test_a_verb_that_is_stopped_leaves_nothing_half_written():
     assert found["holds"] and found["moments"] == 2 * len(QUICK), found["faults"]
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_nothing_half_written():
     found = full.run(say=print, some=QUICK, shares=(0.0, 0.9))
     assert found["holds"] and found["tries"] == 2 * len(QUICK), found["faults"]

@@ -36,7 +36,11 @@ def made(**options):
     return make_problem(add_noise(corridor_block(**options), **NOISE), **arguments)
 
 
-@pytest.fixture(scope="module", params=CASES)
+LONG = "free lever arms, two flights", "an effect of each image"
+EACH = [pytest.param(one, marks=[pytest.mark.slow] * (one in LONG)) for one in CASES]
+
+
+@pytest.fixture(scope="module", params=EACH)
 def case(request):
     """Problem and its dense Jacobian by numerical differences, poses, shared, points."""
     problem = made(**CASES[request.param])

@@ -106,6 +106,7 @@ class TestWhatTheNameCloses:
         assert row["known_over_twin"] < 1.25 and row["closure_known"] > 0.98
         assert row["check_known"] == row["check_after"]  # it was named
 
+    @pytest.mark.slow
     def test_control_in_a_datum_of_its_own_leaves_no_height_where_the_arm_is_free(self):
         """Nadir images: GNSS heights know the ground but for the antenna's, which nobody knows."""
         row = self.assessed("control_datum", geometry="nadir")
@@ -128,6 +129,7 @@ class TestBaselines:
         assert len(control) == 5 and control <= set(said["correlation"])
         assert max(said["bic"], key=said["bic"].get) == "rolling_shutter"
 
+    @pytest.mark.slow
     def test_an_expert_finds_a_strong_rolling_shutter_by_bic(self, adjusted):
         """Beside what it is mistaken for, a drift, an error of the clock and a wrong point."""
         tried = ["rolling_shutter", "focal_drift", "clock_offset", "gnss_bias", "control_blunder"]
@@ -179,6 +181,7 @@ class TestCommand:
         for name in ("confusion.png", "rates.png"):
             assert (out / name).read_bytes()[:4] == b"\x89PNG"
 
+    @pytest.mark.slow
     def test_blocks_that_are_done_are_not_diagnosed_again(self, done, folder):
         out, _ = done
         before = {p.name: p.stat().st_mtime_ns for p in (out / "blocks").iterdir()}
@@ -290,6 +293,7 @@ class TestPlan:
         assert more[-1][1] == every[0][1] and more[-1][2] != every[0][2]
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_answer(done, folder, tmp_path):
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
     (trial,) = benchmark.of_folder(folder / "more")

@@ -92,6 +92,7 @@ def test_a_wrong_control_point_is_named_with_its_name_and_error():
         assert abs(parameter["value"] - true) < 4 * parameter["sigma"]
 
 
+@pytest.mark.slow
 def test_gnss_bias_and_control_datum_are_never_told_apart():
     """They are one effect with two signs: no data of this kind can separate them."""
     block = made(gnss_bias={"x": 0.06, "y": -0.05, "z": 0.07})
@@ -109,6 +110,7 @@ def test_gnss_bias_and_control_datum_are_never_told_apart():
     assert all(abs(share["tie"] - 1) < 0.01 for share in result.rivals.values())
 
 
+@pytest.mark.slow
 def test_check_points_choose_among_what_nothing_else_tells_apart():
     """Control 0.1 m off in a datum of its own, and check points not."""
     block = made()

@@ -89,6 +89,7 @@ class TestABrokenPicture:
         assert shift == pytest.approx(1.5, abs=0.4)
         assert one.kind == "unknown"
 
+    @pytest.mark.slow
     def test_wrong_matches_all_over_the_picture_break_nothing(self):
         """200 blocks with 5 % wrong matches at the level 0.1 %: 2 and more once in fifty times."""
         assert sum(bool(broken_picture(drawn(seed))) for seed in range(200)) <= 1

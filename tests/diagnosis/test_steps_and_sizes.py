@@ -44,6 +44,7 @@ def test_a_gyroscope_in_a_block_that_lacks_nothing_names_nothing():
     assert found.course.last.log["sigma_px"] < 0.4
 
 
+@pytest.mark.slow
 def test_check_points_tell_a_knock_of_the_camera_from_an_error_of_the_gnss():
     """Between two strips flown to and fro a principal point that moves is a shift of all antennas.
 

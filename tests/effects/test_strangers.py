@@ -118,6 +118,7 @@ class TestOneThatIsRegistered:
         flown = add(plain, {"ripple": {"amplitude": 1.0}})
         assert np.abs(pixels(flown) - pixels(plain)).max() == pytest.approx(1.0, rel=0.01)
 
+    @pytest.mark.slow
     def test_is_named_by_a_diagnosis(self, plain):
         found = corridor.diagnose(seen_through(plain, "ripple"), camera="fixed")
         assert found.verdict == "named"

@@ -182,6 +182,7 @@ def test_an_effect_itself_may_stand_for_its_slug(block):
     assert moved[:, 0] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_writes_what_each_image_has(tmp_path):
     """Exposure times wrong by 60 ms at 10 m/s: each image's own error is read from the file."""
     plain = corridor_block(images=24, strips=2, observations_per_image=100, seed=4)

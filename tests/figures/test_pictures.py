@@ -148,7 +148,10 @@ class TestEveryPicture:
                     assert axis.get_label_text() or not numbers(axis)
 
 
-@pytest.mark.parametrize("name", DRAWINGS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (n % 4 > 0)) for n, name in enumerate(DRAWINGS)],
+)
 def test_the_same_input_gives_the_same_bytes(name):
     one, two = (figures.png(DRAWINGS[name](adjustment(thin())), dpi=50) for _ in range(2))
     assert one == two and one.startswith(b"\x89PNG")

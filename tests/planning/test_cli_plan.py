@@ -97,6 +97,7 @@ def test_a_bias_that_is_estimated_is_not_on_the_ground(plan, tmp_path):
     assert rows(words, tmp_path / "out")["d3_m"][0] < 0.3 * blind
 
 
+@pytest.mark.slow
 def test_camera_and_arm_of_another_flight_set_are_carried_over(plan, tmp_path):
     """To the flights that have them: the oblique one is flown with an arm of its own."""
     words = [plan, "--control", "0"]
@@ -153,6 +154,7 @@ def test_a_folder_of_something_else_is_not_replaced(plan, tmp_path):
     assert [p.name for p in other.iterdir()] == ["diary.txt"]
 
 
+@pytest.mark.slow
 def test_with_change_it_also_says_where_a_change_would_be_seen(plan, tmp_path, capsys):
     """The level of detection of `corridor change` for the plan flown twice, in words and a map."""
     out = tmp_path / "out"

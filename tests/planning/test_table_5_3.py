@@ -32,7 +32,10 @@ def nadir(planner, control):
     return table[table["view"] == "nadir"].iloc[0]
 
 
-@pytest.mark.parametrize("name", [BOTH, ALL, ONE])
+@pytest.mark.parametrize(
+    "name",
+    [BOTH, pytest.param(ALL, marks=pytest.mark.slow), pytest.param(ONE, marks=pytest.mark.slow)],
+)
 def test_without_control_height_and_lever_arm_are_one(planners, name):
     """Table 5.3: 0.99 in every row."""
     assert nadir(planners[name], 0).height_arm >= 0.97

@@ -65,6 +65,7 @@ class TestEveryEntrance:
                 adjusted.block.images[axis].to_numpy(), abs=1e-9
             )
 
+    @pytest.mark.slow
     def test_diagnose_sees_the_same_positions(self, track_alone, adjusted):
         found = corridor.diagnose(track_alone, camera="fixed", only=["gnss_bias"])
         pd.testing.assert_frame_equal(found.block.gnss, adjusted.start.gnss)

@@ -64,6 +64,7 @@ def test_attenuation_by_a_known_share_is_mended(area):
     assert abs(found.readout - READOUT) < 0.5 * abs(found.plain - READOUT)
 
 
+@pytest.mark.slow
 def test_a_corridor_does_not_support_six_motions_an_image_and_a_block_does(line, area):
     """As published for two programs: corridor much worse, blocks better (tables 7.8 to 7.15)."""
     told = {t.effect: t for t in supported(line, "rolling_shutter", ["motion_per_image"])}

@@ -111,6 +111,7 @@ def test_wrong_axes_and_the_wrong_row_direction_are_told_apart(still, gyro, flig
         assert cost_of(believed, CURVE, (0.04,)) > 2.5 * flight.adjustment.cost
 
 
+@pytest.mark.slow
 def test_from_rough_poses_the_verb_finds_the_same(real_data, gyro):
     """Start poses are nadir, ten degrees off: the effect alone leads away, poses come first."""
     five = rates_from_gyro(corridor.read(real_data / "sequoia" / "flight_block"), gyro)

@@ -109,12 +109,14 @@ def test_an_error_of_the_speed_goes_into_the_readout_one_to_one():
     assert wrong.sigma_ms == pytest.approx(np.hypot(right.sigma_ms, 0.4), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_long_exposure_does_not_move_the_result():
     """Steps are measured at their centroid: the middle of the exposure (2 ms: 1.8 degrees)."""
     found = measure_star(*pair(exposure=0.002), 2.5, camera=CAMERA)
     assert found.readout_ms == pytest.approx(40.0, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_edges_that_the_blur_of_the_rim_moves_are_left_out():
     """A tilted star's circles leave it on two sides; inside it, no edge is half a pixel off."""
     found = measure_star(*pair(tilt=20.0), 2.5, camera=CAMERA)
@@ -136,6 +138,7 @@ class TestWhatCannotBeMeasured:
         with pytest.raises(CannotMeasure, match="does not turn"):
             measure_star(still, still, 1.0)
 
+    @pytest.mark.slow
     def test_two_photographs_of_a_turning_star(self):
         _, turning = pair(turns=1.0)
         with pytest.raises(CannotMeasure, match="not at rest|no star"):

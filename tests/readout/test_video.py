@@ -38,6 +38,7 @@ def test_speed_and_sense_within_a_tenth_of_a_per_cent(tmp_path, turns):
 
 
 @pytest.mark.parametrize("turns", [1.4, pytest.param(-1.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_film_of_few_turns_gives_a_speed_and_says_how_well(tmp_path, turns):
     """Errors that repeat with every turn are hardly told from the speed: they widen its sigma."""
     truth = film(tmp_path / "film.avi", turns, frames=30)

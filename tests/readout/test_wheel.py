@@ -117,7 +117,10 @@ def test_a_principal_point_beside_the_middle_is_allowed_for(
 
 @pytest.mark.parametrize(
     ("direction", "turns"),
-    [pytest.param("up", 2.0, marks=pytest.mark.slow), ("right", -2.0)],
+    [
+        pytest.param("up", 2.0, marks=pytest.mark.slow),
+        pytest.param("right", -2.0, marks=pytest.mark.slow),
+    ],
 )
 def test_row_order_and_sense_are_found(direction, turns):
     found = measure_wheel(*pair(direction, turns), 2.0, row_direction=direction)

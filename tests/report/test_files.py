@@ -66,6 +66,7 @@ def folder(tmp_path):
     return out
 
 
+@pytest.mark.slow
 def test_two_processes_into_one_folder_leave_the_last_one_whole_and_nothing_else(folder):
     context = multiprocessing.get_context("spawn")
     start = context.Barrier(2)

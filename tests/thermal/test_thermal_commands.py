@@ -129,7 +129,13 @@ class TestMap:
         assert a.picture.tolist() == table["picture"].tolist()
         np.testing.assert_array_equal(a.dx[::-1], b.dx)
 
-    @pytest.mark.parametrize("kind", ["colour", "sixteen bits", "jpeg"])
+    @pytest.mark.parametrize(
+        "kind",
+        [
+            "sixteen bits",
+            *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("colour", "jpeg")),
+        ],
+    )
     def test_pictures_may_be_of_any_usual_kind(self, small, tmp_path, kind):
         folder = copied(small, tmp_path / "kind")
         names = {}

@@ -49,6 +49,7 @@ class TestTerms:
         assert after.dx == pytest.approx(before.dx, abs=1e-7)
         assert after.covariance == pytest.approx(before.covariance, rel=1e-4, abs=1e-12)
 
+    @pytest.mark.slow
     def test_axes_that_are_mixed_up_are_told(self):
         model = simple_model(WIDTH, HEIGHT, scale=(13.7e-6,), radial=(0.002,))
         maps = mapped(warm_and_cool(30), model)
@@ -60,6 +61,7 @@ class TestTerms:
     def test_a_square_of_temperature_is_found(self, true):
         assert len(fit(mapped(warm_and_cool(), true)).model.dx) == 2
 
+    @pytest.mark.slow
     def test_a_cube_of_temperature_is_not_made_up(self, true):
         """Issue 9: T^3 adds nothing inside and doubles the error outside."""
         maps = mapped(warm_and_cool(), true)
@@ -135,7 +137,7 @@ class TestTemperature:
 
 
 class TestLag:
-    @pytest.mark.parametrize("rounding", [0.0, 0.35, 1.0])
+    @pytest.mark.parametrize("rounding", [0.0, pytest.param(0.35, marks=pytest.mark.slow), 1.0])
     def test_a_lag_of_a_minute_is_recovered_from_warming_and_cooling(self, true, rounding):
         """Issue 9, must show 5: within 20 %."""
         found = fit(mapped(warm_and_cool(70, lag_s=60, rounding_c=rounding), true)).model
@@ -177,7 +179,7 @@ class TestJump:
 
     @pytest.mark.parametrize("lag", [0.0, 60.0])
     @pytest.mark.parametrize("rounding", [0.0, 1.0])
-    @pytest.mark.parametrize("off", [1000.0, np.inf])
+    @pytest.mark.parametrize("off", [pytest.param(1000.0, marks=pytest.mark.slow), np.inf])
     def test_none_is_made_up(self, true, lag, rounding, off):
         course = warm_and_cool(50, lag_s=lag, rounding_c=rounding, off_s=off)
         found = fit(mapped(course, true, shake=0.003)).model

@@ -110,6 +110,7 @@ class TestPylon:
         raw, corrected = np.mean(rows, axis=0)
         return raw / corrected
 
+    @pytest.mark.slow
     def test_at_a_hundredth_of_a_pixel_the_correction_is_seen(self):
         assert self.gain(0.01, seeds=range(6)) >= 2.5
 
