@@ -23,6 +23,8 @@ from corridor.adjustment.matrix import Band
 from corridor.adjustment.point_covariance import Asked, Inverse, make_point_covariance
 
 point_covariance_for = lru_cache(make_point_covariance)
+# Points that are asked one by one.
+FEW = 64
 
 
 class Covariance:
@@ -157,8 +159,8 @@ class Covariance:
         if other in self.__dict__:
             del self.__dict__["_near"]
 
-    def _of_points(self, asked: Asked) -> None:
-        """Fill what is asked for; see `make_point_covariance`."""
+    def _of_points(self, asked: Asked, some: Iterable[int] | None = None) -> None:
+        """Fill what is asked for, of some points alone; see `make_point_covariance`."""
         p, normal, blocks = self.system.problem, self.normal, self._system.blocks
         view = normal.view(self.state)
         kernel = point_covariance_for(p.d)
@@ -173,7 +175,20 @@ class Covariance:
                 scene = normal.scene(view, modelled, first, last)
                 kernel(first, last, scene, known, normal.longest, asked)
 
-        normal.run(work)
+        if some is None:
+            normal.run(work)
+            return
+        for at in some:
+            work(0, int(at), int(at) + 1)
+
+    def points(self, index: np.ndarray) -> np.ndarray:
+        """Of some points (k, 6), as `each_point` has them; of few, without asking all others."""
+        if "each_point" in self.__dict__ or len(index) > FEW:
+            return self.each_point[index]
+        count = len(self.system.problem.ptr) - 1
+        out, nothing = np.empty((count, 6)), np.zeros(0, dtype=np.int64)
+        self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))), index)
+        return out[index]
 
     @cached_property
     def each_point(self) -> np.ndarray:

@@ -92,6 +92,14 @@ class Adjustment(Checked):
     @cached_property
     def block(self) -> Block:
         """The block with adjusted poses, points, cameras and lever arms."""
+        return self._placed(self.point_sigma)
+
+    @property
+    def start_again(self) -> Block:
+        """As `block`, without the sigmas of points, which take longer: to be adjusted anew."""
+        return self._placed(np.full(self.state.points.shape, np.nan))
+
+    def _placed(self, sigma: np.ndarray) -> Block:
         p, state = self.problem, self.state
         block = p.block.copy()
         block.images = block.images.assign(**self._pose_columns())
@@ -99,7 +107,7 @@ class Adjustment(Checked):
             name: camera.with_interior(interior)
             for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
         }
-        block.points = self._points_table(block.points)
+        block.points = self._points_table(block.points, sigma)
         if p.arms_free:
             block.lever_arm = {
                 name: tuple(arm) for name, arm in zip(block.flight_names, state.arms, strict=True)
@@ -107,11 +115,11 @@ class Adjustment(Checked):
         return block
 
     @frugal()
-    def _points_table(self, given: pd.DataFrame) -> pd.DataFrame:
+    def _points_table(self, given: pd.DataFrame, sigma: np.ndarray) -> pd.DataFrame:
         """points.csv with what was found in place of what was given, new points behind."""
         names = self.problem.point_index
         found = dict(zip(("x", "y", "z"), self.state.points.T, strict=True))
-        found |= dict(zip(("sx", "sy", "sz"), self.point_sigma.T, strict=True))
+        found |= dict(zip(("sx", "sy", "sz"), sigma.T, strict=True))
         at = places(given["point"], names)
         hit = at >= 0
         columns = {}
@@ -421,7 +429,8 @@ class Adjustment(Checked):
         difference = self.state.points[index] - given[seen]
         table = pd.DataFrame({"point": names[seen]})
         table[["dx", "dy", "dz"]] = difference
-        table[["sx", "sy", "sz"]] = self.point_sigma[index]
+        variance = self.covariance.points(index)[:, [0, 2, 5]]
+        table[["sx", "sy", "sz"]] = self.sigma0 * np.sqrt(variance)
         table["rays"] = np.diff(p.ptr)[index]
         return with_units(table, units)
 

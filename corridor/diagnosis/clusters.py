@@ -196,7 +196,7 @@ def as_spread(evidence: Evidence, found: Found, threshold: float) -> Found:
     for n, phi in enumerate(evidence.inflation):
         if n in each and phi > 1.0:
             rest = {k: kappa for k, kappa in found.chosen.items() if k != n}
-            each[n] = min(each[n] / phi, evidence.given(rest, spread=True)[n].evidence)
+            each[n] = min(each[n] / phi, evidence.given(rest, spread=True, only=n)[n].evidence)
     return found.beyond(each, threshold)
 
 

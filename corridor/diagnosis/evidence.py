@@ -11,7 +11,7 @@ Source: Kass and Raftery 1995, "Bayes factors"; Chandler and Bate 2007 (phi: see
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -252,8 +252,13 @@ class Evidence:
         root = diags_array(np.sqrt(np.concatenate(each)))
         return root @ covariance @ root
 
-    def _own_given(self, members: list[Group], theta: np.ndarray, factor) -> tuple[list, list]:
-        """g and M of each block of per-image columns beside groups at theta; None of what is in."""
+    def _own_given(
+        self, members: list[Group], theta: np.ndarray, factor, asked: Collection[int]
+    ) -> tuple[list, list]:
+        """g and M of each block of per-image columns that is asked beside groups at theta.
+
+        None of what is in.
+        """
         r = self.reduced
         inside = {a.own for a in members if a.own is not None}
         crowded = any(isinstance(r.own_matrix[k], Pieces) for k in inside)
@@ -261,7 +266,12 @@ class Evidence:
         own_matrix: list[np.ndarray | None] = [None] * len(r.own_g)
         for k, g in enumerate(r.own_g):
             # Of thousands of images one kind of values for each is as much as can be told apart.
-            if g is None or k in inside or (crowded and isinstance(r.own_matrix[k], Pieces)):
+            if (
+                g is None
+                or k in inside
+                or k not in asked
+                or (crowded and isinstance(r.own_matrix[k], Pieces))
+            ):
                 continue
             own_g[k], at = g.copy(), 0
             for a in members:
@@ -278,11 +288,14 @@ class Evidence:
                 own_matrix[k] = r.own_matrix[k] - to_own.T @ factor.solve(to_own)
         return own_g, own_matrix
 
-    def given(self, chosen: dict[int, float], spread: bool = False) -> list[Gain]:
-        """What every group would add to a model of groups n -> kappa.
+    def given(
+        self, chosen: dict[int, float], spread: bool = False, only: int | None = None
+    ) -> list[Gain]:
+        """What every group would add to a model of groups n -> kappa; nothing of those not asked.
 
-        spread: count its scores by what they vary. Between groups that compete only one factor
-        for all would be fair, and that is as good as none.
+        only: the one that is asked; default: all. spread: count its scores by what they vary.
+        Between groups that compete only one factor for all would be fair, and that is as good as
+        none.
         """
         r = self.reduced
         if not chosen:
@@ -293,13 +306,15 @@ class Evidence:
             to_core = np.concatenate(
                 [r.M[a.columns] if a.own is None else r.between[a.own] for a in members]
             )
-            M = r.M - factor.taken(to_core)
             g = r.g - to_core.T @ theta
-            own_g, own_matrix = self._own_given(members, theta, factor)
+            asked = [group.own for group in (self.groups if only is None else [self.groups[only]])]
+            M = r.M - factor.taken(to_core) if None in asked else r.M
+            own_g, own_matrix = self._own_given(members, theta, factor, asked)
         out = []
         for n, group in enumerate(self.groups):
             unknown = group.own is not None and own_g[group.own] is None
-            if n in chosen or unknown or group.key in self.barred:
+            not_asked = only is not None and n != only
+            if not_asked or n in chosen or unknown or group.key in self.barred:
                 out.append(Gain(-np.inf, 1.0, 0.0))
                 continue
             if group.own is None:

@@ -357,10 +357,9 @@ class Verification:
 def check_misfit(adjustment: Adjustment) -> float:
     """Sum of squares of what check points are off by, in their sigmas and those of the survey."""
     table = adjustment.check_points.set_index("point")
-    rows = pd.Index(adjustment.block.ground["point"].astype(str)).get_indexer(
-        table.index.astype(str)
-    )
-    survey = adjustment.block.ground_sigma()[rows]
+    block = adjustment.system.block
+    rows = pd.Index(block.ground["point"].astype(str)).get_indexer(table.index.astype(str))
+    survey = block.ground_sigma()[rows]
     sigma = np.hypot(table[["sx", "sy", "sz"]].to_numpy(), survey)
     return float(((table[["dx", "dy", "dz"]].to_numpy() / sigma) ** 2).sum())
 
@@ -377,8 +376,9 @@ def harms(without: Adjustment, with_it: Adjustment) -> bool:
         return False
     d = after[["dx", "dy", "dz"]].to_numpy()
     s = d - before.loc[after.index, ["dx", "dy", "dz"]].to_numpy()
-    rows = pd.Index(without.block.ground["point"].astype(str)).get_indexer(after.index.astype(str))
-    survey = without.block.ground_sigma()[rows]
+    block = without.system.block
+    rows = pd.Index(block.ground["point"].astype(str)).get_indexer(after.index.astype(str))
+    survey = block.ground_sigma()[rows]
     sigma = np.hypot(before.loc[after.index, ["sx", "sy", "sz"]].to_numpy(), survey)
     noise = np.sqrt(((np.abs(s) * sigma).sum(axis=0) ** 2).sum())
     return bool((d * s).sum() > SETTINGS.harm_sigma * noise)

@@ -116,7 +116,7 @@ def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
         strongest = found.evidence[n] == max(found.evidence[k] for k in chosen)
         if n in found.kept or strongest or not others:
             continue
-        if evidence.given(others)[n].evidence < threshold:
+        if evidence.given(others, only=n)[n].evidence < threshold:
             del chosen[n]
     if len(chosen) == len(found.chosen):
         return found

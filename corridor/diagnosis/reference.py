@@ -112,7 +112,7 @@ class ReferenceModel:
         if self.begun is not None:
             return result
         _refuse_astray(result)
-        self.begun, self.scale = result.block, _scale(result)
+        self.begun, self.scale = result.start_again, _scale(result)
         result = self.adjust(more)
         _refuse_astray(result)
         return result

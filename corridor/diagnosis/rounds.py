@@ -61,7 +61,7 @@ class Round:
 
     def shed(self) -> None:
         """Let go of what weighs gigabytes in a block of a thousand images."""
-        if len(self.adjustment.block.images) > SETTINGS.large_block:
+        if self.adjustment.problem.image_count > SETTINGS.large_block:
             self.equations = self.evidence = self.noises = None
 
 

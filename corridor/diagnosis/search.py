@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from corridor.diagnosis.evidence import Evidence, effect_sizes
+from corridor.diagnosis.evidence import Evidence, Gain, effect_sizes
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -30,12 +30,38 @@ class Found:
         return Found(chosen, {n: each[n] for n in order}, self.total, self.kept)
 
 
+class _Heard:
+    """What evidence has answered in one search, which asks much of it again."""
+
+    def __init__(self, evidence: Evidence):
+        self._evidence, self.groups = evidence, evidence.groups
+        self._gains: dict[frozenset, list[Gain]] = {}
+        self._totals: dict[frozenset, float] = {}
+
+    def given(self, chosen: dict[int, float], only: int | None = None) -> list[Gain]:
+        """As `Evidence.given`."""
+        key = frozenset(chosen.items())
+        if key in self._gains:
+            return self._gains[key]
+        gains = self._evidence.given(chosen, only=only)
+        if only is None:
+            self._gains[key] = gains
+        return gains
+
+    def model(self, chosen: dict[int, float]) -> tuple[float]:
+        """The log evidence of `Evidence.model` alone."""
+        key = frozenset(chosen.items())
+        if key not in self._totals:
+            self._totals[key] = self._evidence.model(chosen)[0]
+        return (self._totals[key],)
+
+
 def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[int] = ()) -> Found:
     """The model in which every group brings more than the threshold given all others.
 
     adjusted: keys of groups that the adjustment at hand has estimated. kept: groups that stay.
     """
-    kept = frozenset(kept)
+    kept, evidence = frozenset(kept), _Heard(evidence)
     chosen = tuned(evidence, dict.fromkeys(sorted(kept), 1.0))
     for _ in range(4 * SETTINGS.most_groups):
         before = dict(chosen)
@@ -57,12 +83,12 @@ def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[i
     return Found(chosen, {n: each[n] for n in order}, evidence.model(chosen)[0], kept)
 
 
-def contributions(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
+def contributions(evidence: Evidence | _Heard, chosen: dict[int, float]) -> dict[int, float]:
     """What each group of a model brings given the others."""
     out = {}
     for n in chosen:
         rest = {k: v for k, v in chosen.items() if k != n}
-        out[n] = evidence.given(rest)[n].evidence
+        out[n] = evidence.given(rest, only=n)[n].evidence
     return out
 
 
@@ -133,7 +159,7 @@ def _named(evidence, chosen):
     return chosen
 
 
-def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
+def tuned(evidence: Evidence | _Heard, chosen: dict[int, float]) -> dict[int, float]:
     """The best kappa of each group given the others."""
     for n in list(chosen):
         group = evidence.groups[n]

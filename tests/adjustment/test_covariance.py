@@ -111,6 +111,14 @@ def agree(case, ours, theirs, sigma_rows, sigma_columns=None):
     assert away.max(initial=0.0) < tolerance
 
 
+def test_some_points_are_those_of_all():
+    """Check points are few: their sigmas do not wait for those of all others."""
+    problem = make_problem(small_block(), effects=[])
+    system = LinearSystem(problem, problem.start, storage="band")
+    some = Covariance(system).points(np.array([5, 2]))
+    assert some == pytest.approx(Covariance(system).each_point[[5, 2]], rel=1e-12)
+
+
 class TestAgainstADenseInverse:
     """Numerical differences leave 1e-11 of the Jacobian; what is nearly undetermined takes some
     of that: 1e-8 of the standard deviations is the tolerance."""

@@ -123,7 +123,7 @@ def checked(differences, sigma=0.01):
         ground_sigma=lambda: np.full((len(d), 3), sigma),
     )
     rms = SimpleNamespace(d3=float(np.sqrt((d**2).sum(axis=1).mean())))
-    return SimpleNamespace(check_points=table, check_rms=rms, block=block)
+    return SimpleNamespace(check_points=table, check_rms=rms, system=SimpleNamespace(block=block))
 
 
 class TestCheckPointsHaveTheLastWord:
