@@ -109,7 +109,7 @@ def row_of(block: Block, truth: Truth) -> dict:
         "errors": errors,
         "wrong": judged.wrong,
         "stated": bool(stated or judged.unknown),
-        "absurd": [one["slug"] for one in stated if _absurd(one, block)],
+        "absurd": [one["slug"] for one in stated if _absurd(one, block, errors)],
         "worse": bool(stated) and check is not None and check["after"] > WORSE * check["before"],
         "check": check,
         "lens": said["lens"],
@@ -122,11 +122,16 @@ def row_of(block: Block, truth: Truth) -> dict:
     }
 
 
-def _absurd(said: dict, block: Block) -> bool:
-    """Whether a stated value is one that does not happen."""
+def _absurd(said: dict, block: Block, errors: list[dict]) -> bool:
+    """Whether a stated value is one that does not happen, nor was put in."""
     effect = next(one for one in every_effect() if one.slug == said["slug"])
     most = {p.name: p.most for p in effect.parameters(block)}
-    return any(abs(p["value"]) > most.get(p["name"], np.inf) for p in said["parameters"])
+    mine = [e for e in errors if e["slug"] == said["slug"]]
+    put = {e["name"]: abs(e["true"]) + RIGHT_SIGMAS * e["sigma"] for e in mine}
+    return any(
+        abs(p["value"]) > max(most.get(p["name"], np.inf), put.get(p["name"], 0.0))
+        for p in said["parameters"]
+    )
 
 
 def _worse_than_untouched(name: str, rows: Mapping[str, dict]) -> bool:
