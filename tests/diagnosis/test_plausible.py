@@ -88,7 +88,7 @@ class TestPartsOfAShape:
 
     @staticmethod
     def left(across):
-        """Keys that stay of a shape with evidence 120 and an effect that adds 45 to it."""
+        """Keys that stay of a shape and an effect that brings less than half as much beside it."""
         groups = []
         for n, slug in enumerate(("image_deformation", "thermal")):
             effect = find(slug)
