@@ -69,8 +69,12 @@ def python_of(venv):
 
 
 def environment():
-    """Variables for the programs we start: nothing from outside may reach into .venv."""
-    kept = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME")}
+    """Variables for the programs we start: nothing from outside may reach into .venv.
+
+    Python writes down what it compiled: tests start it some hundred times.
+    """
+    ours = ("PYTHONPATH", "PYTHONHOME", "PYTHONDONTWRITEBYTECODE")
+    kept = {k: v for k, v in os.environ.items() if k not in ours}
     return {**kept, "PYTHONUTF8": "1", "PIP_USER": "0", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
 
 

@@ -95,14 +95,19 @@ def test_the_table_is_a_file_and_every_link_of_the_page_leads_to_a_report(done):
     assert str(campaign).startswith("4 blocks adjusted (50 mm are required): 1 failed, 3 good")
 
 
+@pytest.fixture
+def without_pictures(monkeypatch):
+    """They take longer than the adjustments."""
+    monkeypatch.setattr("corridor.campaign.work.of_adjustment", lambda _: {})
+
+
 def when(out):
     return {path.parent.name: path.stat().st_mtime_ns for path in out.glob("blocks/*/report.html")}
 
 
 def test_what_is_done_is_not_done_again_but_what_changed_or_went_is(
-    done, blocks, tmp_path, monkeypatch
+    done, blocks, tmp_path, without_pictures
 ):
-    monkeypatch.setattr("corridor.campaign.work.of_adjustment", lambda _: {})  # pictures take long
     here, out, told = tmp_path / "blocks", tmp_path / "out", []
     shutil.copytree(blocks, here)
     shutil.copytree(done[1], out)
@@ -179,19 +184,17 @@ def test_memory_beyond_the_limit_is_refused_by_the_system():
 
 
 class TestCommand:
-    def test_the_status_says_that_a_block_failed(self, done, blocks, capsys):
-        _, out = done
-        words = ["batch", "adjust", str(blocks), "-o", str(out), "--required", "0.05"]
+    def test_the_status_says_that_a_block_failed(self, blocks, tmp_path, capsys, without_pictures):
+        words = ["batch", "adjust", str(blocks), "-o", str(tmp_path / "out"), "--required", "0.05"]
         assert main([*words, "--jobs", "1"]) == 1
         said = capsys.readouterr()
         assert said.err.splitlines()[-1].startswith("failed: 1 of 4 blocks, broken first; ")
         assert "! broken: " in said.out and said.out.rstrip().endswith("report.html")
 
-    def test_the_status_is_0_where_none_failed(self, done, blocks, capsys):
-        _, out = done
+    def test_the_status_is_0_where_none_failed(self, blocks, tmp_path, capsys, without_pictures):
         named = [str(blocks / name) for name in ("north", "west")]
-        words = ["batch", "adjust", *named, "-o", str(out), "--required", "0.05", "--jobs", "1"]
-        assert main(words) == 0
+        words = ["batch", "adjust", *named, "-o", str(tmp_path / "out"), "--required", "0.05"]
+        assert main([*words, "--jobs", "1"]) == 0
         assert "2 blocks adjusted" in capsys.readouterr().out
 
     def test_options_of_the_verb_reach_every_block(self, blocks, tmp_path, monkeypatch):

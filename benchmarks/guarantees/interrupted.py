@@ -19,6 +19,7 @@ from benchmarks.guarantees import samples, verbs
 
 # Of the moments of a verb this share falls into a process that has still to load its libraries.
 FROM_NOTHING = 0.25
+PYTHON_S = 0.06  # of processor, in which Python starts itself and knows of no program yet
 TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -44,6 +45,7 @@ def run(times: int, seed: int, say, minutes: float = np.inf, some: Sequence[str]
             rng = random.Random(f"{seed} {verb} {k}")
             fresh = k < from_nothing
             moment = rng.uniform(0.0, 1.05) * needed[fresh]
+            moment = max(moment, PYTHON_S) if fresh else moment
             status, said, there = _stopped(verb, home, fresh, moment)
             wrong = verbs.fault(status, said, there, whole, (130, 0))
             count, loading = count + 1, loading + fresh

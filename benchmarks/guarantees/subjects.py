@@ -105,10 +105,10 @@ def _readout(target):
     def right(there, out, truth):
         found = json.loads((out / "readout.json").read_text(encoding="utf-8"))
         # No file says that rows were cut off: it is the time of the rows that are left. Rows of a
-        # picture made smaller are not the rows that were read, at half a per cent.
+        # picture made smaller are not the rows that were read: halved twice 0.8 per cent are lost.
         times = (share * samples.READOUT_MS[target] for share in (1.0, *CUT))
         most = WITHIN * found["sigma_ms"]
-        return any(abs(found["readout_ms"] - true) <= most + 0.005 * true for true in times)
+        return any(abs(found["readout_ms"] - true) <= most + 0.009 * true for true in times)
 
     return right
 
@@ -123,8 +123,18 @@ def _maps(there, out, truth):
             return False
         both = one["valid"].astype(bool) & two["valid"].astype(bool)[rows]
         off = np.hypot(one["dx"] - two["dx"][rows], one["dy"] - two["dy"][rows])[both]
-        told = np.array_equal(one["temperature_c"], two["temperature_c"][rows])
-        return bool(told and (not len(off) or np.max(off) < 0.3))
+        return _one_scale(one["temperature_c"], two["temperature_c"][rows]) and bool(
+            not len(off) or np.max(off) < 0.35
+        )
+
+
+def _one_scale(found, true) -> bool:
+    """Temperatures that differ by a factor or a shift alone: no file says that they are wrong."""
+    known = np.isfinite(found)
+    if known.sum() < 3:
+        return np.array_equal(found, true)
+    line = np.polynomial.Polynomial.fit(true[known], found[known], 1)
+    return bool(np.abs(found - line(true))[known].max() < 0.01 and known.all())
 
 
 def _thermal(there, out, truth):

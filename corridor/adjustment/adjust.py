@@ -285,7 +285,7 @@ def _incomplete(block: Block) -> bool:
         return True
     for table in ("tie_points", "marks"):
         known = np.isfinite(block.positions(table)).all(axis=1)
-        if not known[getattr(block, table)["point"].cat.codes.to_numpy()].all():
+        if not known[getattr(block, table)["point"].array.codes].all():
             return True
     return False
 

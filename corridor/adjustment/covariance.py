@@ -14,13 +14,13 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from scipy.linalg import blas, lapack
-from threadpoolctl import threadpool_limits
 
 from corridor.adjustment.datum import centred
 from corridor.adjustment.kernels import Storage
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Band
 from corridor.adjustment.point_covariance import Asked, Inverse, make_point_covariance
+from corridor.threads import one_thread
 
 point_covariance_for = lru_cache(make_point_covariance)
 # Points that are asked one by one.
@@ -109,7 +109,7 @@ class Covariance:
     def _near(self) -> np.ndarray:
         """Entries between images that share a point, in the storage of the equations."""
         blocks = self._system.blocks
-        with threadpool_limits(1):
+        with one_thread():
             if not isinstance(blocks, Band):
                 return self._near_sparse()
             return selected_inverse(blocks.flat, blocks.n, blocks.ld, *self._low_rank())

@@ -58,8 +58,8 @@ def _posed(block: Block) -> bool:
 
 def _outside(out: Block, block: Block, table: str, notes: list[str]) -> Block:
     frame = getattr(block, table)
-    sizes = {c.name: (c.width, c.height) for c in block.cameras.values()}
-    size = np.array([sizes[name] for name in block.images["camera"]], dtype=float)
+    sizes = np.array([(c.width, c.height) for c in block.cameras.values()], dtype=float)
+    size = sizes[block.image_camera]
     one = bool(len(size)) and (size == size[0]).all()
     image = None if one else block.image_rows(table)
     wild = np.zeros(len(frame), dtype=bool)
@@ -107,7 +107,7 @@ def without_exchanged(
 def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block:
     if not len(block.gnss):
         return out
-    given = block.gnss[["x", "y", "z"]].to_numpy(float)
+    given = block.numbers("gnss", *"xyz")
     rows, far = _far(given - pose[block.image_rows("gnss"), :3], _height(block, pose))
     if not len(rows):
         return out
@@ -129,7 +129,7 @@ def _ground(
     used = np.flatnonzero((roles == "control") | (roles == "check"))
     if len(used) < 4 or not len(block.marks):
         return out
-    given = block.ground[["x", "y", "z"]].to_numpy(float)[used]
+    given = block.numbers("ground", *"xyz")[used]
     seen = where_seen(seen_by or block, pose)[used]
     names = block.ground["point"].to_numpy(dtype=object)[used]
     pairs = exchanged_points(given, seen)
@@ -193,19 +193,17 @@ def told_exchanged(one: str, two: str) -> str:
 
 def where_seen(block: Block, pose: np.ndarray) -> np.ndarray:
     """Where the images of each ground point (n, 3) show it, by these poses; NaN unknown."""
-    marks = block.marks
-    cameras = list(block.cameras.values())
-    which = block.images["camera"].map({c.name: n for n, c in enumerate(cameras)}).to_numpy()
-    image = block.image_rows("marks")
-    interior = np.array([c.interior for c in cameras])
-    ray = undistort(marks[["x", "y"]].to_numpy(float), interior, which[image])
+    image, which = block.image_rows("marks"), block.image_camera
+    interior = np.array([c.interior for c in block.cameras.values()])
+    ray = undistort(block.numbers("marks", "x", "y"), interior, which[image])
     quaternion = np.where(np.isfinite(pose[:, 3:]), pose[:, 3:], [1.0, 0.0, 0.0, 0.0])
     rays = Rays(
         image.astype(np.int32), ray, rotation_from_quaternion(quaternion), pose[:, :3].copy(),
         1.0 / interior[which, 0],
     )  # fmt: skip
-    names = marks["point"].cat.categories
-    found = meeting_points(rays, marks["point"].cat.codes.to_numpy(), len(names))
+    marked = block.marks["point"].array
+    names = marked.categories
+    found = meeting_points(rays, marked.codes, len(names))
     at = names.get_indexer(block.ground["point"])
     found = np.concatenate([found, np.full((1, 3), np.nan)])
     return found[at]

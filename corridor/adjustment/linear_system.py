@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import block_array, csc_array, csr_array
-from threadpoolctl import threadpool_limits
 
 from corridor.adjustment.matrix import Bordered
 from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM
@@ -33,6 +32,7 @@ from corridor.block import Block
 from corridor.brief import brief
 from corridor.effects import Context, Effect, Images, Parameter, Stack, Values
 from corridor.geometry import helmert_motions
+from corridor.threads import one_thread
 
 if TYPE_CHECKING:
     from corridor.adjustment.result import Adjustment
@@ -530,14 +530,14 @@ class LinearSystem:
         normal = self._normal
         self.right, self.reference  # noqa: B018, small, and gone with the matrix
         del self.__dict__["_normal"]
-        with threadpool_limits(1):
+        with one_thread():
             return normal, normal.factor()
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """N^-1 right for right (n, k). Raises Singular."""
         n = self.problem.image_count * self.problem.d
         _, factor = self.factorised
-        with threadpool_limits(1):
+        with one_thread():
             return np.concatenate(factor.solve(right[:n], right[n:]))
 
     def minimised(self, max_iterations: int, tolerance: float, near: bool) -> LinearSystem:

@@ -73,8 +73,10 @@ def _starts_of_marks(block: Block) -> np.ndarray:
     """
     starts = block.positions("marks")
     vague = block.ground.loc[(block.ground_sigma() > VAGUE_M).any(axis=1), "point"]
+    if not len(vague):
+        return starts
     rows = block.points[is_among(block.points["point"], vague)]
-    at = block.marks["point"].cat.categories.get_indexer(rows["point"])
+    at = block.marks["point"].dtype.categories.get_indexer(rows["point"])
     xyz = rows[["x", "y", "z"]].to_numpy(float)
     known = (at >= 0) & np.isfinite(xyz).all(axis=1)
     starts[at[known]] = xyz[known]
@@ -84,11 +86,9 @@ def _starts_of_marks(block: Block) -> np.ndarray:
 def network_of(block: Block, images: Images, control: set[str], unused: set[str]) -> Network:
     """Observations sorted by point and image, points by their images, images by place."""
     tie, mark = block.tie_points, block.marks
-    tie_names = tie["point"].cat.categories
-    mark_names = mark["point"].cat.categories
-    codes = [
-        rows["point"].cat.codes.to_numpy().astype(np.int32, copy=False) for rows in (tie, mark)
-    ]
+    tie_names = tie["point"].dtype.categories
+    mark_names = mark["point"].dtype.categories
+    codes = [rows["point"].array.codes.astype(np.int32, copy=False) for rows in (tie, mark)]
     point = _joined(codes[0], codes[1] + np.int32(len(tie_names)))
     image = _joined(
         block.image_rows("tie_points").astype(np.int32), block.image_rows("marks").astype(np.int32)
@@ -147,8 +147,8 @@ def control_of(block: Block, network: Network, rows: np.ndarray) -> tuple[Contro
     Control that no image shows adds nothing and would count as observation.
     """
     names = block.ground["point"].to_numpy(dtype=object)[rows]
-    marks = block.marks["point"].cat.categories.to_numpy(dtype=object)
-    first = len(block.tie_points["point"].cat.categories)
+    marks = block.marks["point"].dtype.categories.to_numpy(dtype=object)
+    first = len(block.tie_points["point"].dtype.categories)
     shown = set(marks[network.point_codes[network.point_kinds] - first])
     measured = np.array([name in shown for name in names], dtype=bool)
     notes = []
@@ -163,7 +163,7 @@ def control_of(block: Block, network: Network, rows: np.ndarray) -> tuple[Contro
     of_point = np.full(len(network.point_codes), -1, np.int64)
     kinds = network.point_kinds
     of_point[kinds] = [at.get(name, -1) for name in marks[network.point_codes[kinds] - first]]
-    given = block.ground[["x", "y", "z"]].to_numpy(float)[rows]
+    given = block.numbers("ground", *"xyz")[rows]
     return Control(of_point, rows, given, block.ground_sigma()[rows] ** -2.0), notes
 
 
@@ -171,7 +171,7 @@ def gnss_of(block: Block, rank: np.ndarray) -> Gnss:
     """The antenna positions of a block. rank (m,): position of each row of images.csv."""
     if not len(block.gnss):
         return Gnss(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
-    given = block.gnss[["x", "y", "z"]].to_numpy(float)
+    given = block.numbers("gnss", *"xyz")
     known = np.isfinite(given).all(axis=1)
     image = rank[block.image_rows("gnss")]
     return Gnss(image[known], given[known], block.gnss_sigma()[known] ** -2.0)

@@ -93,7 +93,9 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
     @property
     def point_index(self) -> pd.Index:
         """`point_names` without an object for each name."""
-        ties, marks = (t["point"].cat.categories for t in (self.block.tie_points, self.block.marks))
+        ties, marks = (
+            t["point"].dtype.categories for t in (self.block.tie_points, self.block.marks)
+        )
         return (ties.append(marks) if len(marks) else ties).take(self.point_codes)
 
     def values(
@@ -140,19 +142,19 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     model, or options of `Model` in its place. Raises InputError for wrong input.
     """
     model = Model.of(model, **options)
-    images = Images.of(block)
+    images = as_given = Images.of(block)
     roles = model.roles(block)
     names = block.ground["point"].to_numpy(dtype=object)
     asked = np.flatnonzero(roles == "control")
     # Whatever is wrong with the effects is said before the network is looked at.
-    Stack(block, model.effects, list(names[asked]))
+    Stack(block, model.effects, list(names[asked]), as_given)
     network = network_of(block, images, set(names[asked]), set(names[roles == "unused"]))
     images = images.reordered(network.order)
     rank = np.empty_like(network.order)
     rank[network.order] = np.arange(len(rank))
     gnss = gnss_of(block, rank)
     control, notes = control_of(block, network, asked)
-    stack = Stack(block, model.effects, list(names[control.control_rows]))
+    stack = Stack(block, model.effects, list(names[control.control_rows]), as_given)
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
     free, settings = model.free(block), model.settings_of(block)

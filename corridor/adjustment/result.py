@@ -206,6 +206,8 @@ class Adjustment(Checked):
                 out[kind] = {}
                 continue
             gross, sigma = frame["gross"].to_numpy(), frame["sigma"].to_numpy()
+            # Where the sigmas of the other kind are absurd all of a kind stand out: none is left.
+            gross = gross & ~gross.all()
             kept = ~gross if gross.any() else slice(None)
             axes = [frame[axis].to_numpy()[kept] for axis in ("vx", "vy")]
             scaled = [v / sigma[kept] for v in axes]
@@ -214,7 +216,7 @@ class Adjustment(Checked):
                 "rms": float(np.sqrt(np.mean([np.mean(v**2) for v in axes]))),
                 "sigma0": float(np.sqrt(np.mean([np.mean(v**2) for v in scaled]))),
                 "outliers": int(frame["outlier"].sum()),
-                "gross": int(frame["gross"].sum()),
+                "gross": int(gross.sum()),
             }
         for kind in ("gnss", "control"):
             frame = self.residuals[kind]

@@ -12,10 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from corridor.adjustment.kernels import SQUARES
 from corridor.adjustment.matrix import Bordered, Singular
@@ -23,6 +21,7 @@ from corridor.adjustment.normal import NEAR, Loss, Normal, moved_state
 from corridor.adjustment.problem import State
 from corridor.brief import brief
 from corridor.errors import AdjustmentFailed
+from corridor.threads import one_thread
 
 FIRST_DAMPING = 1e-6
 # Damping is divided by this after a good step; after a bad one it is raised ever faster and
@@ -66,7 +65,7 @@ def solve(
     near: the start is near the solution, and the loss counts at once.
     Raises AdjustmentFailed where no step lowers the cost and the step is not small.
     """
-    with _pools().limit(limits=1):
+    with one_thread():
         if normal.loss.kind == SQUARES:
             if normal.has_image_effects:
                 # One step of Newton finds what they look at, but for a little of the last step.
@@ -80,12 +79,6 @@ def solve(
         normal.loss = loss
         # Reweighting creeps along a few weak points long after everything else is at rest.
         return _solve(normal, first.state, max_iterations, 20 * tolerance, progress, first.history)
-
-
-@cache
-def _pools() -> ThreadpoolController:
-    # Looking for the libraries takes longer than an iteration of a small block: once will do.
-    return ThreadpoolController()
 
 
 def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solution:

@@ -6,7 +6,6 @@ the adjustment (a point seen once, an image with too few points) is judged there
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pyarrow.compute as pc
 
 from corridor.block.settings import FILE, SIGMA
@@ -19,6 +18,7 @@ from corridor.block.tables import (
     ROLES,
     SIGMAS,
     VELOCITY,
+    arrow,
     is_among,
     some,
 )
@@ -85,21 +85,25 @@ def _settings(block) -> None:
 def _names(block, table: str) -> None:
     """Needed names are there, and no name has blanks around it."""
     frame, layout = getattr(block, table), LAYOUTS[table]
+    if not len(frame):
+        return
     for name in layout.listed:
         if name not in NAMES or name not in frame:
             continue
         column = frame[name]
         coded = isinstance(column.dtype, pd.CategoricalDtype)
+        codes = column.array.codes if coded else None
+        values = arrow(column.dtype.categories if coded else column)
         if name in layout.needed:
-            row = _first(column.cat.codes.to_numpy() < 0 if coded else column.isna())
+            row = _first(codes < 0 if coded else pc.is_null(values))
             if row is None and not coded:
-                row = _first(column == "")
+                row = _first(pc.equal(values, ""))
             if row is not None:
                 _fail(block, table, row, f"{name} is empty", "fill it in or delete the row")
-        values = column.cat.categories if coded else column
-        blank = np.asarray((values.str.strip() != values) & values.notna())
-        if blank.any():
-            row = _first(blank[column.cat.codes] & (column.cat.codes >= 0) if coded else blank)
+        bare = pc.utf8_trim_whitespace(values)
+        if not bare.equals(values):
+            blank = np.asarray(pc.fill_null(pc.not_equal(bare, values), False))
+            row = _first(blank[codes] & (codes >= 0) if coded else blank)
             if row is not None:
                 value = f"{name} {str(column.iloc[row])!r} has blanks around it"
                 _fail(block, table, row, value, "take them away")
@@ -108,6 +112,8 @@ def _names(block, table: str) -> None:
 def _numbers(block, table: str) -> None:
     """Needed numbers are there, all are finite, and standard deviations are positive."""
     frame, layout = getattr(block, table), LAYOUTS[table]
+    if not len(frame):
+        return
     for name in layout.numbers:
         if name not in frame:
             continue
@@ -151,7 +157,7 @@ def _images(block) -> None:
     _triple(block, "images", VELOCITY, "the velocity")
     _triple(block, "images", RATES, "the angular rate")
     if set(QUATERNION) <= set(images.columns):
-        length = np.linalg.norm(images[list(QUATERNION)].to_numpy(), axis=1)
+        length = np.linalg.norm([images[name].to_numpy() for name in QUATERNION], axis=0)
         row = _first(length == 0)
         if row is not None:
             fault = "the quaternion qw, qx, qy, qz has length zero"
@@ -187,9 +193,10 @@ def _observations(block, table: str) -> None:
     _known_images(block, table)
 
     def keys() -> np.ndarray:
-        key = frame["point"].cat.codes.to_numpy().astype(np.int64)
-        key *= len(frame["image"].cat.categories)
-        key += frame["image"].cat.codes.to_numpy()
+        image = frame["image"].array
+        key = frame["point"].array.codes.astype(np.int64)
+        key *= len(image.categories)
+        key += image.codes
         return key
 
     # Sorting in place takes a third of the memory of a hash table; most files are in order.
@@ -208,11 +215,11 @@ def _observations(block, table: str) -> None:
 
 def _points_are_one_kind(block) -> None:
     """One name is either a tie point or a ground point: their coordinates stand apart."""
-    ties = block.tie_points["point"].cat.categories
+    ties = block.tie_points["point"].dtype.categories
     for table in ("marks", "ground"):
         names = getattr(block, table)["point"]
         # Ties are many: few names are looked for first.
-        if not is_among(ties, names.dropna()).any():
+        if not is_among(ties, names).any():
             continue
         row = _first(is_among(names, ties))
         if row is not None:
@@ -236,7 +243,8 @@ def _ground(block) -> None:
 def _known_images(block, table: str) -> None:
     names = getattr(block, table)["image"]
     images = block.images["image"]
-    row = _first(~is_among(names, images) & names.notna())
+    strange = ~is_among(names, images)
+    row = _first(strange & names.notna()) if strange.any() else None
     if row is not None:
         _fail(
             block,
@@ -249,7 +257,7 @@ def _known_images(block, table: str) -> None:
 
 def _once(block, table: str, name: str) -> None:
     column = getattr(block, table)[name]
-    names = pa.array(column, type=pa.large_string(), from_pandas=True)
+    names = arrow(column)
     if pc.count_distinct(names, mode="all").as_py() < len(names):
         row = _first(column.duplicated())
         earlier = block.where(table, _first(column == column.iloc[row]))
@@ -260,12 +268,9 @@ def _once(block, table: str, name: str) -> None:
 def _triple(block, table: str, columns: tuple[str, ...], what: str, remedy: str = "") -> None:
     """Numbers that only mean something together are all given or all empty."""
     frame = getattr(block, table)
-    known = np.column_stack(
-        [
-            frame[name].notna() if name in frame else np.zeros(len(frame), dtype=bool)
-            for name in columns
-        ]
-    )
+    if not len(frame) or not any(name in frame for name in columns):
+        return
+    known = np.column_stack([~np.isnan(block.column(table, name)) for name in columns])
     row = _first(known.any(axis=1) & ~known.all(axis=1))
     if row is not None:
         missing = [name for name, there in zip(columns, known[row], strict=True) if not there]
@@ -277,6 +282,8 @@ def _triple(block, table: str, columns: tuple[str, ...], what: str, remedy: str 
 def _epochs(block, table: str, groups: tuple[str, ...]) -> None:
     """Time goes on: no two rows of one flight (or image) have the same time. Any row order."""
     frame = getattr(block, table)
+    if not len(frame):
+        return
     keys = [name for name in groups if name in frame] + ["time_s"]
     row = _first(frame.duplicated(keys))
     if row is not None:
@@ -288,7 +295,7 @@ def _epochs(block, table: str, groups: tuple[str, ...]) -> None:
 
 
 def _lever_arms(block) -> None:
-    flights = block.flight_names
+    flights = block.flight_names if block.lever_arm else []
     for flight, arm in block.lever_arm.items():
         if flight != "default" and flight not in flights:
             raise InputError(

@@ -205,7 +205,7 @@ def summarise(block, needs: Mapping[str, Iterable[str]]) -> Summary:
     rows = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
     per_image = np.bincount(rows[rows >= 0], minlength=len(block.images))
     few = np.flatnonzero(per_image < FEW_OBSERVATIONS)
-    once = block.tie_points["point"].cat.categories[rays.index[rays == 1]]
+    once = block.tie_points["point"].dtype.categories[rays.index[rays == 1]]
     pose = block.poses
     posed = ~np.isnan(pose).any(axis=1)
     start = block.points.dropna(subset=["x", "y", "z"])
@@ -265,7 +265,7 @@ def _columns(block) -> tuple[dict[str, float], list[str]]:
 
 
 def _counts(block, tie_points: int, posed: int, start: pd.DataFrame) -> dict[str, int]:
-    observed = block.tie_points["point"].cat.categories
+    observed = block.tie_points["point"].dtype.categories
     return {
         "images": len(block.images),
         "flights": len(block.flight_names),
@@ -299,7 +299,7 @@ def _camera_facts(block) -> list[dict]:
 
 
 def _codes(observations: pd.DataFrame) -> np.ndarray:
-    return observations["point"].cat.codes.to_numpy()
+    return observations["point"].array.codes
 
 
 def _ground_pixel(block, pose: np.ndarray) -> float | None:
@@ -311,7 +311,7 @@ def _ground_pixel(block, pose: np.ndarray) -> float | None:
     focal = block.images["camera"].map({n: camera["f"] for n, camera in block.cameras.items()})
     focal = focal.to_numpy(dtype=float)
     for table in ("tie_points", "marks"):
-        names = getattr(block, table)["point"].cat.categories
+        names = getattr(block, table)["point"].dtype.categories
         xyz = coordinates.reindex(names).to_numpy()[_codes(getattr(block, table))]
         image = block.image_rows(table)
         depth = np.einsum("nj,nj->n", rotation[image, 2], xyz - pose[image, :3])

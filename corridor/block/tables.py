@@ -4,6 +4,7 @@ import copy
 from collections.abc import Iterable
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -69,24 +70,37 @@ def tidy(table: str, frame: pd.DataFrame | None, images: pd.Index | None = None)
     """
     layout = LAYOUTS[table]
     if frame is None:
-        frame = pd.DataFrame({name: [] for name in layout.needed})
+        frame = _empty(table)
     missing = [name for name in layout.needed if name not in frame.columns]
     if missing:
         raise InputError(missing_columns(f"{table}.csv", missing, list(frame.columns)))
-    columns = {}
-    for name in frame.columns:
-        column = frame[name]
+    # Small tables are many: a column that is right is not even looked up.
+    tidied = pd.DataFrame(frame)
+    rows = pd.RangeIndex(len(frame))
+    if not (isinstance(frame.index, pd.RangeIndex) and frame.index.equals(rows)):
+        tidied.index = rows
+    for name, kind in zip(frame.columns, frame.dtypes, strict=True):
+        if name not in layout.listed:
+            continue
         if name in layout.coded:
-            column = _coded(column, images if name == "image" else None)
-        elif name in NAMES and name in layout.listed:
-            column = _text(column)
-        elif name in layout.listed:
-            column = _number(table, name, column)
-        columns[name] = column
-    tidied = pd.DataFrame(columns, copy=False).reset_index(drop=True)
-    if table == "images" and set(QUATERNION) <= set(columns):
+            given = tidied[name]
+            column = _coded(given, images if name == "image" else None)
+            if column is not given:
+                tidied[name] = column
+        elif name in NAMES:
+            if not isinstance(kind, pd.StringDtype):
+                tidied[name] = tidied[name].astype("str")
+        elif kind != np.float64:
+            tidied[name] = _number(table, name, tidied[name])
+    if table == "images" and set(QUATERNION) <= set(frame.columns):
         tidied = _unit_quaternions(tidied)
     return tidied
+
+
+@cache
+def _empty(table: str) -> pd.DataFrame:
+    """A table without rows; who changes one of its copies changes no other."""
+    return tidy(table, pd.DataFrame({name: [] for name in LAYOUTS[table].needed}))
 
 
 def is_among(names: pd.Series | pd.Index, known: pd.Series | pd.Index | list) -> np.ndarray:
@@ -95,15 +109,11 @@ def is_among(names: pd.Series | pd.Index, known: pd.Series | pd.Index | list) ->
     A hundred times faster than `isin` on a million names.
     """
     if isinstance(names.dtype, pd.CategoricalDtype):
-        found = is_among(names.cat.categories, known)
-        return np.append(found, False)[names.cat.codes.to_numpy()]
+        found = is_among(names.dtype.categories, known)
+        return np.append(found, False)[names.array.codes]
     if not len(names):
         return np.zeros(0, dtype=bool)
-    found = pc.is_in(
-        pa.array(names, type=pa.large_string(), from_pandas=True),
-        value_set=pa.array(known, type=pa.large_string(), from_pandas=True),
-        skip_nulls=True,
-    )
+    found = pc.is_in(arrow(names), value_set=arrow(known), skip_nulls=True)
     return found.to_numpy(zero_copy_only=False)
 
 
@@ -114,15 +124,18 @@ def places(names: pd.Series | pd.Index, known: pd.Series | pd.Index) -> np.ndarr
     """
     if not len(names):
         return np.zeros(0, dtype=np.int32)
-    wanted, among = (_arrow(each) for each in (names, known))
+    wanted, among = arrow(names), arrow(known)
     if len(wanted) == len(among) and not wanted.null_count and wanted.equals(among):
         return np.arange(len(wanted), dtype=np.int32)
     found = pc.index_in(wanted, value_set=among, skip_nulls=True)
     return pc.fill_null(found, -1).to_numpy(zero_copy_only=False)
 
 
-def _arrow(names: pd.Series | pd.Index) -> pa.Array:
-    found = pa.array(names, type=pa.large_string(), from_pandas=True)
+def arrow(names: pd.Series | pd.Index | list) -> pa.Array:
+    """Names as Arrow text, null where empty; on a few names pandas takes ten times as long."""
+    # Of a Series Arrow would look at the rows' names as well.
+    held = names.array if isinstance(names, pd.Series | pd.Index) else names
+    found = pa.array(held, type=pa.large_string(), from_pandas=True)
     return found.combine_chunks() if isinstance(found, pa.ChunkedArray) else found
 
 
@@ -167,15 +180,7 @@ def some(names: Iterable[str], most: int = 8) -> str:
     return ", ".join(names[:most]) + (", ..." if len(names) > most else "")
 
 
-def _text(column: pd.Series) -> pd.Series:
-    if isinstance(column.dtype, pd.StringDtype):
-        return column
-    return column.astype("str")
-
-
 def _number(table: str, name: str, column: pd.Series) -> pd.Series:
-    if column.dtype == np.float64:
-        return column
     try:
         return column.astype(np.float64)
     except (TypeError, ValueError):
@@ -190,9 +195,10 @@ def _number(table: str, name: str, column: pd.Series) -> pd.Series:
 def _coded(column: pd.Series, order: pd.Index | None) -> pd.Series:
     """Categorical of text; categories in `order`, else as they first appear."""
     if not isinstance(column.dtype, pd.CategoricalDtype):
-        codes, names = pd.factorize(_text(column))
+        text = isinstance(column.dtype, pd.StringDtype)
+        codes, names = pd.factorize(column if text else column.astype("str"))
     else:
-        codes, names = column.cat.codes.to_numpy(), column.cat.categories
+        codes, names = column.array.codes, column.dtype.categories
     names = names if isinstance(names, pd.Index) else pd.Index(names)
     if not isinstance(names.dtype, pd.StringDtype):
         names = names.astype("str")
@@ -216,8 +222,9 @@ def _coded(column: pd.Series, order: pd.Index | None) -> pd.Series:
 
 
 def _categorical(column: pd.Series, codes: np.ndarray, names: pd.Index) -> pd.Series:
-    dtype = column.dtype
-    if isinstance(dtype, pd.CategoricalDtype) and not dtype.ordered and dtype.categories is names:
+    kind = column.dtype
+    held = isinstance(kind, pd.CategoricalDtype) and not kind.ordered
+    if held and kind.categories.identical(names):
         return column
     return pd.Series(categorical(codes, names), index=column.index, name=column.name)
 
@@ -227,7 +234,7 @@ def _unit_quaternions(images: pd.DataFrame) -> pd.DataFrame:
 
     One that is unit to the last bit but two is not touched: reading what was written is exact.
     """
-    quaternion = images[list(QUATERNION)].to_numpy()
+    quaternion = np.column_stack([images[name].to_numpy() for name in QUATERNION])
     length = np.linalg.norm(quaternion, axis=1)
     off = np.abs(length - 1.0)
     rows = (off > 2e-15) & (off <= 0.01)

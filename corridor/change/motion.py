@@ -81,7 +81,7 @@ def moved_ground(block: Block, motion: Motion, survey: bool = True) -> Block:
     there = block.copy()
     for table in ("points", "ground"):
         rows = getattr(there, table)
-        xyz = rows[["x", "y", "z"]].to_numpy(float)
+        xyz = rows[["x", "y", "z"]].to_numpy(float, copy=True)
         known = np.isfinite(xyz).all(axis=1)
         xyz[known] += motion(xyz[known])
         rows[["x", "y", "z"]] = xyz

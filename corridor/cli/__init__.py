@@ -15,6 +15,7 @@ import re
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -54,9 +55,12 @@ def main(arguments: list[str] | None = None) -> int:
         # A console that knows no Greek letters must not end an adjustment.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
-    with unread(), _interruptions() as came:
+    with unread(), _interruptions() as came, warnings.catch_warnings():
+        # What Pillow says of a damaged picture tells nobody more than our own sentence.
+        warnings.filterwarnings("ignore", module=r"PIL\.")
         try:
-            options = _parser().parse_args(_asking(_with_signs(arguments)))
+            words = _asking(_with_signs(arguments))
+            options = _parser(*words[:1]).parse_args(words)
             _check_output(options)
             options.run(options)
             sys.stdout.flush()
@@ -153,19 +157,20 @@ def _end(status, sentence):
     return status
 
 
-def _parser():
+def _parser(word: str = ""):
+    """The parser of all verbs; of one alone where the first word of a command names it."""
     parser = Parser(prog="corridor", description=_OPENING, epilog=_FIRST_STEPS)
     parser.add_argument("--version", action="version", version=f"corridor {__version__}")
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
-    for module in pkgutil.iter_modules(__path__):
-        if module.name.startswith("_"):
-            # What several verbs have in common.
-            continue
-        verb = importlib.import_module(f"{__name__}.{module.name}")
+    # What several verbs have in common begins with an underscore; `import` and other words of the
+    # language are files with a trailing one.
+    files = [found.name for found in pkgutil.iter_modules(__path__) if found.name[0] != "_"]
+    names = {file.rstrip("_").replace("_", "-"): file for file in files}
+    for name in [word] if word in names else names:
+        verb = importlib.import_module(f"{__name__}.{names[name]}")
         first, _, rest = verb.__doc__.partition("\n")
-        # `import` and other words of the language are files with a trailing underscore.
         below = verbs.add_parser(
-            module.name.rstrip("_").replace("_", "-"),
+            name,
             help=first[:1].lower() + first[1:].rstrip("."),
             description=f"{first}\n",
             epilog=rest.strip(),

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from corridor.brief import brief
 from corridor.diagnosis.replicator import Replicator
 from corridor.diagnosis.residual_noise import EstimatedNoise
 from corridor.diagnosis.statistics import Statistic, SummaryStatistics
 from corridor.errors import InputError
+from corridor.threads import one_thread
 
 if TYPE_CHECKING:
     from corridor.adjustment import Adjustment
@@ -83,7 +83,7 @@ def counterparts(
     if count < LEAST:
         raise InputError(f"{count} counterparts make no 95 % band: ask for {LEAST} or more")
     # Threads that each limit the libraries' own would leave the limit behind them.
-    with threadpool_limits(1):
+    with one_thread():
         replicator = Replicator(adjustment)
         summary = SummaryStatistics(replicator)
         (measured,) = summary([replicator.fit])
@@ -142,7 +142,7 @@ def measure(adjustment: Adjustment) -> pd.DataFrame:
     statistic, kind, unit; axis and the position on it (x, and y where it is a map), label; value.
     Held-out tie observations are taken from the fit, which is repeated without them.
     """
-    with threadpool_limits(1):
+    with one_thread():
         replicator = Replicator(adjustment)
         summary = SummaryStatistics(replicator)
         return _table(summary.statistics, summary([replicator.fit])[0])

@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from threadpoolctl import threadpool_limits
-
 from corridor.adjustment import Adjustment, Model, implausible, listed, sound_part
 from corridor.block import Block, read
 from corridor.diagnosis.beside import beside
@@ -25,6 +23,7 @@ from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.preparation import derived, doubts, prepare
 from corridor.report import plain
+from corridor.threads import one_thread
 
 
 @dataclass(repr=False)
@@ -160,8 +159,7 @@ def diagnose(
     doubtful = doubts(block)
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, threads, max_iterations)
-    # Matrices are many and small: threads would wait for each other.
-    with threadpool_limits(1):
+    with one_thread():
         course = run(believed, only, listed(without), level, seed, progress)
     if progress:
         progress({"message": "measuring the gap"})

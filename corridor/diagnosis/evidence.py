@@ -90,6 +90,9 @@ class Evidence:
         self.number = {group.key: n for n, group in enumerate(self.groups)}
         self._alone: dict[int, Spectrum] = {}
         self._of_images: dict[tuple[int, float], OfImages] = {}
+        # A search asks for the same models again and again.
+        self._totals: dict[frozenset, float] = {}
+        self._gains: dict[tuple[frozenset, frozenset], list[Gain]] = {}
 
     def narrow(self, n: int, names: Iterable[str]) -> None:
         """Only these parameters of the n-th group are asked for from now on."""
@@ -103,6 +106,7 @@ class Evidence:
             most=None if group.most is None else group.most[at],
         )
         self._alone.pop(n, None)
+        self._forget_answers()
 
     def widen(self) -> None:
         """All parameters of every group are asked for again."""
@@ -110,11 +114,17 @@ class Evidence:
             if self.groups[n] is not group:
                 self.groups[n] = group
                 self._alone.pop(n, None)
+        self._forget_answers()
 
     def let_go(self) -> None:
         """Forget spectra and factors, which are made anew where they are asked for."""
         self._alone.clear()
         self._of_images.clear()
+        self._forget_answers()
+
+    def _forget_answers(self):
+        self._totals.clear()
+        self._gains.clear()
 
     def block(self, group: Group) -> tuple[np.ndarray | Pieces, np.ndarray]:
         """M (p, p), of many values for each image its pieces, and g (p,) of a group alone."""
@@ -219,6 +229,13 @@ class Evidence:
                 total += log_weight[np.argmin(np.abs(sizes - k))]
         return float(total), mean + step, factor
 
+    def total(self, chosen: dict[int, float]) -> float:
+        """Log evidence of groups n -> kappa together."""
+        key = frozenset(chosen.items())
+        if key not in self._totals:
+            self._totals[key] = self.model(chosen)[0]
+        return self._totals[key]
+
     def in_pieces(self, chosen: Iterable[int]) -> bool:
         """Whether a model has so many values for each image that they are taken piece by piece."""
         own = [self.groups[n].own for n in chosen]
@@ -297,6 +314,9 @@ class Evidence:
         Between groups that compete only one factor for all would be fair, and that is as good as
         none.
         """
+        key = frozenset(chosen.items()), frozenset(self.barred)
+        if not spread and key in self._gains:
+            return self._gains[key]
         r = self.reduced
         if not chosen:
             M, g, own_g, own_matrix = r.M, r.g, r.own_g, r.own_matrix
@@ -330,6 +350,8 @@ class Evidence:
                 inside = None if inside is None else inside / phi
             gain = gain_of(group, inside, mine, spectrum)
             out.append(gain if group.point is None else _of_a_point(group, inside, mine, gain))
+        if not spread and only is None:
+            self._gains[key] = out
         return out
 
 

@@ -20,7 +20,7 @@ def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]
     size = np.array([sizes[name] for name in block.images["camera"]], dtype=float)[image]
     xy = ties[["x", "y"]].to_numpy(float)
     among = in_places(image, xy, size, SETTINGS.held_out_places, rng)
-    point = ties["point"].cat.codes.to_numpy()
+    point = ties["point"].array.codes
     chosen = spared(point, SETTINGS.held_out_share, rng, among)
     out = block.copy()
     sigma = block.tie_sigma().copy()

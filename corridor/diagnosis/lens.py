@@ -126,8 +126,8 @@ def lens_of(evidence: Evidence, group: Group, beside: Mapping[int, float]) -> Le
         for k, kappa in beside.items()
         if not of_lens(evidence.groups[k]) and evidence.block(evidence.groups[k])[0] is not None
     }
-    without = evidence.model(rest)[0]
-    each = {size: evidence.model(rest | {n: size})[0] - without for size in SETTINGS.lens_sizes}
+    without = evidence.total(rest)
+    each = {size: evidence.total(rest | {n: size}) - without for size in SETTINGS.lens_sizes}
     best = max(each, key=each.get)
     if each[best] <= 0.0:
         return None

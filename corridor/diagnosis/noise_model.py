@@ -85,7 +85,7 @@ class NoiseModel:
         It is sought from the noise of the model without any, whatever was asked before.
         """
         if self.few:
-            return self.stated, self.evidence.model(chosen)[0]
+            return self.stated, self.evidence.total(chosen)
         key = tuple(sorted(chosen.items()))
         if key not in self._found:
             if self._start is None:

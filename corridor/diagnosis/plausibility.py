@@ -89,7 +89,7 @@ def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
     if not found.kept <= set(numbers):
         return found
     mine = tuned(evidence, dict.fromkeys(numbers, 1.0))
-    total = evidence.model(mine)[0]
+    total = evidence.total(mine)
     each = contributions(evidence, mine)
     if found.total - total > SETTINGS.model_log_odds:
         return found
@@ -122,7 +122,7 @@ def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
         return found
     chosen = tuned(evidence, chosen)
     each = contributions(evidence, chosen)
-    return Found(chosen, each, evidence.model(chosen)[0], found.kept)
+    return Found(chosen, each, evidence.total(chosen), found.kept)
 
 
 def _without_parts(evidence: Evidence, found: Found) -> Found:
@@ -153,7 +153,7 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
     if len(chosen) == len(found.chosen):
         return found
     each = contributions(evidence, chosen)
-    return Found(chosen, each, evidence.model(chosen)[0], found.kept)
+    return Found(chosen, each, evidence.total(chosen), found.kept)
 
 
 def _overlap(evidence: Evidence, found: Found, n: int, shape: int) -> bool:

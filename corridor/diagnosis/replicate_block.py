@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from corridor.block import Block
 from corridor.diagnosis.replicator import Replicator
@@ -15,6 +14,7 @@ from corridor.effects import Values, add, effect_of
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
 from corridor.simulation import Simulated
+from corridor.threads import one_thread
 
 if TYPE_CHECKING:
     from corridor.adjustment import Adjustment
@@ -32,7 +32,7 @@ def counterpart(
     effects: `{slug: {parameter: value}}` on top, which the believed model does not have.
     """
     effects = effects or {}
-    with threadpool_limits(1):
+    with one_thread():
         replicator = Replicator(adjustment)
     system, drawn = replicator.system, replicator.draw(np.random.default_rng([seed, 0]))
     block = system.block.copy()

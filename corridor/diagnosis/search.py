@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from corridor.diagnosis.evidence import Evidence, Gain, effect_sizes
+from corridor.diagnosis.evidence import Evidence, effect_sizes
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -30,38 +30,12 @@ class Found:
         return Found(chosen, {n: each[n] for n in order}, self.total, self.kept)
 
 
-class _Heard:
-    """What evidence has answered in one search, which asks much of it again."""
-
-    def __init__(self, evidence: Evidence):
-        self._evidence, self.groups = evidence, evidence.groups
-        self._gains: dict[frozenset, list[Gain]] = {}
-        self._totals: dict[frozenset, float] = {}
-
-    def given(self, chosen: dict[int, float], only: int | None = None) -> list[Gain]:
-        """As `Evidence.given`."""
-        key = frozenset(chosen.items())
-        if key in self._gains:
-            return self._gains[key]
-        gains = self._evidence.given(chosen, only=only)
-        if only is None:
-            self._gains[key] = gains
-        return gains
-
-    def model(self, chosen: dict[int, float]) -> tuple[float]:
-        """The log evidence of `Evidence.model` alone."""
-        key = frozenset(chosen.items())
-        if key not in self._totals:
-            self._totals[key] = self._evidence.model(chosen)[0]
-        return (self._totals[key],)
-
-
 def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[int] = ()) -> Found:
     """The model in which every group brings more than the threshold given all others.
 
     adjusted: keys of groups that the adjustment at hand has estimated. kept: groups that stay.
     """
-    kept, evidence = frozenset(kept), _Heard(evidence)
+    kept = frozenset(kept)
     chosen = tuned(evidence, dict.fromkeys(sorted(kept), 1.0))
     for _ in range(4 * SETTINGS.most_groups):
         before = dict(chosen)
@@ -80,10 +54,10 @@ def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[i
     chosen, each = _without_leftovers(evidence, chosen, threshold, adjusted, kept)
     order = sorted(chosen, key=lambda n: -each[n])
     chosen = {n: chosen[n] for n in order}
-    return Found(chosen, {n: each[n] for n in order}, evidence.model(chosen)[0], kept)
+    return Found(chosen, {n: each[n] for n in order}, evidence.total(chosen), kept)
 
 
-def contributions(evidence: Evidence | _Heard, chosen: dict[int, float]) -> dict[int, float]:
+def contributions(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
     """What each group of a model brings given the others."""
     out = {}
     for n in chosen:
@@ -117,7 +91,7 @@ def _merged(evidence, chosen, kept):
     """Two groups replaced by one, where that is as good."""
     if len(chosen) < 2:
         return chosen
-    total = evidence.model(chosen)[0]
+    total = evidence.total(chosen)
     best = None
     names = [n for n in chosen if n not in kept]
     for i, a in enumerate(names):
@@ -126,7 +100,7 @@ def _merged(evidence, chosen, kept):
             gains = evidence.given(rest)
             one = max(range(len(gains)), key=lambda k: gains[k].evidence)
             trial = rest | {one: gains[one].kappa}
-            found = evidence.model(trial)[0]
+            found = evidence.total(trial)
             if found > total and (best is None or found > best[0]):
                 best = found, trial
     return best[1] if best else chosen
@@ -159,13 +133,13 @@ def _named(evidence, chosen):
     return chosen
 
 
-def tuned(evidence: Evidence | _Heard, chosen: dict[int, float]) -> dict[int, float]:
+def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
     """The best kappa of each group given the others."""
     for n in list(chosen):
         group = evidence.groups[n]
         if group.known or len(group) > SETTINGS.most_tuned:
             continue
-        totals = {float(k): evidence.model(chosen | {n: float(k)})[0] for k in effect_sizes()[0]}
+        totals = {float(k): evidence.total(chosen | {n: float(k)}) for k in effect_sizes()[0]}
         chosen = chosen | {n: max(totals, key=totals.get)}
     return chosen
 

@@ -82,7 +82,7 @@ def other_control(found: Findings, one: Round, wrong: Wrong) -> Findings:
     chosen = {n: k for n, k in one.found.chosen.items() if n not in mine}
     chosen = tuned(views[0], chosen | dict.fromkeys(wrong.points, 1.0))
     each = contributions(views[0], chosen)
-    model = Found(chosen, each, views[0].model(chosen)[0], frozenset(wrong.points))
+    model = Found(chosen, each, views[0].total(chosen), frozenset(wrong.points))
     other = replace(one, evidence=views[0], noises=noises, found=model)
     thetas, spreads = parameters(other)
     effects = [e for n in wrong.points for e in _estimates(other, n, thetas[n], spreads[n])]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 
 from corridor.block import Block
 from corridor.effects.gyroscope import RATES, Gyroscope
@@ -55,7 +56,8 @@ class Images:
         """The images of a block in the order of images.csv."""
         table = block.images
         names = list(block.cameras)
-        camera = np.array([names.index(name) for name in table["camera"]], dtype=np.int64)
+        codes, used = pd.factorize(table["camera"].array)
+        camera = np.array([names.index(name) for name in used], dtype=np.int64)[codes]
         cameras = [block.cameras[name] for name in names]
         sense = {"down": (1, 1.0), "up": (1, -1.0), "right": (0, 1.0), "left": (0, -1.0)}
         reading = np.array([sense[c.row_direction] for c in cameras])[camera]
@@ -268,6 +270,11 @@ def group_of_image(images: Images, kind: str) -> np.ndarray:
         "flight": images.flight,
         "image": np.arange(count),
     }[kind]
+
+
+def control_names(block: Block) -> list[str]:
+    """Names of the ground control of a block, in the order of ground.csv."""
+    return list(block.ground["point"].array[(block.ground["role"] == "control").to_numpy()])
 
 
 def group_names(images: Images, kind: str, points: list[str] = ()) -> list[str]:

@@ -101,7 +101,7 @@ def _refuse_incomplete(block: Block) -> None:
     for table in ("tie_points", "marks"):
         rows = getattr(block, table)
         known = np.isfinite(block.positions(table)).all(axis=1)
-        lost = np.flatnonzero(~known[rows["point"].cat.codes.to_numpy()])
+        lost = np.flatnonzero(~known[rows["point"].array.codes])
         if len(lost):
             raise InputError(
                 f"{block.where(table, lost[0])}: point {rows['point'].iloc[lost[0]]} has no "

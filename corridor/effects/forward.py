@@ -13,7 +13,7 @@ import numpy as np
 
 from corridor.block import Block
 from corridor.camera import project_rays
-from corridor.effects.context import Context, Images
+from corridor.effects.context import Context, Images, control_names
 from corridor.effects.stack import Arrays, Stack
 from corridor.effects.values import Values
 from corridor.geometry import rotation_from_vector
@@ -40,14 +40,19 @@ def predict(block: Block, values: Mapping = {}) -> Prediction:  # noqa: B006
     values: see `Values.of`. Poses, points (points.csv; marks: ground.csv, else points.csv) and
     cameras are those of the block; a lever arm is the stated one.
     """
-    return _predict(block, Images.of(block), *gather(block, values))
+    images = Images.of(block)
+    return _predict(block, images, *gather(block, values, images))
 
 
-def gather(block: Block, values: Mapping) -> tuple[Stack, Arrays]:
-    """The effects of a block with the values that are given, start values where none is."""
-    given = Values.of(block, values)
-    control = block.ground.loc[block.ground["role"] == "control", "point"]
-    stack = Stack(block, [one.effect for one in given.values()], list(control))
+def gather(block: Block, values: Mapping, images: Images | None = None) -> tuple[Stack, Arrays]:
+    """The effects of a block with the values that are given, start values where none is.
+
+    images: those of the block, where they are known already.
+    """
+    images = images or Images.of(block)
+    given = Values.of(block, values, images)
+    effects = [one.effect for one in given.values()]
+    stack = Stack(block, effects, control_names(block), images)
     return stack, {slug: one.filled for slug, one in given.items()}
 
 
@@ -63,7 +68,7 @@ def _predict(block: Block, images: Images, stack: Stack, values: Arrays) -> Pred
 def _seen(block, table, images, stack, values):
     rows = getattr(block, table)
     image = block.image_rows(table)
-    position = block.positions(table)[rows["point"].cat.codes.to_numpy()]
+    position = block.positions(table)[rows["point"].array.codes]
     every = np.arange(len(images.names))
     shift, _ = stack.evaluate("camera", Context(images, every), values)
     interior = images.interior + shift
@@ -111,8 +116,9 @@ def _given(block, stack, values, images):
 
 
 def _control(block):
-    control = block.ground[block.ground["role"] == "control"]
-    return list(control["point"]), control[["x", "y", "z"]].to_numpy(float)
+    """Names and given coordinates (n, 3) of the ground control."""
+    position = np.column_stack([block.ground[axis].to_numpy(float) for axis in "xyz"])
+    return control_names(block), position[(block.ground["role"] == "control").to_numpy()]
 
 
 def _moved_ground(images, names, position, stack, values):
@@ -135,8 +141,9 @@ def take_out(block: Block, values: Mapping) -> Block:
 
 
 def _moved(block: Block, values: Mapping, sign: float) -> Block:
-    stack, given = gather(block, values)
-    images, neutral = Images.of(block), {slug: np.zeros_like(v) for slug, v in given.items()}
+    images = Images.of(block)
+    stack, given = gather(block, values, images)
+    neutral = {slug: np.zeros_like(v) for slug, v in given.items()}
     there, here = (_predict(block, images, stack, v) for v in (given, neutral))
     out = block.copy()
     for table, kind, columns in (

@@ -35,12 +35,19 @@ class Stack:
     """The effects of one block.
 
     points: names of the ground control that effects of the place `ground` move.
+    images: those of the block, where they are known already.
     Raises InputError where a column that an effect needs is missing, an effect is there twice or
     has a group that its place does not have.
     """
 
-    def __init__(self, block: Block, effects: list[Effect], points: list[str] = ()):
-        images = Images.of(block)
+    def __init__(
+        self,
+        block: Block,
+        effects: list[Effect],
+        points: list[str] = (),
+        images: Images | None = None,
+    ):
+        images = images or Images.of(block)
         effects = [effect.form(block) for effect in effects]
         slugs = [effect.slug for effect in effects]
         for slug in slugs:

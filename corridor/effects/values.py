@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.block import Block
-from corridor.effects.context import GROUPS, Images, group_names
+from corridor.effects.context import GROUPS, Images, control_names, group_names
 from corridor.effects.contract import Effect, Parameter
 from corridor.effects.registry import find
 from corridor.errors import InputError
@@ -166,15 +166,15 @@ class Values(Mapping):
         return f"Values of {', '.join(map(repr, self.values())) or 'no effect'}"
 
     @classmethod
-    def of(cls, block: Block, given: Mapping) -> Values:
+    def of(cls, block: Block, given: Mapping, images: Images | None = None) -> Values:
         """Values that a person gives, for the groups of a block.
 
         given: by slug, `slug@flight` or effect: `{parameter: number or {group: number}}`, an array
-        (groups, parameters), or None for what the block states. Raises InputError for unknown
-        names, and where the block states nothing.
+        (groups, parameters), or None for what the block states. images: those of the block, where
+        they are known already. Raises InputError for unknown names, and where the block states
+        nothing.
         """
-        images, control = Images.of(block), block.ground["role"] == "control"
-        points = list(block.ground.loc[control, "point"])
+        images, points = images or Images.of(block), control_names(block)
         out = []
         for name, mine in given.items():
             effect = (mine.effect if isinstance(mine, EffectValues) else effect_of(name)).form(

@@ -75,7 +75,7 @@ def _counts(block: Block) -> str:
 
 def _multiplicity(observations: pd.DataFrame) -> np.ndarray:
     """Number of images in which each point was measured, in the order of the point's code."""
-    codes = observations["point"].astype("category").cat.codes.to_numpy()
+    codes = observations["point"].astype("category").array.codes
     return np.bincount(codes)
 
 
@@ -181,7 +181,7 @@ def camera_of(block: Block, table: pd.DataFrame) -> pd.Categorical:
     image = table["image"].astype("category")
     names = of_image.reindex(image.cat.categories.astype(str))
     codes = pd.Index(list(block.cameras)).get_indexer(names).astype(np.int16)
-    return pd.Categorical.from_codes(codes[image.cat.codes.to_numpy()], list(block.cameras))
+    return pd.Categorical.from_codes(codes[image.array.codes], list(block.cameras))
 
 
 def in_cells(

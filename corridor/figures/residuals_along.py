@@ -68,7 +68,7 @@ def _note(frame: maps.MapFrame) -> str:
 
 def _image_rms(axes, table: pd.DataFrame, counts: np.ndarray, position: pd.Series) -> None:
     category = table["image"].astype("category")
-    codes = category.cat.codes.to_numpy()
+    codes = category.array.codes
     number, *squares = _of_images(codes, counts, len(category.cat.categories), table)
     at = position.reindex(category.cat.categories.astype(str)).to_numpy()
     size = float(np.clip(60 / np.sqrt(max(len(at), 1)), 1.8, 5.0))

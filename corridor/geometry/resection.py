@@ -72,8 +72,8 @@ def refine_poses(images, rays, starts, point, place, known, gate, held):
             step = np.linalg.solve(system, b)
             trial_r = _turned(r, step)
             trial_c = c.copy()
-            if free == 6:
-                trial_c += step[3:]
+            for k in range(free - 3):
+                trial_c[k] += step[3 + k]
             trial, m2, b2 = _pose_system(
                 trial_r, trial_c, free, rows, rays, point, place, gate * rays.pixel[i]
             )
@@ -87,8 +87,10 @@ def refine_poses(images, rays, starts, point, place, known, gate, held):
                 damping *= 30.0
                 if damping > 1e6:
                     break
-        rotation[i] = r
-        centre[i] = c
+        for k in range(3):
+            centre[i, k] = c[k]
+            for j in range(3):
+                rotation[i, k, j] = r[k, j]
 
 
 @compiled()

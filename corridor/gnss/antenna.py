@@ -20,6 +20,7 @@ from corridor.report import whole_file, whole_files, write_picture
 
 _COLUMNS = ["image", "x", "y", "z", "sx", "sy", "sz"]
 _SETTINGS = "block.toml"
+_LEAST_OF_FLIGHT = 3  # images, for one of them to stand out
 
 
 @brief
@@ -170,12 +171,26 @@ def antenna(
     refused = made.table.loc[~good, ["time_s", "why"]].reset_index(drop=True)
     refused.insert(0, "image", names.to_numpy()[~good])
     notes = (*track.notes, *exposures.notes, *alignment.notes, *made.notes)
-    near = exposures.too_near()
-    notes += (near,) if near else ()
+    notes += _of_strays(names.to_numpy(), exposures.table, made.table["segment"].to_numpy())
+    notes += tuple(filter(None, (exposures.too_near(), exposures.out_of_order())))
     if exposures.resolution_s:
         notes += (_of_resolution(exposures, made),)
     return Antenna(
         gnss, refused, made, local, frame, crs == GEOGRAPHIC, tuple(dict.fromkeys(notes))
+    )
+
+
+def _of_strays(names: np.ndarray, exposures: pd.DataFrame, segment: np.ndarray) -> tuple:
+    """Sentences on single images that lie in another piece of the track than their flight."""
+    if "flight" not in exposures:
+        return ()
+    table = pd.DataFrame({"flight": exposures["flight"].astype(str).to_numpy(), "piece": segment})
+    alone = table.groupby(["flight", "piece"])["piece"].transform("size") == 1
+    many = table.groupby("flight")["piece"].transform("size") >= _LEAST_OF_FLIGHT
+    return tuple(
+        f"image {names[row]} lies in another piece of the track than the other images of flight "
+        f"{table['flight'][row]}: is its time right?"
+        for row in np.flatnonzero(alone & many & (segment >= 0))
     )
 
 

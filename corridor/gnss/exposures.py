@@ -1,6 +1,7 @@
 """The moments of exposure."""
 
 import re
+from bisect import bisect_right
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pandas as pd
 from corridor.brief import brief
 from corridor.errors import InputError
 
-# Share of the usual interval that no camera undercuts; of the intervals of which that is a slip.
+# Share of the usual interval that no camera undercuts; of the rows of which that is a slip.
 _NEAR, _FEW = 0.01, 0.02
 
 
@@ -53,6 +54,30 @@ class Exposures:
         return (
             f"{self.source.name}: {one} and {other} are {step[near[0]]:.4f} s apart, others "
             f"{np.median(step):.3g} s: is one of their times wrong?"
+        )
+
+    def out_of_order(self) -> str | None:
+        """A sentence where times rise from row to row but for a few: these are wrong."""
+        time = self.table["time_s"].to_numpy(float)
+        rows = np.flatnonzero(np.isfinite(time))
+        # The longest part that rises: of each length, the row that ends one earliest, and when.
+        ends, least = [], []
+        before: dict[int, int | None] = {}
+        for row in rows:
+            k = bisect_right(least, time[row])
+            before[row] = ends[k - 1] if k else None
+            ends[k : k + 1], least[k : k + 1] = [row], [time[row]]
+        rising, row = set(), ends[-1] if ends else None
+        while row is not None:
+            rising.add(row)
+            row = before[row]
+        stray = [row for row in rows if row not in rising]
+        if not stray or len(stray) > max(_FEW * len(rows), 1):
+            return None
+        name = self.table["image" if "image" in self.table else "number"].iloc[stray[0]]
+        return (
+            f"{self.source.name}: {name} was taken at {time[stray[0]]:.10g} s, out of the order of "
+            "the others: is its time right?"
         )
 
     def named(self, images: list[str]) -> "Exposures":

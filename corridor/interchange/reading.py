@@ -51,7 +51,7 @@ def _unseen(block: Block) -> list[str]:
         return []
     warnings = []
     names = block.tie_points["point"].cat.categories
-    codes = block.tie_points["point"].cat.codes.to_numpy().astype(np.int64)
+    codes = block.tie_points["point"].array.codes.astype(np.int64)
     seen = np.bincount(codes, minlength=len(names))
     same = len(names) == len(block.points) and names.equals(pd.Index(block.points["point"]))
     at = np.arange(len(names)) if same else names.get_indexer(block.points["point"])

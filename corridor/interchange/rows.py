@@ -111,7 +111,7 @@ def rows_of(block: Block, complete: bool = True) -> Rows:
 
 def _codes(table):
     # pandas keeps few names in int8: adding to that overflows.
-    return table["point"].cat.codes.to_numpy().astype(np.int64)
+    return table["point"].array.codes.astype(np.int64)
 
 
 def _marked(block):

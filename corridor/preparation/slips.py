@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from difflib import get_close_matches
 
 import numpy as np
-import pandas as pd
 
 from corridor.block import LAYOUTS, Block
 from corridor.camera import INTERIOR
@@ -132,12 +131,11 @@ def _crs(text: str) -> Iterator[str]:
 
 def _pictures(block: Block) -> Iterator[str]:
     cameras = list(block.cameras.values())
-    of_image = block.images["camera"].map({c.name: n for n, c in enumerate(cameras)}).to_numpy()
     tables = [table for table in ("tie_points", "marks") if len(getattr(block, table))]
-    pixels = {table: getattr(block, table)[["x", "y"]].to_numpy(float) for table in tables}
+    pixels = {table: block.numbers(table, "x", "y") for table in tables}
     users = {}
     if len(cameras) > 1:
-        users = {table: of_image[block.image_rows(table)] for table in tables}
+        users = {table: block.image_camera[block.image_rows(table)] for table in tables}
     for n, camera in enumerate(cameras):
         size = np.array([camera.width, camera.height], dtype=float)
         mine = {
@@ -210,7 +208,7 @@ def _axes(block: Block) -> Iterator[str]:
     step = max(len(rows) // 2000, 1)
     image = block.image_rows("tie_points")[::step]
     pose = np.stack([block.column("images", name) for name in _POSE], axis=1)[image]
-    point = block.positions("tie_points")[rows["point"].cat.codes.to_numpy()[::step]]
+    point = block.positions("tie_points")[rows["point"].array.codes[::step]]
     known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
     if known.sum() < _ENOUGH:
         return
@@ -218,7 +216,7 @@ def _axes(block: Block) -> Iterator[str]:
     rotation = rotation_from_quaternion(pose[:, 3:])
     seen = np.einsum("nij,nj->ni", rotation, point - pose[:, :3])
     ahead = seen[:, 2] > 0
-    measured = rows[["x", "y"]].to_numpy(float)[::step][known][ahead]
+    measured = block.numbers("tie_points", "x", "y")[::step][known][ahead]
     if len(measured) < _ENOUGH:
         return
     ray = seen[ahead, :2] / seen[ahead, 2:]
@@ -242,7 +240,7 @@ def _axes(block: Block) -> Iterator[str]:
 def _positions(block: Block) -> Iterator[str]:
     centres = np.stack([block.column("images", axis) for axis in _XYZ], axis=1)
     antenna = np.full(centres.shape, np.nan)
-    antenna[block.image_rows("gnss")] = block.gnss[list(_XYZ)].to_numpy(float)
+    antenna[block.image_rows("gnss")] = block.numbers("gnss", *_XYZ)
     told = against("gnss.csv", antenna, "images.csv", centres)
     if told:
         yield told
@@ -328,11 +326,17 @@ def _ground(block: Block, centres: np.ndarray) -> str:
 
     centres: (images, 3), NaN where unknown.
     """
-    names = block.ground["point"]
-    rows = block.image_rows("marks")
-    shown = pd.DataFrame(centres[rows], columns=list(_XYZ))
-    shown = shown.groupby(block.marks["point"].astype(str).to_numpy()).mean().reindex(names)
-    above, given = shown.to_numpy(float), block.ground[list(_XYZ)].to_numpy(float)
+    marked = block.marks["point"].array
+    from_where = centres[block.image_rows("marks")]
+    posed = np.isfinite(from_where).all(axis=1) & (marked.codes >= 0)
+    # The last place is that of a point which nobody marked.
+    count, *sums = (
+        np.bincount(marked.codes[posed], weights, len(marked.categories) + 1)
+        for weights in (None, *from_where[posed].T)
+    )
+    with np.errstate(invalid="ignore"):
+        above = (np.array(sums) / count).T[marked.categories.get_indexer(block.ground["point"])]
+    given = block.numbers("ground", *_XYZ)
     known = np.isfinite(above).all(axis=1)
     above, given = above[known], given[known]
     if len(given) < 3:

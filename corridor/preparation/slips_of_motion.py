@@ -41,15 +41,15 @@ def _backwards(block: Block) -> Iterator[str]:
     """Flights whose images, as they are numbered, run against their times."""
     time, names = block.column("images", "time_s"), block.images["image"].astype(str).to_numpy()
     cameras = block.images["camera"].astype(str).to_numpy()
-    found = []
-    for flight, called in enumerate(block.flight_names):
-        mine = np.flatnonzero((block.image_flight == flight) & np.isfinite(time))
+    found, flights, flight_of = [], block.flight_names, block.image_flight
+    for flight, called in enumerate(flights):
+        mine = np.flatnonzero((flight_of == flight) & np.isfinite(time))
         if len(set(cameras[mine])) == 1 and _falls(
             time[sorted(mine, key=lambda n: _key(names[n]))]
         ):
             found.append(str(called))
     if found:
-        which = f" of flight {', '.join(found[:5])}" if len(block.flight_names) > 1 else ""
+        which = f" of flight {', '.join(found[:5])}" if len(flights) > 1 else ""
         yield (
             f"images.csv: time_s falls{which} from image to image in the order of their names: are "
             "the times in the opposite order? Cameras number pictures as they take them."
@@ -103,11 +103,10 @@ def _pairs(block: Block) -> _Pairs:
     time, camera = block.column("images", "time_s"), block.images["camera"].to_numpy()
     strip = block.images.get("strip")
     strip = np.zeros(len(time)) if strip is None else strip.astype(str).to_numpy()
-    order = np.lexsort((time, strip, block.image_flight))
+    flight = block.image_flight
+    order = np.lexsort((time, strip, flight))
     one, next_one = order[:-1], order[1:]
-    same = (block.image_flight[one] == block.image_flight[next_one]) & (
-        strip[one] == strip[next_one]
-    )
+    same = (flight[one] == flight[next_one]) & (strip[one] == strip[next_one])
     same &= camera[one] == camera[next_one]
     one, next_one = one[same], next_one[same]
     seconds = time[next_one] - time[one]

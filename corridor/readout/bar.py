@@ -21,11 +21,12 @@ import cv2
 import numpy as np
 
 from corridor.geometry import robust_scale
-from corridor.readout.fitting import Fitted, fit, single_threaded
+from corridor.readout.fitting import Fitted, fit
 from corridor.readout.lens import Unknown
 from corridor.readout.photograph import CannotMeasure
 from corridor.readout.result import Readout
 from corridor.readout.turning import Known, Turning, bent
+from corridor.threads import one_thread
 
 _SMALL = 1000  # px
 _CIRCLES = 60
@@ -79,7 +80,7 @@ def find_bar(first, second):
     return (axis + 0.5) * factor - 0.5, float(reach) * factor
 
 
-@single_threaded
+@one_thread()
 def measure_bar(first, second, known: Known, found=None) -> Readout:
     """Readout time from two photographs of one bar turning, taken from one place.
 

@@ -16,25 +16,6 @@ _TUKEY = 4.685
 _ROUNDS = 4  # in which the scale of the residuals and the parameters settle
 
 
-@functools.lru_cache(maxsize=1)
-def _libraries():
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()
-
-
-def single_threaded(measure):
-    """The function with the linear algebra in one thread: these systems are small, and threads
-    that wait for each other on a busy machine take ten times as long."""
-
-    @functools.wraps(measure)
-    def limited(*arguments, **options):
-        with _libraries().limit(limits=1):
-            return measure(*arguments, **options)
-
-    return limited
-
-
 @dataclass(frozen=True)
 class Fitted:
     """What a robust fit found.
@@ -83,18 +64,27 @@ def fit(
     rough: a few steps only, for points that will be looked for again.
     """
     values = np.array(start, dtype=float)
-    residuals = model(values)
+    last = values, model(values)
+
+    def modelled(v):
+        """The residuals, which are asked for the slopes at the same values once more."""
+        nonlocal last
+        if not np.array_equal(v, last[0]):
+            last = v.copy(), model(v)
+        return last[1]
+
+    residuals = modelled(values)
     count = len(residuals)
     groups = np.zeros(count, dtype=int) if groups is None else groups
     scales = _scales(residuals, groups, floor)
     for _ in range(1 if rough else _ROUNDS):
 
         def both(v, scales=scales):
-            return np.concatenate([model(v) / scales, prior(v)])
+            return np.concatenate([modelled(v) / scales, prior(v)])
 
         def slopes(v, scales=scales):
-            by_model = _derivative(model, v, step, own) / scales[:, None]
-            return np.concatenate([by_model, _derivative(prior, v, step)])
+            by_model = _derivative(model, v, modelled(v), step, own) / scales[:, None]
+            return np.concatenate([by_model, _derivative(prior, v, prior(v), step)])
 
         found = least_squares(
             both, values, slopes, loss=functools.partial(_loss, count), x_scale="jac",
@@ -106,7 +96,8 @@ def fit(
         if np.all(np.abs(scales / before - 1) < 0.01):
             break
     weights = _tukey(residuals / scales)
-    jacobian, pull = _derivative(model, values, step, own), _derivative(prior, values, step)
+    jacobian = _derivative(model, values, modelled(values), step, own)
+    pull = _derivative(prior, values, prior(values), step)
     weighted = jacobian * (weights / scales**2)[:, None]
     normal = weighted.T @ jacobian + pull.T @ pull
     size = np.sqrt(np.maximum(np.diag(normal), 1e-30))
@@ -115,8 +106,8 @@ def fit(
     return Fitted(values, residuals, weights, inverse @ weighted.T, believed)
 
 
-def _derivative(model, values, step, own=None):
-    known = model(values)
+def _derivative(model, values, known, step, own=None):
+    """Difference quotients of a model, which is `known` at the values."""
     jacobian = np.zeros((len(known), len(values)))
     single = np.ones(len(values), dtype=bool)
     for kind in () if own is None else own[0]:

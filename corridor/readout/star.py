@@ -24,11 +24,12 @@ import cv2
 import numpy as np
 
 from corridor.geometry import robust_scale
-from corridor.readout.fitting import Fitted, fit, single_threaded
+from corridor.readout.fitting import Fitted, fit
 from corridor.readout.lens import lens_for
 from corridor.readout.photograph import CannotMeasure, Photograph, same_size
 from corridor.readout.result import Readout
 from corridor.readout.turning import Known, Turning, bent
+from corridor.threads import one_thread
 
 _SMALL = 900  # px, long side of the picture in which the star is looked for
 _CIRCLES = 120  # of which fewer are used where there are many sectors
@@ -37,6 +38,8 @@ _FEWEST = 5  # px of a sector along the innermost circle
 _FEWEST_SECTORS = 6  # two lines through one point fit any perspective
 _LIKELY = 0.5  # of the best share: what may become the best by moving the centre
 _FOLLOWED = 0.35  # least share of the light's variation that follows the sectors
+_WHOLE = 2 / math.pi  # share of sharp sectors' light in their first harmonic
+_DOUBTFUL = 0.5  # the same, of which something is wrong with a star at rest
 _STEEPEST = math.tan(math.radians(22.5)) ** 2  # size of (p, q) for a tilt of 45 degrees
 _CONTRAST = 0.7  # of an edge's own median, where nothing covers it
 _WITHIN = 0.96  # of the radius to the rim
@@ -57,7 +60,7 @@ class _Seen:
     rate: float = 0.0  # radians per row
 
 
-@single_threaded
+@one_thread()
 def measure_star(
     static: Photograph,
     rotating: Photograph,
@@ -86,7 +89,7 @@ def measure_star(
             f"side it is seen: use one of {_FEWEST_SECTORS} sectors or more"
         )
     lights = static.light(), rotating.light()
-    still = _at_rest(lights[0], lens, centre, count, reach)
+    still, share = _at_rest(lights[0], lens, centre, count, reach)
     row, start = _start(rotating, lights[1], lens, still, count, reach)
     stars = _Stars.measured(lights, lens, [still, start], count, reach, row)
     rate, sigma = stars.rate((static, rotating))
@@ -101,7 +104,13 @@ def measure_star(
         "residual_px": [robust_scale(residuals[stars.which == k]) for k in range(2)],
     }
     known = Known(turns_per_second, speed_sigma_percent, sense, row_direction)
-    return turning.readout(known, _METHOD, extra)
+    doubtful = ()
+    if share < _DOUBTFUL:
+        doubtful = (
+            f"the {count} sectors that were counted in {static.name} explain {100 * share:.0f} % "
+            f"of its light, of a star at rest {100 * _WHOLE:.0f}: is it covered, or did it turn?",
+        )
+    return turning.readout(known, _METHOD, extra, doubtful)
 
 
 # --- finding the star --------------------------------------------------------------------------
@@ -297,7 +306,7 @@ class _Circles:
 
 
 def _at_rest(light, lens, centre, count, reach):
-    """The star at rest, its perspective to a fraction of a sector.
+    """The star at rest, its perspective to a fraction of a sector; share that follows it.
 
     A tilt of 30 degrees moves edges by more than a sector where there are many.
     """
@@ -313,7 +322,7 @@ def _at_rest(light, lens, centre, count, reach):
                 if found[0] > best[0]:
                     best, (p, q) = found, (one, other)
         step /= 3
-    return _Seen(centre, p, q, phase=best[2])
+    return _Seen(centre, p, q, phase=best[2]), best[0]
 
 
 def _start(photo, light, lens, still, count, reach):

@@ -18,11 +18,11 @@ import numpy as np
 
 from corridor.errors import InputError
 from corridor.geometry import robust_scale
-from corridor.readout.fitting import single_threaded
 from corridor.readout.lens import Unknown
 from corridor.readout.photograph import CannotMeasure
 from corridor.readout.star import meeting_points
 from corridor.readout.wheel_view import on_picture, poses_of, rim_about
+from corridor.threads import one_thread
 
 _SMALL = 640  # px
 _FRAMES = 900  # at most, from the start
@@ -44,7 +44,7 @@ class Speed:
     warnings: tuple[str, ...] = ()
 
 
-@single_threaded
+@one_thread()
 def speed_from_video(
     path: str | os.PathLike, *, fps: float | None = None, photo_time: float | None = None
 ) -> Speed:

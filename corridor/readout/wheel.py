@@ -25,12 +25,13 @@ import numpy as np
 from corridor.geometry import robust_scale
 from corridor.readout import wheel_view
 from corridor.readout.bar import find_bar, measure_bar
-from corridor.readout.fitting import Fitted, fit, single_threaded
+from corridor.readout.fitting import Fitted, fit
 from corridor.readout.lens import lens_for
 from corridor.readout.photograph import CannotMeasure, Photograph, same_size
 from corridor.readout.result import Readout
 from corridor.readout.turning import Known, Turning, bent
 from corridor.readout.wheel_view import NoWheel, Pose
+from corridor.threads import one_thread
 
 _REACH = 0.30, 0.86  # circles between hub and rim, where spokes are apart
 _CIRCLES = 40
@@ -156,7 +157,7 @@ class _View:
         return wheel_view.rim_edge(self.light, self.pose, self.lens, self.bend, sign)
 
 
-@single_threaded
+@one_thread()
 def measure_wheel(
     static: Photograph,
     rotating: Photograph,

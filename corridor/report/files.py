@@ -81,19 +81,21 @@ def whole_folder(
         part.mkdir(parents=True)
         yield part
         with _alone_in(target.parent):
-            if target.exists():
-                _keep(target, part, ours)
-                target.rename(old)
-            part.rename(target)
+            try:
+                if target.exists():
+                    _keep(target, part, ours)
+                    target.rename(old)
+                part.rename(target)
+            finally:
+                # Only while we are alone does a missing folder mean that ours did not get there.
+                if target.exists():
+                    shutil.rmtree(old, ignore_errors=True)
+                elif old.exists():
+                    old.rename(target)
     except BaseException:
-        if old.exists() and not target.exists():
-            old.rename(target)
         shutil.rmtree(part, ignore_errors=True)
         _remove_empty(made)
         raise
-    finally:
-        if target.exists():
-            shutil.rmtree(old, ignore_errors=True)
 
 
 def check_writable(path: str | os.PathLike) -> None:

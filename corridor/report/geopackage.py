@@ -5,9 +5,13 @@ Needs `pyogrio` (the extra `gis`); geometries are written as well-known binary, 
 
 from __future__ import annotations
 
+import errno
+import os
+import sqlite3
 import struct
 import tempfile
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,7 +79,20 @@ def write_geopackage(path: Path, layers: Mapping[str, Layer], crs: str | None = 
                 crs=crs or _LOCAL,
                 append=number > 0,
             )
+        _check_whole(made, len(layers))
         path.write_bytes(made.read_bytes())
+
+
+def _check_whole(made, layers):
+    """GDAL says nothing of a disk that is full when it closes its file: the indices are missing."""
+    asked = "SELECT count(*) FROM gpkg_extensions WHERE extension_name = 'gpkg_rtree_index'"
+    with closing(sqlite3.connect(made)) as file:
+        try:
+            whole = file.execute(asked).fetchone()[0] == layers
+        except sqlite3.DatabaseError:
+            whole = False
+    if not whole:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(made.parent))
 
 
 def _values(column: pd.Series) -> np.ndarray:

@@ -7,6 +7,8 @@ import numpy as np
 
 from corridor.errors import InputError
 
+_FARTHEST = 4.1e7  # m: once around the Earth
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -29,6 +31,11 @@ class Axis:
         lengths = np.linalg.norm(legs, axis=1)
         if not np.all(np.isfinite(points)) or not np.all(lengths > 0):
             raise InputError("the axis of a corridor has a position twice: leave one out")
+        if np.abs(points).max() > _FARTHEST:
+            raise InputError(
+                f"axis_m holds {np.abs(points).max():g}, which is no place on Earth: give metres "
+                "of a map grid"
+            )
         heading = np.arctan2(legs[:, 1], legs[:, 0])
         turn = (np.diff(heading) + np.pi) % (2 * np.pi) - np.pi
         if np.any(np.abs(turn) > np.radians(150)):

@@ -63,7 +63,7 @@ def add_noise(
     shake("gnss", ["x", "y", "z"], np.sqrt(1 - gnss_slow) * gnss, draw[2])
     if gnss_slow and len(block.gnss):
         slow = np.sqrt(gnss_slow) * gnss * _slow(block, gnss_slow_s, draw[5])
-        values = block.gnss[["x", "y", "z"]].to_numpy(dtype=float) + slow
+        values = block.numbers("gnss", *"xyz") + slow
         block.gnss = block.gnss.assign(x=values[:, 0], y=values[:, 1], z=values[:, 2])
     shake("ground", ["x", "y", "z"], control, draw[3])
     if outliers:
@@ -102,7 +102,7 @@ def _displace(block: Block, share: float, rng: np.random.Generator) -> None:
     camera = block.images.set_index("image")["camera"].loc[name]
     limit = {key: (value.width - 1, value.height - 1) for key, value in block.cameras.items()}
     limits = np.array([limit[key] for key in camera], dtype=float).reshape(-1, 2)
-    values = block.tie_points[["x", "y"]].to_numpy(dtype=float)
+    values = block.numbers("tie_points", "x", "y")
     moved = values[rows] + length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     values[rows] = np.clip(moved, 0.0, limits)
     block.tie_points = block.tie_points.assign(x=values[:, 0], y=values[:, 1])

@@ -100,12 +100,7 @@ class Network:
         parts = []
         for first in range(0, max(count, 1), _CHUNK):
             some = points[first : first + _CHUNK]
-            seen = np.zeros(len(some), dtype=np.int64)
-            _visit(some, seen, seen, np.empty(0, dtype=np.int32), False, self._grid, self._pictures)
-            start = np.concatenate([[0], np.cumsum(seen)])
-            image = np.empty(start[-1], dtype=np.int32)
-            _visit(some, seen, start, image, True, self._grid, self._pictures)
-            parts.append((seen, image))
+            parts.append(_visit(some, self._grid, self._pictures))
             if progress:
                 progress(min(1.0, (first + _CHUNK) / max(count, 1)))
         seen = np.concatenate([part[0] for part in parts])
@@ -208,7 +203,8 @@ def _fill(box, origin, size, cells):
             image = np.empty(count[-1], dtype=np.int32)
     # Filling moved each start to the next one's.
     start = np.zeros(len(count), dtype=np.int64)
-    start[1:] = count[:-1]
+    for cell in range(1, len(count)):
+        start[cell] = count[cell - 1]
     return start, image
 
 
@@ -237,24 +233,32 @@ def _inside(point, i, pictures):
 
 
 @compiled()
-def _visit(points, seen, start, image, fill, grid, pictures):
+def _visit(points, grid, pictures):
+    """How many images see each point, and which, point after point."""
     box, origin, cells = grid.box, grid.origin, grid.cells
+    seen = np.zeros(points.shape[0], dtype=np.int64)
+    image = np.empty(16 * points.shape[0] + 16, dtype=np.int32)
+    n = 0
     for p in range(points.shape[0]):
         x, y = points[p, 0], points[p, 1]
         cx, cy = int((x - origin[0]) / grid.size), int((y - origin[1]) / grid.size)
-        n = start[p] if fill else 0
-        if x >= origin[0] and y >= origin[1] and cx < cells[0] and cy < cells[1]:
-            cell = cx * cells[1] + cy
-            for k in range(grid.start[cell], grid.start[cell + 1]):
-                i = grid.image[k]
-                if x < box[i, 0] or y < box[i, 1] or x > box[i, 2] or y > box[i, 3]:
-                    continue
-                if _inside(points[p], i, pictures):
-                    if fill:
-                        image[n] = i
-                    n += 1
-        if not fill:
-            seen[p] = n
+        if x < origin[0] or y < origin[1] or cx >= cells[0] or cy >= cells[1]:
+            continue
+        cell = cx * cells[1] + cy
+        for k in range(grid.start[cell], grid.start[cell + 1]):
+            i = grid.image[k]
+            if x < box[i, 0] or y < box[i, 1] or x > box[i, 2] or y > box[i, 3]:
+                continue
+            if _inside(points[p], i, pictures):
+                if n == len(image):
+                    fuller = np.empty(2 * n, dtype=np.int32)
+                    for k in range(n):
+                        fuller[k] = image[k]
+                    image = fuller
+                image[n] = i
+                n += 1
+                seen[p] += 1
+    return seen, image[:n].copy()
 
 
 @compiled()

@@ -118,31 +118,46 @@ def _smooth_again(source, target, extra):
             target[r, c] = total
 
 
-@compiled()
 def prepare(reference, nodes, half):
     """The windows of a reference (height, width) float32, at least half + 4 px from its edge."""
     count, size = len(nodes), 2 * half + 1
-    surface = np.empty((count, size, size), np.float32)
-    slope_x = np.empty((count, size, size), np.float32)
-    slope_y = np.empty((count, size, size), np.float32)
+    surface, slope_x, slope_y = (np.empty((count, size, size), np.float32) for _ in range(3))
     mean = np.empty(count)
-    inverse = np.zeros((count, _UNKNOWNS, _UNKNOWNS))
-    spread = np.zeros((count, 2, 2))
-    good = np.zeros(count, np.bool_)
+    normal, noisy = (np.zeros((count, _UNKNOWNS, _UNKNOWNS)) for _ in range(2))
+    _sampled(reference, nodes, half, surface, slope_x, slope_y, mean, normal, noisy)
+    scale = np.sqrt(np.einsum("nii->ni", normal))
+    good = scale.min(axis=1) > 0.0
+    outer = scale[:, :, None] * scale[:, None, :]
+    scaled = normal[good] / outer[good]
+    good[good] = sound = np.linalg.cond(scaled) < 1e9
+    inverse = np.zeros_like(normal)
+    inverse[good] = np.linalg.inv(scaled[sound]) / outer[good]
+    spread = (inverse @ noisy @ inverse)[:, :2, :2]
+    return Windows(nodes, half, surface, slope_x, slope_y, mean, inverse, spread, good)
+
+
+@compiled()
+def _sampled(reference, nodes, half, surface, slope_x, slope_y, mean, normal, noisy):
+    """Fills what `Windows` holds of the surface, its normal matrix, and that of the noise in it."""
+    size = 2 * half + 1
     wide = size + 4
     g, gx, gy = np.empty((wide, wide)), np.empty((wide, wide)), np.empty((wide, wide))
     sg, sx, sy = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
     row = np.empty(_UNKNOWNS)
     soft = np.empty(_UNKNOWNS)
-    for n in range(count):
+    for n in range(len(nodes)):
         _window(reference, nodes[n, 0], nodes[n, 1], half, 2, g, gx, gy)
-        middle = g[2:-2, 2:-2].mean()
-        g -= middle
+        middle = 0.0
+        for r in range(size):
+            for c in range(size):
+                middle += g[r + 2, c + 2]
+        middle /= size * size
+        for r in range(wide):
+            for c in range(wide):
+                g[r, c] -= middle
         _smooth_again(g, sg, 2)
         _smooth_again(gx, sx, 2)
         _smooth_again(gy, sy, 2)
-        normal = np.zeros((_UNKNOWNS, _UNKNOWNS))
-        noisy = np.zeros((_UNKNOWNS, _UNKNOWNS))
         for r in range(size):
             down = (r - half) / half
             for c in range(size):
@@ -152,23 +167,15 @@ def prepare(reference, nodes, half):
                 _fill(soft, sx[r, c], sy[r, c], across, down, sg[r, c])
                 for i in range(_UNKNOWNS):
                     for j in range(i + 1):
-                        normal[i, j] += row[i] * row[j]
-                        noisy[i, j] += soft[i] * soft[j]
+                        normal[n, i, j] += row[i] * row[j]
+                        noisy[n, i, j] += soft[i] * soft[j]
                 surface[n, r, c] = g[r + 2, c + 2]
                 slope_x[n, r, c], slope_y[n, r, c] = a, b
         for i in range(_UNKNOWNS):
             for j in range(i):
-                normal[j, i] = normal[i, j]
-                noisy[j, i] = noisy[i, j]
+                normal[n, j, i] = normal[n, i, j]
+                noisy[n, j, i] = noisy[n, i, j]
         mean[n] = middle
-        scale = np.sqrt(np.diag(normal))
-        if scale.min() > 0.0:
-            scaled = normal / np.outer(scale, scale)
-            if np.linalg.cond(scaled) < 1e9:
-                inverse[n] = np.linalg.inv(scaled) / np.outer(scale, scale)
-                spread[n] = (inverse[n] @ noisy @ inverse[n])[:2, :2]
-                good[n] = True
-    return Windows(nodes, half, surface, slope_x, slope_y, mean, inverse, spread, good)
 
 
 @compiled()

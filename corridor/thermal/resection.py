@@ -50,7 +50,7 @@ def resect(block: Block, pose: str = "held", first: int = 10) -> Resection:
     if len(block.cameras) != 1:
         raise InputError(f"block {block.name} has {len(block.cameras)} cameras: give one of them")
     (camera,) = block.cameras.values()
-    place = block.positions("marks")[block.marks["point"].cat.codes.to_numpy()]
+    place = block.positions("marks")[block.marks["point"].array.codes]
     seen = block.marks[["x", "y"]].to_numpy(float)
     sigma, image = block.mark_sigma(), block.image_rows("marks")
     known = np.isfinite(place).all(axis=1)

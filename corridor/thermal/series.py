@@ -15,6 +15,7 @@ from corridor.brief import brief
 from corridor.errors import InputError
 
 TABLE = "series.csv"
+_COLDEST_C, _HOTTEST_C = -90.0, 150.0
 _LEAST = 160  # px: a smaller picture has no room for windows
 
 
@@ -102,12 +103,24 @@ def read_series(folder: str | os.PathLike) -> Series:
     warm = np.full(len(table), np.nan)
     if "temperature_c" in table:
         warm = _numbers(table["temperature_c"], path, "temperature_c")
+        wrong = np.flatnonzero((warm < _COLDEST_C) | (warm > _HOTTEST_C))
+        if len(wrong):
+            raise InputError(
+                f"{path}, row {wrong[0] + 2}: temperature_c = {warm[wrong[0]]:g} is none that a "
+                "camera stands: give degrees Celsius"
+            )
     reference = _numbers(table["reference"], path, "reference")
     wrong = np.flatnonzero(~np.isin(reference, (0.0, 1.0)) & ~np.isnan(reference))
     if len(wrong):
         raise InputError(
             f"{path}, row {wrong[0] + 2}: reference = {table['reference'].iloc[wrong[0]]}: "
             "write 1 for a picture of the reference, 0 for any other"
+        )
+    if np.isnan(reference).any():
+        row = int(np.flatnonzero(np.isnan(reference))[0])
+        raise InputError(
+            f"{path}, row {row + 2}: reference is empty: write 1 for a picture of the reference, 0 "
+            "for any other"
         )
     reference = reference == 1.0
     if not reference.any():

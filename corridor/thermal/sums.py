@@ -194,9 +194,19 @@ class Sums:
             self._projected[kind] = constant, of_kind, K, r, cross
         return self._projected[kind]
 
+    @property
+    def warm(self):
+        return self._warm
+
+    @warm.setter
+    def warm(self, temperature_c):
+        # Many lags are tried behind one course.
+        self._warm = temperature_c
+        self._thermometer = temperature.Thermometer(self.maps.time_s, temperature_c)
+
     def optics(self, lag):
         """Temperatures of the optics of every picture (P,), and t (used,) from t0."""
-        felt = temperature.optics(self.maps.time_s, self.warm, lag)
+        felt = self._thermometer.optics(lag)
         known = self.maps.reference & np.isfinite(felt)
         if known.any():
             t0 = float(felt[known].mean())

@@ -106,36 +106,49 @@ def _newton(at, mean):
     return fitted(found.x)
 
 
-def optics(time_s: np.ndarray, temperature_c: np.ndarray, lag_s: float) -> np.ndarray:
-    """Temperature of the optics (n,), C: the thermometer's through a first-order lag.
+class Thermometer:
+    """The course of a thermometer, for optics of any lag behind it.
 
     time_s, temperature_c: (n,) in any order; NaN temperatures stay unknown and are passed over.
     Before the first one the thermometer is taken as constant; between them it follows a curve
     that does not overshoot (PCHIP) and may have a corner at its highest and lowest.
     """
-    time, warm = np.asarray(time_s, dtype=float), np.asarray(temperature_c, dtype=float)
-    known = np.isfinite(warm)
-    out = warm.copy()
-    if lag_s <= 0 or not known.any():
+
+    def __init__(self, time_s: np.ndarray, temperature_c: np.ndarray):
+        time, self._warm = np.asarray(time_s, float), np.array(temperature_c, float)
+        self._known = np.isfinite(self._warm)
+        when, self._place, count = np.unique(
+            time[self._known], return_inverse=True, return_counts=True
+        )
+        self._moments = len(when)
+        if self._moments < 2:
+            return
+        mean = np.bincount(self._place, self._warm[self._known]) / count
+        fine = (when[:-1, None] + np.diff(when)[:, None] * (np.arange(_FINE) / _FINE)).ravel()
+        self._fine = fine = np.append(fine, when[-1])
+        self._course = np.empty(len(fine))
+        # At its highest and lowest the heating may have been switched: a corner, no summit.
+        inside = {int(np.argmax(mean)), int(np.argmin(mean))} - {0, len(when) - 1}
+        corners = [0, *sorted(inside), len(when) - 1]
+        for first, last in zip(corners[:-1], corners[1:], strict=True):
+            part, at = np.s_[first : last + 1], np.s_[first * _FINE : last * _FINE + 1]
+            if last - first > 1:
+                self._course[at] = PchipInterpolator(when[part], mean[part])(fine[at])
+            else:
+                self._course[at] = np.interp(fine[at], when[part], mean[part])
+
+    def optics(self, lag_s: float) -> np.ndarray:
+        """Temperature of the optics (n,), C: the thermometer's through a first-order lag."""
+        out = self._warm.copy()
+        if lag_s > 0 and self._moments > 1:
+            felt = _lagged(self._fine, self._course, lag_s)[::_FINE]
+            out[self._known] = felt[self._place]
         return out
-    when, place, count = np.unique(time[known], return_inverse=True, return_counts=True)
-    mean = np.bincount(place, warm[known]) / count
-    if len(when) == 1:
-        return out
-    fine = (when[:-1, None] + np.diff(when)[:, None] * (np.arange(_FINE) / _FINE)).ravel()
-    fine = np.append(fine, when[-1])
-    course = np.empty(len(fine))
-    # At its highest and lowest the heating may have been switched: a corner, no summit.
-    inside = {int(np.argmax(mean)), int(np.argmin(mean))} - {0, len(when) - 1}
-    corners = [0, *sorted(inside), len(when) - 1]
-    for first, last in zip(corners[:-1], corners[1:], strict=True):
-        part, at = np.s_[first : last + 1], np.s_[first * _FINE : last * _FINE + 1]
-        if last - first > 1:
-            course[at] = PchipInterpolator(when[part], mean[part])(fine[at])
-        else:
-            course[at] = np.interp(fine[at], when[part], mean[part])
-    out[known] = _lagged(fine, course, lag_s)[::_FINE][place]
-    return out
+
+
+def optics(time_s: np.ndarray, temperature_c: np.ndarray, lag_s: float) -> np.ndarray:
+    """Temperature of the optics (n,), C, at one lag behind a `Thermometer`."""
+    return Thermometer(time_s, temperature_c).optics(lag_s)
 
 
 @njit(cache=True)

@@ -5,6 +5,7 @@ differences of the fourth order.
 """
 
 import numpy as np
+import pandas as pd
 
 from corridor.adjustment.normal import moved_state, shared_values
 from corridor.effects import predict
@@ -25,11 +26,9 @@ def block_of(state, problem):
     }
     block.lever_arm = dict(zip(block.flight_names, map(tuple, state.arms), strict=True))
     for table in (block.points, block.ground):
-        at = {name: n for n, name in enumerate(problem.point_names)}
-        rows = np.array([at.get(name, -1) for name in table["point"]], dtype=int)
-        xyz = table[["x", "y", "z"]].to_numpy(copy=True)
-        xyz[rows >= 0] = state.points[rows[rows >= 0]]
-        table[["x", "y", "z"]] = xyz
+        rows = pd.Index(problem.point_names).get_indexer(table["point"])
+        for axis, moved in zip("xyz", state.points.T, strict=True):
+            table[axis] = np.where(rows >= 0, moved[rows], table[axis])
     values = {
         slug: array[back] if problem.stack.members[slug].effect.group == "image" else array
         for slug, array in state.effects.items()

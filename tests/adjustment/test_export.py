@@ -1,10 +1,12 @@
 """What goes to a GIS is read back by programs that share no line with what wrote it."""
 
+import signal
 import sqlite3
 import struct
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 from strips import corridor_block
 
@@ -12,6 +14,7 @@ import corridor
 from corridor.camera import project
 from corridor.cli import main
 from corridor.geometry import rotation_from_quaternion
+from corridor.report import Layer, write_geopackage
 from corridor.simulation import add_noise
 
 OFFSET = np.array([717541.0, 1606017.0, 100.0])
@@ -126,6 +129,27 @@ def test_files_for_a_gis_are_written_when_asked_for_alone(saved, tmp_path):
     adjustment, _ = saved
     written = adjustment.save(tmp_path / "out")
     assert not [path for path in written if path.suffix in (".gpkg", ".las")]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of files there")
+def test_a_disk_that_is_full_at_the_end_leaves_no_geopackage(tmp_path):
+    """GDAL writes its indices as it closes the file, and keeps to itself that it could not."""
+    pytest.importorskip("pyogrio")
+    import resource
+
+    layer = {"points": Layer(pd.DataFrame({"point": ["a", "b"]}), points=np.ones((2, 3)))}
+    write_geopackage(tmp_path / "whole.gpkg", layer)
+    most = (tmp_path / "whole.gpkg").stat().st_size - 100
+    before = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[0][1]))
+    try:
+        with pytest.raises(OSError, match="space"):
+            write_geopackage(tmp_path / "half.gpkg", layer)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before[0])
+        signal.signal(signal.SIGXFSZ, before[1])
+    assert not (tmp_path / "half.gpkg").exists()
 
 
 @pytest.mark.parametrize("verb", ["adjust", "diagnose"])

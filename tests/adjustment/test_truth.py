@@ -390,6 +390,15 @@ class TestRobustLosses:
         assert found["gross"] == frame["gross"].sum() > 0
         assert any(f"{flagged.sum()} of {len(frame)}" in w for w in adjusted.warnings)
 
+    def test_a_kind_that_stands_out_altogether_is_not_left_out(self, clean_and_dirty):
+        """Ties said to be good to 10,000 px: beside what they come to, every mark is gross."""
+        block = clean_and_dirty[0].copy()
+        block.sigma["tie_px"] = 1e4
+        adjusted = corridor.adjust(block)
+        frame, found = adjusted.residuals["mark"], adjusted.statistics["mark"]
+        assert frame["gross"].all() and found["gross"] == 0
+        assert found["rms"] == pytest.approx(rms(frame[["vx", "vy"]]))
+
     def test_the_cauchy_weights_are_those_of_the_loss(self, clean_and_dirty):
         """1 / (1 + (v / (2 sigma))^2): the derivative of log(1 + s^2) over s."""
         frame = corridor.adjust(clean_and_dirty[1], loss="cauchy:2").residuals["tie"]

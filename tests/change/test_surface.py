@@ -136,6 +136,17 @@ def test_ground_that_does_not_move_moves_no_image_point():
     np.testing.assert_array_equal(same.tie_points[["x", "y"]], block.tie_points[["x", "y"]])
 
 
+def test_ground_may_move_more_than_once():
+    """A table may hold its coordinates as one array, which pandas shows and does not give."""
+    block = flown(10)
+
+    def up(xyz):
+        return np.broadcast_to([0.0, 0.0, 0.01], xyz.shape)
+
+    twice = moved_ground(moved_ground(block, up), up)
+    np.testing.assert_allclose(twice.points["z"] - block.points["z"], 0.02, atol=1e-12)
+
+
 def test_a_bowl_is_as_deep_as_it_says():
     bowl = Settlement((0.0, 0.0), 10.0, 0.02, edge=0.5)
     moved = bowl(np.array([[0.0, 0, 0], [4.9, 0, 0], [7.5, 0, 0], [10.0, 0, 0]]))

@@ -184,7 +184,7 @@ def each():
         yield pytest.param(slugs, id=named(slugs), marks=[pytest.mark.slow] * long)
 
 
-@pytest.mark.parametrize("slugs", each())
+@pytest.mark.parametrize("slugs", list(each()))
 def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slugs):
     """The gradient vanishes at the solution, and every sigma is that of the dense inverse.
 

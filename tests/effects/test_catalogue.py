@@ -77,12 +77,24 @@ def aeroplane():
 @pytest.fixture(scope="module")
 def strips(drone, aeroplane):
     """The strip in which each effect shows, by slug."""
-    return {effect.slug: chosen(effect, drone, aeroplane) for effect in every_effect()}
+    still = predict(drone)
+    return {effect.slug: chosen(effect, drone, still, aeroplane) for effect in every_effect()}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def strip(effect, strips, with_gyroscope):
     return with_gyroscope if gyroscopic(effect) else strips[effect.slug]
+
+
+@pytest.fixture(scope="module")
+def truth(effect, strip):
+    return drawn(effect, strip)
+
+
+@pytest.fixture(scope="module")
+def moved(effect, strip, truth):
+    """The strip as the effect alone makes it: not to be changed."""
+    return add(strip, {effect.slug: truth})
 
 
 def gyroscopic(effect):
@@ -96,9 +108,9 @@ def every_form():
     return every_effect() + [effect for effect in forms if gyroscopic(effect)]
 
 
-def chosen(effect, drone, aeroplane):
+def chosen(effect, drone, here, aeroplane):
     """The drone's strip, and an aeroplane's for what 60 m of corridor at 50 m hardly show."""
-    there, here = predict(drone, {effect.slug: drawn(effect, drone)}), predict(drone)
+    there = predict(drone, {effect.slug: drawn(effect, drone)})
     signal = sum(
         np.sum((vars(there)[kind] - vars(here)[kind]) ** 2) / NOISE[noise] ** 2
         for kind, noise in zip(("tie", "mark", "gnss", "control"), NOISE, strict=True)
@@ -155,12 +167,16 @@ def without(block, column):
 
 
 @pytest.mark.parametrize(
-    "effect", every_form(), ids=lambda effect: effect.slug + "-by-gyroscope" * gyroscopic(effect)
+    "effect",
+    every_form(),
+    ids=lambda effect: effect.slug + "-by-gyroscope" * gyroscopic(effect),
+    # What the tests of one effect share is made once.
+    scope="module",
 )
 class TestEveryEffect:
-    def test_derivative_agrees_with_central_differences(self, effect, strip):
+    def test_derivative_agrees_with_central_differences(self, effect, strip, truth):
         context = context_of(effect, strip)
-        values = drawn(effect, strip)[context.group(effect.group)]
+        values = truth[context.group(effect.group)]
         shift, derivative = effect.shift(context, values)
         assert shift.shape == (len(context), PLACES[effect.place])
         assert derivative.shape == (*shift.shape, values.shape[1])
@@ -173,21 +189,20 @@ class TestEveryEffect:
             assert largest > 0, "a parameter that moves nothing"
             assert np.abs(derivative[:, :, k] - numeric).max() < 1e-6 * largest
 
-    def test_zero_parameters_move_nothing_bit_for_bit(self, effect, strip):
+    def test_zero_parameters_move_nothing_bit_for_bit(self, effect, strip, truth):
         context = context_of(effect, strip)
-        zero = np.zeros_like(drawn(effect, strip))
+        zero, still = np.zeros_like(truth), predict(strip)
         shift, derivative = effect.shift(context, zero[context.group(effect.group)])
         assert not shift.any() and np.isfinite(derivative).all()
-        assert same_bits(predict(strip, {effect.slug: zero}), predict(strip))
-        assert not same_bits(predict(strip, {effect.slug: drawn(effect, strip)}), predict(strip))
+        assert same_bits(predict(strip, {effect.slug: zero}), still)
+        assert not same_bits(predict(strip, {effect.slug: truth}), still)
 
-    def test_what_is_simulated_is_estimated_within_its_sigma(self, effect, strip):
+    def test_what_is_simulated_is_estimated_within_its_sigma(self, effect, strip, truth, moved):
         """Camera and stated lever arm held, control and GNSS good to 2 mm, 0.05 px in the image.
 
         Within four sigmas, as the 600 values of the catalogue drawn at random are.
         """
-        truth = drawn(effect, strip)
-        block = add_noise(add(strip, {effect.slug: truth}), **NOISE, seed=11)
+        block = add_noise(moved, **NOISE, seed=11)
         found = corridor.adjust(block, camera="fixed", effects=[effect.slug], lever_arm="fixed")
         assert found.converged
         # All effects are linear in what they move to one per cent, so the noise is all there is.
@@ -199,13 +214,12 @@ class TestEveryEffect:
         # Significant, or being within the sigma would say nothing.
         assert np.sqrt(np.mean((expected / found.effects["sigma"]) ** 2)) > 5
 
-    def test_a_perfect_block_gives_its_values_back(self, effect, strip):
+    def test_a_perfect_block_gives_its_values_back(self, effect, strip, truth, moved):
         """To a hundredth of the sigma that noise would make; the adjustment stops at a thousandth.
 
         Start: poses and points where they would be without the effect.
         """
-        truth = drawn(effect, strip)
-        block = add(strip, {effect.slug: truth})
+        block = moved.copy()
         block.sigma = add_noise(strip, **NOISE).sigma
         found = corridor.adjust(block, camera="fixed", effects=[effect.slug], lever_arm="fixed")
         assert found.converged
@@ -213,10 +227,8 @@ class TestEveryEffect:
         assert np.abs(off / found.effects["sigma"]).max() < 0.01 / found.sigma0
         assert found.sigma0 < 0.01
 
-    def test_correcting_undoes_simulating(self, effect, strip):
-        values = {effect.slug: drawn(effect, strip)}
-        moved = add(strip, values)
-        back = take_out(moved, values)
+    def test_correcting_undoes_simulating(self, effect, strip, truth, moved):
+        back = take_out(moved, {effect.slug: truth})
         assert not same_tables(moved, strip, 1e-6)
         assert same_tables(back, strip, 1e-9)
 
@@ -330,9 +342,12 @@ def test_nothing_else_in_the_package_knows_an_effect_by_name():
         # A room may bear the name of what it is about.
         if path == FOLDER.parents[1] / "__init__.py" or path.parent == FOLDER:
             continue
+        text = path.read_text(encoding="utf-8")
+        if not any(slug in text for slug in slugs):
+            continue
         strings = {
             node.value
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            for node in ast.walk(ast.parse(text))
             if isinstance(node, ast.Constant) and isinstance(node.value, str)
         }
         assert not strings & slugs, f"{path.name} knows {strings & slugs}"

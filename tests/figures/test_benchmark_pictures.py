@@ -38,7 +38,7 @@ class TestConfusion:
 
     def test_names_do_not_leave_the_sheet(self):
         figure = confusion_matrix(HIDDEN, ANSWERS, COUNTS)
-        figure.canvas.draw()
+        figure.draw_without_rendering()
         width, height = figure.canvas.get_width_height()
         for text in (*figure.axes[0].get_xticklabels(), *figure.axes[0].get_yticklabels()):
             box = text.get_window_extent()

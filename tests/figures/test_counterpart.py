@@ -50,7 +50,7 @@ def pair():
 
 
 def panels(figure):
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     return [axes for axes in figure.axes if axes.lines]
 
 
@@ -104,7 +104,7 @@ class TestCurves:
 class TestMaps:
     def test_cells_outside_are_framed_and_carry_their_deviations(self, pair):
         figure = figures.counterpart_maps(*pair)
-        figure.canvas.draw()
+        figure.draw_without_rendering()
         before, after = (axes for axes in figure.axes if axes.get_ylabel() == "y (px)")
         assert len(before.lines) == 1 and len(after.lines) == 0
         # The third cell of a row of three: 2,000 to 3,000 px, 0 to 1,500 px.

@@ -21,7 +21,7 @@ def table(**changes):
 
 
 def drawn(figure):
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     (axes,) = figure.axes
     return axes
 

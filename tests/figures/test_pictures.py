@@ -89,7 +89,7 @@ DRAWINGS = {
 
 def written(figure):
     """Every text one sees, with its box in pixels."""
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     texts = [*figure.texts, *(text for key in figure.legends for text in key.get_texts())]
     for axes in figure.axes:
         texts += axes.texts
@@ -168,7 +168,7 @@ class TestStyle:
         made = []
         work = [
             threading.Thread(
-                target=lambda: made.append(figures.png(figures.first_look(thin()), 50))
+                target=lambda: made.append(figures.png(figures.first_look(five_images()), 50))
             )
             for _ in range(4)
         ]
@@ -231,8 +231,8 @@ class TestMap:
 
     def test_metres_are_equally_long_in_both_directions(self):
         for shape in (thin, square, ring):
-            figure = figures.first_look(shape())
-            figure.canvas.draw()
+            figure = drawn("first_look", shape)
+            figure.draw_without_rendering()
             plan = figure.axes[0]
             box = plan.get_window_extent()
             across, upright = np.ptp(plan.get_xlim()), np.ptp(plan.get_ylim())
@@ -306,7 +306,7 @@ class TestResidualVectors:
 
     def test_the_stated_arrow_has_the_length_it_states(self):
         figure = figures.residual_vectors(self.one_residual(0.3, 0.4))
-        figure.canvas.draw()
+        figure.draw_without_rendering()
         field = max(self.quivers(figure), key=lambda quiver: quiver.N)
         key = min(self.quivers(figure), key=lambda quiver: quiver.N)
 

@@ -19,7 +19,7 @@ def errors(count=400, plan=0.02, height=-0.03, seed=1):
 
 def drawn(figure):
     """Length in inches of every arrow of each panel, with the panel's caption."""
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     found = []
     for axes in figure.axes:
         inches = figure.get_size_inches()[0] * axes.get_position().width

@@ -39,16 +39,6 @@ def run(folder, *more, out=None):
     return main([str(word) for word in words])
 
 
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch, request):
-    """A picture of a quarter of the dots, but in the test that is about a user's flight."""
-    if "real" not in request.node.name:
-        from matplotlib.figure import Figure
-
-        draw = Figure.savefig
-        monkeypatch.setattr(Figure, "savefig", lambda *a, **k: draw(*a, **(k | {"dpi": 40})))
-
-
 class TestWhatItWrites:
     def test_table_and_picture_beside_each_other(self, block, flight, capsys):
         assert run(block) == 0
@@ -121,6 +111,22 @@ class TestWhatItWrites:
         table.to_csv(block / "images.csv", index=False)
         assert run(block) == 0
         assert "each another way" in " ".join(capsys.readouterr().err.split())
+
+    def test_an_image_at_the_time_of_another_flight_is_told(self, block, flight, capsys):
+        track = observed(flight, 1, interval=0.5)
+        later = track.assign(time_s=track["time_s"] + 900.0)
+        pd.concat([track, later]).to_csv(block / "track.csv", index=False)
+        time = np.concatenate([np.arange(5.0, 100.0, 2.5), np.arange(905.0, 1000.0, 2.5)])
+        images(block, time)
+        table = pd.read_csv(block / "images.csv").assign(flight=np.where(time < 500, "A", "B"))
+        table.to_csv(block / "images.csv", index=False)
+        assert run(block) == 0
+        assert "another piece of the track" not in capsys.readouterr().out
+        table.loc[5, "time_s"] += 900.0
+        table.to_csv(block / "images.csv", index=False)
+        assert run(block) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert "DJI_0005.JPG lies in another piece of the track than the other images" in said
 
     def test_a_track_without_sigmas_gives_a_table_without_them(self, block):
         track = pd.read_csv(block / "track.csv").drop(columns=SXYZ)

@@ -109,6 +109,13 @@ class TestBySigmaNotByTheGap:
         told = interpolate(track, at).notes
         assert any("the epoch at 50.000 s lies 0.3" in n and "neighbours in z" in n for n in told)
 
+    def test_one_epoch_that_hardly_counts_is_told(self):
+        track, at = steady(), np.array([50.05])
+        assert not any("hardly counts" in note for note in interpolate(track, at).notes)
+        track.loc[250, "sx"] = 5.0
+        told = interpolate(track, at).notes
+        assert any("the epoch at 50.000 s states 500 times the usual" in note for note in told)
+
     @pytest.mark.parametrize("seed", range(3))
     def test_no_epoch_of_a_flight_with_turns_and_gusts_stands_out(self, seed):
         for gust in (0.0, 0.5):

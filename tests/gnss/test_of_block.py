@@ -58,6 +58,18 @@ def test_two_images_that_are_too_near_in_time_are_told(flown):
     assert any("are 0.0040 s apart, others" in note for note in of_block(block).notes)
 
 
+def test_an_image_out_of_the_order_of_times_is_told(flown):
+    block = flown[0].copy()
+    assert not any("out of the order" in note for note in of_block(block).notes)
+    time = block.images["time_s"].to_numpy(copy=True)
+    time[7] = 0.5 * (time[2] + time[3])
+    block.images = block.images.assign(time_s=time)
+    name = block.images["image"].iloc[7]
+    assert any(f"{name} was taken at" in note for note in of_block(block).notes)
+    block.images = flown[0].images.iloc[::-1].reset_index(drop=True)
+    assert not any("out of the order" in note for note in of_block(block).notes)
+
+
 def test_the_command_adjusts_with_them_and_says_so(flown, tmp_path, capsys):
     block, _ = flown
     block.write(tmp_path / "block")

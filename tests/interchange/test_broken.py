@@ -1,5 +1,6 @@
 """Broken and odd files: one sentence with file and place, or the same block; never nonsense."""
 
+import re
 import shutil
 
 import numpy as np
@@ -161,6 +162,26 @@ def test_an_image_whose_rotation_is_none_is_refused_naming_the_project(tmp_path)
     with pytest.raises(InputError, match="the rotation of image 1 of") as refused:
         read_project(home)
     assert str(home) in str(refused.value)
+
+
+def test_a_number_that_cannot_be_is_refused_naming_its_file(tmp_path):
+    from .small_projects import write_all
+
+    homes = write_all(tmp_path)
+    bundle = homes["bundler"] / "bundle.out"
+    lines = bundle.read_text().splitlines()
+    # The last line is a point's list of views: their number, then camera, feature, x, y of each.
+    words = lines[-1].split()
+    words[3] = f"{1e6 * float(words[3]):.10g}"
+    bundle.write_text("\n".join([*lines[:-1], " ".join(words)]) + "\n")
+    with pytest.raises(InputError, match=rf"bundle.out: camera {words[1]} sees a point at"):
+        read_project(homes["bundler"])
+    marks = homes["metashape"] / "markers.xml"
+    text = re.sub('sxyz="[^"]*"', 'sxyz="0.01/0.01/inf"', marks.read_text())
+    assert "inf" in text
+    marks.write_text(text)
+    with pytest.raises(InputError, match="markers.xml: sxyz of <reference> = .* is infinite"):
+        read_project(homes["metashape"])
 
 
 def test_damaged_files_give_no_traceback_and_no_silent_block():

@@ -46,6 +46,6 @@ def test_what_cannot_be_adjusted_is_left_out_of_its_line():
     figure = accuracy_by_control(
         {"a": (COUNTS, np.array([np.nan, 1, 1, 1]), np.array([np.nan, 2, 2, 2]))}
     )
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     nothing = accuracy_by_control({"a": (COUNTS, np.full(4, np.nan), np.full(4, np.nan))})
     assert "can be adjusted" in " ".join(t.get_text() for t in nothing.texts)

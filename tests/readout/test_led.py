@@ -59,6 +59,21 @@ def test_other_duty_cycles_and_saturation_are_within_five_hundredths_of_a_per_ce
     assert found.row_direction is None
 
 
+def test_a_damaged_file_is_told_by_stripes_that_break():
+    """A JPEG goes on beside its place after a lost byte: the lower rows are other ones."""
+    whole = photo(900.0)
+    broken = Photograph("broken", np.vstack([whole.grey[:300], whole.grey[313:]]))
+    half = round(900 / 27 / 2)
+    narrow = photo(900.0, duty=0.25).grey
+    torn = Photograph("torn", np.hstack([narrow[half:, :320], narrow[:-half, 320:]]))
+    told = [
+        [word for word in measure_led(one, 900.0).warnings if "file damaged" in word]
+        for one in (whole, broken, torn)
+    ]
+    assert not told[0] and "follow each other evenly" in told[1][0]
+    assert "do not go straight across" in told[2][0]
+
+
 def test_stripes_are_counted_over_all_rows():
     """900 Hz x 30 ms = 27 periods between the first and the last of 900 rows."""
     found = measure_led(photo(900.0), 900.0)

@@ -144,6 +144,13 @@ class TestWhatCannotBeMeasured:
         with pytest.raises(CannotMeasure, match="not at rest|no star"):
             measure_star(turning, turning, 1.0)
 
+    def test_a_still_that_also_shows_the_star_turning_is_told(self):
+        still, turning = pair()
+        assert not measure_star(still, turning, 2.5, sense="cw").warnings
+        twice = (0.6 * still.grey + 0.4 * turning.grey).astype(np.uint8)
+        found = measure_star(Photograph("twice.png", twice), turning, 2.5, sense="cw")
+        assert "counted in twice.png explain" in found.warnings[0]
+
     def test_another_target_in_the_second_photograph(self):
         still, _ = pair()
         grey = cv2.GaussianBlur(

@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import sys
 import threading
+from contextlib import contextmanager
 
 import pytest
 from made_up import adjustment, corridor
@@ -85,6 +86,25 @@ def test_two_threads_into_one_folder_leave_the_last_one_whole_and_nothing_else(f
         threading.excepthook = before
     assert not failed
     holds_one_run_whole(folder)
+
+
+def test_what_was_replaced_goes_though_another_run_takes_the_folder_away_at_once(
+    folder, monkeypatch
+):
+    taken = folder.with_name("taken by another run")
+
+    @contextmanager
+    def followed_by_another(parent):
+        with _alone_in(parent):
+            yield
+        if (folder / "new.txt").exists():
+            folder.rename(taken)
+
+    monkeypatch.setattr("corridor.report.files._alone_in", followed_by_another)
+    with whole_folder(folder, "result.json", listed_in(folder, "result.json")) as part:
+        (part / "new.txt").write_text("ours")
+    assert {path.name for path in folder.parent.iterdir()} == {taken.name}
+    assert (taken / "notes.txt").read_text() == "keep me"
 
 
 @pytest.mark.parametrize("system", ["locks folders", "has no fcntl"])

@@ -89,6 +89,10 @@ WRONG = {
         "turns back on itself",
     ),
     "an axis of one point": ("axis_m = [[0, 0]]\n" + FLIGHT, "two or more positions"),
+    "an axis that leaves the Earth": (
+        "axis_m = [[1e20, 0], [0, 0]]\n" + FLIGHT,
+        "no place on Earth",
+    ),
     "an axis that stands still": ("axis_m = [[0, 0], [0, 0]]\n" + FLIGHT, "a position twice"),
     "an axis in space": ("axis_m = [[0, 0, 0], [0, 9, 0]]\n" + FLIGHT, "3 values, 2 are needed"),
     "a bend without a radius": ("bend_radius_m = 0\n" + FLIGHT, "is not greater than 0"),

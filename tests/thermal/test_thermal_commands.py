@@ -161,14 +161,46 @@ class TestMap:
         warm = read_maps(tmp_path / "a.npz").temperature_c
         assert np.isnan(warm[3]) and np.isfinite(np.delete(warm, 3)).all()
 
-    def test_a_node_without_a_place_is_refused(self, small, tmp_path, capsys):
+    @pytest.mark.parametrize(
+        ("array", "change", "words"),
+        [
+            ("y", lambda y: np.where(np.arange(len(y)) == 2, np.nan, y),
+             "array y has no place inside the picture for node 3 of"),
+            ("x", lambda x: 10 * x, "array x has no place inside the picture"),
+            ("x", lambda x: 0.5 * x, "px apart in x"),
+            ("dx", lambda dx: 0 * np.nan_to_num(dx), "array dx is zero everywhere"),
+            ("dy", lambda dy: np.full_like(dy, np.inf), "array dy has no number for picture"),
+            ("time_s", lambda time: np.full_like(time, np.nan), "array time_s has no number for"),
+            ("height", lambda height: np.array(np.nan), "width and height are"),
+            ("reference", lambda mark: mark.astype(str), "array reference holds no numbers"),
+        ],
+    )  # fmt: skip
+    def test_maps_that_nobody_measured_are_refused(
+        self, small, tmp_path, capsys, array, change, words
+    ):
         assert run("map", str(small), "-o", str(tmp_path / "a.npz")) == 0
         with np.load(tmp_path / "a.npz") as file:
             arrays = dict(file)
-        arrays["y"] = np.where(np.arange(len(arrays["y"])) == 2, np.nan, arrays["y"])
+        arrays[array] = change(arrays[array])
         np.savez(tmp_path / "b.npz", **arrays)
         assert run("fit", str(tmp_path / "b.npz"), "-o", str(tmp_path / "m.json")) == 2
-        assert "x and y have no place for node 3 of" in capsys.readouterr().err
+        assert words in capsys.readouterr().err
+
+    @pytest.mark.parametrize("slip", ["temperature", "pictures"])
+    def test_a_picture_that_does_not_fit_its_temperature_is_named(
+        self, small, tmp_path, capsys, slip
+    ):
+        folder = copied(small, tmp_path / "slip")
+        if slip == "temperature":
+            changed(folder, temperature_c={4: "0"})
+        else:
+            for to, source in (("0000.png", "0004.png"), ("0004.png", "0000.png")):
+                shutil.copy(small / source, folder / to)
+        assert run("map", str(folder), "-o", str(tmp_path / "a.npz")) == 0
+        said = capsys.readouterr().err
+        assert "picture 0004.png grew by" in said and "picture 0002.png" not in said
+        assert run("map", str(small), "-o", str(tmp_path / "b.npz")) == 0
+        assert "grew by" not in capsys.readouterr().err
 
     def test_two_pictures_that_are_one_are_told(self, small, tmp_path, capsys):
         folder = copied(small, tmp_path / "twins")
@@ -176,11 +208,30 @@ class TestMap:
         assert run("map", str(folder), "-o", str(tmp_path / "a.npz")) == 0
         assert "0004.png and 0006.png are the same, dot by dot" in capsys.readouterr().err
 
-    def test_one_temperature_of_all_pictures_is_told(self, small, tmp_path, capsys):
-        folder = copied(small, tmp_path / "same")
-        changed(folder, temperature_c=dict.fromkeys(range(9), "31.5"))
+    @pytest.mark.parametrize(
+        ("change", "words"),
+        [
+            ({"temperature_c": {8: ""}}, "1 of 9 pictures have no temperature_c, the first of"),
+            ({"reference": {4: "1"}}, "pictures of the reference were taken at"),
+        ],
+    )
+    def test_what_a_model_will_lack_is_told(self, small, tmp_path, capsys, change, words):
+        folder = copied(small, tmp_path / "lacking")
+        changed(folder, **change)
         assert run("map", str(folder), "-o", str(tmp_path / "a.npz")) == 0
-        assert "series.csv: the temperatures span 0.0 C" in capsys.readouterr().err
+        assert words in capsys.readouterr().err
+
+    @pytest.mark.parametrize(
+        ("warm", "words"),
+        [("31.5", "the temperatures span 0.0 C"), ("", "no picture has a temperature_c")],
+    )
+    def test_one_temperature_of_all_pictures_or_none_is_told(
+        self, small, tmp_path, capsys, warm, words
+    ):
+        folder = copied(small, tmp_path / "same")
+        changed(folder, temperature_c=dict.fromkeys(range(9), warm))
+        assert run("map", str(folder), "-o", str(tmp_path / "a.npz")) == 0
+        assert f"series.csv: {words}" in capsys.readouterr().err
 
     @pytest.mark.parametrize(
         ("grey", "word"), [(120, "texture"), (255, "saturated")], ids=["blank", "saturated"]
@@ -299,7 +350,9 @@ class TestWrongSeries:
             ({"time_s": {2: "noon"}}, ("row 4", "time_s", "noon")),
             ({"time_s": {2: ""}}, ("row 4", "time_s")),
             ({"temperature_c": {2: "warm"}}, ("row 4", "temperature_c")),
+            ({"temperature_c": {2: "297.4"}}, ("row 4", "give degrees Celsius")),
             ({"reference": {2: "yes"}}, ("row 4", "reference")),
+            ({"reference": {8: ""}}, ("row 10", "reference is empty")),
         ],
     )
     def test_a_wrong_cell_is_named_with_its_row(self, small, tmp_path, capsys, columns, words):

@@ -45,12 +45,12 @@ class Network:
     def _observe(self) -> None:
         block = self.block
         tables = [table for table in (block.tie_points, block.marks) if len(table)]
-        names = [table["point"].cat.categories for table in tables]
+        names = [table["point"].dtype.categories for table in tables]
         ranked = names[0].append(names[1:]).unique().sort_values()
         image = np.concatenate([block.image_rows(name) for name in ("tie_points", "marks")])
         point = np.concatenate(
             [
-                ranked.get_indexer(name)[table["point"].cat.codes.to_numpy()]
+                ranked.get_indexer(name)[table["point"].array.codes]
                 for name, table in zip(names, tables, strict=True)
             ]
         )
@@ -60,7 +60,7 @@ class Network:
         self.image = image[order].astype(np.int32)
         self.point = point[order].astype(np.int32)
         self.measured = pixels[order]
-        self.camera = pd.Index(list(block.cameras)).get_indexer(block.images["camera"])
+        self.camera = block.image_camera
         self.look_through(np.array([camera.interior for camera in block.cameras.values()]))
 
     def _take_poses(self) -> None:

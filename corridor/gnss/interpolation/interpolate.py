@@ -17,6 +17,7 @@ METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
 MAX_SIGMA_M = 0.10
 # Of multipath and atmosphere over a short base line: half a minute to some minutes.
 CORRELATION_S = 60.0
+_UNSURE = 50.0  # times the usual sigma: half a metre against a fix of 1 cm
 _MOST_LOST = 0.1  # share of the epochs of a receiver that nobody misses
 _CURVE = 2000
 _POSITION, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
@@ -174,6 +175,19 @@ def _of_singular(track: pd.DataFrame, pieces: pd.DataFrame) -> list[str]:
     ]
 
 
+def _of_unsure(track: pd.DataFrame, sigma: np.ndarray) -> list[str]:
+    """A sentence where one epoch alone states sigmas (n, 3) beyond all that its fix explains."""
+    times = (sigma / np.median(sigma, axis=0)).max(axis=1)
+    unsure = np.flatnonzero(times > _UNSURE)
+    if len(unsure) != 1:
+        return []
+    row = unsure[0]
+    return [
+        f"the epoch at {track['time_s'].iloc[row]:.3f} s states {times[row]:.0f} times the usual "
+        "sigma and hardly counts: what the drone did there is not known"
+    ]
+
+
 def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.Epochs:
     position = track[_POSITION].to_numpy(dtype=float)
     n = len(position)
@@ -191,6 +205,7 @@ def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.
         stated = bool(good.any(axis=0).all())
         if stated:
             sigma, lost = _filled(given, good, relative)
+            notes += _of_unsure(track, sigma)
             if lost:
                 notes.append(
                     f"{lost} epochs state no sigma: they got that of the others of their quality"

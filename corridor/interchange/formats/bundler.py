@@ -43,6 +43,7 @@ HEADER = "# Bundle file v0.3"
 _FILE = ("*.out", "# Bundle file")
 _FOCAL = re.compile(r"\s+0\s+[0-9.eE+-]+\s*$")
 FLIP = np.diag([1.0, -1.0, -1.0])
+_FARTHEST = 200_000.0  # px from the middle: no picture is larger
 
 
 def recognise(path: Path) -> bool:
@@ -86,7 +87,7 @@ class BundlerArrays:
                 f"{int((~keep).sum())} observations were left out"
             )
         xy = self.xy[keep]
-        width, height = size or _made_up(xy, notes)
+        width, height = size or _made_up(file, xy, self.image[keep], notes)
         kept = np.flatnonzero(oriented)
         cameras, used = _cameras(self.interior[kept], width, height)
         rotation = self.rotation[kept]
@@ -153,9 +154,15 @@ def _names(file, count, notes):
     return found
 
 
-def _made_up(xy, notes):
+def _made_up(file, xy, image, notes):
     """A picture that holds every observation, all images alike."""
     reach = np.abs(xy).max(axis=0, initial=1.0)
+    if reach.max() > _FARTHEST:
+        far = int(np.argmax(np.abs(xy).max(axis=1)))
+        raise InputError(
+            f"{file.name}: camera {image[far]} sees a point at ({xy[far, 0]:.10g}, "
+            f"{xy[far, 1]:.10g}) px from its middle, in no picture; correct or delete it"
+        )
     width, height = (int(2 * np.ceil(side + 1)) for side in reach)
     notes.append(
         f"the file has no picture size: {width} x {height} px was made up around the "

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
+from corridor.block import ROLES, Block
 from corridor.errors import InputError
 from corridor.textfile import lines
 
@@ -49,7 +49,8 @@ def read_ground(folder: Path) -> pd.DataFrame | None:
     whole = head.startswith("#") and head.rpartition(" ")[2] == str(len(table)) and len(table)
     known = table[["POINT3D_ID", "point"]].notna().all(axis=None)
     finite = not np.isinf(table[["x", "y", "z"]].to_numpy()).any()
-    if not (whole and known and finite) or table["point"].duplicated().any():
+    roles = table["role"].isin(ROLES).all()
+    if not (whole and known and finite and roles) or table["point"].duplicated().any():
         raise _damaged(path, "a bad cell")
     return table
 

@@ -428,6 +428,11 @@ def _sigmas(element):
             found = np.array([float(word) for word in element.get("sxyz").split("/")])
         except ValueError:
             found = np.array([np.nan])
+        if np.isinf(found).any():
+            raise element.wrong(
+                f"sxyz of <{element.tag}> = {element.get('sxyz')} is infinite; correct it, or "
+                "export the project again"
+            )
         found = np.broadcast_to(found, 3) if len(found) in (1, 3) else np.full(3, np.nan)
     else:
         both = element.number("sxy", np.nan)
