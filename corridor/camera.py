@@ -30,6 +30,9 @@ FRASER8 = ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
 FRASER10 = (*FRASER8, "b1", "b2")
 ROW_DIRECTIONS = ("down", "up", "right", "left")
 _FIRST_RADIAL = 7
+# Share of its distance from the middle by which no term of a lens moves the picture's corner, even
+# of a polynomial whose terms take each other back.
+_MOST_BENT = 1e4
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,6 +106,13 @@ class Camera:
         interior[:3] = focal, number("cx", (width - 1) / 2), number("cy", (height - 1) / 2)
         for index in range(3, len(INTERIOR)):
             interior[index] = number(INTERIOR[index], 0.0)
+        terms = _at_the_corner(interior, width, height)
+        if not terms.max() < _MOST_BENT:
+            worst = int(terms.argmax())
+            raise InputError(
+                f"{where} {INTERIOR[worst]} = {interior[worst]:g} moves the corner of the picture "
+                f"to {terms[worst]:.3g} times its distance from the middle: correct it, or f"
+            )
         pixel, readout = number("pixel_um"), number("readout_s")
         if pixel is not None and pixel <= 0:
             raise InputError(f"{where} pixel_um = {pixel:g} is not positive: give micrometres")
@@ -150,6 +160,15 @@ class Camera:
         for name, value in values.items():
             interior[INTERIOR.index(name)] = value
         return self.with_interior(interior)
+
+
+def _at_the_corner(interior: np.ndarray, width: int, height: int) -> np.ndarray:
+    """How far each parameter (15,) moves the corner, in distances from the middle; 0 for f."""
+    far = np.hypot(width, height) / 2 / interior[0]
+    power = np.array([0, 0, 0, 1, 1, 0, 0, *range(2, 2 * (len(interior) - _FIRST_RADIAL) + 1, 2)])
+    terms = np.abs(interior) * far**power
+    terms[:_FIRST_RADIAL] *= (0, 0, 0, 3, 3, 1, 1)
+    return np.nan_to_num(terms, posinf=np.inf)
 
 
 def parameters_named(text: str) -> tuple[str, ...]:

@@ -281,6 +281,7 @@ class TestCameraTable:
             ({"cx": float("inf")}, "cx = inf is not finite"),
             ({"width": 4000.5}, "width = 4000.5 is not a picture size"),
             ({"height": 1}, "height = 1 is not a picture size"),
+            ({"k3": 1e20}, r"k3 = 1e\+20 moves the corner of the picture"),
             ({"pixel_um": 0}, "pixel_um = 0 is not positive"),
             ({"readout_s": -0.03}, "readout_s = -0.03 is negative"),
             ({"row_direction": "sideways"}, "row_direction = 'sideways' is unknown"),

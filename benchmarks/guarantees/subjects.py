@@ -129,19 +129,35 @@ def _maps(there, out, truth):
 
 
 def _one_scale(found, true) -> bool:
-    """Temperatures that differ by a factor or a shift alone: no file says that they are wrong."""
+    """Temperatures that differ by a factor or a shift alone, or one between its neighbours'.
+
+    No file says that these are wrong.
+    """
     known = np.isfinite(found)
-    if known.sum() < 3:
+    if known.sum() < 3 or not known.all():
         return np.array_equal(found, true)
-    line = np.polynomial.Polynomial.fit(true[known], found[known], 1)
-    return bool(np.abs(found - line(true))[known].max() < 0.01 and known.all())
+    line = np.polynomial.Polynomial.fit(true, found, 1)
+    off = np.flatnonzero(np.abs(found - true) > 0.01)
+    if len(off) == 1 and 0 < off[0] < len(true) - 1:
+        beside = true[off[0] - 1], true[off[0] + 1]
+        if min(beside) <= found[off[0]] <= max(beside):
+            return True
+    return bool(np.abs(found - line(true)).max() < 0.01)
 
 
 def _thermal(there, out, truth):
-    """The model moves the corner by what the true one does, within a tenth of a pixel."""
+    """The model moves the corner by what the true one does, within a tenth of a pixel.
+
+    At 40 C, or at what the file calls it where all its temperatures are wrong by one scale.
+    """
     one, two = (corridor.thermal.read_model(path) for path in (out, truth / "model.json"))
     x, y = np.array([10.0, 160.0]), np.array([15.0, 150.0])
-    off = np.array(one.displacement(x, y, 40.0)) - np.array(two.displacement(x, y, 40.0))
+    called = 40.0
+    with np.load(there / "maps.npz") as maps, np.load(truth / "heat" / "maps.npz") as whole:
+        warm, true = maps["temperature_c"], whole["temperature_c"]
+        if warm.shape == true.shape and _one_scale(warm, true):
+            called = float(np.polynomial.Polynomial.fit(true, warm, 1)(called))
+    off = np.array(one.displacement(x, y, called)) - np.array(two.displacement(x, y, 40.0))
     return bool(np.abs(off).max() < 0.1)
 
 

@@ -18,6 +18,7 @@ from scipy.linalg import eigh, qr
 
 from corridor.adjustment.linear_system import LinearSystem, motions
 from corridor.adjustment.matrix import Singular
+from corridor.adjustment.misfit import misfit
 from corridor.adjustment.problem import Problem, State
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
@@ -126,10 +127,13 @@ def explain(system: LinearSystem, singular: Singular) -> InputError:
     """What a singular matrix means for the person who made the block."""
     p = system.problem
     if singular.shared is not None:
+        name = system.columns.shared[singular.shared].label
+        off = misfit(system, far=True)
+        correct = f"; or correct what lies far off: {off[0]}" if off else ""
         return InputError(
-            f"{system.columns.shared[singular.shared].label} cannot be determined from these "
-            "measurements together with the other unknowns: hold it, give it a prior, or leave the "
-            "effect out"
+            f"{p.block.folder or p.block.name}: {name} cannot be determined from these "
+            "measurements together with the other unknowns: hold it, give it a prior, or leave "
+            f"the effect out{correct}"
         )
     try:
         _, words = null_space(system)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,9 +9,12 @@ import numpy as np
 from corridor.errors import AdjustmentFailed
 
 if TYPE_CHECKING:
+    from corridor.adjustment.linear_system import LinearSystem
     from corridor.adjustment.result import Adjustment
 
 _NAMED = 3
+# What a drone's log misses: single-point GNSS, and attitudes of half a degree.
+_LOG_M, _LOG_PX = 10.0, 50.0
 
 
 def not_converged(adjustment: Adjustment) -> AdjustmentFailed:
@@ -24,16 +26,22 @@ def not_converged(adjustment: Adjustment) -> AdjustmentFailed:
     )
 
 
-def start_misfit(adjustment: Adjustment) -> list[str]:
-    """Sentences on how far the measurements lie from the start values, and which lie farthest."""
-    p = adjustment.problem
-    left = replace(adjustment.system, state=p.start).residuals()
+def misfit(system: LinearSystem, far: bool = False) -> list[str]:
+    """Sentences on how far the measurements lie from a state, and which lie farthest.
+
+    far: only of measurements that lie farther off than the start values of a flight's log.
+    """
+    p, left = system.problem, system.residuals()
     out = []
-    if len(left.gnss):
-        out.append(_metres("GNSS positions", p.images.names[p.gnss_image], left.gnss))
-    if len(left.control):
-        out.append(_metres("control points", adjustment.system.control_names, left.control))
+    for what, names, metres in (
+        ("GNSS positions", p.images.names[p.gnss_image], left.gnss),
+        ("control points", system.control_names, left.control),
+    ):
+        if len(metres) and (not far or np.median(np.linalg.norm(metres, axis=1)) > _LOG_M):
+            out.append(_metres(what, names, metres))
     length = np.linalg.norm(left.pixels, axis=1)
+    if far and np.nanmedian(length) < _LOG_PX:
+        return out
     found = [np.nanmedian(length[p.img == k]) for k in range(p.image_count)]
     worst = np.argsort(-np.nan_to_num(found, nan=np.inf))[:_NAMED]
     named = ", ".join(f"{p.images.names[k]} {found[k]:.0f} px" for k in worst)

@@ -12,7 +12,7 @@ from corridor import report
 from corridor.adjustment.check_statistics import Checked
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.export import write_gis
-from corridor.adjustment.misfit import start_misfit
+from corridor.adjustment.misfit import misfit
 from corridor.adjustment.observation_table import observation_table
 from corridor.adjustment.parameters import Parameters, parameters_of
 from corridor.adjustment.solve import Solution
@@ -84,8 +84,11 @@ class Adjustment(Checked):
 
     to_dict = report.adjustment_dict
     save = report.save_adjustment
-    start_misfit = start_misfit
     write_gis = write_gis
+
+    def start_misfit(self) -> list[str]:
+        """Sentences on how far the measurements lie from the start values."""
+        return misfit(replace(self.system, state=self.problem.start))
 
     # --- the adjusted block ------------------------------------------------------------------
 
@@ -367,6 +370,8 @@ class Adjustment(Checked):
     def _pair(self, n: int, a: str, b: str, covariance: np.ndarray, sigma_b: np.ndarray) -> tuple:
         """Correlation of the n-th shared unknown with others: mean and spread."""
         sigma_a = np.sqrt(self.covariance.shared[n, n])
+        known = sigma_b > 0  # a point that wild marks drove to infinity has none
+        covariance, sigma_b = covariance[known], sigma_b[known]
         values = covariance / sigma_a / sigma_b
         spread = values.std(ddof=1) if len(values) > 1 else 0.0
         sigmas = self.sigma0 * sigma_a, self.sigma0 * sigma_b.mean()

@@ -107,7 +107,7 @@ def _doubt(images, found):
     import numpy as np
     import pandas as pd
 
-    from corridor.preparation import against, unlike
+    from corridor.preparation import against, stray, unlike
 
     path = images / "images.csv" if images.is_dir() else images
     if path.suffix.lower() != ".csv" or not path.is_file():
@@ -119,6 +119,6 @@ def _doubt(images, found):
     known = posed[["x", "y", "z"]].apply(pd.to_numeric, errors="coerce").to_numpy(float)
     given = found.gnss[["x", "y", "z"]].to_numpy(float)
     names = ("the track", np.asarray(given), str(path.name), known)
-    told = against(*names) or unlike(*names)
+    told = against(*names) or unlike(*names) or stray(*names[1:], list(found.gnss["image"]))
     if told:
         yield told

@@ -250,9 +250,14 @@ def frame_of_block(images: str | os.PathLike) -> tuple[str | None, np.ndarray]:
         return None, np.zeros(3)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-        offset = np.array(table.get("offset", [0.0, 0.0, 0.0]), dtype=float).reshape(3)
     except (OSError, UnicodeDecodeError, ValueError) as error:
         raise InputError(f"{path}: {error}; correct the file") from None
+    try:
+        offset = np.array(table.get("offset", [0.0, 0.0, 0.0]), dtype=float).reshape(3)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{path}: offset is not three numbers; write offset = [x, y, z] in metres"
+        ) from None
     return table.get("crs") or None, offset
 
 

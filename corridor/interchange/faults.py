@@ -23,8 +23,12 @@ def blaming(path: Path, what: str) -> Iterator[None]:
     """
     try:
         yield
-    except (InputError, AdjustmentFailed):
+    except AdjustmentFailed:
         raise
+    except InputError as error:
+        if str(path) in str(error) or path.name in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from None
     except _FAULTS as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         raise InputError(

@@ -4,7 +4,7 @@ from corridor.preparation.angular_rate import rates_from_gyro, rates_from_neighb
 from corridor.preparation.preparing import Prepared, prepare
 from corridor.preparation.record import Derived, derived
 from corridor.preparation.record import record as record_derived
-from corridor.preparation.slips import against, doubts, unlike
+from corridor.preparation.slips import against, doubts, stray, unlike
 from corridor.preparation.smoothing import rounding
 from corridor.preparation.strips import strips_of
 from corridor.preparation.velocity import METHODS, Velocities, track_runs, velocities
@@ -22,6 +22,7 @@ __all__ = [
     "rates_from_neighbours",
     "record_derived",
     "rounding",
+    "stray",
     "strips_of",
     "track_runs",
     "unlike",

@@ -5,7 +5,7 @@ Each doubt is one sentence with the likely cause. Nothing here stops anything: a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 
 import numpy as np
@@ -13,7 +13,12 @@ import numpy as np
 from corridor.block import LAYOUTS, Block
 from corridor.camera import INTERIOR
 from corridor.errors import did_you_mean
-from corridor.geometry import rotation_from_quaternion
+from corridor.geometry import (
+    GROSS,
+    is_outlier,
+    robust_scale_of_lengths,
+    rotation_from_quaternion,
+)
 from corridor.preparation.slips_of_motion import motion_doubts
 
 # Readouts of frame sensors end at a quarter of a second.
@@ -39,6 +44,8 @@ _CLEAR = 0.9
 _FAR_M, _FAR_UP_M, _GEOID_M = 100.0, 10.0, 120.0
 # Share of the width of a flight by which the same images may lie apart, each another way.
 _UNLIKE = 0.4
+# An image is astray from here on; where more than this share are, all of them are.
+_STRAY_M, _FEW, _FEWEST = 1.0, 0.1, 5
 _XYZ = ("x", "y", "z")
 _POSE = (*_XYZ, "qw", "qx", "qy", "qz")
 _REMEDY = "x is east, y north, in metres less the block's offset."
@@ -305,6 +312,28 @@ def unlike(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     return (
         f"{file} and {other} put the images {away:.1f} m (median) apart in plan, each another way, "
         f"in a flight that is {2 * wide:.0f} m wide: do names, times and columns belong together?"
+    )
+
+
+def stray(given: np.ndarray, other: str, known: np.ndarray, images: Sequence[str]) -> str:
+    """A sentence on the few images whose two positions (n, 3) lie apart where the others' agree.
+
+    other: where `known` stands. What is less than a metre, or than start poses miss, is not told.
+    """
+    away = given - known
+    both = np.isfinite(away).all(axis=1)
+    if both.sum() < _FEWEST:
+        return ""
+    length = np.linalg.norm(away - np.median(away[both], axis=0), axis=1)
+    scale = robust_scale_of_lengths(length[both], _STRAY_M / GROSS)
+    far = np.flatnonzero(is_outlier(length, scale, GROSS))
+    if not len(far) or len(far) > _FEW * both.sum():
+        return ""
+    worst = far[np.argmax(length[far])]
+    more = f" ({len(far) - 1} more too)" if len(far) > 1 else ""
+    return (
+        f"{images[worst]} lies {length[worst]:.1f} m from its pose in {other}, the others "
+        f"{np.median(length[both]):.2f} m (median){more}: is its time right?"
     )
 
 

@@ -98,6 +98,8 @@ def strips_of(flight: Flight, camera: Camera, axis: Axis) -> Strips:
         base = None
     interval = 2.5 if interval is None else interval
 
+    if (flight.images or 0) > MOST_IMAGES:
+        raise InputError(_too_many(flight.name, flight.images))
     if base is None:
         count = share_out(flight.images, np.ones(flight.strips))
         length = np.full(flight.strips, end - begin)
@@ -173,8 +175,6 @@ def check_plan(plan: Plan, highest: float) -> int:
                 f"tie_points: border_px = {plan.tie_points.border_px:g} leaves nothing of "
                 f"{camera.width} x {camera.height} px: lower it"
             )
-        if flight.images is not None and flight.images > MOST_IMAGES:
-            raise InputError(_too_many(flight.name, flight.images))
         strips = strips_of(flight, camera, axis)
         total += int(strips.count.sum())
         check_every(plan.ground, float(strips.length.max()))

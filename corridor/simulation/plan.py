@@ -102,6 +102,9 @@ class Flight:
             say.fail(f"height_m = {heights.max():g} is no height of a drone: give metres")
         if self.offsets_m is not None and len(self.offsets_m) != self.strips:
             say.fail(f"offsets_m gives {len(self.offsets_m)} offsets for {self.strips} strips")
+        for offset in self.offsets_m or ():
+            if not abs(offset) < _HIGHEST_M:
+                say.fail(f"offsets_m = {offset:g} is far from any corridor: give metres")
         for key in ("forward", "side"):
             value = getattr(self, key)
             if value is not None and not 0 <= value < 1:

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,7 +83,8 @@ def read_maps(path: str | os.PathLike) -> Maps:
         with np.load(path, allow_pickle=False) as file:
             values = {name: file[name] for name in _ARRAYS if name in file}
             notes = tuple(str(text) for text in file["warnings"]) if "warnings" in file else ()
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, zipfile.BadZipFile, zlib.error, EOFError,
+            TypeError, AttributeError) as error:  # fmt: skip
         reason = getattr(error, "strerror", None) or "it is no .npz of plain arrays"
         raise InputError(
             f"{path} cannot be read as maps ({reason}): give a file that `corridor thermal map` "

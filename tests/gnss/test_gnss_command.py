@@ -112,6 +112,19 @@ class TestWhatItWrites:
         assert run(block) == 0
         assert "each another way" in " ".join(capsys.readouterr().err.split())
 
+    def test_a_time_between_its_neighbours_that_is_wrong_is_told(self, block, flight, capsys):
+        table = pd.read_csv(block / "images.csv")
+        table[["x", "y", "z"]] = flight.position(table["time_s"].to_numpy())
+        table[["x", "y", "z"]] += np.random.default_rng(0).normal(0.0, 0.1, (len(table), 3))
+        table.to_csv(block / "images.csv", index=False)
+        assert run(block) == 0
+        assert "is its time right?" not in capsys.readouterr().err
+        table.loc[5, "time_s"] += 1.5
+        table.to_csv(block / "images.csv", index=False)
+        assert run(block) == 0
+        said = " ".join(capsys.readouterr().err.split())
+        assert "DJI_0005.JPG lies" in said and "its pose in images.csv" in said
+
     def test_an_image_at_the_time_of_another_flight_is_told(self, block, flight, capsys):
         track = observed(flight, 1, interval=0.5)
         later = track.assign(time_s=track["time_s"] + 900.0)
@@ -234,9 +247,10 @@ class TestOtherFrames:
         (tmp_path / "block.toml").write_text(text, encoding="utf-8")
         crs, offset = gnss.frame_of_block(tmp_path / "images.csv")
         assert crs == "EPSG:2154" and offset.tolist() == [1.0, 2.5, 3.0]
-        (tmp_path / "block.toml").write_text("offset = [1, 2]\n", encoding="utf-8")
-        with pytest.raises(InputError, match="block.toml"):
-            gnss.frame_of_block(tmp_path)
+        for wrong in ("[1, 2]", "{}"):
+            (tmp_path / "block.toml").write_text(f"offset = {wrong}\n", encoding="utf-8")
+            with pytest.raises(InputError, match="block.toml: offset is not three numbers"):
+                gnss.frame_of_block(tmp_path)
 
     def test_no_exposure_left_is_a_failure(self, made):
         _, track, exposures, _ = made

@@ -109,6 +109,15 @@ class TestBySigmaNotByTheGap:
         told = interpolate(track, at).notes
         assert any("the epoch at 50.000 s lies 0.3" in n and "neighbours in z" in n for n in told)
 
+    def test_an_epoch_off_by_five_sigmas_is_told_and_one_off_by_four_is_not(self):
+        """Of a cubic through four epochs: 1 + 34 / 36 of the variance of one."""
+        track = steady()
+        noise = 0.01 * np.sqrt(1 + 34 / 36)
+        for sigmas, told in ((4.0, 0), (5.5, 1)):
+            track["z"] = 0.0
+            track.loc[250, "z"] = sigmas * noise
+            assert len(singular_epochs(track.assign(sz=0.01), segments(track))) == told
+
     def test_one_epoch_that_hardly_counts_is_told(self):
         track, at = steady(), np.array([50.05])
         assert not any("hardly counts" in note for note in interpolate(track, at).notes)

@@ -177,7 +177,15 @@ def test_a_number_that_cannot_be_is_refused_naming_its_file(tmp_path):
     with pytest.raises(InputError, match=rf"bundle.out: camera {words[1]} sees a point at"):
         read_project(homes["bundler"])
     marks = homes["metashape"] / "markers.xml"
-    text = re.sub('sxyz="[^"]*"', 'sxyz="0.01/0.01/inf"', marks.read_text())
+    whole = marks.read_text()
+    marks.write_text(whole.replace('<marker id="', '<marker nr="', 1))
+    with pytest.raises(InputError, match=r"markers.xml: a marker has no id"):
+        read_project(homes["metashape"])
+    cameras = homes["opensfm"] / "reconstruction.json"
+    cameras.write_text(re.sub(r'"width": *', r"\g<0>0.5", cameras.read_text(), count=1))
+    with pytest.raises(InputError, match="opensfm.*is no picture size"):
+        read_project(homes["opensfm"])
+    text = re.sub('sxyz="[^"]*"', 'sxyz="0.01/0.01/inf"', whole)
     assert "inf" in text
     marks.write_text(text)
     with pytest.raises(InputError, match="markers.xml: sxyz of <reference> = .* is infinite"):

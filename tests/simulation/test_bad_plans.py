@@ -47,6 +47,11 @@ WRONG = {
         "the plan has 1.2e+06 images",
     ),
     "10^9 strips": (FLIGHT + "strips = 1000000000", "strips = 1000000000 are more than 10000"),
+    "a strip in space": (FLIGHT + "strips = 1\noffsets_m = [1e20]", "far from any corridor"),
+    "10^20 images at an overlap": (
+        FLIGHT + f"images = {10**20}\nforward = 0.8",
+        "1e+20 images, more than 1e+06",
+    ),
     "10^9 tie points": ("[tie_points]\nper_image = 1000000000\n" + FLIGHT, "lower per_image"),
     "10^9 control points": ("[ground]\ncontrol = 1000000000\n" + FLIGHT, "more than 100000 points"),
     "a point a micrometre": ("[ground]\nevery_m = 1e-6\n" + FLIGHT, "every_m = 1e-06 makes more"),

@@ -15,6 +15,7 @@ import pytest
 from walls import camlight, off_by, rms
 
 from corridor.cli import main
+from corridor.errors import InputError
 from corridor.thermal import read_maps, read_model
 from corridor.thermal.render import Course, Shots, Wall
 
@@ -84,6 +85,21 @@ class TestThirteenPictures:
         ends = np.array(found.range_c)
         slope = np.ptp(found.parameters(ends)["scale"]) / np.ptp(true.parameters(ends)["scale"])
         assert slope == pytest.approx(1.0, abs=0.01)
+
+    def test_damaged_maps_are_maps_or_are_refused(self, made, tmp_path):
+        whole = (made[0] / "maps.npz").read_bytes()
+        rng, refused = np.random.default_rng(0), 0
+        for _ in range(60):
+            some = bytearray(whole)
+            at = int(rng.integers(len(some) - 8))
+            some[at : at + 8] = rng.bytes(8)
+            (tmp_path / "some.npz").write_bytes(some)
+            try:
+                read_maps(tmp_path / "some.npz")
+            except InputError as error:
+                refused += 1
+                assert "some.npz" in str(error)
+        assert refused > 50
 
     def test_maps_hold_what_is_promised(self, made):
         with np.load(made[0] / "maps.npz", allow_pickle=False) as file:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from corridor.geometry import robust_scale
+from corridor.geometry import OUTLIER, robust_scale
 
 # Two g: multicopters that survey tilt by 35 degrees (0.7 g) and fall by one g at most.
 MOST_M_S2 = 20.0
@@ -94,7 +94,7 @@ def singular_epochs(track: pd.DataFrame, pieces: pd.DataFrame) -> list[Singular]
             off, noise = _beside_cubic(time, part[axis].to_numpy(float), sigma)
             k = int(np.argmax(off))
             others = off[np.abs(np.arange(len(off)) - k) > _REACH].max(initial=0.0)
-            if off[k] > max(_SINGULAR * others, _SIGMAS * noise[k]):
+            if off[k] > max(_SINGULAR * others, OUTLIER * noise[k]):
                 found.append(Singular(time[k + _REACH], axis, float(off[k]), float(others)))
     return found
 

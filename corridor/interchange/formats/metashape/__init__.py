@@ -93,7 +93,9 @@ class _Chunk:
             if known is None or known.find("calibration") is None:
                 self.sensors[key] = part
         for part in element.all("markers/marker"):
-            self.markers.setdefault(part.get("id", ""), part)
+            if not part.get("id"):
+                raise part.wrong("a marker has no id; export the markers again")
+            self.markers.setdefault(part.get("id"), part)
         labels = {}
         # Cameras may stand in groups.
         for part in element.all(".//camera"):
