@@ -184,6 +184,12 @@ class TestSteps:
         effect = find("camera_step")
         assert effect.moments(Images.of(self.BLOCK)) == pytest.approx(np.arange(1.5, 14, 2))
 
+    def test_steps_lie_in_the_pauses_between_strips(self):
+        """Nine images, a turn of 10 s, four, a landing of 900 s, three."""
+        time = np.r_[np.arange(9.0), 18.0 + np.arange(4), 921.0 + np.arange(3)]
+        moments = find("camera_step").moments(Images.of(line(time_s=time)))
+        assert moments.tolist() == [13.0, 471.0]
+
     def test_a_hard_landing_moves_all_images_after_it(self):
         """3 px from the third change on: images 0 to 5 as before, 6 to 15 with f + 3."""
         effect = find("camera_step")

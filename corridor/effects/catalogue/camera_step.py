@@ -10,10 +10,15 @@ from corridor.effects.contract import LinearEffect, Parameter, of_interior
 
 _MOVED = ("f", "cx", "cy")
 _STEPS = 7
+_PAUSE = 2.0  # times the usual interval between exposures
 
 
 class CameraStep(LinearEffect):
-    """at: times of the changes, s; by default `_STEPS` of them, as many images between any two."""
+    """at: times of the changes, s.
+
+    By default the pauses in which a strip or a flight ends; where there is none, or more than
+    `_STEPS` are, `_STEPS` times with as many images between any two.
+    """
 
     slug = "camera_step"
     title = "Focal length and principal point that change at a moment and stay changed"
@@ -36,7 +41,10 @@ class CameraStep(LinearEffect):
         if len(times) < 2:
             return np.zeros(_STEPS)
         count = min(_STEPS, len(times) - 1)
-        after = np.round(np.linspace(0, len(times), count + 2)[1:-1]).astype(int)
+        pause = np.diff(times)
+        after = 1 + np.flatnonzero(pause > _PAUSE * np.median(pause))
+        if not 0 < len(after) <= count:
+            after = np.round(np.linspace(0, len(times), count + 2)[1:-1]).astype(int)
         return (times[after - 1] + times[after]) / 2
 
     def parameters(self, block):
