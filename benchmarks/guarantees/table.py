@@ -52,7 +52,8 @@ dots.
   words of a library, and another result without a word.
 
 What is not seen, because nothing in the input says so: rows that were cut off a photograph without
-EXIF, other sigmas that are plausible, another plan, a factor on all temperatures of a series.
+EXIF, other sigmas that are plausible, another plan, a factor on all temperatures of a series
+or one of them that lies between its neighbours'.
 
 ## What is known not to hold
 
