@@ -201,7 +201,10 @@ def _ratio(found):
         return "not run"
     word = "" if found["holds"] else ", **outside 0.95 to 1.05**"
     if found["holds"] and not (found["low"] > 0.9 and found["high"] < 1.1):
+        narrow = found["high"] - found["low"] < 0.1
         word = ", too few to prove 0.95 to 1.05"
+        if narrow:
+            word = f": stated too {'large' if found['ratio'] < 1 else 'small'} by some per cent"
     if not found["holds"] and found["high"] < 0.95:
         word = ": the stated sigma is too large, **outside 0.95 to 1.05**"
     return (
