@@ -33,6 +33,8 @@ _FIRST_RADIAL = 7
 # Share of its distance from the middle by which no term of a lens moves the picture's corner, even
 # of a polynomial whose terms take each other back.
 _MOST_BENT = 1e4
+# Tangent of half the angle of the widest lens: beyond it the focal length is at fault (in mm?).
+_WIDEST = 3.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -111,7 +113,7 @@ class Camera:
             worst = int(terms.argmax())
             raise InputError(
                 f"{where} {INTERIOR[worst]} = {interior[worst]:g} moves the corner of the picture "
-                f"to {terms[worst]:.3g} times its distance from the middle: correct it, or f"
+                f"to {terms[worst]:.3g} times its distance from the middle: correct it"
             )
         pixel, readout = number("pixel_um"), number("readout_s")
         if pixel is not None and pixel <= 0:
@@ -164,7 +166,7 @@ class Camera:
 
 def _at_the_corner(interior: np.ndarray, width: int, height: int) -> np.ndarray:
     """How far each parameter (15,) moves the corner, in distances from the middle; 0 for f."""
-    far = np.hypot(width, height) / 2 / interior[0]
+    far = min(np.hypot(width, height) / 2 / interior[0], _WIDEST)
     power = np.array([0, 0, 0, 1, 1, 0, 0, *range(2, 2 * (len(interior) - _FIRST_RADIAL) + 1, 2)])
     terms = np.abs(interior) * far**power
     terms[:_FIRST_RADIAL] *= (0, 0, 0, 3, 3, 1, 1)
