@@ -75,8 +75,8 @@ def adjust(
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
     A focal length that block.toml says is stated (`f_stated`, by photographs) is a prior of a
-    camera that is free. One sigma of half a metre and more for all antenna positions is an
-    assumption: where they scatter otherwise, that is used and said.
+    camera that is free. One sigma of half a metre and more for all antenna positions is assumed
+    rather than known: where they scatter otherwise, that is used and said.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
     nor GNSS is adjusted as a free network, laid on its start poses as a whole.
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
