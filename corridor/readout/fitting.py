@@ -37,9 +37,9 @@ class Fitted:
         return Fitted(self.values, *some, self.believed)
 
     def sigma(self, parameter: int, cluster: np.ndarray, factor: float = 1.0) -> float:
-        """One sigma of a parameter when residuals of a cluster (n,) err together, times a factor,
-        with the priors' share."""
-        own = sigma_of(self.influence[parameter], self.residuals, self.weights, cluster)
+        """One sigma of a parameter, times a factor, with the priors' share: the larger of those of
+        residuals that err alone and of clusters (n,) that err together."""
+        own = max(sigmas_of(self.influence[parameter], self.residuals, self.weights, cluster))
         return math.hypot(factor * own, self.believed[parameter])
 
 
@@ -145,17 +145,17 @@ def _loss(count, squares):
     return out
 
 
-def sigma_of(
+def sigmas_of(
     influence: np.ndarray, residuals: np.ndarray, weights: np.ndarray, cluster: np.ndarray
-) -> float:
-    """One sigma of one parameter when residuals of a cluster err together.
+) -> tuple[float, float]:
+    """Two sigmas of one parameter: of residuals that err each for itself, and of those of a
+    cluster that err together (Liang and Zeger 1986), which needs some ten clusters.
 
-    influence: (n,) row of `Fitted.influence`. The larger of the plain sigma and of the sum over
-    clusters (Liang and Zeger 1986), which needs some ten of them.
+    influence: (n,) row of `Fitted.influence`.
     """
     moved = influence * residuals
     used = weights > 0
-    plain = np.sqrt(np.sum(moved[used] ** 2))
     sums = np.bincount(cluster[used], weights=moved[used])
     count = max(int((np.bincount(cluster[used]) > 0).sum()), 2)
-    return float(max(plain, np.sqrt(np.sum(sums**2) * count / (count - 1))))
+    together = np.sqrt(np.sum(sums**2) * count / (count - 1))
+    return float(np.sqrt(np.sum(moved[used] ** 2))), float(together)

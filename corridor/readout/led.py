@@ -21,7 +21,7 @@ from numpy.polynomial import chebyshev
 
 from corridor.errors import InputError
 from corridor.geometry import robust_scale
-from corridor.readout.fitting import sigma_of
+from corridor.readout.fitting import sigmas_of
 from corridor.readout.photograph import CannotMeasure, Photograph
 from corridor.readout.result import Readout, StripesDrawing, sigma_with_speed
 from corridor.threads import one_thread
@@ -302,7 +302,8 @@ def _fit(found: _Stripes) -> _Fitted | None:
     # fitted harmonics count as one line more.
     fitted = basis.fitted_edge(solved[1 + len(phase) :])
     edge = math.sqrt((lines / 2 * edge**2 + fitted**2) / (lines / 2 + 1))
-    sigma = sigma_of(influence, noise, np.ones(rows), cluster)
+    # The larger of the two would be too large by what chance does to either.
+    sigma = math.hypot(*sigmas_of(influence, noise, np.ones(rows), cluster)) / math.sqrt(2)
     # Squares that the fit took up, and those lines, are missing in what is left.
     sigma *= math.sqrt(rows / max(rows - len(solved) - lines, 1))
     sigma = math.hypot(sigma, basis.moved_by_edges(influence, row, cycles, edge))
