@@ -296,7 +296,12 @@ def _wild_starts(problem: Problem, residual: np.ndarray) -> set[str]:
     Start values do not shape a result; one that is wild leads every image astray on the way.
     residual (n, 2): px, of the start.
     """
-    far = (np.abs(residual) > problem.images.size[problem.img]).any(axis=1)
+    size = problem.images.size
+    # Nearly always none: what follows is as large as the observations, several times.
+    highest, lowest = (by.reduce(residual, axis=None, initial=0.0) for by in (np.fmax, np.fmin))
+    if max(highest, -lowest) <= size.min():
+        return set()
+    far = (np.abs(residual) > size[problem.img]).any(axis=1)
     seen, lost = (
         np.bincount(images, minlength=problem.image_count)
         for images in (problem.img, problem.img[far])

@@ -151,13 +151,7 @@ class Covariance:
                 else:
                     entry = near[blocks.neighbour_start[:-1] * d * d + c * d + r]
                 out[:, r, c] = out[:, c, r] = entry
-        self._let_go("each_point")
         return out
-
-    def _let_go(self, other: str) -> None:
-        """Forget `_near`, which is as large as the equations, where what else needs it is known."""
-        if other in self.__dict__:
-            del self.__dict__["_near"]
 
     def _of_points(self, asked: Asked, some: Iterable[int] | None = None) -> None:
         """Fill what is asked for, of some points alone; see `make_point_covariance`."""
@@ -197,8 +191,20 @@ class Covariance:
         out = np.empty((count, 6))
         nothing = np.zeros(0, dtype=np.int64)
         self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))))
-        self._let_go("each_pose")
+        # The poses' are small beside what both are taken from: as large as the equations, and
+        # nobody needs it after this.
+        _ = self.each_pose
+        del self._near
         return out
+
+    @cached_property
+    def point_variances(self) -> np.ndarray:
+        """Of x, y, z of every point (n, 3), m^2; the rest of `each_point` is not kept for it."""
+        kept = "each_point" in self.__dict__
+        variances = self.each_point[:, [0, 2, 5]]
+        if not kept:
+            del self.each_point
+        return variances
 
     @property
     def points_shared(self) -> np.ndarray:

@@ -91,12 +91,17 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
         return self.point_index.to_numpy(dtype=object)
 
     @property
-    def point_index(self) -> pd.Index:
-        """`point_names` without an object for each name."""
+    def names(self) -> pd.Index:
+        """Names that `point_codes` count: of all points, ties and then marks."""
         ties, marks = (
             t["point"].dtype.categories for t in (self.block.tie_points, self.block.marks)
         )
-        return (ties.append(marks) if len(marks) else ties).take(self.point_codes)
+        return ties.append(marks) if len(marks) else ties
+
+    @property
+    def point_index(self) -> pd.Index:
+        """`point_names` without an object for each name."""
+        return self.names.take(self.point_codes)
 
     def values(
         self,

@@ -120,22 +120,30 @@ class Adjustment(Checked):
     @frugal()
     def _points_table(self, given: pd.DataFrame, sigma: np.ndarray) -> pd.DataFrame:
         """points.csv with what was found in place of what was given, new points behind."""
-        names = self.problem.point_index
+        codes, names = self.problem.point_codes, self.problem.names
         found = dict(zip(("x", "y", "z"), self.state.points.T, strict=True))
         found |= dict(zip(("sx", "sy", "sz"), sigma.T, strict=True))
-        at = places(given["point"], names)
+        of_code = np.full(len(names) + 1, -1)  # one more, for names that are not known
+        of_code[codes] = np.arange(len(codes))
+        at = of_code[places(given["point"], names)]
         hit = at >= 0
-        columns = {}
-        for name, values in found.items():
-            old = given[name].to_numpy() if name in given else np.nan
-            columns[name] = np.where(hit, values[at], old) if len(names) else old
-        table = given.assign(**columns)
-        fresh = np.ones(len(names), dtype=bool)
+        fresh = np.ones(len(codes), dtype=bool)
         fresh[at[hit]] = False
-        if not fresh.any():
-            return table
-        new = pd.DataFrame({"point": names[fresh]} | {k: v[fresh] for k, v in found.items()})
-        return pd.concat([table, new], ignore_index=True)
+        # One array a column, made once: of a river each is as large as all its points.
+        kept = given[[name for name in given if name not in found]]
+        if fresh.any():
+            new = pd.DataFrame({"point": names.take(codes[fresh])})
+            kept = pd.concat([kept, new], ignore_index=True)
+        columns = {name: kept[name] for name in kept}
+        for name, values in found.items():
+            column = np.full(len(kept), np.nan)
+            if name in given:
+                column[: len(given)] = given[name]
+            column[: len(given)][hit] = values[at[hit]]
+            column[len(given) :] = values[fresh]
+            columns[name] = column
+        order = dict.fromkeys([*given, *columns])
+        return pd.DataFrame({name: columns[name] for name in order}, copy=False)
 
     def _pose_columns(self) -> dict[str, np.ndarray]:
         p, state = self.problem, self.state
@@ -156,10 +164,15 @@ class Adjustment(Checked):
             v[axis, p.row] = left.pixels[:, axis]
         left = replace(left, pixels=left.pixels[:0])  # as large as the observations
         sigma = {"tie": p.block.tie_sigma(), "mark": p.block.mark_sigma()}
-        length = np.hypot(*v)
-        length[: p.tie_count] /= sigma["tie"]
-        length[p.tie_count :] /= sigma["mark"]
-        usual = robust_scale_of_lengths(length, least=1e-9)
+
+        def lengths() -> np.ndarray:
+            length = np.hypot(*v)
+            length[: p.tie_count] /= sigma["tie"]
+            length[p.tie_count :] /= sigma["mark"]
+            return length
+
+        usual = robust_scale_of_lengths(lengths(), least=1e-9, overwrite=True)
+        length = lengths()
         loss = self.system.loss
         weight = np.broadcast_to(1.0, len(length))
         if loss.kind != 0:
@@ -336,7 +349,7 @@ class Adjustment(Checked):
         picked = np.flatnonzero(p.point_kinds)
         if not len(picked):
             picked = np.flatnonzero(np.diff(p.ptr) >= 3)
-        ground = np.sqrt(self.covariance.each_point[picked, 5])
+        ground = np.sqrt(self.covariance.point_variances[picked, 2])
         focal = [n for n, u in enumerate(p.unknowns) if (u.kind, u.name) == ("camera", "f")]
         between = self.covariance.between(picked, focal)[:, 2]
         with_ground = dict(zip(focal, between.T, strict=True))
@@ -410,10 +423,10 @@ class Adjustment(Checked):
         )
         return with_units(frame, {"m": "x y z"})
 
-    @cached_property
+    @property
     def point_sigma(self) -> np.ndarray:
         """Standard deviations (n, 3), m, of the rows of `points`."""
-        sigma = np.sqrt(self.covariance.each_point[:, [0, 2, 5]])
+        sigma = np.sqrt(self.covariance.point_variances)
         sigma *= self.sigma0
         return sigma
 

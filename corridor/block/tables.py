@@ -125,7 +125,7 @@ def places(names: pd.Series | pd.Index, known: pd.Series | pd.Index) -> np.ndarr
     if not len(names):
         return np.zeros(0, dtype=np.int32)
     wanted, among = arrow(names), arrow(known)
-    if len(wanted) == len(among) and not wanted.null_count and wanted.equals(among):
+    if not wanted.null_count and wanted.equals(among.slice(0, len(wanted))):
         return np.arange(len(wanted), dtype=np.int32)
     found = pc.index_in(wanted, value_set=among, skip_nulls=True)
     return pc.fill_null(found, -1).to_numpy(zero_copy_only=False)

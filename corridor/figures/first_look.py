@@ -75,8 +75,11 @@ def _counts(block: Block) -> str:
 
 def _multiplicity(observations: pd.DataFrame) -> np.ndarray:
     """Number of images in which each point was measured, in the order of the point's code."""
-    codes = observations["point"].astype("category").array.codes
-    return np.bincount(codes)
+    points = observations["point"].astype("category").array
+    count = np.zeros(len(points.categories), dtype=np.int64)
+    for first in range(0, len(points), 8 * ROWS_AT_ONCE):
+        count += np.bincount(points.codes[first : first + 8 * ROWS_AT_ONCE], minlength=len(count))
+    return count
 
 
 def _plan(axes: Axes, frame: maps.MapFrame, block: Block, points: np.ndarray) -> list:
@@ -159,12 +162,11 @@ def _coverage(
 
 def _most_seen(block: Block) -> str:
     """The camera with most observations."""
-    count = sum(
-        pd.Series(camera_of(block, table)).value_counts().reindex(list(block.cameras), fill_value=0)
-        for table in (block.tie_points, block.marks)
-        if len(table)
-    )
-    return str(count.idxmax())
+    count = np.zeros(len(block.cameras))
+    for table in (block.tie_points, block.marks):
+        codes = camera_of(block, table).codes
+        count += [np.count_nonzero(codes == n) for n in range(len(count))]
+    return list(block.cameras)[int(count.argmax())]
 
 
 def _fitted(camera: Camera, width: float, height: float) -> tuple[float, float]:

@@ -38,15 +38,18 @@ def robust_scale(
     return np.maximum(_OF_MEDIAN * np.nanmedian(np.abs(size), axis=axis), least)[()]
 
 
-def robust_scale_of_lengths(lengths: np.ndarray, least: float = 0.0) -> float:
+def robust_scale_of_lengths(
+    lengths: np.ndarray, least: float = 0.0, overwrite: bool = False
+) -> float:
     """Standard deviation of a coordinate from lengths of residuals in the plane; NaN do not count.
 
-    Such lengths are Rayleigh distributed: their median is sigma sqrt(2 ln 2).
+    Such lengths are Rayleigh distributed: their median is sigma sqrt(2 ln 2). overwrite: lengths
+    may be put into another order, which saves as much room as they take.
     """
     lengths = np.asarray(lengths, dtype=float)
     if not lengths.size:
         return least
-    return max(float(np.nanmedian(lengths) / _RAYLEIGH_MEDIAN), least)
+    return max(float(np.nanmedian(lengths, overwrite_input=overwrite) / _RAYLEIGH_MEDIAN), least)
 
 
 def is_outlier(
