@@ -66,13 +66,14 @@ class Observations(NamedTuple):
 class Cameras(NamedTuple):
     """Of each image: pose (m, 12), centre and rotation; interior (m, 15), of which `radials` radial
     coefficients count; row_of (m, 3) as in `Images.row_of`; motion (m, 1, 6 (degree + 1)), or
-    (m, 1, 0) where no camera moves."""
+    (m, 1, 0) where no camera moves. turns: whether it, or its derivatives, turn any."""
 
     pose: np.ndarray
     interior: np.ndarray
     radials: int
     row_of: np.ndarray
     motion: np.ndarray
+    turns: bool
 
 
 class Looked(NamedTuple):
@@ -316,31 +317,23 @@ def _before_rotation(pose, i, g):
 
 
 @njit(**SCALAR)
-def _motion(s, motion, i, k):
-    """Motion of image i at the place s of a row: centre and turn, and the slope of both by s.
+def _course(s, motion, i, k, what):
+    """Centre (what 0) or turn (3) of image i at the place s of a row, and its slope by s.
 
     motion: (images, k, 6 (degree + 1)), coefficients of s^0 first, the centre in the camera frame.
     """
-    n = U(motion.shape[2] - 6)
-    dc = dt = (0.0, 0.0, 0.0)
-    c0, c1, c2 = motion[i, k, n], motion[i, k, n + U(1)], motion[i, k, n + U(2)]
-    t0, t1, t2 = motion[i, k, n + U(3)], motion[i, k, n + U(4)], motion[i, k, n + U(5)]
-    c, t = (c0, c1, c2), (t0, t1, t2)
-    while n > U(0):
+    n = U(motion.shape[2] - 6) + what
+    slope = (0.0, 0.0, 0.0)
+    x = motion[i, k, n], motion[i, k, n + U(1)], motion[i, k, n + U(2)]
+    while n > what:
         n -= U(6)
-        dc = dc[0] * s + c[0], dc[1] * s + c[1], dc[2] * s + c[2]
-        dt = dt[0] * s + t[0], dt[1] * s + t[1], dt[2] * s + t[2]
-        c = (
-            c[0] * s + motion[i, k, n],
-            c[1] * s + motion[i, k, n + U(1)],
-            c[2] * s + motion[i, k, n + U(2)],
+        slope = slope[0] * s + x[0], slope[1] * s + x[1], slope[2] * s + x[2]
+        x = (
+            x[0] * s + motion[i, k, n],
+            x[1] * s + motion[i, k, n + U(1)],
+            x[2] * s + motion[i, k, n + U(2)],
         )
-        t = (
-            t[0] * s + motion[i, k, n + U(3)],
-            t[1] * s + motion[i, k, n + U(4)],
-            t[2] * s + motion[i, k, n + U(5)],
-        )
-    return c, t, dc, dt
+    return x, slope
 
 
 @njit(**SCALAR)
@@ -380,7 +373,7 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
     and only if the next rays are near does the processor work on several at once.
     """
     pose, interior, row_of = cameras.pose, cameras.interior, cameras.row_of
-    moves = cameras.motion.shape[2] > 0
+    moves, turns = cameras.motion.shape[2] > 0, cameras.turns
     shift = looked.shift
     farthest = 0.0
     for k in range(m):
@@ -391,16 +384,21 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
         if moves:
             row = looked.row[o]
             s = row_of[i, U(1)] * row + row_of[i, U(2)]
-            c, t, dc, dt = _motion(s, cameras.motion, i, U(0))
+            c, dc = _course(s, cameras.motion, i, U(0), U(0))
             x = _less(x, c)
             put(seen, at, (x[0], x[1], x[2], row))
-            put(seen, at + U(16), (t[0], t[1], t[2], s))
-            # Slope of X before its turn: -dc/ds + X x dtheta/ds.
-            slope = _less(cross(x, dt), dc)
-            sine, cosine = sines(t)
-            put(seen, at + U(24), (slope[0], slope[1], slope[2], sine))
-            seen[at + U(28)] = cosine
-            x = rotated(sine, cosine, (-t[0], -t[1], -t[2]), x)
+            if turns:
+                t, dt = _course(s, cameras.motion, i, U(0), U(3))
+                put(seen, at + U(16), (t[0], t[1], t[2], s))
+                # Slope of X before its turn: -dc/ds + X x dtheta/ds.
+                slope = _less(cross(x, dt), dc)
+                sine, cosine = sines(t)
+                put(seen, at + U(24), (slope[0], slope[1], slope[2], sine))
+                seen[at + U(28)] = cosine
+                x = rotated(sine, cosine, (-t[0], -t[1], -t[2]), x)
+            else:
+                put(seen, at + U(16), (0.0, 0.0, 0.0, s))
+                put(seen, at + U(24), (-dc[0], -dc[1], -dc[2], 0.0))
         else:
             put(seen, at, (x[0], x[1], x[2], 0.0))
         put(seen, at + U(4), (x[0], x[1], x[2], 0.0))
@@ -443,8 +441,10 @@ def _see_once(first, m, point, observations, cameras, looked, loss, seen):
         if moves:
             row = seen[at + U(3)]
             t0, t1, t2, s = panel(seen, at + U(16))
-            slope, sine, cosine = _three(seen, at + U(24)), seen[at + U(27)], seen[at + U(28)]
-            g, h = rotated(sine, cosine, (t0, t1, t2), g), rotated(sine, cosine, (t0, t1, t2), h)
+            slope = _three(seen, at + U(24))
+            if turns:
+                t, sine, cosine = (t0, t1, t2), seen[at + U(27)], seen[at + U(28)]
+                g, h = rotated(sine, cosine, t, g), rotated(sine, cosine, t, h)
             factor = row_of[i, U(1)]
             slope_x, slope_y = factor * dot(g, slope), factor * dot(h, slope)
             k00, k01, k10, k11 = 1.0, 0.0, 0.0, 1.0
@@ -590,9 +590,10 @@ def jacobian_rows(i, e, seen, at, scene, span, d, to):
     t = _three(seen, at + U(16))
     place = seen[at + U(19)]
     for n in range(derivatives.motion.shape[1]):
-        c, theta, _, _ = _motion(place, derivatives.motion, i, U(n))
+        c, _ = _course(place, derivatives.motion, i, U(n), U(0))
         away = (-c[0], -c[1], -c[2])
-        if theta[0] != 0.0 or theta[1] != 0.0 or theta[2] != 0.0:
+        if cameras.turns:
+            theta, _ = _course(place, derivatives.motion, i, U(n), U(3))
             away = _less(cross(x, left_jacobian(t, theta)), c)
         _add_column(columns.slot[i, slot], dot(g, away), dot(h, away), to)
         slot += U(1)
@@ -1116,8 +1117,10 @@ def make_substitute(d, sighted=False):
                     sx, sy = k00 * sx + k01 * sy, k10 * sx + k11 * sy
                 away = (0.0, 0.0, 0.0)
                 if moves:
-                    away, theta, _, _ = _motion(seen[at + U(19)], step.motion, i, U(0))
-                    turn = _less(turn, left_jacobian(_three(seen, at + U(16)), theta))
+                    away, _ = _course(seen[at + U(19)], step.motion, i, U(0), U(0))
+                    if scene.cameras.turns:
+                        theta, _ = _course(seen[at + U(19)], step.motion, i, U(0), U(3))
+                        turn = _less(turn, left_jacobian(_three(seen, at + U(16)), theta))
                 away = _less(cross(turn, x), away)
                 g, h = _three(seen, at + U(8)), _three(seen, at + U(11))
                 e0, e1 = seen[at + U(14)], seen[at + U(15)]

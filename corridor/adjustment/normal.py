@@ -158,7 +158,8 @@ class Normal:
         row_of[:, 1:] /= ROW_REACH
         pose = np.concatenate([state.centre, state.rotation.reshape(-1, 9)], axis=1)
         interior = np.ascontiguousarray(interior)
-        cameras = kernels.Cameras(pose, interior, radials, row_of, motion)
+        turns = any(by.reshape(-1, 2, 3)[:, 1].any() for by in (motion, d_motion))
+        cameras = kernels.Cameras(pose, interior, radials, row_of, motion, turns)
         return View(state, images, cameras, d_interior, d_motion, residual, d_ground)
 
     def scene(
