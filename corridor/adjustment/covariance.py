@@ -72,7 +72,7 @@ class Covariance:
     @cached_property
     def _across(self) -> np.ndarray:
         """B^-1 E (n, q)."""
-        system = self._system
+        _, system = self.system.factorised  # which another covariance may have used up
         if isinstance(system.blocks, Band):
             return system.blocks.other_half(system.z.copy())
         return system.x
@@ -108,11 +108,17 @@ class Covariance:
     @cached_property
     def _near(self) -> np.ndarray:
         """Entries between images that share a point, in the storage of the equations."""
-        blocks = self._system.blocks
         with one_thread():
-            if not isinstance(blocks, Band):
+            if not isinstance(self._system.blocks, Band):
                 return self._near_sparse()
-            return selected_inverse(blocks.flat, blocks.n, blocks.ld, *self._low_rank())
+            # In place of the factor, which is as large: who asks for that has it made anew.
+            self.shared, self.poses_shared  # noqa: B018, while it is there
+            _, system = self.system.factorised
+            self.system.let_go_factor()
+            blocks = system.blocks
+            flat, blocks.flat = blocks.flat, np.zeros(0)
+            invert_within_band(flat, blocks.n, blocks.ld, *self._low_rank())
+            return flat
 
     def _low_rank(self) -> tuple[np.ndarray, np.ndarray]:
         """Border and datum as a sum of products: entry (i, j) gets left[i] . right[j]."""
@@ -222,38 +228,35 @@ class Covariance:
         return cross
 
 
-def selected_inverse(
-    factor: np.ndarray, n: int, ld: int, left: np.ndarray, right: np.ndarray
-) -> np.ndarray:
+def invert_within_band(
+    flat: np.ndarray, n: int, ld: int, left: np.ndarray, right: np.ndarray
+) -> None:
     """Entries of (L L')^-1 + left right' inside the band, in lower band storage (flat, n * ld).
 
-    factor: L so stored; left, right: (n, k).
+    flat: L so stored, which they take the place of; left, right: (n, k).
     Blocks of the bandwidth make the matrix block tridiagonal: with G = L21 L11^-1,
     S21 = -S22 G and S11 = (L11 L11')^-1 + G' S22 G, from the end to the start.
     """
-    out = np.zeros(n * ld)
     size = max(ld - 1, 1)
     below = None
     for start in reversed(range(0, n, size)):
         stop = min(start + size, n)
-        own = _window(factor, ld, (start, stop), (start, stop))
-        own = np.asfortranarray(np.tril(own))
+        place = _window(flat, ld, (start, stop), (start, stop))
+        own = np.asfortranarray(np.tril(place))
         here, _ = lapack.dpotri(own, lower=1)
         here = np.tril(here) + np.tril(here, -1).T
         mine = right[start:stop].T
         if below is not None:
             after = min(stop + size, n)
-            link = np.triu(_window(factor, ld, (stop, after), (start, stop)))
-            gain = blas.dtrsm(1.0, own, np.asfortranarray(link), side=1, lower=1)
+            across_place = _window(flat, ld, (stop, after), (start, stop))
+            link = np.asfortranarray(np.triu(across_place))
+            gain = blas.dtrsm(1.0, own, link, side=1, lower=1)
             across = -(below @ gain)
             here -= gain.T @ across
-            place = _window(out, ld, (stop, after), (start, stop))
-            inside = np.triu(np.ones(place.shape, dtype=bool))
-            np.copyto(place, across + left[stop:after] @ mine, where=inside)
-        place = _window(out, ld, (start, stop), (start, stop))
+            inside = np.triu(np.ones(across.shape, dtype=bool))
+            np.copyto(across_place, across + left[stop:after] @ mine, where=inside)
         np.copyto(place, here + left[start:stop] @ mine, where=np.tri(stop - start, dtype=bool))
         below = here
-    return out
 
 
 def _window(flat: np.ndarray, ld: int, rows: tuple[int, int], columns: tuple[int, int]):

@@ -533,6 +533,10 @@ class LinearSystem:
         with one_thread():
             return normal, normal.factor()
 
+    def let_go_factor(self) -> None:
+        """Forget the factor, whose storage somebody needs; it is made anew where it is asked for."""
+        self.__dict__.pop("factorised", None)
+
     def solve(self, right: np.ndarray) -> np.ndarray:
         """N^-1 right for right (n, k). Raises Singular."""
         n = self.problem.image_count * self.problem.d

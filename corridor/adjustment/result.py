@@ -123,8 +123,8 @@ class Adjustment(Checked):
         codes, names = self.problem.point_codes, self.problem.names
         found = dict(zip(("x", "y", "z"), self.state.points.T, strict=True))
         found |= dict(zip(("sx", "sy", "sz"), sigma.T, strict=True))
-        of_code = np.full(len(names) + 1, -1)  # one more, for names that are not known
-        of_code[codes] = np.arange(len(codes))
+        of_code = np.full(len(names) + 1, -1, np.int32)  # one more, for names that are not known
+        of_code[codes] = np.arange(len(codes), dtype=np.int32)
         at = of_code[places(given["point"], names)]
         hit = at >= 0
         fresh = np.ones(len(codes), dtype=bool)

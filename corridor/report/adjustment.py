@@ -89,6 +89,7 @@ class Adjusted(Protocol):
     values: Any
     lever_arm: pd.DataFrame
     poses: pd.DataFrame
+    point_sigma: np.ndarray
     check_points: pd.DataFrame
     check_rms: Any
     check_mean: Any
@@ -102,6 +103,9 @@ class Adjusted(Protocol):
 
 def of_adjustment(adjustment: Adjusted) -> Report:
     """Headline, warnings and every table of an adjustment, those without rows left out."""
+    if len(adjustment.check_points):
+        # Theirs need those of all points: of a river, before the residuals take the room.
+        adjustment.point_sigma  # noqa: B018
     made = [
         _observations(adjustment),
         _camera(adjustment),

@@ -119,6 +119,22 @@ def test_some_points_are_those_of_all():
     assert some == pytest.approx(Covariance(system).each_point[[5, 2]], rel=1e-12)
 
 
+def test_what_is_asked_twice_in_whatever_order_is_the_same():
+    """Entries of all images take the factor's place, which is made anew for what needs it."""
+    problem = make_problem(small_block(), effects=[])
+    system = LinearSystem(problem, problem.start, storage="band")
+    first, other = Covariance(system), Covariance(system)
+    variances = first.point_variances
+    assert variances == pytest.approx(first.each_point[:, [0, 2, 5]], rel=1e-12)
+    assert other.poses_shared == pytest.approx(first.poses_shared, rel=1e-9, abs=1e-15)
+    d = problem.d
+    for covariance in (first, other):
+        assert covariance.poses([3]) == pytest.approx(covariance.each_pose[3], rel=1e-9, abs=1e-15)
+        unit = np.zeros((len(system.columns), 1))
+        unit[3 * d] = 1.0
+        assert covariance.solve(unit)[3 * d] == pytest.approx(covariance.each_pose[3, 0, 0])
+
+
 class TestAgainstADenseInverse:
     """Numerical differences leave 1e-11 of the Jacobian; what is nearly undetermined takes some
     of that: 1e-8 of the standard deviations is the tolerance."""
