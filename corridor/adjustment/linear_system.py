@@ -534,7 +534,7 @@ class LinearSystem:
             return normal, normal.factor()
 
     def let_go_factor(self) -> None:
-        """Forget the factor, whose storage somebody needs; it is made anew where it is asked for."""
+        """Forget the factor, whose storage somebody needs; it is made anew if asked for."""
         self.__dict__.pop("factorised", None)
 
     def solve(self, right: np.ndarray) -> np.ndarray:

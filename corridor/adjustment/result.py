@@ -425,9 +425,11 @@ class Adjustment(Checked):
 
     @property
     def point_sigma(self) -> np.ndarray:
-        """Standard deviations (n, 3), m, of the rows of `points`."""
+        """Standard deviations (n, 3), m, of the rows of `points`; NaN of parallel rays."""
         sigma = np.sqrt(self.covariance.point_variances)
         sigma *= self.sigma0
+        # Along what nothing determines the equations hold a point still: that is no zero.
+        sigma[~(sigma > 0).all(axis=1)] = np.nan
         return sigma
 
     @cached_property

@@ -188,7 +188,7 @@ def _inseparable(a):
             which = "camera heights"
         else:
             chosen = p.point_kinds if p.point_kinds.any() else np.diff(p.ptr) >= 3
-            sigma = float(np.median(a.point_sigma[chosen, 2]))
+            sigma = float(np.nanmedian(a.point_sigma[chosen, 2]))
             which = "ground heights"
         yield (
             f"Camera {name}: focal length and height cannot be separated by these images and "

@@ -47,7 +47,7 @@ def moved(before: Adjustment, after: Adjustment) -> tuple[float, float]:
     away = b.reindex(a.index).to_numpy() - a.to_numpy()
     known = np.isfinite(away).all(axis=1)
     metres = float(np.median(np.linalg.norm(away[known], axis=1)))
-    return metres, float(np.median(np.abs(away / before.point_sigma)[known], axis=0).max())
+    return metres, float(np.nanmedian(np.abs(away / before.point_sigma)[known], axis=0).max())
 
 
 def tie_gap(before: Adjustment, after: Adjustment, rows: np.ndarray) -> dict[str, float | None]:

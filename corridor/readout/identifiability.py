@@ -186,4 +186,4 @@ def _ground_sigma(adjustment: Adjustment) -> float:
         points = adjustment.points
         sigma = adjustment.point_sigma[(points["rays"] >= 3).to_numpy()]
     # Sigma naught takes in what a model explains; here the geometry alone counts.
-    return float(np.median(np.linalg.norm(sigma, axis=1))) / adjustment.sigma0
+    return float(np.nanmedian(np.linalg.norm(sigma, axis=1))) / adjustment.sigma0

@@ -9,7 +9,7 @@ from strips import corridor_block
 
 import corridor
 from corridor.adjustment import LinearSystem, Loss, Normal, make_problem, similarity, solve
-from corridor.camera import FRASER10, INTERIOR
+from corridor.camera import FRASER10, INTERIOR, project
 from corridor.effects.forward import predict
 from corridor.geometry import rotation_from_quaternion
 from corridor.simulation import CAMLIGHT, add_noise
@@ -452,3 +452,29 @@ class TestTwoWaysToTheSameNumbers:
             normal.held = free_network(system).held
             costs.append(solve(normal).cost)
         assert max(costs) < 1e-9
+
+
+def test_a_point_at_infinity_has_no_sigma_and_can_be_written(tmp_path):
+    """Rays that are parallel say nothing of how far it is: unknown, and not known to 0 m."""
+    block = corridor_block(images=8, seed=1)
+    pose, pair = make_problem(block).start, [2, 3]
+    images = make_problem(block).images
+    rows = [list(images.names).index(block.images["image"][n]) for n in pair]
+    centre, rotation = pose.centre[rows], pose.rotation[rows]
+    xyz = centre[0] + 1e11 * rotation[0, 2]
+    pixel = project(np.stack([xyz, xyz]), centre, rotation, CAMLIGHT.interior)
+    seen = pd.DataFrame(
+        {"point": "far", "image": images.names[rows], "x": pixel[:, 0], "y": pixel[:, 1]}
+    )
+    text = {"point": str, "image": str}
+    ties = pd.concat([block.tie_points.astype(text), seen], ignore_index=True)
+    there = pd.DataFrame({"point": ["far"], **dict(zip("xyz", xyz[:, None], strict=True))})
+    points = pd.concat([block.points, there], ignore_index=True)
+    far = dataclasses.replace(block, tie_points=ties, points=points)
+    result = corridor.adjust(far)
+    unknown = (result.points["point"] == "far").to_numpy()
+    assert np.isnan(result.point_sigma).all(axis=1).tolist() == unknown.tolist()
+    result.block.write(tmp_path / "block")
+    written = corridor.read(tmp_path / "block").points.set_index("point")
+    assert written.loc["far", ["sx", "sy", "sz"]].isna().all()
+    assert len(str(result)) > 0

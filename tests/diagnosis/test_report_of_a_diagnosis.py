@@ -10,12 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from believing import flown
+from strips import corridor_block
 
 import corridor
 from corridor.diagnosis import corrected, diagnose
 from corridor.diagnosis.findings import Estimate, Unknown
 from corridor.diagnosis.report import folder as writing
-from corridor.diagnosis.report.sentence import sentence
+from corridor.diagnosis.report import tables
+from corridor.diagnosis.report.sentence import seen_best, sentence
 from corridor.diagnosis.report.wording import placed, scaled, to_add, two_digits, value_and_sigma
 from corridor.effects import Values, correct, find
 from corridor.errors import AdjustmentFailed, InputError
@@ -436,3 +438,19 @@ def test_a_table_escapes_what_a_surveyor_may_have_typed():
 
     page = html_table(pd.DataFrame({"point": ["<b>P7</b>"], "mm": ["1.2 +- 0.1"]}))
     assert "<b>" not in page and "1.2 ± 0.1" in page
+
+
+def test_limits_are_told_of_a_rotation_that_a_gyroscope_measures():
+    """With rates.csv it is a readout and a delay, where it is a rotation an image without."""
+    block = corridor_block(images=4, seed=1)
+    time = np.linspace(block.images["time_s"].min(), block.images["time_s"].max(), 50)
+    block.rates = pd.DataFrame({"time_s": time, "wx": 0.1, "wy": 0.0, "wz": 0.0})
+    limits = {"rolling_shutter_rotation": {"readout": 0.004, "delay": None}}
+    found = SimpleNamespace(
+        block=block, detection_limits=limits, findings=SimpleNamespace(effects=[])
+    )
+    told = tables.limits(found)
+    assert told["parameter"].tolist() == ["readout", "delay"]
+    assert told["smallest seen"].tolist() == ["4.0", "not visible"]
+    assert seen_best(found)
+    assert len(tables.physics(found)) == 0

@@ -134,7 +134,7 @@ def _nothing(d: Diagnosed) -> str:
 
 def seen_best(d: Diagnosed) -> list[str]:
     """Limits of detection of the effects that this block shows best, beside what is usual."""
-    known, found = effects_by_slug(), []
+    known, found = effects_by_slug(d.block), []
     for slug, limits in d.detection_limits.items():
         effect = known[slug]
         for parameter in effect.parameters(d.block)[:1]:

@@ -236,7 +236,7 @@ def evidence(d: Diagnosed) -> pd.DataFrame:
 
 def limits(d: Diagnosed) -> pd.DataFrame:
     """The smallest effect of each kind that would have been seen, beside what is usual."""
-    known, rows = effects_by_slug(), []
+    known, rows = effects_by_slug(d.block), []
     for slug in sorted(d.detection_limits):
         mine, effect = d.detection_limits[slug], known[slug]
         scales = {p.name: p for p in effect.parameters(d.block)}
@@ -337,7 +337,7 @@ def rounds(d: Diagnosed) -> pd.DataFrame:
 
 def physics(d: Diagnosed) -> pd.DataFrame:
     """What hides the effects that were found, look alike, or are weak in this block."""
-    known = effects_by_slug()
+    known = effects_by_slug(d.block)
     relevant: dict[str, str] = {}
     for one in d.findings.effects:
         relevant[one.slug] = "found"

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable
 
+from corridor.block import Block
 from corridor.effects import Effect, every_effect
 from corridor.report import rounded, scaled
 
@@ -51,9 +52,10 @@ def upper(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def effects_by_slug() -> dict[str, Effect]:
-    """The catalogue, by slug."""
-    return {effect.slug: effect for effect in every_effect()}
+def effects_by_slug(block: Block | None = None) -> dict[str, Effect]:
+    """The catalogue, by slug; as the data of a block let the effects be, where one is given."""
+    every = every_effect()
+    return {effect.slug: effect if block is None else effect.form(block) for effect in every}
 
 
 def placed(called: str, where: dict) -> str:
