@@ -442,7 +442,7 @@ def test_a_table_escapes_what_a_surveyor_may_have_typed():
 
 def test_limits_are_told_of_a_rotation_that_a_gyroscope_measures():
     """With rates.csv it is a readout and a delay, where it is a rotation an image without."""
-    block = corridor_block(images=4, seed=1)
+    block = corridor_block(images=6, seed=1)
     time = np.linspace(block.images["time_s"].min(), block.images["time_s"].max(), 50)
     block.rates = pd.DataFrame({"time_s": time, "wx": 0.1, "wy": 0.0, "wz": 0.0})
     limits = {"rolling_shutter_rotation": {"readout": 0.004, "delay": None}}
