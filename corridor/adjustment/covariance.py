@@ -23,8 +23,8 @@ from corridor.adjustment.point_covariance import Asked, Inverse, make_point_cova
 from corridor.threads import one_thread
 
 point_covariance_for = lru_cache(make_point_covariance)
-# Points that are asked one by one.
-FEW = 64
+# Points that are asked one by one, of a large network one in so many: each takes as long.
+FEW, SHARE = 64, 50
 
 
 class Covariance:
@@ -183,9 +183,9 @@ class Covariance:
 
     def points(self, index: np.ndarray) -> np.ndarray:
         """Of some points (k, 6), as `each_point` has them; of few, without asking all others."""
-        if "each_point" in self.__dict__ or len(index) > FEW:
-            return self.each_point[index]
         count = len(self.system.problem.ptr) - 1
+        if "each_point" in self.__dict__ or len(index) > max(FEW, count // SHARE):
+            return self.each_point[index]
         out, nothing = np.empty((count, 6)), np.zeros(0, dtype=np.int64)
         self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))), index)
         return out[index]

@@ -162,7 +162,7 @@ class Adjustment(Checked):
         v = np.full((2, len(p.block.tie_points) + len(p.block.marks)), np.nan)
         for axis in range(2):
             v[axis, p.row] = left.pixels[:, axis]
-        left = replace(left, pixels=left.pixels[:0])  # as large as the observations
+        left = replace(left, pixels=np.zeros((0, 2)))  # as large as the observations
         sigma = {"tie": p.block.tie_sigma(), "mark": p.block.mark_sigma()}
 
         def lengths() -> np.ndarray:
