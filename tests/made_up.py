@@ -171,6 +171,7 @@ def adjustment(block, effects=(), seed=5, **changes):
         made["correlations"], columns=["a", "b", "mean", "std", "sigma_a", "sigma_b"]
     )
     made["high_correlations"] = pd.DataFrame(made["high_correlations"], columns=["a", "b", "value"])
+    made["point_sigma"] = np.full((len(made["block"].points), 3), 0.01)
     return SimpleNamespace(**made)
 
 

@@ -32,6 +32,7 @@ from corridor.report import with_units
 HIGH = 0.95
 _IN_PIXELS = ("f", "cx", "cy")
 _CHECKED = "dx dy dz sx sy sz"
+_PART = 1 << 20  # observations that are looked at together
 
 
 class Adjustment(Checked):
@@ -224,13 +225,13 @@ class Adjustment(Checked):
             gross, sigma = frame["gross"].to_numpy(), frame["sigma"].to_numpy()
             # Where the sigmas of the other kind are absurd all of a kind stand out: none is left.
             gross = gross & ~gross.all()
-            kept = ~gross if gross.any() else slice(None)
-            axes = [frame[axis].to_numpy()[kept] for axis in ("vx", "vy")]
-            scaled = [v / sigma[kept] for v in axes]
+            kept = ~gross
+            axes = [frame[axis].to_numpy() for axis in ("vx", "vy")]
+            one = np.broadcast_to(1.0, len(sigma))
             out[kind] = {
                 "count": len(frame),
-                "rms": float(np.sqrt(np.mean([np.mean(v**2) for v in axes]))),
-                "sigma0": float(np.sqrt(np.mean([np.mean(v**2) for v in scaled]))),
+                "rms": float(np.sqrt(np.mean([_mean_square(v, one, kept) for v in axes]))),
+                "sigma0": float(np.sqrt(np.mean([_mean_square(v, sigma, kept) for v in axes]))),
                 "outliers": int(frame["outlier"].sum()),
                 "gross": int(gross.sum()),
             }
@@ -465,6 +466,16 @@ class Adjustment(Checked):
     def warnings(self) -> list[str]:
         """What a reader should know before trusting the numbers, a sentence each."""
         return [*self._notes, *warnings_of(self)]
+
+
+def _mean_square(v: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> float:
+    """Of v / sigma (n,) where it is kept, part by part: of a river each is as large as all rays."""
+    total = 0.0
+    for first in range(0, len(v), _PART):
+        part = slice(first, first + _PART)
+        scaled = (v[part] / sigma[part])[kept[part]]
+        total += float(scaled @ scaled)
+    return total / max(int(np.count_nonzero(kept)), 1)
 
 
 def _weights(loss, length: np.ndarray) -> np.ndarray:
