@@ -1,5 +1,7 @@
 """The cases of `corridor benchmark-diagnosis`: which effects, how large, in which flights."""
 
+import numpy as np
+
 from .cases import CATALOGUE, NULLS, OUTSIDE, Case, null, perfect, single, together
 from .generate import generate
 
@@ -39,6 +41,9 @@ _USUAL = {
 }
 # An effect that would have to be larger than that is one that the flight cannot show.
 _MOST = 8.0
+# Amplitudes that happen: all of the earth's curvature forgotten; air that bends rays five times as
+# much as the usual one does. Larger ones, which a short flight would need, test nothing.
+_HAPPENS = {"earth_curvature": 1.0, "refraction": 5.0}
 # In two short flights a change between them is a drift as well.
 _APART = {
     slug: {"flights": 3}
@@ -128,6 +133,7 @@ def _cases(kind: str, size: dict):
 def _single(slug, geometry, target, size):
     """Every slug meets every geometry with every ratio: 5 and 3 share no divisor."""
     usual = _USUAL[slug][GEOMETRIES.index(geometry)] * (1.0 if size else 2.0)
-    factor = min(target / usual, _MOST)
+    most = _HAPPENS.get(slug, np.inf) / CATALOGUE[slug][0]
+    factor = min(target / usual, _MOST, most)
     case = single(slug, factor, **(size | _APART.get(slug, {}) | {"geometry": geometry}))
     return f"{slug}-{geometry}-{target:g}", case
