@@ -1,6 +1,6 @@
 """The cases of `corridor benchmark-diagnosis`: which effects, how large, in which flights."""
 
-import numpy as np
+import math
 
 from .cases import CATALOGUE, NULLS, OUTSIDE, Case, null, perfect, single, together
 from .generate import generate
@@ -133,7 +133,7 @@ def _cases(kind: str, size: dict):
 def _single(slug, geometry, target, size):
     """Every slug meets every geometry with every ratio: 5 and 3 share no divisor."""
     usual = _USUAL[slug][GEOMETRIES.index(geometry)] * (1.0 if size else 2.0)
-    most = _HAPPENS.get(slug, np.inf) / CATALOGUE[slug][0]
+    most = _HAPPENS.get(slug, math.inf) / CATALOGUE[slug][0]
     factor = min(target / usual, _MOST, most)
     case = single(slug, factor, **(size | _APART.get(slug, {}) | {"geometry": geometry}))
     return f"{slug}-{geometry}-{target:g}", case
