@@ -17,7 +17,6 @@ from corridor.adjustment.gnss_weight import gnss_of_metres
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.adjustment.matrix import Singular
-from corridor.adjustment.misfit import not_converged
 from corridor.adjustment.model import (
     LOSSES,
     REFERENCE_CAMERA,
@@ -29,7 +28,7 @@ from corridor.adjustment.model import (
 )
 from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import make_problem
-from corridor.adjustment.result import Adjustment
+from corridor.adjustment.result import Adjustment, not_converged
 from corridor.adjustment.solve import solve
 from corridor.adjustment.warnings import grave, implausible
 from corridor.geometry import Similarity, similarity

@@ -142,7 +142,7 @@ def _with_ground_as_seen(
     except (InputError, AdjustmentFailed) as error:
         failure = error
     if result is None or not result.converged:
-        sound, notes = without_exchanged(block, model, again)
+        sound, notes = without_exchanged(block, model, lambda *bare: again(*bare).block)
         if notes:
             try:
                 return whole(sound), notes

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from corridor.adjustment.tables import Tables
 from corridor.block import footprints
 from corridor.report import Layer, write_geopackage, write_las
-
-if TYPE_CHECKING:
-    from corridor.adjustment.result import Adjustment
 
 _SIGMAS = ["sx", "sy", "sz"]
 # The largest vector is drawn about so long, as a share of the block.
 _DRAWN = 0.05
 
 
-def write_gis(adjustment: Adjustment, stem: Path) -> None:
+def write_gis(adjustment: Tables, stem: Path) -> None:
     """Writes STEM.gpkg and STEM.las, in the block's CRS, its offset added.
 
     Layers: points (adjusted, sx, sy, sz in m, rays, kind), check_vectors (lines from the surveyed
@@ -49,7 +46,7 @@ def write_gis(adjustment: Adjustment, stem: Path) -> None:
     write_las(stem.with_suffix(".las"), xyz, fields, block.crs)
 
 
-def _vectors(adjustment: Adjustment) -> Layer:
+def _vectors(adjustment: Tables) -> Layer:
     """Lines from where check points were surveyed towards where they came out."""
     block, table = adjustment.block, adjustment.check_points
     ground = block.ground.set_index("point").loc[table["point"], ["x", "y", "z"]].to_numpy(float)
@@ -74,7 +71,7 @@ def _round(wanted: float, largest: float) -> float:
     return max(10.0**power * (5 if lead >= 5 else 2 if lead >= 2 else 1), 1.0)
 
 
-def _level(adjustment: Adjustment) -> np.ndarray:
+def _level(adjustment: Tables) -> np.ndarray:
     """Median height (images,) of the points that each picture shows, m."""
     height = dict(zip(adjustment.points["point"], adjustment.points["z"], strict=True))
     seen = [

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from corridor.block import Block
 from corridor.camera import undistort
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
-
-if TYPE_CHECKING:
-    from corridor.adjustment.result import Adjustment
 
 # Wild: beyond this many robust sigmas of what start values leave, and beyond this share of the
 # flying height; of the pictures, beyond this share of their size outside.
@@ -84,7 +80,7 @@ def _outside(out: Block, block: Block, table: str, notes: list[str]) -> Block:
 
 
 def without_exchanged(
-    block: Block, model: Model, adjusted: Callable[[Block, Model], Adjustment]
+    block: Block, model: Model, adjusted: Callable[[Block, Model], Block]
 ) -> tuple[Block, list[str]]:
     """The block without exchanged ground points where no start pose shows them, and sentences.
 
@@ -97,7 +93,7 @@ def without_exchanged(
     bare = block.copy()
     bare.ground["role"] = "unused"
     try:
-        blind = adjusted(bare, model.without_effects()).block
+        blind = adjusted(bare, model.without_effects())
     except (InputError, AdjustmentFailed):
         return block, []
     notes: list[str] = []

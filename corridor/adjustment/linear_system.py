@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import block_array, csc_array, csr_array
@@ -33,9 +32,6 @@ from corridor.brief import brief
 from corridor.effects import Context, Effect, Images, Parameter, Stack, Values
 from corridor.geometry import helmert_motions
 from corridor.threads import one_thread
-
-if TYPE_CHECKING:
-    from corridor.adjustment.result import Adjustment
 
 POSE = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -178,11 +174,6 @@ class LinearSystem:
     held: np.ndarray | None = None
     threads: int = 1
     storage: str = "auto"
-
-    @classmethod
-    def of(cls, adjustment: Adjustment) -> LinearSystem:
-        """The system at the result of an adjustment, every residual with its stated weight."""
-        return cls(adjustment.problem, adjustment.state)
 
     # --- other systems -----------------------------------------------------------------------
 

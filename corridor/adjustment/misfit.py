@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from corridor.errors import AdjustmentFailed
-
-if TYPE_CHECKING:
-    from corridor.adjustment.linear_system import LinearSystem
-    from corridor.adjustment.result import Adjustment
+from corridor.adjustment.linear_system import LinearSystem
 
 _NAMED = 3
 # What a drone's log misses: single-point GNSS, and attitudes of half a degree.
 _LOG_M, _LOG_PX = 10.0, 50.0
-
-
-def not_converged(adjustment: Adjustment) -> AdjustmentFailed:
-    """The error that says so: numbers that are no result are not written."""
-    return AdjustmentFailed(
-        f"the adjustment of {adjustment.start.name} did not converge in {adjustment.iterations} "
-        "iterations, so there is no result and nothing was written: check the axes, units and "
-        "names of what lies farthest off above, or allow more with --iterations"
-    )
 
 
 def misfit(system: LinearSystem, far: bool = False) -> list[str]:

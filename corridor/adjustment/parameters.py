@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId
-
-if TYPE_CHECKING:
-    from corridor.adjustment.result import Adjustment
+from corridor.adjustment.model import ParameterId
 
 
 @dataclass(frozen=True)
@@ -70,35 +66,3 @@ class Parameters(Mapping):
         frame["prior"] = [value for value, _ in priors]
         frame.insert(columns.index("prior") + 1, "prior_sigma", [sigma for _, sigma in priors])
         return frame.set_index("name")
-
-
-def parameters_of(adjustment: Adjustment) -> Parameters:
-    """Every parameter of cameras, lever arms and effects; poses and points have tables."""
-    p, start = adjustment.problem, adjustment.problem.start
-    settings = p.model.settings_of(p.block)
-
-    def found(which: ParameterId, value, sigma, unit, vary, begun) -> Found:
-        given = [wish.prior for other, wish in settings.items() if other.means(which)]
-        prior = next((prior for prior in given if prior is not None and vary), None)
-        return Found(str(which), float(value), float(sigma), unit, bool(vary), prior, float(begun))
-
-    out = []
-    for row in adjustment.camera.itertuples(index=False):
-        begun = p.block.cameras[row.camera][row.parameter]
-        unit = row.unit
-        which = ParameterId(CAMERA, row.camera, row.parameter)
-        out.append(found(which, row.value, row.sigma, unit, row.free, begun))
-    for row in adjustment.lever_arm.itertuples(index=False):
-        g = p.images.flight_names.index(row.flight)
-        for axis, name in enumerate("xyz"):
-            which, sigma = ParameterId(LEVER_ARM, row.flight, name), getattr(row, f"s{name}")
-            out.append(found(which, getattr(row, name), sigma, "m", sigma > 0, start.arms[g, axis]))
-    for slug, one in adjustment.values.items():
-        for k, parameter in enumerate(one.parameters):
-            for g in np.flatnonzero(np.isfinite(one.value[:, k])):
-                group = "block" if one.kind == "block" else one.groups[g]
-                which = ParameterId(EFFECT, slug, parameter.name, group)
-                value, sigma = one.value[g, k], one.sigma[g, k]
-                begun = start.effects[slug][g, k]
-                out.append(found(which, value, sigma, parameter.unit, sigma > 0, begun))
-    return Parameters(out)

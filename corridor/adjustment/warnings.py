@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pandas as pd
 
 from corridor.adjustment.gross import exchanged_points, told_exchanged
+from corridor.adjustment.tables import Tables
 from corridor.camera import undistort
 from corridor.geometry import Rays, meeting_points
-
-if TYPE_CHECKING:
-    from corridor.adjustment.result import Adjustment
 
 # Beyond this a parameter and a height are one quantity for every practical purpose.
 INSEPARABLE = 0.995
@@ -33,7 +29,7 @@ FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 LONG_ARM_M = 5.0
 
 
-def warnings_of(adjustment: Adjustment) -> list[str]:
+def warnings_of(adjustment: Tables) -> list[str]:
     """Sentences, the gravest first."""
     return [
         *grave(adjustment),
@@ -42,7 +38,7 @@ def warnings_of(adjustment: Adjustment) -> list[str]:
     ]
 
 
-def grave(adjustment: Adjustment) -> list[str]:
+def grave(adjustment: Tables) -> list[str]:
     """Those of them that put the numbers in doubt."""
     return [
         *_convergence(adjustment),
@@ -59,7 +55,7 @@ def grave(adjustment: Adjustment) -> list[str]:
     ]
 
 
-def implausible(adjustment: Adjustment) -> list[str]:
+def implausible(adjustment: Tables) -> list[str]:
     """Sentences on results that tell of a mistake in the block, and on which."""
     return [*_exchanged(adjustment), *_strange_camera(adjustment), *_long_arm(adjustment)]
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve
 
-from corridor.adjustment import Adjustment, LinearSystem
+from corridor.adjustment import Adjustment
 from corridor.diagnosis.equations import Equations
 from corridor.diagnosis.evidence import Evidence
 from corridor.diagnosis.hold_out import places
@@ -172,7 +172,7 @@ def drawn(adjustment: Adjustment, equations: Equations) -> list[np.ndarray]:
     """
     if equations.free_motions is not None:
         return []
-    system, rng, out = LinearSystem.of(adjustment), np.random.default_rng(0), []
+    system, rng, out = adjustment.stated_system, np.random.default_rng(0), []
     sigma = equations.scales.of_observation
     here = system.image_rows.xy - np.nan_to_num(system.residuals().pixels)
     # All else was measured as it is modelled.

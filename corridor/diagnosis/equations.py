@@ -97,7 +97,7 @@ def equations(adjustment: Adjustment, effects: list[Effect], priors: Mapping) ->
     it estimated is nuisance, with the priors it had there. priors: of candidates, by slug or
     `slug.parameter`.
     """
-    system = LinearSystem.of(adjustment).testing(effects)
+    system = adjustment.stated_system.testing(effects)
     residual, rows = system.residuals().pixels, system.image_rows
     found, scales = pseudo_residuals(system, residual)
     # Behind a camera there is no residual to change.

@@ -5,7 +5,7 @@ import pytest
 from made import adjusted, flown, joint
 
 import corridor
-from corridor.adjustment import LinearSystem, point_gains
+from corridor.adjustment import point_gains
 from corridor.change import displacements, point_changes
 from corridor.change.joint import Joint
 from corridor.errors import InputError
@@ -13,7 +13,7 @@ from corridor.errors import InputError
 
 def dense(adjustment):
     """Covariance (3n, 3n) of all points from the whole matrix, inverted as such."""
-    system = LinearSystem.of(adjustment)
+    system = adjustment.stated_system
     inverse = np.linalg.inv(system.matrix.toarray())
     gains = point_gains(system, np.arange(len(system.points.names)))
     out = np.asarray(gains.gain.T @ inverse @ gains.gain)
