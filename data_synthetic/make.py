@@ -12,9 +12,10 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import PchipInterpolator
 
+from benchmarks.wall import Course, Sensor, Shots, Wall
 from corridor.geometry import rotation_from_quaternion
 from corridor.simulation import Simulated, simulate
-from corridor.thermal import render, simple_model
+from corridor.thermal import simple_model
 
 HERE = Path(__file__).parent
 NAME = "dike"
@@ -69,7 +70,7 @@ def tracked(block: Simulated) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def filmed() -> render.Shots:
+def filmed() -> Shots:
     """The series that is shipped: 13 small pictures, warming for 15 minutes and cooling for 15.
 
     The optics lag a minute behind a thermometer that is read to a tenth of a degree.
@@ -79,9 +80,9 @@ def filmed() -> render.Shots:
         width, height, 24.0, (24.0, 48.0), scale=(4.0e-5, 2.0e-7), radial=(1.0e-3,),
         shift=((-0.01, 0.02),),
     )  # fmt: skip
-    course = render.Course(np.linspace(0, 1800, 13), off_s=900, lag_s=60, rounding_c=0.1)
-    wall = render.Wall(width, height, seed=SEED)
-    return render.Shots(wall, course, model, render.Sensor(vignetting=0.2, seed=SEED))
+    course = Course(np.linspace(0, 1800, 13), off_s=900, lag_s=60, rounding_c=0.1)
+    wall = Wall(width, height, seed=SEED)
+    return Shots(wall, course, model, Sensor(vignetting=0.2, seed=SEED))
 
 
 def write(folder: Path = HERE) -> Path:

@@ -36,11 +36,11 @@ import pandas as pd
 from kit import drawings, rivals
 from kit.heat import camlight, rms
 from kit.published import compare
-from kit.static import static_block
+from kit.static import resect, static_block
 
+from benchmarks.wall import Course, Sensor, Shots, Wall, simulated_maps
 from corridor import figures, thermal
 from corridor.simulation import CAMLIGHT, add_noise
-from corridor.thermal import render
 
 scale = slope_px / CAMLIGHT["f"]
 
@@ -68,8 +68,8 @@ pd.DataFrame(
 width, height = 1280, 960
 truth = camlight(width, height, scale=scale, bent=5e-8)
 times = np.append(-60.0, np.linspace(0, 1800, 13 if fast else 40))
-course = render.Course(times, off_s=900, lag_s=60)
-shots = render.Shots(render.Wall(width, height, seed=seed), course, truth)
+course = Course(times, off_s=900, lag_s=60)
+shots = Shots(Wall(width, height, seed=seed), course, truth)
 cold, warm_picture = (shots.take(row) for row in (0, int(np.argmax(course.optics()))))
 drawings.pictures(
     {"the wall, cold": cold, "warm less cold": warm_picture.astype(float) - cold.astype(float)},
@@ -104,7 +104,7 @@ print(f"error over predicted sigma: {rms(error[1:] / maps.sigma[1:, :, None]):.1
 
 # %%
 parts = np.arange(0, 1.01, 0.125)
-sharp, clean = render.Wall(640, 480, blob_px=(0.6, 0.8), seed=3), render.Sensor(noise=0.0)
+sharp, clean = Wall(640, 480, blob_px=(0.6, 0.8), seed=3), Sensor(noise=0.0)
 
 
 def shifted(wall, dx, dy=0.3, sensor=clean, shot=1):
@@ -160,8 +160,8 @@ table.round(3)
 
 # %%
 for contrast in (28, 8):
-    dim = render.Wall(640, 480, contrast=contrast, seed=4)
-    dirty = render.Sensor(noise=0.5, fixed_pattern=2.0)
+    dim = Wall(640, 480, contrast=contrast, seed=4)
+    dirty = Sensor(noise=0.5, fixed_pattern=2.0)
     found = thermal.Matcher(dirty.take(dim.light(), 0)).find(shifted(dim, 1.0, 0.0, dirty))
     print(f"contrast {contrast:2d}: 1 px is measured as {found.shift[:, 0].mean():.3f} px")
 
@@ -174,8 +174,8 @@ for contrast in (28, 8):
 # The thesis took a null pair (table 6.5) to show that nothing else moves.
 
 # %%
-wall = render.Wall(width, height, seed=seed).light()
-sensor = render.Sensor()
+wall = Wall(width, height, seed=seed).light()
+sensor = Sensor()
 null = thermal.Matcher(sensor.take(wall, 0)).find(sensor.take(wall, 1)).shift
 null_row = [abs(float(null[:, 0].mean())), float(null[:, 0].std())]
 print(f"mean {null_row[0]:.3f} px, spread {null_row[1]:.3f} px")
@@ -279,9 +279,7 @@ pd.DataFrame(rows).T.round(4)
 # thesis's camera, on maps free of noise:
 
 # %%
-big = render.simulated_maps(
-    render.Course(np.linspace(0, 2000, 30)), camlight(shift=(0.03, 0.03)), noise_px=0.0
-)
+big = simulated_maps(Course(np.linspace(0, 2000, 30)), camlight(shift=(0.03, 0.03)), noise_px=0.0)
 for kind, words in (("printed", "i, j = 1..4, as printed"), ("polynomial", "i, j = 0..3")):
     left = thermal.fit(big, kind, 3, lag_s=0.0, smooth=False).model.residual_px
     print(f"{words}: {left:.3f} px RMS left")
@@ -295,7 +293,7 @@ for kind, words in (("printed", "i, j = 1..4, as printed"), ("polynomial", "i, j
 # %%
 standing = thermal.uncorrect(static_block(seed=seed), camlight(scale=scale, radial=0.0))[0]
 standing = add_noise(standing, mark_px=0.1, seed=seed)
-held, free = thermal.resect(standing), thermal.resect(standing, pose="free")
+held, free = resect(standing), resect(standing, pose="free")
 table = held.slopes.set_index("parameter")[["slope", "sigma", "empirical"]]
 table["sigma, pose free"] = free.slopes.set_index("parameter")["sigma"]
 table["correlation with the pose"] = pd.Series(free.correlation)

@@ -42,7 +42,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from kit import drawings, published
+from kit import drawings, gyroscope, identifiability, published
 from kit.published import Draws, compare
 from kit.real import DATA, special_plot
 from kit.table_7_3 import PROGRAMS, configurations, in_pairs
@@ -515,7 +515,7 @@ compare(ours, absent="not adjusted here: see the survey above")
 # %%
 for camera in ("fraser8", "fraser10"):
     for method in ("neighbours", "strip"):
-        found = shutter.readout_with_errors(
+        found = identifiability.readout_with_errors(
             blind.block, "rolling_shutter", method, camera, seed=seed
         )
         mended = f"{1000 * found.readout:.0f} ms" if np.isfinite(found.readout) else "not to be had"
@@ -538,7 +538,7 @@ for camera in ("fraser8", "fraser10"):
 # %%
 for key in ("d2", "d4"):
     start = runs[key, seed].adjustments["o-8p-GCP1"].block
-    for told in shutter.supported(
+    for told in identifiability.supported(
         start, "rolling_shutter", ["translation_per_image", "motion_per_image"]
     ):
         word = "yes" if told.supported else "no"
@@ -632,15 +632,15 @@ if here:
     five = corridor.read(folder / "flight_block")
     rough = corridor.adjust(five, **options | {"max_iterations": 60})
     # One strip: nothing but level fields, good to 10 m, holds its roll.
-    five = shutter.level_ground(rough.block, height_m=-80.0, sigma_m=10.0)
+    five = gyroscope.level_ground(rough.block, height_m=-80.0, sigma_m=10.0)
     still = corridor.adjust(five, **options)
     steady = corridor.adjust(five, effects=["rolling_shutter"], **options)
     turning = shutter.rates_from_gyro(still.block, pd.read_csv(folder / "gyro.csv"))
-    curve = shutter.readout_from_gyroscope(turning, "rolling_shutter_rotation")
+    curve = gyroscope.readout_from_gyroscope(turning, "rolling_shutter_rotation")
     for name, found in (
         ("no shutter", still), ("one rate an image", steady), ("gyroscope", curve.adjustment)
     ):  # fmt: skip
-        print(f"{name:18s} median residual {shutter.median_residual(found):.2f} px")
+        print(f"{name:18s} median residual {gyroscope.median_residual(found):.2f} px")
     print(curve)
     for sentence in steady.warnings:
         if "motion model" in sentence:
@@ -677,7 +677,7 @@ picture
 if here:
     gyro = pd.read_csv(folder / "gyro.csv")
     beliefs = {}
-    axes = shutter.axis_assignments()
+    axes = gyroscope.axis_assignments()
     right = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
     chosen = [a for a in axes if np.array_equal(a, right)] if fast else axes
     if fast:
@@ -689,7 +689,7 @@ if here:
                 name: replace(camera, row_direction=direction)
                 for name, camera in believed.cameras.items()
             }
-            cost = shutter.cost_of(believed, "rolling_shutter_rotation", (0.04,))
+            cost = gyroscope.cost_of(believed, "rolling_shutter_rotation", (0.04,))
             word = "the right axes" if np.array_equal(one, right) else "wrong axes"
             beliefs[direction, number] = cost, f"{word}, rows {direction}"
     (best, word), (second, other) = sorted(beliefs.values())[:2]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -107,8 +106,6 @@ class FlightReadout:
 
 def readout_from_flight(
     block: Block | str | os.PathLike,
-    effect: str | None = None,
-    focal_sigma: float | None = None,
     *,
     model: str = "",
     loss: str = "huber:3",
@@ -125,11 +122,9 @@ def readout_from_flight(
 
     The block is adjusted with ten camera parameters, one readout and, with GNSS, the delay of its
     positions; see `row_motion` for how the velocities' errors count. Refused, with `reasons`,
-    where it does not tell. effect, focal_sigma: now of `readout_from_gyroscope`, for one release.
+    where it does not tell.
     Raises InputError for a block of several cameras or without velocities, AdjustmentFailed.
     """
-    if effect is not None:
-        return _by_gyroscope(block, effect, focal_sigma, loss)
     say = progress or (lambda what, share: None)
     prepared = with_velocities(read(block))
     block = prepared.block
@@ -169,20 +164,6 @@ def readout_from_flight(
     )  # fmt: skip
     in_camera = np.einsum("nij,nj->ni", adjustment.state.rotation, equations.motion.velocity)
     return judged(result, in_camera)
-
-
-def _by_gyroscope(block, effect, focal_sigma, loss):
-    """What `readout_from_flight` did before it took any survey."""
-    from corridor.readout.gyroscope import readout_from_gyroscope
-
-    warnings.warn(
-        "readout_from_flight(block, effect) is now readout_from_gyroscope(block, effect)",
-        DeprecationWarning,
-        stacklevel=3,
-    )
-    more = {} if focal_sigma is None else {"focal_sigma": focal_sigma}
-    more |= {} if loss == "huber:3" else {"loss": loss}
-    return readout_from_gyroscope(block, effect, **more)
 
 
 def _one_camera(block: Block) -> str:

@@ -9,7 +9,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from corridor.thermal import render as render
     from corridor.thermal.comparison import CameraDifference as CameraDifference
     from corridor.thermal.comparison import calibrated_at as calibrated_at
     from corridor.thermal.comparison import camera_at as camera_at
@@ -28,12 +27,9 @@ if TYPE_CHECKING:
     from corridor.thermal.model import read_model as read_model
     from corridor.thermal.model import simple_model as simple_model
     from corridor.thermal.points import apply as apply
-    from corridor.thermal.resection import Resection as Resection
-    from corridor.thermal.resection import resect as resect
     from corridor.thermal.series import read_picture as read_picture
 
 _HOME = {
-    "render": "corridor.thermal.render",
     "CameraDifference": "corridor.thermal.comparison",
     "calibrated_at": "corridor.thermal.comparison",
     "camera_at": "corridor.thermal.comparison",
@@ -54,8 +50,6 @@ _HOME = {
     "simple_model": "corridor.thermal.model",
     "apply": "corridor.thermal.points",
     "write_points": "corridor.thermal.points",
-    "Resection": "corridor.thermal.resection",
-    "resect": "corridor.thermal.resection",
     "read_picture": "corridor.thermal.series",
     "degrees": "corridor.thermal.temperature",
     "optics": "corridor.thermal.temperature",
@@ -70,7 +64,7 @@ def __getattr__(name):
     if name not in _HOME:
         raise AttributeError(f"module 'corridor.thermal' has no attribute {name!r}")
     module = import_module(_HOME[name])
-    value = module if name == "render" else getattr(module, name)
+    value = getattr(module, name)
     globals()[name] = value
     return value
 

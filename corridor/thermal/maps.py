@@ -8,8 +8,9 @@ import os
 import shutil
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from corridor.errors import InputError
 from corridor.geometry import robust_scale
 from corridor.report import whole_file
 from corridor.thermal.matching import Matcher, fault
-from corridor.thermal.series import another_size, read_series
+from corridor.thermal.series import Series, another_size, read_series
 
 LEAST_SPAN_C = 1.0  # of temperatures, for a thermal model
 _UNEVEN = 1.8  # of the steps of a grid, x to y: `matching.grid` stays below 1.3 up to 12 : 1
@@ -33,6 +34,7 @@ _ARRAYS = {
     "picture": "P", "time_s": "P", "temperature_c": "P", "reference": "P", "width": "",
     "height": "", "x": "N", "y": "N", "dx": "PN", "dy": "PN", "sigma": "PN", "valid": "PN",
 }  # fmt: skip
+_KINDS = {"picture": str, "reference": bool, "valid": bool}  # the others: float
 
 
 @brief
@@ -90,88 +92,76 @@ def read_maps(path: str | os.PathLike) -> Maps:
             f"{path} cannot be read as maps ({reason}): give a file that `corridor thermal map` "
             "wrote"
         ) from error
-    missing = [name for name in _ARRAYS if name not in values]
-    if missing:
-        raise InputError(f"{path} has no array {missing[0]}: make it with `corridor thermal map`")
+    _refuse(path, _faults_of_form(values))
+    values = {name: values[name].astype(_KINDS.get(name, float)) for name in _ARRAYS}
+    _refuse(path, chain(_faults_of_nodes(values), _faults_of_shifts(values)))
+    sizes = {name: int(values[name]) for name in ("width", "height")}
+    return Maps(**values | sizes, warnings=notes)
+
+
+def _refuse(path: Path, faults: Iterator[str]) -> None:
+    """Raises InputError with the first of the faults."""
+    for first in faults:
+        raise InputError(f"{path}{first}: make it with `corridor thermal map`")
+
+
+def _faults_of_form(values) -> Iterator[str]:
+    """Arrays that are missing, of another shape, or hold no numbers."""
+    yield from (f" has no array {name}" for name in _ARRAYS if name not in values)
     size = {"P": values["picture"].shape[:1], "N": values["x"].shape[:1]}
-    for name, shape in _ARRAYS.items():
-        wanted = sum((size[letter] for letter in shape), ())
+    for name, letters in _ARRAYS.items():
+        wanted = sum((size[letter] for letter in letters), ())
         if values[name].shape != wanted:
-            raise InputError(
-                f"{path}: array {name} has the shape {values[name].shape}, not {wanted}: make it "
-                "with `corridor thermal map`"
-            )
-    for name in _ARRAYS:
+            yield f": array {name} has the shape {values[name].shape}, not {wanted}"
         if name != "picture" and values[name].dtype.kind not in "biuf":
-            raise InputError(
-                f"{path}: array {name} holds no numbers: make it with `corridor thermal map`"
-            )
+            yield f": array {name} holds no numbers"
     if not all(0 < values[name] < np.inf for name in ("width", "height")):
-        raise InputError(
-            f"{path}: width and height are {values['width']:g} x {values['height']:g} px: make "
-            "the file with `corridor thermal map`"
-        )
-    for name, kind in (("reference", bool), ("valid", bool)):
-        values[name] = values[name].astype(kind)
-    values["width"], values["height"] = int(values["width"]), int(values["height"])
-    values["picture"] = values["picture"].astype(str)
-    for name in ("time_s", "temperature_c", "x", "y", "dx", "dy", "sigma"):
-        values[name] = values[name].astype(float)
-    lost = ~np.isfinite(values["time_s"])
-    if lost.any():
-        raise InputError(
-            f"{path}: array time_s has no number for picture {values['picture'][lost][0]}: make it "
-            "with `corridor thermal map`"
-        )
-    _check_nodes(path, values)
-    _check_shifts(path, values)
-    return Maps(**values, warnings=notes)
+        yield f": width and height are {values['width']:g} x {values['height']:g} px"
 
 
-def _check_nodes(path, values):
+def _faults_of_nodes(values) -> Iterator[str]:
     """Nodes lie in the picture, on a grid of about one step in x and in y, as `grid` makes it."""
     steps = []
     for axis, size in (("x", values["width"]), ("y", values["height"])):
         lost = ~((values[axis] >= 0) & (values[axis] < size))
         if lost.any():
-            raise InputError(
-                f"{path}: array {axis} has no place inside the picture for node "
-                f"{int(np.argmax(lost)) + 1} of {len(lost)}: make it with `corridor thermal map`"
+            yield (
+                f": array {axis} has no place inside the picture for node "
+                f"{int(np.argmax(lost)) + 1} of {len(lost)}"
             )
         places = np.unique(values[axis])
         steps.append(np.ptp(places) / max(len(places) - 1, 1))
     if max(steps) > _UNEVEN * min(steps):
-        raise InputError(
-            f"{path}: nodes are {steps[0]:.3g} px apart in x and {steps[1]:.3g} px in y, which is "
-            "no grid of `corridor thermal map`: make it with that"
+        yield (
+            f": nodes are {steps[0]:.3g} px apart in x and {steps[1]:.3g} px in y, which is no "
+            "grid of `corridor thermal map`"
         )
 
 
-def _check_shifts(path, values):
-    """What is valid was measured."""
+def _faults_of_shifts(values) -> Iterator[str]:
+    """Every picture has a time, and what is valid was measured."""
+    lost = ~np.isfinite(values["time_s"])
+    if lost.any():
+        yield f": array time_s has no number for picture {values['picture'][lost][0]}"
+    measured = values["valid"] & ~values["reference"][:, None]
     for name in ("dx", "dy", "sigma"):
         lost = values["valid"] & ~np.isfinite(values[name])
         if lost.any():
             row, node = np.argwhere(lost)[0]
-            raise InputError(
-                f"{path}: array {name} has no number for picture {values['picture'][row]}, node "
-                f"{node + 1}, which is valid: make it with `corridor thermal map`"
+            yield (
+                f": array {name} has no number for picture {values['picture'][row]}, node "
+                f"{node + 1}, which is valid"
             )
-    measured = values["valid"] & ~values["reference"][:, None]
-    for name in ("dx", "dy"):
-        if measured.any() and not values[name][measured].any():
-            raise InputError(
-                f"{path}: array {name} is zero everywhere, which no measurement is: make it with "
-                "`corridor thermal map`"
-            )
+        if name != "sigma" and measured.any() and not values[name][measured].any():
+            yield f": array {name} is zero everywhere, which no measurement is"
 
 
 def measure_maps(
-    folder: str | os.PathLike,
+    series: str | os.PathLike | Series,
     keep: str | os.PathLike | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Maps:
-    """Deformation maps of the series in a folder.
+    """Deformation maps of a series: the folder it lies in, or anything with what `Series` has.
 
     keep: folder for finished pictures, so that the same call goes on where an earlier one was
         stopped, to the same numbers; remove it with `forget` once the maps are safe.
@@ -179,17 +169,17 @@ def measure_maps(
     Raises InputError where the series cannot be measured: no reference, a picture of another size,
     unreadable or cut off, no usable picture.
     """
-    series = read_series(folder)
-    series.check_sizes()
+    if isinstance(series, (str, os.PathLike)):
+        series = read_series(series)
+        series.check_sizes()
     kept = _Kept(keep, series.fingerprint()) if keep is not None else None
     try:
-        maps = measure(series, kept, progress)
+        return _measured(series, kept, progress)
     except InputError:
         # Nothing to go on from: the series has to be changed.
         if kept:
             forget(kept.folder)
         raise
-    return maps
 
 
 def forget(keep: str | os.PathLike) -> None:
@@ -198,11 +188,7 @@ def forget(keep: str | os.PathLike) -> None:
         shutil.rmtree(keep, ignore_errors=True)
 
 
-def measure(series, kept=None, progress: Callable[[int, int, str], None] | None = None) -> Maps:
-    """Deformation maps of a series, of files (`Series`) or rendered (`render.Shots`).
-
-    kept: what is finished already. The rest as `measure_maps`.
-    """
+def _measured(series: Series, kept: _Kept | None, progress) -> Maps:
     matcher, notes = _reference(series)
     height, width = matcher.reference.shape
     count, nodes = len(series.picture), len(matcher.nodes)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.polynomial.polynomial import polyvander2d
 
 from corridor.thermal import kernel
 
@@ -197,10 +198,8 @@ def _small(picture):
 
 def _shapes(nodes, degree):
     unit = nodes / nodes.max(axis=0) * 2.0 - 1.0
-    return np.stack(
-        [unit[:, 0] ** i * unit[:, 1] ** j for i in range(degree + 1) for j in range(degree + 1)
-         if i + j <= degree], axis=1,
-    )  # fmt: skip
+    powers = np.add.outer(np.arange(degree + 1), np.arange(degree + 1)).ravel()
+    return polyvander2d(*unit.T, [degree, degree])[:, powers <= degree]
 
 
 def _robust(shapes, values, used):

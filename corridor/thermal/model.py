@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from corridor.brief import brief
 from corridor.errors import InputError
@@ -25,6 +26,11 @@ from corridor.report import whole_file
 
 KINDS = ("similarity", "radial", "decentring", "polynomial")
 _ROUNDS = 60
+# What a MODEL.json holds; what else is in it is kept.
+_NEEDED = ("kind", "width", "height", "t0_c", "range_c", "normalisation", "coefficients")
+_NUMBERS = ("residual_px", "misfit_px", "lag_s", "lag_sigma_s")
+_ARRAYS = ("terms", "covariance", "beyond_px_c")
+_OPTIONAL = (*_NUMBERS, *_ARRAYS, "warnings")
 
 
 @brief
@@ -164,9 +170,10 @@ class ThermalModel:
         }
 
     def _normalised(self, x, y, temperature_c):
+        x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         return (
-            (np.asarray(x, dtype=float) - self.middle[0]) / self.scale_px,
-            (np.asarray(y, dtype=float) - self.middle[1]) / self.scale_px,
+            (x - self.middle[0]) / self.scale_px,
+            (y - self.middle[1]) / self.scale_px,
             (np.asarray(temperature_c, dtype=float) - self.t0_c) / self.scale_c,
         )
 
@@ -225,99 +232,66 @@ def read_model(path: str | os.PathLike) -> ThermalModel:
         raise InputError(f"{path} is not valid JSON ({error}): give a thermal model") from error
     if not isinstance(content, dict):
         raise InputError(f"{path} is not a thermal model: it holds no table")
-    missing = [
-        key
-        for key in ("kind", "width", "height", "t0_c", "range_c", "normalisation", "coefficients")
-        if key not in content
-    ]
+    missing = [key for key in _NEEDED if key not in content]
     if missing:
         raise InputError(
             f"{path} is not a thermal model, it has no {missing[0]}: give one that "
             "`corridor thermal fit` wrote"
         )
     try:
-        return _model(content)
+        model = _model(content)
+        _check(model)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(
             f"{path} is not a thermal model that makes sense ({error}): write it anew with "
             "`corridor thermal fit`"
         ) from error
+    return model
 
 
 def _model(content: dict) -> ThermalModel:
+    """The model that `ThermalModel.to_dict` made the content of."""
     unit = content["normalisation"]
+    given = {key: value for key, value in content.items() if value is not None}
+    numbers = {key: float(given[key]) for key in _NUMBERS if key in given}
+    numbers.setdefault("misfit_px", numbers.get("residual_px", 0.0))
+    arrays = {key: np.array(given[key], dtype=float) for key in _ARRAYS if key in given}
     dx, dy = (np.array(content["coefficients"][key], dtype=float) for key in ("dx", "dy"))
+    low, high = (float(v) for v in content["range_c"])
+    return ThermalModel(
+        kind=content["kind"], width=int(content["width"]), height=int(content["height"]),
+        t0_c=float(content["t0_c"]), range_c=(low, high), dx=dx, dy=dy,
+        middle=(float(unit["x0"]), float(unit["y0"])), scale_px=float(unit["scale_px"]),
+        scale_c=float(unit["scale_c"]), **numbers, **arrays,
+        warnings=tuple(str(w) for w in content.get("warnings", ())),
+        extra={k: v for k, v in content.items() if k not in (*_NEEDED, *_OPTIONAL)},
+    )  # fmt: skip
+
+
+def _check(model: ThermalModel) -> None:
+    """Raises ValueError where the numbers of a model make no sense."""
+    dx, dy, (low, high) = model.dx, model.dy, model.range_c
     if dx.ndim != 3 or dy.ndim != 3 or dx.shape[0] != dy.shape[0]:
         raise ValueError("coefficients are not [power][column][row]")
-    low, high = (float(v) for v in content["range_c"])
-    numbers = [
-        low, high, float(content["t0_c"]), *(float(unit[k]) for k in ("x0", "y0")),
-        float(unit["scale_px"]), float(unit["scale_c"]),
-    ]  # fmt: skip
+    numbers = [low, high, model.t0_c, *model.middle, model.scale_px, model.scale_c]
     if not np.isfinite([*numbers, *dx.ravel(), *dy.ravel()]).all():
         raise ValueError("a number is not finite")
-    if not (unit["scale_px"] > 0 and unit["scale_c"] > 0 and low <= high):
+    if not (model.scale_px > 0 and model.scale_c > 0 and low <= high):
         raise ValueError("a scale is not positive, or range_c is upside down")
-    if content["kind"] not in KINDS:
-        raise ValueError(f"kind {content['kind']!r} is not one of {', '.join(KINDS)}")
-
-    def optional(key):
-        value = content.get(key)
-        return None if value is None else np.array(value, dtype=float)
-
-    def number(key, default=None):
-        value = content.get(key)
-        return default if value is None else float(value)
-
-    known = {
-        "kind", "width", "height", "t0_c", "range_c", "normalisation", "coefficients",
-        "residual_px", "misfit_px", "lag_s", "lag_sigma_s", "warnings", "terms", "covariance",
-        "beyond_px_c",
-    }  # fmt: skip
-    lag = number("lag_s")
-    if lag is not None and not (math.isfinite(lag) and lag >= 0):
-        raise ValueError(f"lag_s = {lag:g} is negative")
-    terms, covariance = optional("terms"), optional("covariance")
-    if terms is not None and covariance is not None:
-        wanted = (len(terms) * len(dx),) * 2
-        if terms.ndim != 4 or covariance.shape != wanted:
-            raise ValueError(f"covariance has the shape {covariance.shape}, not {wanted}")
-    residual = number("residual_px", 0.0)
-    return ThermalModel(
-        kind=content["kind"],
-        width=int(content["width"]),
-        height=int(content["height"]),
-        t0_c=float(content["t0_c"]),
-        range_c=(low, high),
-        dx=dx,
-        dy=dy,
-        middle=(float(unit["x0"]), float(unit["y0"])),
-        scale_px=float(unit["scale_px"]),
-        scale_c=float(unit["scale_c"]),
-        residual_px=residual,
-        misfit_px=number("misfit_px", residual),
-        lag_s=lag,
-        lag_sigma_s=number("lag_sigma_s"),
-        warnings=tuple(str(w) for w in content.get("warnings", ())),
-        terms=terms,
-        covariance=covariance,
-        beyond_px_c=optional("beyond_px_c"),
-        extra={k: v for k, v in content.items() if k not in known},
-    )
+    if model.kind not in KINDS:
+        raise ValueError(f"kind {model.kind!r} is not one of {', '.join(KINDS)}")
+    if model.lag_s is not None and not (math.isfinite(model.lag_s) and model.lag_s >= 0):
+        raise ValueError(f"lag_s = {model.lag_s:g} is negative")
+    if model.terms is not None and model.covariance is not None:
+        wanted = (len(model.terms) * len(dx),) * 2
+        if model.terms.ndim != 4 or model.covariance.shape != wanted:
+            raise ValueError(f"covariance has the shape {model.covariance.shape}, not {wanted}")
 
 
 def _sum(coefficients: np.ndarray, X, Y, t):
-    """sum a[m, i, j] t^(m+1) X^i Y^j, by Horner; t = 1 for a purely spatial shape."""
-    total = 0.0
-    for layer in coefficients[::-1]:
-        spatial = 0.0
-        for column in layer[::-1]:
-            line = 0.0
-            for value in column[::-1]:
-                line = line * Y + value
-            spatial = spatial * X + line
-        total = (total + spatial) * t
-    return total
+    """sum a[m, i, j] t^(m+1) X^i Y^j; t = 1 for a purely spatial shape."""
+    layers = [polynomial.polyval2d(X, Y, layer) for layer in coefficients]
+    return t * polynomial.polyval(t, np.array(layers), tensor=False)
 
 
 def simple_model(

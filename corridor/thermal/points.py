@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from corridor.block import Layout, read_columns
 from corridor.errors import InputError
 from corridor.report import whole_file
 from corridor.thermal.model import ThermalModel
+
+_COLUMNS = Layout(("x", "y"), ("temperature_c",))
 
 
 def apply(
@@ -28,7 +31,7 @@ def apply(
     range), rows in the same order, and warnings. Raises InputError naming row and remedy.
     """
     where = "the table of points" if isinstance(points, pd.DataFrame) else str(points)
-    table = points if isinstance(points, pd.DataFrame) else _read(Path(points))
+    table = points if isinstance(points, pd.DataFrame) else read_columns(Path(points), _COLUMNS)
     if temperature_c is not None and not np.isfinite(temperature_c):
         raise InputError(f"temperature = {temperature_c} is not a number of degrees Celsius")
     x, y = _column(table, "x", where), _column(table, "y", where)
@@ -60,17 +63,6 @@ def _beyond(model: ThermalModel, x: np.ndarray, y: np.ndarray) -> str:
         f"{int(out.sum())} of {len(x)} points lie outside the {model.width} x {model.height} px of "
         "the model's pictures: was it fitted to pictures of another size?"
     )
-
-
-def _read(path):
-    try:
-        table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): give a table") from error
-    except ValueError as error:
-        raise InputError(f"{path} is not a table that can be read: {error}") from error
-    table.columns = [str(name).strip() for name in table.columns]
-    return table
 
 
 def _column(table, name, where):

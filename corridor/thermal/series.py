@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from PIL import Image
 
+from corridor.block import Layout, place, read_columns
 from corridor.brief import brief
 from corridor.errors import InputError
 
 TABLE = "series.csv"
+_COLUMNS = Layout(("time_s", "reference"), ("temperature_c",), empty=("time_s", "reference"))
 _COLDEST_C, _HOTTEST_C = -90.0, 150.0
 _LEAST = 160  # px: a smaller picture has no room for windows
 
@@ -74,75 +75,51 @@ def read_series(folder: str | os.PathLike) -> Series:
             f"{folder} has no {TABLE}: write one with the columns picture, time_s, temperature_c, "
             "reference"
         )
-    try:
-        table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not a table that can be read: {error}") from error
-    table.columns = [str(name).strip() for name in table.columns]
-    for column in ("picture", "time_s", "reference"):
-        if column not in table:
-            raise InputError(f"{path} has no column {column}: add it")
+    table = read_columns(path, _COLUMNS)
+    if "picture" not in table:
+        raise InputError(f"{path} has no column picture: add it")
     if not len(table):
         raise InputError(f"{path} has no row: write one for each picture")
-    names = [text.strip() for text in table["picture"]]
-    for row, name in enumerate(names):
-        if not name:
-            raise InputError(f"{path}, row {row + 2}: no picture is named: name a file of {folder}")
-        if names.index(name) != row:
-            raise InputError(
-                f"{path}, row {row + 2}: picture {name} is there twice: leave one row out"
-            )
-        if not (folder / name).is_file():
-            raise InputError(
-                f"{path}, row {row + 2}: there is no picture {name} in {folder}: correct the name"
-            )
-    time = _numbers(table["time_s"], path, "time_s")
-    if np.isnan(time).any():
-        row = int(np.flatnonzero(np.isnan(time))[0])
-        raise InputError(f"{path}, row {row + 2}: time_s is empty: give seconds")
+    names = [(text or "").strip() for text in table["picture"]]
+    time, reference = (table[name].to_numpy(float) for name in ("time_s", "reference"))
     warm = np.full(len(table), np.nan)
     if "temperature_c" in table:
-        warm = _numbers(table["temperature_c"], path, "temperature_c")
-        wrong = np.flatnonzero((warm < _COLDEST_C) | (warm > _HOTTEST_C))
-        if len(wrong):
-            raise InputError(
-                f"{path}, row {wrong[0] + 2}: temperature_c = {warm[wrong[0]]:g} is none that a "
-                "camera stands: give degrees Celsius"
-            )
-    reference = _numbers(table["reference"], path, "reference")
-    wrong = np.flatnonzero(~np.isin(reference, (0.0, 1.0)) & ~np.isnan(reference))
-    if len(wrong):
-        raise InputError(
-            f"{path}, row {wrong[0] + 2}: reference = {table['reference'].iloc[wrong[0]]}: "
-            "write 1 for a picture of the reference, 0 for any other"
-        )
-    if np.isnan(reference).any():
-        row = int(np.flatnonzero(np.isnan(reference))[0])
-        raise InputError(
-            f"{path}, row {row + 2}: reference is empty: write 1 for a picture of the reference, 0 "
-            "for any other"
-        )
-    reference = reference == 1.0
+        warm = table["temperature_c"].to_numpy(float)
+
+    remedy = "write 1 for a picture of the reference, 0 for any other"
+    checks = (
+        (
+            [not name for name in names],
+            lambda row: f"no picture is named: name a file of {folder}",
+        ),
+        (
+            [names.index(name) != row for row, name in enumerate(names)],
+            lambda row: f"picture {names[row]} is there twice: leave one row out",
+        ),
+        (
+            [not (folder / name).is_file() for name in names],
+            lambda row: f"there is no picture {names[row]} in {folder}: correct the name",
+        ),
+        (np.isnan(time), lambda row: "time_s is empty: give seconds"),
+        (
+            (warm < _COLDEST_C) | (warm > _HOTTEST_C),
+            lambda row: (
+                f"temperature_c = {warm[row]:g} is none that a camera stands: give degrees Celsius"
+            ),
+        ),
+        (np.isnan(reference), lambda row: f"reference is empty: {remedy}"),
+        (
+            ~np.isin(reference, (0.0, 1.0)),
+            lambda row: f"reference = {reference[row]:g}: {remedy}",
+        ),
+    )
+    for wrong, said in checks:
+        if np.any(wrong):
+            row = int(np.argmax(wrong))
+            raise InputError(f"{folder / place(path, row)}: {said(row)}")
     if not reference.any():
         raise InputError(f"{path}: no picture is the reference: write 1 for one or more")
-    return Series(folder, names, time, warm, reference)
-
-
-def _numbers(column, path, name):
-    out = np.full(len(column), np.nan)
-    for row, text in enumerate(column):
-        if not text.strip():
-            continue
-        try:
-            out[row] = float(text)
-        except ValueError:
-            out[row] = np.inf
-        if not np.isfinite(out[row]):
-            if text.strip().lower() == "nan":
-                out[row] = np.nan
-                continue
-            raise InputError(f"{path}, row {row + 2}: {name} = {text} is not a number: correct it")
-    return out
+    return Series(folder, names, time, warm, reference == 1.0)
 
 
 def read_picture(path: str | os.PathLike) -> np.ndarray:

@@ -8,15 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 
-def monomials(X: np.ndarray, Y: np.ndarray, order: int) -> np.ndarray:
-    """X^i Y^j (n, order * order), i, j = 0 .. order - 1, j running fastest."""
-    X, Y = np.asarray(X, dtype=float), np.asarray(Y, dtype=float)
-    columns = X[:, None, None] ** np.arange(order)[:, None] * Y[:, None, None] ** np.arange(order)
-    return columns.reshape(len(X), order * order)
-
-
 def terms_of(kind: str, order: int = 4) -> np.ndarray:
-    """Shapes (k, 2, order * order): each moves x and y by a polynomial of `monomials`.
+    """Shapes (k, 2, order * order): each moves x and y by a polynomial of X^i Y^j,
+    i, j = 0 .. order - 1, j running fastest (`numpy.polynomial.polynomial.polyvander2d`).
 
     similarity: shift x, shift y, scale, rotation; radial adds r^2 (X, Y); decentring adds
     (r^2 + 2 X^2, 2 X Y) and (2 X Y, r^2 + 2 Y^2). polynomial: every monomial with i, j = 0..3 on

@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.polynomial import polyvander2d
 
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.thermal import temperature
 from corridor.thermal.maps import LEAST_SPAN_C, Maps
-from corridor.thermal.shapes import monomials, terms_of
+from corridor.thermal.shapes import terms_of
 
 SCALE_C = 10.0
 _LEAST_PICTURES = 4
@@ -113,11 +114,11 @@ class Sums:
         self.smooth_warm = temperature.smoothed(maps.time_s, self.warm)
         self.scale_px = float(np.hypot(maps.width, maps.height)) / 2
         self.middle = (maps.width - 1) / 2, (maps.height - 1) / 2
-        shapes = monomials(
-            (maps.x - self.middle[0]) / self.scale_px,
-            (maps.y - self.middle[1]) / self.scale_px,
-            self.order,
+        X, Y = (
+            (place - middle) / self.scale_px
+            for place, middle in zip((maps.x, maps.y), self.middle, strict=True)
         )
+        shapes = polyvander2d(X, Y, [self.order - 1] * 2)
         count = len(self.rows)
         self.A = np.empty((count, shapes.shape[1], shapes.shape[1]))
         self.b = np.empty((count, shapes.shape[1], 2))

@@ -1,6 +1,7 @@
 """The iterations come to their end where real flights are hard."""
 
 import pytest
+from kit.gyroscope import level_ground
 from strips import corridor_block
 
 import corridor
@@ -36,7 +37,7 @@ def test_a_focal_length_a_third_too_long_finds_its_way_along_the_valley(flat):
 def test_an_adjustment_from_a_result_starts_where_that_one_ended():
     """Ground that is known to 10 m only is no start: points.csv knows those points better."""
     block = corridor_block(images=12, strips=2, observations_per_image=40, control=0, seed=3)
-    block = corridor.readout.level_ground(block, height_m=15.0, sigma_m=10.0, points=20)
+    block = level_ground(block, height_m=15.0, sigma_m=10.0, points=20)
     first = corridor.adjust(block, camera="fixed")
     again = corridor.adjust(first.block, camera="fixed")
     assert again.history[0]["step"] < 1e-4

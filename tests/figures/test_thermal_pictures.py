@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from benchmarks.wall import Course, simulated_maps
 from corridor import figures, thermal
-from corridor.thermal.render import Course, simulated_maps
 
 
 def series():

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from kit.table_7_3 import two_step
 
 import corridor
 from corridor.block import Block
 from corridor.camera import Camera
 from corridor.effects import add, correct, predict
 from corridor.errors import InputError
-from corridor.readout import rates_from_neighbours, two_step, velocities
+from corridor.readout import rates_from_neighbours, velocities
 from corridor.simulation import perfect_block, read_plan, simulate
 
 SHUTTER = {"rolling_shutter": {"readout": 0.0564}}

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kit.identifiability import readout_with_errors, supported
 
 import corridor
-from corridor.readout import readout_with_errors, supported
 from corridor.simulation import read_plan, simulate
 
 READOUT = 0.0564

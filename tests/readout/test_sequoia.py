@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-
-import corridor
-from corridor.errors import InputError
-from corridor.readout import (
+from kit.gyroscope import (
     axis_assignments,
     cost_of,
     level_ground,
     median_residual,
-    rates_from_gyro,
     readout_from_gyroscope,
 )
+
+import corridor
+from corridor.errors import InputError
+from corridor.readout import rates_from_gyro
 
 OPTIONS = {"camera": "fixed", "loss": "huber:4", "lever_arm": "fixed"}
 CURVE = "rolling_shutter_rotation"

@@ -8,8 +8,8 @@ import pytest
 from kit.rivals import METHODS, find_with
 from walls import camlight, rms
 
+from benchmarks.wall import Sensor, Wall
 from corridor.thermal import Matcher
-from corridor.thermal.render import Sensor, Wall
 
 WIDTH, HEIGHT = 1280, 960
 

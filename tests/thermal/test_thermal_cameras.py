@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kit.static import static_block
+from kit.static import resect, static_block
 from walls import camlight
 
 from corridor.camera import Camera, project_rays, undistort
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.simulation import CAMLIGHT, add_noise
-from corridor.thermal import camera_at, compare_cameras, resect, simple_model, uncorrect
+from corridor.thermal import camera_at, compare_cameras, simple_model, uncorrect
 
 
 class TestComparison:

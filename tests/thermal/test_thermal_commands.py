@@ -14,10 +14,10 @@ import pandas as pd
 import pytest
 from walls import camlight, off_by, rms
 
+from benchmarks.wall import Course, Shots, Wall
 from corridor.cli import main
 from corridor.errors import InputError
 from corridor.thermal import read_maps, read_model
-from corridor.thermal.render import Course, Shots, Wall
 
 ARRAYS = "picture time_s temperature_c reference width height x y dx dy sigma valid".split()
 PROMISED = (
@@ -296,7 +296,7 @@ class TestMap:
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
     def test_what_is_finished_is_not_done_again_unless_the_series_changed(self, small, tmp_path):
-        from corridor.thermal.maps import measure_maps
+        from corridor.thermal import measure_maps
 
         folder, keep = copied(small, tmp_path / "again"), tmp_path / "keep"
 

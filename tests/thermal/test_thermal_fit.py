@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from walls import camlight, mapped, off_by, rms, warm_and_cool
 
+from benchmarks.wall import Course, simulated_maps
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.thermal import degrees, fit, optics, simple_model, smoothed
-from corridor.thermal.render import Course, simulated_maps
 from corridor.thermal.sums import Sums
 
 WIDTH, HEIGHT = 1280, 960
@@ -257,5 +257,5 @@ def test_the_room_offers_a_function_whatever_was_asked_for_first():
     from corridor import thermal
 
     assert thermal.Fit is not None
-    for name in ("fit", "correct", "apply", "resect", "compare_cameras"):
+    for name in ("fit", "correct", "apply", "compare_cameras"):
         assert callable(getattr(thermal, name))

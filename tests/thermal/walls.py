@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from benchmarks.wall import Course, simulated_maps
 from corridor.thermal import simple_model
-from corridor.thermal.render import Course, simulated_maps
 
 
 def camlight(width=5120, height=3840, radial=0.0117, shift=(-0.07, 0.27), bent=0.0, scale=13.7e-6):

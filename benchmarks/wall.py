@@ -20,8 +20,7 @@ from numba import njit
 
 from corridor.brief import brief
 from corridor.errors import InputError
-from corridor.thermal.maps import Maps, measure
-from corridor.thermal.model import ThermalModel
+from corridor.thermal import Maps, ThermalModel, measure_maps
 
 Deformation = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -244,7 +243,7 @@ class Shots:
 
     def maps(self) -> Maps:
         """Deformation maps, without a file in between."""
-        return measure(self)
+        return measure_maps(self)
 
 
 def simulated_maps(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation
 
 from corridor import adjustment as least_squares
 from corridor.adjustment import Adjustment
@@ -145,16 +146,7 @@ def level_ground(block: Block, height_m: float, sigma_m: float, points: int = 60
 
 def axis_assignments() -> list[np.ndarray]:
     """All 24 right-handed ways (3, 3) in which a gyroscope's axes can lie along the camera's."""
-    from itertools import permutations, product
-
-    found = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            axes = np.zeros((3, 3))
-            axes[np.arange(3), order] = signs
-            if np.linalg.det(axes) > 0:
-                found.append(axes)
-    return found
+    return list(np.rint(Rotation.create_group("O").as_matrix()))
 
 
 def cost_of(
