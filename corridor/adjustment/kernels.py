@@ -155,7 +155,8 @@ class Equations(NamedTuple):
 
     Of images: storage, gradient and diagonal (m, d), cross (m, d, wide) to what is shared; of the
     shared: block (wide, wide, lower half), shared_gradient, shared_diagonal (wide,). Columns of
-    images >= split go `extra` images later, so that two threads do not meet.
+    images >= split go `extra` images later, so that two threads do not meet. matrix: whether more
+    than the gradients is wanted.
     """
 
     storage: Storage
@@ -167,6 +168,7 @@ class Equations(NamedTuple):
     shared_diagonal: np.ndarray
     split: int
     extra: int
+    matrix: bool
 
 
 class Work(NamedTuple):
@@ -917,7 +919,7 @@ def make_assemble(d, sighted=False):
             )
             totals[2] += weak
             right = i0 * gp0, i1 * gp0 + i2 * gp1, i3 * gp0 + i4 * gp1 + i5 * gp2
-            for x in range(lo, hi, PANEL):
+            for x in range(lo, hi if equations.matrix else lo, PANEL):
                 n = U(x)
                 w0, w1, w2 = _by_point(by_p, Strided(jb, n, q + q, q), m)
                 if given >= 0:
@@ -944,6 +946,17 @@ def make_assemble(d, sighted=False):
                     a, b = _three(jc, j0), _three(jc, j1)
                 a = -i0 * a[0], -i1 * a[0] - i2 * a[1], -i3 * a[0] - i4 * a[1] - i5 * a[2]
                 b = -i0 * b[0], -i1 * b[0] - i2 * b[1], -i3 * b[0] - i4 * b[1] - i5 * b[2]
+                e0 = jc[j0 - U(1)] - dot(a, right)
+                e1 = jc[j1 - U(1)] - dot(b, right)
+                b0 = U(2 * k) * q
+                b1 = b0 + q
+                if not equations.matrix:
+                    for r in range(d):
+                        equations.gradient[U(t * d + r)] += jc[j0 + U(r)] * e0 + jc[j1 + U(r)] * e1
+                    for x in range(lo, hi, PANEL):
+                        s, u = panel(jb, b0 + U(x)), panel(jb, b1 + U(x))
+                        _add(equations.shared_gradient, U(x), e0, s, e1, u)
+                    continue
                 # The last panel runs into the next image's columns, which are filled after it.
                 for x in range(0, d, PANEL):
                     f, g = panel(jc, j0 + U(x)), panel(jc, j1 + U(x))
@@ -951,10 +964,6 @@ def make_assemble(d, sighted=False):
                     put(y, n, _two(a[0], f, b[0], g))
                     put(y, n + n_y, _two(a[1], f, b[1], g))
                     put(y, n + n_y + n_y, _two(a[2], f, b[2], g))
-                e0 = jc[j0 - U(1)] - dot(a, right)
-                e1 = jc[j1 - U(1)] - dot(b, right)
-                b0 = U(2 * k) * q
-                b1 = b0 + q
                 for x in range(lo, hi, PANEL):
                     n = U(x)
                     s = _reduced(jb, b0 + n, a, z, n, q)
@@ -980,7 +989,7 @@ def make_assemble(d, sighted=False):
                         a = (0.0, i2 * root, i4 * root)
                     e0 = res[U(axis)] - dot(a, right)
                     b0 = U(2 * m + axis) * q
-                    for x in range(lo, hi, PANEL):
+                    for x in range(lo, hi if equations.matrix else lo, PANEL):
                         n = U(x)
                         s = _reduced(jb, b0 + n, a, z, n, q)
                         for r in range(x, hi):
@@ -988,7 +997,10 @@ def make_assemble(d, sighted=False):
                     for r in range(lo, hi):
                         f = jb[b0 + U(r)]
                         equations.shared_gradient[U(r)] += f * e0
-                        equations.shared_diagonal[U(r)] += f * f
+                        if equations.matrix:
+                            equations.shared_diagonal[U(r)] += f * f
+            if not equations.matrix:
+                continue
             n = y_first + U(d * m)
             y[n] = right[0]
             y[n + n_y] = right[1]

@@ -389,24 +389,27 @@ class Normal:
 
     # --- assembly ----------------------------------------------------------------------------
 
-    def assemble(self, state: State, damping: float, near: Modelled | None = None) -> None:
-        """Fill the reduced equations at a state."""
+    def assemble(
+        self, state: State, damping: float, near: Modelled | None = None, matrix: bool = True
+    ) -> None:
+        """Fill the reduced equations at a state; without `matrix` the right side alone."""
         view = self.assembled = self.view(state)
         if near is None and (self.has_image_effects or self.has_motion):
             near = self._converge(view, None)[0]
         self.modelled = self._start() if near is None else near.copy()
         for _ in range(PASSES):
             before = self.modelled.pixel[:, :2].copy()
-            self._assemble(view, damping)
+            self._assemble(view, damping, matrix)
             moved = np.abs(self.modelled.pixel[:, :2] - before)
             if not np.max(moved, initial=0.0) > NEAR:
                 return
 
-    def _assemble(self, view: View, damping: float) -> None:
+    def _assemble(self, view: View, damping: float, matrix: bool) -> None:
         p, state = self.problem, view.state
         q, wide = p.shared_count, p.wide
-        self.blocks.clear()
-        for array in (self.gradient, self.reference, self.cross):
+        if matrix:
+            self.blocks.clear()
+        for array in (self.gradient, self.reference, self.cross) if matrix else (self.gradient,):
             array[:] = 0.0
         block = np.zeros((self.threads, wide * wide))
         shared = np.zeros((self.threads, 2, wide))
@@ -428,6 +431,7 @@ class Normal:
                 shared[thread, 1],
                 split=self.split if thread == 0 else p.image_count,
                 extra=p.image_count - self.split if thread == 0 else 0,
+                matrix=matrix,
             )
             for first, last in self.chunks(start, stop):
                 scene = self.scene(view, self.modelled, first, last)
@@ -435,17 +439,22 @@ class Normal:
 
         self.run(work)
         if self.threads > 1:
-            self.blocks.fold(self.split, self.spare)
             n, s, k = p.image_count, self.split, self.spare
-            for array in (self.gradient, self.reference, self.cross):
+            for array in (self.gradient, self.reference, self.cross) if matrix else (self.gradient,):
                 array[s : s + k] += array[n : n + k]
-        self.shared_block = np.tril(block.sum(axis=0).reshape(wide, wide)[:q, :q])
-        self.shared_gradient, self.shared_reference = shared.sum(axis=0)[:, :q]
+        self.shared_gradient = shared[:, 0].sum(axis=0)[:q]
+        if matrix:
+            if self.threads > 1:
+                self.blocks.fold(self.split, self.spare)
+            self.shared_block = np.tril(block.sum(axis=0).reshape(wide, wide)[:q, :q])
+            self.shared_reference = shared[:, 1].sum(axis=0)[:q]
         cost, behind, self.weak = totals.sum(axis=0)
         cost += float(np.sum(p.control_weight * view.control_residual**2))
-        cost += self._add_gnss(state, view.images)
-        cost += self._add_priors(state)
+        cost += self._add_gnss(state, view.images, matrix)
+        cost += self._add_priors(state, matrix)
         self.cost, self.behind = 0.5 * cost, int(behind)
+        if not matrix:
+            return
         m = p.image_count
         if damping:
             self.blocks.add_diagonal(damping * self.reference[:m])
@@ -515,7 +524,7 @@ class Normal:
                 own[rows[mine], :, per_image_code(column[mine])] += source[mine, :, k]
         return predicted, own, shared
 
-    def _add_gnss(self, state: State, images) -> float:
+    def _add_gnss(self, state: State, images, matrix: bool) -> float:
         p = self.problem
         if not len(p.gnss_image):
             return 0.0
@@ -524,16 +533,16 @@ class Normal:
         residual = p.gnss_given - predicted
         weight = p.gnss_weight
         weighted = own * weight[:, :, None]
-        blocks = np.einsum("nki,nkj->nij", weighted, own)
-        self.blocks.add_blocks(image, blocks)
+        heavy = (shared * weight[:, :, None]).reshape(-1, q)
         self.gradient[image] += np.einsum("nki,nk->ni", weighted, residual)
-        self.reference[image] += np.einsum("nii->ni", blocks)
-        if q:
+        self.shared_gradient += heavy.T @ residual.ravel()
+        if matrix:
+            blocks = np.einsum("nki,nkj->nij", weighted, own)
+            self.blocks.add_blocks(image, blocks)
+            self.reference[image] += np.einsum("nii->ni", blocks)
             self.cross[image, :, :q] += np.einsum("nki,nkj->nij", weighted, shared)
-            heavy = (shared * weight[:, :, None]).reshape(-1, q)
             block = heavy.T @ shared.reshape(-1, q)
             self.shared_block += np.tril(block)
-            self.shared_gradient += heavy.T @ residual.ravel()
             self.shared_reference += np.diag(block)
         return float(np.sum(weight * residual**2))
 
@@ -544,24 +553,21 @@ class Normal:
         away = p.per_image_prior[0] - np.stack(own, axis=1) if own else np.zeros((p.image_count, 0))
         return p.prior_value - shared_values(p, state), away
 
-    def _add_priors(self, state: State) -> float:
+    def _add_priors(self, state: State, matrix: bool) -> float:
         p = self.problem
         shared, own = self.from_priors(state)
-        self.shared_block[np.diag_indices(p.shared_count)] += p.prior_weight
-        self.shared_reference += p.prior_weight
-        self.shared_gradient += p.prior_weight * shared
         weight = p.per_image_prior[1]
-        if weight.any():
+        self.shared_gradient += p.prior_weight * shared
+        self.gradient[: p.image_count, 6:] += weight * own
+        if matrix:
+            self.shared_block[np.diag_indices(p.shared_count)] += p.prior_weight
+            self.shared_reference += p.prior_weight
             diagonal = np.zeros((p.image_count, p.d))
             diagonal[:, 6:] = weight
-            self.blocks.add_diagonal(diagonal)
-            self.reference[: p.image_count] += diagonal
-            self.gradient[: p.image_count, 6:] += weight * own
-        if len(p.idle):
-            diagonal = np.zeros((p.image_count, p.d))
-            diagonal[p.idle[:, 0], p.idle[:, 1]] = 1.0
-            self.blocks.add_diagonal(diagonal)
-            self.reference[: p.image_count] += diagonal
+            diagonal[p.idle[:, 0], p.idle[:, 1]] += 1.0
+            if diagonal.any():
+                self.blocks.add_diagonal(diagonal)
+                self.reference[: p.image_count] += diagonal
         return float(np.sum(p.prior_weight * shared**2) + np.sum(weight * own**2))
 
     def factor(self) -> Bordered:

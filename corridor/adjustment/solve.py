@@ -36,6 +36,10 @@ AT_REST = 1e-3
 TINY = 5e-5
 # After a longer step it is cheaper to look first where the points now lie than to assemble twice.
 LONG = 0.1
+# Where a step lowered the cost by this share of what the equations promised, damping ends.
+PROMISED = 0.9
+# So short a step, of this share of the one before, leaves the matrix as it is for the next one.
+QUICK, SHARE = 0.01, 0.03
 
 
 @brief
@@ -86,17 +90,19 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
     damping, release = FIRST_DAMPING, RELEASE
     normal.assemble(state, damping)
     cost, near = normal.cost, normal.modelled
+    last, matrix = np.inf, True
     for iteration in range(len(history) + 1, max_iterations + 1):
         raising = 4.0
         while True:
             try:
-                system = normal.factor()
+                system = normal.factor() if matrix else system
                 step, shared, down, square = _step(system, normal)
             except Singular:
                 if damping >= 1e4:
                     raise
                 damping = max(damping * 100.0, LEAST)
                 normal.assemble(state, damping, near)
+                matrix = True
                 continue
             points, down_points, square_points = normal.substitute(state, damping, step, shared)
             down, square = down + down_points, square + square_points
@@ -105,6 +111,7 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             trial = moved_state(p, state, step, shared, points)
             relaxed = damping / release if damping / release > NO_DAMPING else 0.0
             trial_near = near
+            matrix = damping > 0.0 or length > min(QUICK, SHARE * last)
             if normal.has_image_effects and length > LONG:
                 trial_near = normal.modelled_at(trial, near, NEAR)
             # A damped step is short along what is badly determined: it proves nothing.
@@ -119,8 +126,9 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
                 reached, behind = normal.cost_at(trial, near)
             else:
                 # The equations of the next step give the cost of this one.
-                normal.assemble(trial, relaxed, trial_near)
+                normal.assemble(trial, relaxed, trial_near, matrix)
                 if not (tiny or normal.behind) and cost < normal.cost - hidden < np.inf:
+                    matrix = True
                     if damping:
                         trial = _points_at_rest(normal, trial, relaxed)
                     else:
@@ -142,7 +150,8 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             if progress:
                 progress(entry)
             if accepted:
-                release = min(release * CAUTION, RELEASE)
+                kept = cost - reached > PROMISED * 0.5 * (down + damping * square)
+                release = np.inf if kept else min(release * CAUTION, RELEASE)
                 break
             damping, raising, release = max(damping * raising, LEAST), 2.0 * raising, CAUTION
             if damping > 1e8:
@@ -151,7 +160,8 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
                     "camera and the unit of the coordinates"
                 )
             normal.assemble(state, damping, near)
-        state, cost, damping, near = trial, reached, relaxed, normal.modelled
+            matrix = True
+        state, cost, damping, near, last = trial, reached, relaxed, normal.modelled, length
         if done:
             return Solution(state, True, iteration, cost, history)
     return Solution(state, False, max_iterations, cost, history)
