@@ -4,6 +4,9 @@ Every check runs over whole columns; the row is looked for only where one fails.
 the adjustment (a point seen once, an image with too few points) is judged there.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
@@ -46,23 +49,51 @@ def check(block, observed: bool = True) -> None:
     _points_are_one_kind(block)
     for table in ("points", "ground"):
         _once(block, table, "point")
-    _triple(block, "points", ("x", "y", "z"), "the position")
-    _ground(block)
+    _whole(block, "points", ("x", "y", "z"), "the position")
+    unknown, roles = ~is_among(block.ground["role"], list(ROLES)), ", ".join(ROLES)
+    _refuse(block, "ground", unknown, "role {role!r} is unknown", f"write one of {roles}")
     _known_images(block, "gnss")
     _once(block, "gnss", "image")
     if "image" in block.rates:
         _known_images(block, "rates")
-    _epochs(block, "rates", ("flight", "image"))
-    _epochs(block, "track", ("flight",))
-    _triple(block, "track", VELOCITY, "the velocity")
+    # Time goes on, in any order of the rows.
+    for table, owners in (("rates", ("flight", "image")), ("track", ("flight",))):
+        keys = [name for name in owners if name in getattr(block, table)] + ["time_s"]
+        remedy = "give every row its own time or delete one of the two"
+        _refuse_twice(block, table, keys, "time_s = {time_s}", remedy)
+    _whole(block, "track", VELOCITY, "the velocity")
     _lever_arms(block)
 
 
-def _fail(block, table: str, row: int, fault: str, remedy: str) -> None:
-    raise InputError(f"{block.where(table, row)}: {fault}; {remedy}")
+def _refuse(block, table: str, wrong: Any, fault: str, remedy: str, **more: Any) -> None:
+    """Raise InputError for the first row of a mask (rows,).
+
+    fault, remedy: {NAME} in them is that row's cell of a column, or of an array of `more`.
+    """
+    row = _first(wrong)
+    if row is not None:
+        cells = getattr(block, table).iloc[row].to_dict()
+        cells |= {key: v[row] if isinstance(v, np.ndarray) else v for key, v in more.items()}
+        fault, remedy = fault.format(**cells), remedy.format(**cells)
+        raise InputError(f"{block.where(table, row)}: {fault}; {remedy}")
 
 
-def _first(mask: np.ndarray | pd.Series) -> int | None:
+def _refuse_twice(
+    block, table: str, names: Sequence[str], fault: str, remedy: str = "delete one of the two rows"
+) -> None:
+    """Raise InputError for the first row that holds in some columns what an earlier one does."""
+    rows = getattr(block, table)[list(names)]
+    twice = rows.duplicated()
+    row = _first(twice)
+    if row is not None:
+        cells = [(rows[name], rows[name].iloc[row]) for name in names]
+        same = [column.isna() if pd.isna(cell) else column == cell for column, cell in cells]
+        earlier = block.where(table, _first(np.logical_and.reduce(same)))
+        fault += " stands already in {earlier}"
+        _refuse(block, table, twice, fault, remedy, earlier=earlier)
+
+
+def _first(mask: Any) -> int | None:
     mask = np.asarray(mask)
     return int(mask.argmax()) if mask.any() else None
 
@@ -87,9 +118,7 @@ def _settings(block) -> None:
 def _names(block, table: str) -> None:
     """Needed names are there, and no name has blanks around it."""
     frame, layout = getattr(block, table), LAYOUTS[table]
-    if not len(frame):
-        return
-    for name in layout.listed:
+    for name in layout.listed if len(frame) else ():
         if name not in NAMES or name not in frame:
             continue
         column = frame[name]
@@ -97,41 +126,31 @@ def _names(block, table: str) -> None:
         codes = column.array.codes if coded else None
         values = arrow(column.dtype.categories if coded else column)
         if name in layout.needed:
-            row = _first(codes < 0 if coded else pc.is_null(values))
-            if row is None and not coded:
-                row = _first(pc.equal(values, ""))
-            if row is not None:
-                _fail(block, table, row, f"{name} is empty", "fill it in or delete the row")
+            empty = codes < 0 if coded else pc.fill_null(pc.equal(values, ""), True)
+            _refuse(block, table, empty, f"{name} is empty", "fill it in or delete the row")
         bare = pc.utf8_trim_whitespace(values)
         if not bare.equals(values):
             blank = np.asarray(pc.fill_null(pc.not_equal(bare, values), False))
-            row = _first(blank[codes] & (codes >= 0) if coded else blank)
-            if row is not None:
-                value = f"{name} {str(column.iloc[row])!r} has blanks around it"
-                _fail(block, table, row, value, "take them away")
+            blank = blank[codes] & (codes >= 0) if coded else blank
+            fault = f"{name} {{{name}!r}} has blanks around it"
+            _refuse(block, table, blank, fault, "take them away")
 
 
 def _numbers(block, table: str) -> None:
     """Needed numbers are there, all are finite, and standard deviations are positive."""
     frame, layout = getattr(block, table), LAYOUTS[table]
-    if not len(frame):
-        return
-    for name in layout.numbers:
+    for name in layout.numbers if len(frame) else ():
         if name not in frame:
             continue
         values = frame[name].to_numpy()
-        row = _first(np.isinf(values))
-        if row is not None:
-            _fail(block, table, row, f"{name} is infinite", "write a number")
+        _refuse(block, table, np.isinf(values), f"{name} is infinite", "write a number")
         if name in layout.needed and name not in layout.empty:
-            row = _first(np.isnan(values))
-            if row is not None:
-                _fail(block, table, row, f"{name} is empty", "write a number or delete the row")
+            remedy = "write a number or delete the row"
+            _refuse(block, table, np.isnan(values), f"{name} is empty", remedy)
         if name == "sigma" or name in SIGMAS:
-            row = _first(values <= 0)
-            if row is not None:
-                fault = f"{name} = {values[row]:g} is not a standard deviation"
-                _fail(block, table, row, fault, "write a positive number or leave the cell empty")
+            fault = f"{name} = {{{name}:g}} is not a standard deviation"
+            remedy = "write a positive number or leave the cell empty"
+            _refuse(block, table, values <= 0, fault, remedy)
 
 
 def _images(block) -> None:
@@ -139,53 +158,29 @@ def _images(block) -> None:
     if not len(images):
         raise InputError("images.csv: it names no image; add one row for each image")
     _once(block, "images", "image")
-    row = _first(~is_among(images["camera"], list(block.cameras)))
-    if row is not None:
-        name = images["camera"].iloc[row]
-        _fail(
-            block,
-            "images",
-            row,
-            f"camera {name!r} is not in {FILE}",
-            f"add a table [camera.{name}] there or correct the name ({some(block.cameras)})",
-        )
-    _triple(
-        block,
-        "images",
-        POSE,
-        "the pose",
-        "give x, y, z and qw, qx, qy, qz or none of them (antenna positions go into gnss.csv)",
-    )
-    _triple(block, "images", VELOCITY, "the velocity")
-    _triple(block, "images", RATES, "the angular rate")
+    unknown = ~is_among(images["camera"], list(block.cameras))
+    remedy = "add a table [camera.{camera}] there or correct the name ({known})"
+    fault = "camera {camera!r} is not in block.toml"
+    _refuse(block, "images", unknown, fault, remedy, known=some(block.cameras))
+    remedy = "give x, y, z and qw, qx, qy, qz or none of them (antenna positions go into gnss.csv)"
+    _whole(block, "images", POSE, "the pose", remedy)
+    _whole(block, "images", VELOCITY, "the velocity")
+    _whole(block, "images", RATES, "the angular rate")
     if set(QUATERNION) <= set(images.columns):
         length = np.linalg.norm([images[name].to_numpy() for name in QUATERNION], axis=0)
-        row = _first(length == 0)
-        if row is not None:
-            fault = "the quaternion qw, qx, qy, qz has length zero"
-            _fail(block, "images", row, fault, "give a unit quaternion or leave the pose empty")
-        row = _first(np.abs(length - 1) > 0.01)
-        if row is not None:
-            fault = f"the quaternion qw, qx, qy, qz has length {length[row]:.6g}"
-            _fail(block, "images", row, fault, "give a unit quaternion or leave the pose empty")
-    _clock(block)
-
-
-def _clock(block) -> None:
-    """A camera does not take two images of one flight at once, whatever the other cameras do."""
+        remedy = "give a unit quaternion or leave the pose empty"
+        for wrong, shown in ((length == 0, "zero"), (np.abs(length - 1) > 0.01, "{length:.6g}")):
+            fault = f"the quaternion qw, qx, qy, qz has length {shown}"
+            _refuse(block, "images", wrong, fault, remedy, length=length)
+    # A camera does not take two images of one flight at once, whatever the other cameras do.
     time = block.column("images", "time_s")
     known = np.flatnonzero(~np.isnan(time))
-    if len(known) < 2 or np.ptp(time[known]) > 0:
-        return
-    row = _first(block.images.iloc[known].duplicated("camera"))
-    if row is not None:
-        _fail(
-            block,
-            "images",
-            int(known[row]),
-            f"time_s = {time[known[row]]:g} stands still, it is the same in every image",
-            "write the times of exposure or leave the cells empty",
-        )
+    if len(known) > 1 and np.ptp(time[known]) == 0:
+        still = np.zeros(len(time), dtype=bool)
+        still[known] = images.iloc[known].duplicated("camera")
+        fault = "time_s = {time_s:g} stands still, it is the same in every image"
+        remedy = "write the times of exposure or leave the cells empty"
+        _refuse(block, "images", still, fault, remedy)
 
 
 def _observations(block, table: str) -> None:
@@ -209,12 +204,7 @@ def _observations(block, table: str) -> None:
     key = keys()
     key.sort()
     if (key[1:] == key[:-1]).any():
-        key = pd.Series(keys())
-        row = _first(key.duplicated())
-        earlier = block.where(table, _first(key == key[row]))
-        point, image = frame["point"].iloc[row], frame["image"].iloc[row]
-        fault = f"point {point!r} in image {image!r} stands already in {earlier}"
-        _fail(block, table, row, fault, "delete one of the two rows")
+        _refuse_twice(block, table, ("point", "image"), "point {point!r} in image {image!r}")
 
 
 def _points_are_one_kind(block) -> None:
@@ -223,40 +213,19 @@ def _points_are_one_kind(block) -> None:
     for table in ("marks", "ground"):
         names = getattr(block, table)["point"]
         # Ties are many: few names are looked for first.
-        if not is_among(ties, names).any():
-            continue
-        row = _first(is_among(names, ties))
-        if row is not None:
-            _fail(
-                block,
-                table,
-                row,
-                f"ground point {str(names.iloc[row])!r} is also a point of tie_points.csv",
-                "measure ground points in marks.csv only, and name other points differently",
-            )
-
-
-def _ground(block) -> None:
-    role = block.ground["role"]
-    row = _first(~is_among(role, list(ROLES)))
-    if row is not None:
-        fault = f"role {role.iloc[row]!r} is unknown"
-        _fail(block, "ground", row, fault, f"write one of {', '.join(ROLES)}")
+        if is_among(ties, names).any():
+            fault = "ground point {point!r} is also a point of tie_points.csv"
+            remedy = "measure ground points in marks.csv only, and name other points differently"
+            _refuse(block, table, is_among(names, ties), fault, remedy)
 
 
 def _known_images(block, table: str) -> None:
     names = getattr(block, table)["image"]
-    images = block.images["image"]
-    strange = ~is_among(names, images)
-    row = _first(strange & names.notna()) if strange.any() else None
-    if row is not None:
-        _fail(
-            block,
-            table,
-            row,
-            f"image {str(names.iloc[row])!r} is not in images.csv",
-            "add it there, correct the name or delete the row",
-        )
+    strange = ~is_among(names, block.images["image"])
+    if strange.any():
+        remedy = "add it there, correct the name or delete the row"
+        fault = "image {image!r} is not in images.csv"
+        _refuse(block, table, strange & names.notna(), fault, remedy)
 
 
 def _once(block, table: str, name: str) -> None:
@@ -272,39 +241,22 @@ def _once(block, table: str, name: str) -> None:
         rest = column.iloc[len(measured) :]
         rest = column if is_among(measured, rest).any() else rest
     if not pd.Index(rest).is_unique:
-        row = _first(column.duplicated())
-        earlier = block.where(table, _first(column == column.iloc[row]))
-        fault = f"{name} {column.iloc[row]!r} stands already in {earlier}"
-        _fail(block, table, row, fault, "delete one of the two rows")
+        _refuse_twice(block, table, (name,), f"{name} {{{name}!r}}")
 
 
-def _triple(block, table: str, columns: tuple[str, ...], what: str, remedy: str = "") -> None:
+def _whole(block, table: str, columns: tuple[str, ...], what: str, remedy: str = "") -> None:
     """Numbers that only mean something together are all given or all empty."""
     frame = getattr(block, table)
     if not len(frame) or not any(name in frame for name in columns):
         return
-    known = np.column_stack([~np.isnan(block.column(table, name)) for name in columns])
-    row = _first(known.any(axis=1) & ~known.all(axis=1))
+    known = np.isfinite(block.numbers(table, *columns))
+    wrong = known.any(axis=1) & ~known.all(axis=1)
+    row = _first(wrong)
     if row is not None:
         missing = [name for name, there in zip(columns, known[row], strict=True) if not there]
         verb = "is" if len(missing) == 1 else "are"
         fault = f"{what} is given in part, {', '.join(missing)} {verb} missing"
-        _fail(block, table, row, fault, remedy or "give all of it or leave all of it empty")
-
-
-def _epochs(block, table: str, groups: tuple[str, ...]) -> None:
-    """Time goes on: no two rows of one flight (or image) have the same time. Any row order."""
-    frame = getattr(block, table)
-    if not len(frame):
-        return
-    keys = [name for name in groups if name in frame] + ["time_s"]
-    row = _first(frame.duplicated(keys))
-    if row is not None:
-        same = (frame[keys] == frame[keys].iloc[row]) | frame[keys].isna()
-        earlier = block.where(table, _first(same.all(axis=1)))
-        time = float(frame["time_s"].iloc[row])
-        fault = f"time_s = {time!r} stands already in {earlier}"
-        _fail(block, table, row, fault, "give every row its own time or delete one of the two")
+        _refuse(block, table, wrong, fault, remedy or "give all of it or leave all of it empty")
 
 
 def _lever_arms(block) -> None:
