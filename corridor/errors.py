@@ -17,3 +17,9 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     plain = word.strip().lower().replace("-", "_").replace(" ", "_")
     near = difflib.get_close_matches(plain, list(known), 1)
     return f" (did you mean {near[0]}?)" if near else ""
+
+
+def some(names: Iterable[str], most: int = 8) -> str:
+    """The first names, for a sentence."""
+    names = [name if len(name) <= 40 else f"{name[:37]}..." for name in names]
+    return ", ".join(names[:most]) + (", ..." if len(names) > most else "")

@@ -126,10 +126,15 @@ class Block:
         """
         return np.array([self.column(table, name) for name in columns]).T
 
+    def put(self, table: str, columns: Iterable[str], values: np.ndarray) -> None:
+        """Fill columns of a table, there before or not, with values (n, columns)."""
+        filled = dict(zip(columns, np.asarray(values).T, strict=True))
+        setattr(self, table, getattr(self, table).assign(**filled))
+
     @property
     def poses(self) -> np.ndarray:
         """(images, 7): x, y, z and qw, qx, qy, qz of images.csv, NaN where unknown."""
-        return np.column_stack([self.column("images", name) for name in POSE])
+        return self.numbers("images", *POSE)
 
     @property
     def constants(self) -> dict[str, dict]:
@@ -197,6 +202,16 @@ class Block:
     def image_at(self, row: int) -> str:
         """`images.csv, row 3: image A17` for row 1 (from 0), to begin a sentence on one image."""
         return f"{self.where('images', row)}: image {self.images['image'].iloc[row]}"
+
+    def demand(self, there: np.ndarray, fault: str, remedy: str) -> None:
+        """Raise InputError for the first image where a mask (images,), or (images, n), is False.
+
+        fault: what is to be said of it: `has no time_s`. The sentence tells of how many it is true.
+        """
+        wrong = np.flatnonzero(~there.reshape(len(there), -1).all(axis=1))
+        if len(wrong):
+            many = f"{len(wrong)} of {len(there)} images"
+            raise InputError(f"{self.image_at(wrong[0])} {fault} ({many}): {remedy}")
 
     # --- standard deviations -----------------------------------------------------------------
 

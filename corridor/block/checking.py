@@ -23,9 +23,8 @@ from corridor.block.tables import (
     VELOCITY,
     arrow,
     is_among,
-    some,
 )
-from corridor.errors import InputError
+from corridor.errors import InputError, some
 
 _PART = 1 << 20  # rows that are looked at together
 

@@ -1,7 +1,6 @@
 """Which columns the tables of a block have, and the types they take in memory."""
 
 import copy
-from collections.abc import Iterable
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +10,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from corridor.errors import InputError
+from corridor.errors import InputError, some
 
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 QUATERNION = POSE[3:]
@@ -172,12 +171,6 @@ def missing_columns(file: str, missing: list[str], header: list[str]) -> str:
         f"{'are' if plural else 'is'} missing; add {'them' if plural else 'it'} to the header "
         f"(it has {some(header) or 'nothing'})"
     )
-
-
-def some(names: Iterable[str], most: int = 8) -> str:
-    """The first names, for a sentence."""
-    names = [name if len(name) <= 40 else f"{name[:37]}..." for name in names]
-    return ", ".join(names[:most]) + (", ..." if len(names) > most else "")
 
 
 def _number(table: str, name: str, column: pd.Series) -> pd.Series:

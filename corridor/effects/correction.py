@@ -91,13 +91,8 @@ def _with_motion(
 
 def _refuse_incomplete(block: Block) -> None:
     """Refuse a block without the poses and points at which an effect is worked out."""
-    pose = block.poses
-    lost = np.flatnonzero(~np.isfinite(pose).all(axis=1))
-    if len(lost):
-        raise InputError(
-            f"{block.image_at(lost[0])} has no pose ({len(lost)} of {len(pose)} images have "
-            "none): run `corridor adjust` first and correct OUT/block"
-        )
+    remedy = "run `corridor adjust` first and correct OUT/block"
+    block.demand(np.isfinite(block.poses), "has no pose", remedy)
     for table in ("tie_points", "marks"):
         rows = getattr(block, table)
         known = np.isfinite(block.positions(table)).all(axis=1)

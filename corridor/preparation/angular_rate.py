@@ -8,12 +8,11 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from corridor.block import Block
+from corridor.block import RATES, Block
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion
 from corridor.preparation.velocity import times, track_runs
 
-_RATES = ("wx", "wy", "wz")
 # Gyroscope x forward, y right, z down; camera x right, y down (back in the picture), z forward,
 # with the top of the picture towards the front: how data/sequoia has it.
 FORWARD_RIGHT_DOWN = ((0, 1, 0), (-1, 0, 0), (0, 0, 1))
@@ -27,12 +26,8 @@ def rates_from_neighbours(block: Block) -> Block:
     poses.
     """
     pose = block.poses
-    lost = np.flatnonzero(~np.isfinite(pose).all(axis=1))
-    if len(lost):
-        raise InputError(
-            f"{block.image_at(lost[0])} has no pose, from which angular rates follow: run "
-            "`corridor adjust` first"
-        )
+    fault = "has no pose, from which angular rates follow"
+    block.demand(np.isfinite(pose), fault, "run `corridor adjust` first")
     time = times(block)
     rotation = rotation_from_quaternion(pose[:, 3:])
     rate = np.full((len(pose), 3), np.nan)
@@ -44,7 +39,7 @@ def rates_from_neighbours(block: Block) -> Block:
                 turned = rotation[after] @ rotation[before].T
                 rate[row] = -Rotation.from_matrix(turned).as_rotvec() / (time[after] - time[before])
     block = block.copy()
-    block.images = block.images.assign(**dict(zip(_RATES, rate.T, strict=True)))
+    block.put("images", RATES, rate)
     return block
 
 
@@ -95,7 +90,7 @@ def rates_from_gyro(
             "time_s": times(block)[at]
             - readout[at] / 2
             + gyro["after_first_row_s"].to_numpy(float),
-            **dict(zip(_RATES, rate.T, strict=True)),
+            **dict(zip(RATES, rate.T, strict=True)),
             "image": name.to_numpy(),
         }
     )

@@ -9,15 +9,13 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block, read
+from corridor.block import RATES, SIGMAS, VELOCITY, Block, read
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.gnss import Antenna, of_block
 from corridor.preparation.record import Derived, derived, record
 from corridor.preparation.smoothing import FASTEST_M_S, motion, of_gnss, of_poses
 
-_XYZ, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
-_VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
-_RATES = ["wx", "wy", "wz"]
+_VELOCITY_SIGMA = ("svx", "svy", "svz")
 
 
 class Prepared(NamedTuple):
@@ -83,7 +81,7 @@ def _flights_of_track(block: Block) -> None:
 def _antenna(block: Block, notes: list[str]) -> Antenna | None:
     """The track at the exposures; its positions go into gnss.csv where that is missing."""
     needed = not len(block.gnss)
-    if not needed and _complete(block):
+    if not needed and np.isfinite(block.numbers("images", *VELOCITY)).all():
         return None
     try:
         flown = of_block(block)
@@ -99,7 +97,7 @@ def _antenna(block: Block, notes: list[str]) -> Antenna | None:
         found = flown.gnss
         record(
             block, "gnss", "track.csv",
-            found[_SIGMA].to_numpy() if "sx" in found else None,
+            found[list(SIGMAS)].to_numpy() if "sx" in found else None,
             f"Antenna positions of {len(found)} of {len(block.images)} images are interpolated "
             "from the track.",
         )  # fmt: skip
@@ -107,14 +105,9 @@ def _antenna(block: Block, notes: list[str]) -> Antenna | None:
     return flown
 
 
-def _complete(block: Block) -> bool:
-    velocity = block.images.reindex(columns=_VELOCITY).to_numpy(dtype=float, na_value=np.nan)
-    return bool(np.isfinite(velocity).all())
-
-
 def _velocities(block: Block, flown: Antenna | None) -> None:
-    given = np.stack([block.column("images", axis) for axis in _VELOCITY], axis=1)
-    stated = np.stack([block.column("images", axis) for axis in _VELOCITY_SIGMA], axis=1)
+    given = block.numbers("images", *VELOCITY)
+    stated = block.numbers("images", *_VELOCITY_SIGMA)
     lacking = ~np.isfinite(given).all(axis=1)
     if not lacking.any():
         return
@@ -132,16 +125,15 @@ def _velocities(block: Block, flown: Antenna | None) -> None:
             sources.append(source)
     if not np.isfinite(velocity).all():
         return
-    columns = {**dict(zip(_VELOCITY, velocity.T, strict=True)),
-               **dict(zip(_VELOCITY_SIGMA, sigma.T, strict=True))}  # fmt: skip
-    block.images = block.images.assign(**columns)
+    block.put("images", VELOCITY, velocity)
+    block.put("images", _VELOCITY_SIGMA, sigma)
     several = sigma[lacking]
     text = (
         f"Velocities of {int(lacking.sum())} of {len(given)} images are derived from "
         f"{' and '.join(sources)}: sigma {np.median(several):.2g} m/s (median), "
         f"{several.max():.2g} m/s (largest)."
     )
-    for axis in _VELOCITY:
+    for axis in VELOCITY:
         record(block, f"images.{axis}", " and ".join(sources), several, text)
 
 
@@ -156,9 +148,9 @@ def _sources(block: Block, flown: Antenna | None):
 
 def _rates(block: Block) -> None:
     """Angular rates of images.csv from the records of rates.csv, at the images' times."""
-    if not len(block.rates) or any(block.has(f"images.{axis}") for axis in _RATES):
+    if not len(block.rates) or any(block.has(f"images.{axis}") for axis in RATES):
         return
-    rate = np.stack([block.column("rates", axis) for axis in _RATES], axis=1)
+    rate = block.numbers("rates", *RATES)
     at = block.column("rates", "time_s")
     time = block.column("images", "time_s")
     by = next((c for c in ("image", "flight") if block.has(f"rates.{c}")), None)
@@ -179,8 +171,8 @@ def _rates(block: Block) -> None:
     known = np.isfinite(out).all(axis=1)
     if not known.any():
         return
-    block.images = block.images.assign(**dict(zip(_RATES, out.T, strict=True)))
-    for axis in _RATES:
+    block.put("images", RATES, out)
+    for axis in RATES:
         record(
             block, f"images.{axis}", "rates.csv", None,
             f"Angular rates of {int(known.sum())} of {len(out)} images are those of rates.csv at "

@@ -46,8 +46,6 @@ _FAR_M, _FAR_UP_M, _GEOID_M = 100.0, 10.0, 120.0
 _UNLIKE = 0.4
 # An image is astray from here on; where more than this share are, all of them are.
 _STRAY_M, _FEW, _FEWEST = 1.0, 0.1, 5
-_XYZ = ("x", "y", "z")
-_POSE = (*_XYZ, "qw", "qx", "qy", "qz")
 _REMEDY = "x is east, y north, in metres less the block's offset."
 
 
@@ -214,7 +212,7 @@ def _axes(block: Block) -> Iterator[str]:
     rows = block.tie_points
     step = max(len(rows) // 2000, 1)
     image = block.image_rows("tie_points")[::step]
-    pose = np.stack([block.column("images", name) for name in _POSE], axis=1)[image]
+    pose = block.poses[image]
     point = block.positions("tie_points")[rows["point"].array.codes[::step]]
     known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
     if known.sum() < _ENOUGH:
@@ -245,9 +243,9 @@ def _axes(block: Block) -> Iterator[str]:
 
 
 def _positions(block: Block) -> Iterator[str]:
-    centres = np.stack([block.column("images", axis) for axis in _XYZ], axis=1)
+    centres = block.numbers("images", *"xyz")
     antenna = np.full(centres.shape, np.nan)
-    antenna[block.image_rows("gnss")] = block.numbers("gnss", *_XYZ)
+    antenna[block.image_rows("gnss")] = block.numbers("gnss", *"xyz")
     told = against("gnss.csv", antenna, "images.csv", centres)
     if told:
         yield told
@@ -365,7 +363,7 @@ def _ground(block: Block, centres: np.ndarray) -> str:
     )
     with np.errstate(invalid="ignore"):
         above = (np.array(sums) / count).T[marked.categories.get_indexer(block.ground["point"])]
-    given = block.numbers("ground", *_XYZ)
+    given = block.numbers("ground", *"xyz")
     known = np.isfinite(above).all(axis=1)
     above, given = above[known], given[known]
     if len(given) < 3:

@@ -10,13 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import bdtrc
 
-from corridor.block import Block
+from corridor.block import VELOCITY, Block
 
 # Units of speed that are none of metres a second, by how much larger their numbers are.
 _SPEEDS = {3.6: "km/h", 1.9438: "knots", 2.2369: "miles an hour", 3.2808: "feet a second"}
 # What chance does less often than this is told (sign test; n names in the opposite order: 1 / n!).
 _CHANCE = 1e-3
-_XYZ = ("x", "y", "z")
 
 
 class _Pairs(NamedTuple):
@@ -98,8 +97,8 @@ def _velocities(block: Block) -> Iterator[str]:
 
 
 def _pairs(block: Block) -> _Pairs:
-    velocity = np.stack([block.column("images", f"v{axis}") for axis in _XYZ], axis=1)
-    centre = np.stack([block.column("images", axis) for axis in _XYZ], axis=1)
+    velocity = block.numbers("images", *VELOCITY)
+    centre = block.numbers("images", *"xyz")
     time, camera = block.column("images", "time_s"), block.images["camera"].to_numpy()
     strip = block.images.get("strip")
     strip = np.zeros(len(time)) if strip is None else strip.astype(str).to_numpy()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
+from corridor.block import SIGMAS, Block
 from corridor.gnss import Interpolated, interpolate, of_block
 
 # No drone and no survey aeroplane flies faster; wrong time stamps easily do.
@@ -18,7 +18,6 @@ _SCATTER_M = 0.3
 # whole seconds hide where: by this factor errors exceed their sigmas, in simulated flights with
 # stops (1.4) and a Phantom's (1.2 while it cruises, 1.5 where it stands).
 _BRAKES = 1.4
-_XYZ, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
 _MOTION = ["vx", "vy", "vz", "svx", "svy", "svz"]
 
 
@@ -32,14 +31,14 @@ def of_gnss(block: Block) -> np.ndarray:
     rows = block.image_rows("gnss")
     place, sigma = np.full((2, len(block.images), 3), np.nan)
     there = rows >= 0
-    place[rows[there]] = block.gnss[_XYZ].to_numpy(dtype=float)[there]
+    place[rows[there]] = block.numbers("gnss", *"xyz")[there]
     sigma[rows[there]] = block.gnss_sigma()[there]
     return _smoothed(block, place, sigma)
 
 
 def of_poses(block: Block) -> np.ndarray:
     """(images, 6): velocities, m/s, and their sigmas, from the centres of images.csv."""
-    return _smoothed(block, np.stack([block.column("images", axis) for axis in _XYZ], axis=1), None)
+    return _smoothed(block, block.numbers("images", *"xyz"), None)
 
 
 def motion(found: Interpolated) -> np.ndarray:
@@ -56,13 +55,13 @@ def _smoothed(block: Block, place: np.ndarray, sigma: np.ndarray | None) -> np.n
     cameras = pd.factorize(block.images["camera"])[0]
     path = block.image_flight * (cameras.max() + 1) + cameras
     out = np.full((len(time), 6), np.nan)
-    columns = {"time_s": time, **dict(zip(_XYZ, place.T, strict=True))}
+    columns = {"time_s": time, **dict(zip("xyz", place.T, strict=True))}
     step = rounding(time)
     if step:
         late = _by_rounding(time, place, path, step)
-        columns |= dict(zip(_SIGMA, late.T, strict=True))
+        columns |= dict(zip(SIGMAS, late.T, strict=True))
     elif sigma is not None:
-        columns |= dict(zip(_SIGMA, sigma.T, strict=True))
+        columns |= dict(zip(SIGMAS, sigma.T, strict=True))
     table = pd.DataFrame(columns).assign(flight=path.astype(str))
     table = table[np.isfinite(place).all(axis=1)].sort_values(["flight", "time_s"], kind="stable")
     table = table.drop_duplicates(["flight", "time_s"])

@@ -18,7 +18,7 @@ def strips_of(block: Block) -> list[tuple[str, np.ndarray]]:
     """
     time = block.column("images", "time_s")
     time = np.where(np.isfinite(time), time, np.arange(len(time)))
-    place = np.stack([block.column("images", axis) for axis in "xyz"], axis=1)
+    place = block.numbers("images", *"xyz")
     runs = sorted(track_runs(block, time, place, []), key=lambda rows: time[rows].min())
     joined: list[np.ndarray] = []
     for rows in runs:

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
+from corridor.block import VELOCITY, Block
 from corridor.errors import InputError
 from corridor.preparation.record import derived, forget
 from corridor.preparation.smoothing import FASTEST_M_S, of_gnss, of_track, rounding
 
 METHODS = ("auto", "metadata", "gnss", "strip", "neighbours")
-_AXES = ("vx", "vy", "vz")
 
 
 @dataclass
@@ -52,8 +51,8 @@ class Velocities:
     def on(self, block: Block) -> Block:
         """The block with these velocities in images.csv."""
         block = block.copy()
-        block.images = block.images.assign(**dict(zip(_AXES, self.velocity.T, strict=True)))
-        forget(block, *(f"images.{axis}" for axis in _AXES))
+        block.put("images", VELOCITY, self.velocity)
+        forget(block, *(f"images.{axis}" for axis in VELOCITY))
         return block
 
 
@@ -83,14 +82,18 @@ def velocities(block: Block, method: str = "auto") -> Velocities:
     """
     if method not in METHODS:
         raise InputError(f"velocities by {method!r} are unknown: use {', '.join(METHODS)}")
-    given = np.stack([block.column("images", axis) for axis in _AXES], axis=1)
+    given = block.numbers("images", *VELOCITY)
     if method == "auto":
         method = _best(block, given)
     if method == "metadata":
-        return _checked(block, _from_metadata(block, given))
-    if method == "gnss":
-        return _checked(block, _from_antennas(block))
-    return _checked(block, _from_positions(block, _centres(block), method))
+        remedy = "fill them in, or take velocities from neighbours, strip or gnss"
+        block.demand(np.isfinite(given), "lacks vx, vy or vz", remedy)
+        found = Velocities(given, np.full(len(given), np.nan), "metadata")
+    elif method == "gnss":
+        found = _from_antennas(block)
+    else:
+        found = _from_positions(block, method)
+    return _checked(block, found)
 
 
 def _best(block: Block, given: np.ndarray) -> str:
@@ -103,34 +106,17 @@ def _best(block: Block, given: np.ndarray) -> str:
     return "strip" if rounding(block.column("images", "time_s")) else "neighbours"
 
 
-def _from_metadata(block: Block, given: np.ndarray) -> Velocities:
-    unknown = np.flatnonzero(~np.isfinite(given).all(axis=1))
-    if len(unknown):
-        raise InputError(
-            f"{block.image_at(unknown[0])} lacks vx, vy or vz ({len(unknown)} images do): fill "
-            "them in, or take velocities from neighbours, strip or gnss"
-        )
-    return Velocities(given, np.full(len(given), np.nan), "metadata")
-
-
 def _from_antennas(block: Block) -> Velocities:
     """By the smoother, from track.csv or gnss.csv, with its sigmas along the flight."""
     time = times(block)
     table = of_track(block) if len(block.track) else of_gnss(block)
-    lost = np.flatnonzero(~np.isfinite(table).all(axis=1))
-    if len(lost):
-        many = len(lost)
-        if len(block.track):
-            raise InputError(
-                f"{block.image_at(lost[0])} was taken outside track.csv or in a gap of it "
-                f"({many} images were): correct time_s, or take velocities from neighbours or "
-                "strip"
-            )
-        name = block.images["image"].iloc[lost[0]]
-        raise InputError(
-            f"gnss.csv has no position of image {name}, or none near it ({many} images have none): "
-            "take velocities from neighbours or strip"
-        )
+    if len(block.track):
+        fault = "was taken outside track.csv or in a gap of it"
+        remedy = "correct time_s, or take velocities from neighbours or strip"
+    else:
+        fault = "has no position in gnss.csv, or none near it"
+        remedy = "take velocities from neighbours or strip"
+    block.demand(np.isfinite(table), fault, remedy)
     velocity, sigma = table[:, :3], table[:, 3:]
     speed = np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-9)
     along = np.sqrt(np.sum((sigma * velocity / speed) ** 2, axis=1))
@@ -138,8 +124,10 @@ def _from_antennas(block: Block) -> Velocities:
     return Velocities(velocity, along, "gnss", step, step / np.sqrt(12))
 
 
-def _from_positions(block: Block, position: np.ndarray, method: str) -> Velocities:
-    time = times(block)
+def _from_positions(block: Block, method: str) -> Velocities:
+    position, time = block.numbers("images", *"xyz"), times(block)
+    remedy = "run `corridor adjust` first and take the adjusted block"
+    block.demand(np.isfinite(position), "has no position, from which velocities follow", remedy)
     step = rounding(time)
     notes: list[str] = []
     runs = list(track_runs(block, time, position, notes))
@@ -170,7 +158,8 @@ def _from_positions(block: Block, position: np.ndarray, method: str) -> Velociti
             f"{wide} images have a neighbour with the same time stamp: the next ones that differ "
             "are taken."
         )
-    _alone(block, velocity)
+    fault = "has no neighbour in its strip with another time stamp"
+    block.demand(np.isfinite(velocity), fault, "correct time_s, or give vx, vy, vz")
     speed = np.linalg.norm(velocity, axis=1)
     sigma = speed * np.sqrt(2) * sigma_t / span
     return Velocities(velocity, sigma, method, step, sigma_t, notes)
@@ -268,33 +257,9 @@ def _central(time, position):
 def times(block: Block) -> np.ndarray:
     """Seconds (images,). Raises InputError where an image has none."""
     time = block.column("images", "time_s")
-    unknown = np.flatnonzero(np.isnan(time))
-    if len(unknown):
-        raise InputError(
-            f"{block.image_at(unknown[0])} has no time_s ({len(unknown)} images have none), from "
-            "which velocities follow: fill it in, or give vx, vy, vz"
-        )
+    remedy = "fill it in, or give vx, vy, vz"
+    block.demand(~np.isnan(time), "has no time_s, from which velocities follow", remedy)
     return time
-
-
-def _centres(block: Block) -> np.ndarray:
-    centre = np.stack([block.column("images", axis) for axis in "xyz"], axis=1)
-    unknown = np.flatnonzero(np.isnan(centre).any(axis=1))
-    if len(unknown):
-        raise InputError(
-            f"{block.image_at(unknown[0])} has no position, from which velocities follow: run "
-            "`corridor adjust` first and take the adjusted block"
-        )
-    return centre
-
-
-def _alone(block: Block, velocity: np.ndarray) -> None:
-    lost = np.flatnonzero(~np.isfinite(velocity).all(axis=1))
-    if len(lost):
-        raise InputError(
-            f"{block.image_at(lost[0])} has no neighbour in its strip with another time stamp "
-            f"({len(lost)} images have none): correct time_s, or give vx, vy, vz"
-        )
 
 
 def _checked(block: Block, found: Velocities) -> Velocities:

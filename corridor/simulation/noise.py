@@ -51,28 +51,24 @@ def add_noise(
     block = block.copy()
     draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(6)]
 
-    def shake(table: str, columns: list[str], sigma: float | np.ndarray, rng) -> None:
-        frame = getattr(block, table)
-        if len(frame):
-            values = frame[columns].to_numpy(dtype=float)
-            values = values + sigma * rng.standard_normal(values.shape)
-            setattr(block, table, frame.assign(**dict(zip(columns, values.T, strict=True))))
+    def shake(table: str, columns: str, sigma: float | np.ndarray, rng) -> None:
+        if len(getattr(block, table)):
+            values = block.numbers(table, *columns)
+            block.put(table, columns, values + sigma * rng.standard_normal(values.shape))
 
-    shake("tie_points", ["x", "y"], tie_px, draw[0])
-    shake("marks", ["x", "y"], mark_px, draw[1])
-    shake("gnss", ["x", "y", "z"], np.sqrt(1 - gnss_slow) * gnss, draw[2])
+    shake("tie_points", "xy", tie_px, draw[0])
+    shake("marks", "xy", mark_px, draw[1])
+    shake("gnss", "xyz", np.sqrt(1 - gnss_slow) * gnss, draw[2])
     if gnss_slow and len(block.gnss):
         slow = np.sqrt(gnss_slow) * gnss * _slow(block, gnss_slow_s, draw[5])
-        values = block.numbers("gnss", *"xyz") + slow
-        block.gnss = block.gnss.assign(x=values[:, 0], y=values[:, 1], z=values[:, 2])
-    shake("ground", ["x", "y", "z"], control, draw[3])
+        block.put("gnss", "xyz", block.numbers("gnss", *"xyz") + slow)
+    shake("ground", "xyz", control, draw[3])
     if outliers:
         _displace(block, outliers, draw[4])
     if rounding_px:
         for table in ("tie_points", "marks"):
-            frame = getattr(block, table)
-            rounded = np.round(frame[["x", "y"]].to_numpy() / rounding_px) * rounding_px
-            setattr(block, table, frame.assign(x=rounded[:, 0], y=rounded[:, 1]))
+            rounded = np.round(block.numbers(table, "x", "y") / rounding_px) * rounding_px
+            block.put(table, "xy", rounded)
 
     block.sigma = dict(block.sigma)
     for key, sigma in (("tie_px", tie_px), ("mark_px", mark_px)):
@@ -105,4 +101,4 @@ def _displace(block: Block, share: float, rng: np.random.Generator) -> None:
     values = block.numbers("tie_points", "x", "y")
     moved = values[rows] + length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     values[rows] = np.clip(moved, 0.0, limits)
-    block.tie_points = block.tie_points.assign(x=values[:, 0], y=values[:, 1])
+    block.put("tie_points", "xy", values)

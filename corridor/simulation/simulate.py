@@ -364,12 +364,9 @@ def _miss(block: Block, start: Start, draw: np.random.Generator) -> Block:
     turn = rotation_from_vector(np.radians(start.rotation_deg) * draw.standard_normal((count, 3)))
     quaternion = quaternion_from_rotation(turn @ rotation)
     centre = block.poses[:, :3] + start.centre_m * draw.standard_normal((count, 3))
-    block.images = block.images.assign(
-        **_xyz(centre), **dict(zip(QUATERNION, quaternion.T, strict=True))
-    )
-    points = block.points[["x", "y", "z"]].to_numpy()
-    points = points + start.points_m * draw.standard_normal(points.shape)
-    block.points = block.points.assign(**_xyz(points))
+    block.put("images", POSE, np.concatenate([centre, quaternion], axis=1))
+    points = block.numbers("points", *"xyz")
+    block.put("points", "xyz", points + start.points_m * draw.standard_normal(points.shape))
     block.cameras = {
         name: camera.with_values(**{k: camera[k] + v for k, v in start.camera.items()})
         for name, camera in block.cameras.items()
