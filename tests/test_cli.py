@@ -1,6 +1,7 @@
 """The command: what it prints, writes and returns."""
 
 import argparse
+import dataclasses
 import errno
 import json
 import os
@@ -399,7 +400,12 @@ class TestHelp:
         with pytest.raises(SystemExit):
             main(["simulate", "--help"])
         told = capsys.readouterr().out.partition("Keys of a plan")[2]
-        for table, keys in corridor.simulation.keys_of_a_plan().items():
+        plan = dataclasses.asdict(corridor.simulation.read_plan("thesis_50vt"))
+        parts = ("terrain", "tie_points", "ground", "noise", "start")
+        tables = {f"[{name}]": plan.pop(name) for name in parts}
+        tables["[[flight]]"] = plan.pop("flights")[0]
+        head = plan.keys() - {"cameras", "effects", "effect"}
+        for table, keys in {"": head, **tables}.items():
             assert table in told
             assert all(re.search(rf"\b{key}\b", told) for key in keys)
 

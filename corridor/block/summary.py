@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.block.tables import LAYOUTS, ROLES, SIGMAS, is_among
+from corridor.errors import some
 from corridor.geometry import rotation_from_quaternion
 from corridor.report import Report, Table, counted
 
@@ -53,23 +54,14 @@ class Summary:
 
     def to_dict(self) -> dict:
         """Plain numbers and text, as JSON takes them."""
-        return {
-            "name": self.name,
-            "counts": self.counts,
-            "multiplicity": {str(rays): count for rays, count in self.multiplicity.items()},
-            "observations_per_image": self.observations_per_image,
-            "images_with_few_observations": self.few,
-            "points_seen_once": len(self.points_seen_once),
-            "known": self.known,
-            "missing": self.missing,
-            "untestable": self.untestable,
-            "extent": {
-                what: {"min": low, "max": high} for what, (low, high) in self.extent.items()
-            },
-            "gsd_m": self.gsd_m,
-            "cameras": self.cameras,
-            "notes": self.notes,
+        told = dict(vars(self))
+        told["multiplicity"] = {str(rays): count for rays, count in self.multiplicity.items()}
+        told["images_with_few_observations"] = told.pop("few")
+        told["points_seen_once"] = len(self.points_seen_once)
+        told["extent"] = {
+            what: {"min": low, "max": high} for what, (low, high) in self.extent.items()
         }
+        return told
 
     def report(self) -> Report:
         """The first look as tables."""
@@ -95,42 +87,27 @@ class Summary:
 
     def _contents(self) -> list[tuple[str, str, str]]:
         count, rays = self.counts, self.observations_per_image
+        images = (
+            f"{counted(count['flights'], 'flight')}, {counted(count['cameras'], 'camera')}, "
+            f"{count['images_with_pose']:,} with a start pose"
+        )
+        ties = (
+            f"{counted(count['tie_observations'], 'observation')}, "
+            f"{count['tie_points_with_start']:,} points with start coordinates"
+        )
+        roles = ", ".join(f"{count[role]:,} {role}" for role in ROLES if count[role])
+        ground = f"{roles + '; ' if roles else ''}{counted(count['marks'], 'mark')} in images"
+        share = f"median; {rays['min']:,.0f} to {rays['max']:,.0f}"
         rows = [
-            (
-                "images",
-                f"{count['images']:,}",
-                f"{counted(count['flights'], 'flight')}, {counted(count['cameras'], 'camera')}, "
-                f"{count['images_with_pose']:,} with a start pose",
-            ),
-            (
-                "observations an image",
-                f"{rays['median']:,.0f}",
-                f"median; {rays['min']:,.0f} to {rays['max']:,.0f}",
-            ),
-            (
-                "tie points",
-                f"{count['tie_points']:,}",
-                f"{counted(count['tie_observations'], 'observation')}, "
-                f"{count['tie_points_with_start']:,} points with start coordinates",
-            ),
+            ("images", count["images"], images, True),
+            ("observations an image", rays["median"], share, True),
+            ("tie points", count["tie_points"], ties, True),
+            ("ground points", count["ground_points"], ground, count["marks"]),
+            ("GNSS positions", count["gnss"], "antenna at exposure", False),
+            ("GNSS track", count["track"], "epochs of the receiver", False),
+            ("angular rates", count["rates"], "epochs of the gyroscope", False),
         ]
-        if count["ground_points"] or count["marks"]:
-            roles = ", ".join(f"{count[role]:,} {role}" for role in ROLES if count[role])
-            rows.append(
-                (
-                    "ground points",
-                    f"{count['ground_points']:,}",
-                    f"{roles + '; ' if roles else ''}{counted(count['marks'], 'mark')} in images",
-                )
-            )
-        for key, label, remark in (
-            ("gnss", "GNSS positions", "antenna at exposure"),
-            ("track", "GNSS track", "epochs of the receiver"),
-            ("rates", "angular rates", "epochs of the gyroscope"),
-        ):
-            if count[key]:
-                rows.append((label, f"{count[key]:,}", remark))
-        return rows
+        return [(what, f"{n:,.0f}", told) for what, n, told, anyway in rows if n or anyway]
 
     def _multiplicity(self) -> list[tuple[str, str, str]]:
         total = sum(self.multiplicity.values())
@@ -153,53 +130,39 @@ class Summary:
             readout = camera["readout_s"]
             shutter = "unknown" if readout is None else f"{readout * 1000:.2f} ms"
             use = "calibrated" if camera["calibrated"] else "start values"
-            rows.append(
-                (
-                    camera["name"],
-                    f"{camera['width']} x {camera['height']} px",
-                    f"{focal}, {use}, readout {shutter}, {counted(camera['images'], 'image')}",
-                )
-            )
+            told = f"{focal}, {use}, readout {shutter}, {counted(camera['images'], 'image')}"
+            rows.append((camera["name"], f"{camera['width']} x {camera['height']} px", told))
         return rows
 
     def _extent(self) -> list[tuple[str, str, str]]:
         rows = []
         for what, (low, high) in self.extent.items():
-            size = [top - bottom for bottom, top in zip(low, high, strict=True)]
-            rows.append(
-                (
-                    what,
-                    f"{size[0]:,.1f} x {size[1]:,.1f} m",
-                    f"height {low[2]:,.1f} to {high[2]:,.1f} m",
-                )
-            )
+            x, y, _ = (top - bottom for bottom, top in zip(low, high, strict=True))
+            height = f"height {low[2]:,.1f} to {high[2]:,.1f} m"
+            rows.append((what, f"{x:,.1f} x {y:,.1f} m", height))
         if self.gsd_m is not None:
             size = f"{self.gsd_m * 1000:.2f} mm" if self.gsd_m < 1 else f"{self.gsd_m:.2f} m"
             rows.append(("ground pixel", size, "median of depth / f"))
         return rows
 
     def _absent(self) -> list[tuple[str, str, str]]:
-        by_column: dict[str, list[str]] = {column: [] for column in self.missing}
+        told: dict[str, list[str]] = {column: [] for column in self.missing}
         for what, columns in self.untestable.items():
             for column in columns:
-                by_column.setdefault(column, []).append(what)
-        if not self.untestable:
-            tables = [column for column in self.missing if "." not in column]
-            grouped: dict[str, list[str]] = {"tables": tables} if tables else {}
-            for column in self.missing:
-                table, _, name = column.partition(".")
-                if name:
-                    grouped.setdefault(table, []).append(name)
-            return [(table, "", ", ".join(names)) for table, names in grouped.items()]
-        return [
-            (column, "", f"cannot be tested: {', '.join(what)}" if what else "")
-            for column, what in by_column.items()
-        ]
+                told.setdefault(column, []).append(what)
+        if self.untestable:
+            said = {column: f"cannot be tested: {', '.join(w)}" for column, w in told.items() if w}
+            return [(column, "", said.get(column, "")) for column in told]
+        grouped: dict[str, list[str]] = {}
+        for column in sorted(self.missing, key=lambda column: "." in column):
+            table, _, name = column.partition(".")
+            grouped.setdefault(table if name else "tables", []).append(name or table)
+        return [(table, "", ", ".join(names)) for table, names in grouped.items()]
 
 
 def summarise(block, needs: Mapping[str, Iterable[str]]) -> Summary:
     """Summary of a Block; see `Block.summary`."""
-    rays = pd.Series(np.bincount(_codes(block.tie_points), minlength=1))
+    rays = pd.Series(np.bincount(block.tie_points["point"].array.codes, minlength=1))
     rays = rays[rays > 0]
     multiplicity = rays.value_counts().sort_index()
     rows = np.concatenate([block.image_rows("tie_points"), block.image_rows("marks")])
@@ -283,39 +246,23 @@ def _counts(block, tie_points: int, posed: int, start: pd.DataFrame) -> dict[str
 
 def _camera_facts(block) -> list[dict]:
     users = block.images["camera"].value_counts()
+    facts = ("name", "width", "height", "pixel_um", "readout_s", "calibrated")
     return [
-        {
-            "name": camera.name,
-            "width": camera.width,
-            "height": camera.height,
-            "f": camera["f"],
-            "pixel_um": camera.pixel_um,
-            "readout_s": camera.readout_s,
-            "calibrated": camera.calibrated,
-            "images": int(users.get(camera.name, 0)),
-        }
+        {fact: getattr(camera, fact) for fact in facts}
+        | {"f": camera["f"], "images": int(users.get(camera.name, 0))}
         for camera in block.cameras.values()
     ]
 
 
-def _codes(observations: pd.DataFrame) -> np.ndarray:
-    return observations["point"].array.codes
-
-
 def _ground_pixel(block, pose: np.ndarray) -> float | None:
     """Median of depth / f over the observations of points with coordinates, in posed images."""
-    coordinates = pd.concat([block.points, block.ground])[["point", "x", "y", "z"]]
-    coordinates = coordinates.dropna().drop_duplicates("point").set_index("point")
     sizes = []
-    rotation = rotation_from_quaternion(np.where(np.isnan(pose[:, 3:]), 0.5, pose[:, 3:]))
-    focal = block.images["camera"].map({n: camera["f"] for n, camera in block.cameras.items()})
-    focal = focal.to_numpy(dtype=float)
+    view = rotation_from_quaternion(pose[:, 3:])[:, 2]
+    focal = np.array([camera["f"] for camera in block.cameras.values()])[block.image_camera]
     for table in ("tie_points", "marks"):
-        names = getattr(block, table)["point"].dtype.categories
-        xyz = coordinates.reindex(names).to_numpy()[_codes(getattr(block, table))]
-        image = block.image_rows(table)
-        depth = np.einsum("nj,nj->n", rotation[image, 2], xyz - pose[image, :3])
-        sizes.append(depth / focal[image])
+        point, image = getattr(block, table)["point"].array.codes, block.image_rows(table)
+        away = block.positions(table)[point] - pose[image, :3]
+        sizes.append(np.einsum("nj,nj->n", view[image], away) / focal[image])
     size = np.concatenate(sizes)
     size = size[size > 0]
     return float(np.median(size)) if len(size) else None
@@ -328,10 +275,9 @@ def _notes(block, summary: Summary) -> list[str]:
     point = ("control or check point is", "control or check points are")
     notes = []
     if summary.few:
-        shown = ", ".join(f"{image} ({n})" for image, n in list(summary.few.items())[:5])
-        more = ", ..." if len(summary.few) > 5 else ""
+        shown = some([f"{image} ({n})" for image, n in summary.few.items()], 5)
         few = counted(len(summary.few), "image")
-        notes.append(f"{few} with fewer than {FEW_OBSERVATIONS} observations: {shown}{more}.")
+        notes.append(f"{few} with fewer than {FEW_OBSERVATIONS} observations: {shown}.")
     for count, one, many, what in (
         (
             len(summary.points_seen_once),

@@ -12,7 +12,6 @@ from corridor.simulation.plan import (
     Start,
     Terrain,
     TiePoints,
-    keys_of_a_plan,
     read_plan,
     ready_made,
 )
@@ -33,7 +32,6 @@ __all__ = [
     "TiePoints",
     "add_noise",
     "cameras",
-    "keys_of_a_plan",
     "perfect_block",
     "reach",
     "read_plan",

@@ -9,7 +9,7 @@ import tomllib
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +90,7 @@ class Flight:
         if not self.name.strip() or not self.name.isprintable():
             raise InputError(f"a flight cannot be called {self.name!r}: give letters and digits")
         say = _Checker(f"flight {self.name}", self)
-        say.at_least("strips", 1)
+        say.at_least(1, "strips")
         if self.strips > _MOST_STRIPS:
             say.fail(f"strips = {self.strips} are more than {_MOST_STRIPS}: fly fewer")
         heights = self.heights
@@ -111,31 +111,19 @@ class Flight:
                 say.fail(f"an overlap {key} = {value:g} cannot be flown: give 0 to below 1")
         if None not in (self.forward, self.speed_m_s, self.interval_s):
             say.fail("forward, speed_m_s and interval_s say the same thing twice: leave one out")
-        for key in ("speed_m_s", "interval_s"):
-            if getattr(self, key) is not None and not getattr(self, key) > 0:
-                say.fail(f"{key} = {getattr(self, key):g} is not greater than 0")
+        say.positive("speed_m_s", "interval_s")
         if self.images is not None and self.images < 2 * self.strips:
             say.fail(
                 f"{self.images} images cannot fly {self.strips} strips: at least 2 images a strip"
             )
-        for key, words in (
-            ("look", LOOKS),
-            ("heading", ("turned", "kept")),
-            ("direction", ("alternating", "same")),
-            ("long_side", ("across", "along")),
-        ):
-            say.one_of(key, words)
+        say.one_of("look", *LOOKS)
+        say.one_of("heading", "turned", "kept")
+        say.one_of("direction", "alternating", "same")
+        say.one_of("long_side", "across", "along")
         if not 0 <= self.tilt_deg < 90:
             say.fail(f"tilt_deg = {self.tilt_deg:g} does not look down: give 0 to below 90")
-        for key in (
-            "position_jitter_m",
-            "velocity_jitter_m_s",
-            "angular_rate_deg_s",
-            "attitude_jitter_deg",
-            "pause_s",
-            "turn_s",
-        ):
-            say.at_least(key, 0)
+        say.at_least(0, "position_jitter_m", "velocity_jitter_m_s", "angular_rate_deg_s")
+        say.at_least(0, "attitude_jitter_deg", "pause_s", "turn_s")
 
     @property
     def heights(self) -> np.ndarray:
@@ -156,7 +144,7 @@ class Terrain:
     roughness_m: float | None = None
 
     def __post_init__(self):
-        _Checker("terrain", self).at_least("roughness_m", 0)
+        _Checker("terrain", self).at_least(0, "roughness_m")
 
 
 @dataclass(frozen=True)
@@ -178,11 +166,10 @@ class TiePoints:
 
     def __post_init__(self):
         say = _Checker("tie_points", self)
-        say.at_least("per_image", 1)
-        say.at_least("border_px", 0)
+        say.at_least(0, "border_px")
+        say.at_least(1, "per_image", "match_scale")
         if self.match_angle_deg is not None and not self.match_angle_deg > 0:
             say.fail(f"match_angle_deg = {self.match_angle_deg:g} matches nothing: raise it")
-        say.at_least("match_scale", 1)
 
     @property
     def limits(self) -> tuple[float | None, float | None]:
@@ -212,15 +199,12 @@ class Ground:
 
     def __post_init__(self):
         say = _Checker("ground", self)
-        for key in ("control", "check", "check_from_ties", "offset_m"):
-            say.at_least(key, 0)
-        say.one_of("layout", LAYOUTS)
+        say.at_least(0, "control", "check", "check_from_ties", "offset_m")
+        say.one_of("layout", *LAYOUTS)
         for key in ("control", "check"):
             if getattr(self, key) > MOST_SURVEYED:
                 say.fail(f"{key} = {getattr(self, key)} is more than {MOST_SURVEYED} points")
-        for key in ("every_m", "within_m"):
-            if getattr(self, key) is not None and not getattr(self, key) > 0:
-                say.fail(f"{key} = {getattr(self, key):g} is not greater than 0")
+        say.positive("every_m", "within_m")
 
 
 @dataclass(frozen=True)
@@ -238,14 +222,12 @@ class Noise:
 
     def __post_init__(self):
         say = _Checker("noise", self)
-        for key in ("tie_px", "mark_px", "gnss_m", "control_m", "outliers", "rounding_px"):
-            say.at_least(key, 0)
-        say.at_least("gnss_slow", 0)
+        say.at_least(0, "tie_px", "mark_px", "gnss_m", "control_m", "rounding_px")
+        say.at_least(0, "outliers", "gnss_slow")
         for key in ("outliers", "gnss_slow"):
             if getattr(self, key) > 1:
                 say.fail(f"{key} = {getattr(self, key):g} is a share: give 0 to 1")
-        if not self.gnss_slow_s > 0:
-            say.fail(f"gnss_slow_s = {self.gnss_slow_s:g} is not greater than 0")
+        say.positive("gnss_slow_s")
 
 
 @dataclass(frozen=True)
@@ -262,8 +244,7 @@ class Start:
     camera: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
-        for key in ("centre_m", "rotation_deg", "points_m"):
-            _Checker("start", self).at_least(key, 0)
+        _Checker("start", self).at_least(0, "centre_m", "rotation_deg", "points_m")
 
 
 @brief
@@ -302,8 +283,7 @@ class Plan:
             if names.count(flight.name) > 1:
                 raise InputError(f"flight {flight.name} is there twice: give each its own name")
             self.camera(flight)
-        if not self.bend_radius_m > 0:
-            raise InputError(f"bend_radius_m = {self.bend_radius_m:g} is not greater than 0")
+        _Checker("the plan", self).positive("bend_radius_m")
 
     @property
     def axis(self) -> Axis:
@@ -339,19 +319,6 @@ class Plan:
 def ready_made() -> dict[str, Path]:
     """Plans that come with the package, by name."""
     return {path.stem: path for path in sorted(_READY_MADE.glob("*.toml"))}
-
-
-def keys_of_a_plan() -> dict[str, list[str]]:
-    """What a plan's `.toml` file may say: keys by table; "" is the head of the file."""
-    tables = {
-        "": Plan, "[[flight]]": Flight, "[terrain]": Terrain, "[tie_points]": TiePoints,
-        "[ground]": Ground, "[noise]": Noise, "[start]": Start,
-    }  # fmt: skip
-    kept = {"flights", "cameras", "effects", "effect"} | {key.strip("[]") for key in tables}
-    return {
-        name: [f.name for f in fields(kind) if name or f.name not in kept]
-        for name, kind in tables.items()
-    }
 
 
 def read_plan(plan: str | os.PathLike) -> Plan:
@@ -445,16 +412,10 @@ def build(kind: type, table: dict, where: str):
             values[key] = build(sort, value, key)
         else:
             values[key] = _value(value, sort, f"{where}: {key}")
-    missing = [f.name for f in fields(kind) if f.name not in values and _needed(f)]
-    if missing:
-        raise InputError(f"{where} lacks {missing[0]}: add it")
+    for one in fields(kind):
+        if one.name not in values and one.default is one.default_factory is MISSING:
+            raise InputError(f"{where} lacks {one.name}: add it")
     return kind(**values)
-
-
-def _needed(entry) -> bool:
-    from dataclasses import MISSING
-
-    return entry.default is MISSING and entry.default_factory is MISSING
 
 
 def _value(value, sort, where: str):
@@ -500,12 +461,21 @@ class _Checker:
     def fail(self, sentence: str):
         raise InputError(f"{self.where}: {sentence}")
 
-    def at_least(self, key: str, least: float) -> None:
-        value = getattr(self.values, key)
-        if value is not None and not np.all(np.asarray(value, dtype=float) >= least):
-            self.fail(f"{key} = {value} is below {least:g}")
+    def at_least(self, least: float, *keys: str) -> None:
+        for key, value in self._given(keys):
+            if not np.all(np.asarray(value, dtype=float) >= least):
+                self.fail(f"{key} = {value} is below {least:g}")
 
-    def one_of(self, key: str, words: tuple[str, ...]) -> None:
+    def positive(self, *keys: str) -> None:
+        for key, value in self._given(keys):
+            if not value > 0:
+                self.fail(f"{key} = {value:g} is not greater than 0")
+
+    def _given(self, keys: tuple[str, ...]) -> list[tuple[str, object]]:
+        found = [(key, getattr(self.values, key)) for key in keys]
+        return [(key, value) for key, value in found if value is not None]
+
+    def one_of(self, key: str, *words: str) -> None:
         value = getattr(self.values, key)
         if value not in words:
             self.fail(f"{key} = {value!r} is unknown: use {' or '.join(words)}")
