@@ -568,12 +568,13 @@ pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(2)
 figures.flight_readout(told["towpath"], None)
 
 # %% [markdown]
-# The *jackknife* leaves out one strip after the other and looks how the result wanders. It knows
-# nothing of the model, so it also sees what the formal sigma leaves out: velocities with errors in
-# common, a lens that is not Fraser's. With four strips it scatters itself, and counts only where it
-# contradicts the formal one by more than chance (5 %): at the towpath it does, by 1.7. The twin
-# without a shutter says that it has none to speak of. All three come out one to two sigmas too
-# long; three are too few to call that more than chance.
+# The *jackknife* leaves out one strip after the other and looks how the result wanders, against
+# what the information of that strip would let it wander. It knows nothing of the model, so it also
+# sees what the formal sigma leaves out: velocities with errors that change from strip to strip, a
+# lens that is not Fraser's. With four strips it scatters itself, and counts only where it
+# contradicts the formal one by more than chance (5 %): in none of these. What all strips share, it
+# cannot see. The twin without a shutter says that it has none to speak of. All three come out one
+# to two sigmas too long; three are too few to call that more than chance.
 #
 # What makes a survey tell? The 90 m flight over the aerodrome again: with velocities that were
 # written down, in calm air and in a wind that makes every other strip faster; and with those that

@@ -157,7 +157,7 @@ def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None
     kind = _kind(one, n)
     if strips is not None:
         each = zip(formal, strips.sigma * group.scale, strict=True)
-        sigma = np.array([honest(*pair, strips.count) for pair in each])
+        sigma = np.array([honest(*pair, strips.count - 1) for pair in each])
         kind = kind if strips.proved else "suspected"
     # What a test of its own has found has had its rivals there.
     alike = [] if n in found.kept else alternatives(evidence, found.chosen, n)

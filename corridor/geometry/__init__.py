@@ -5,7 +5,7 @@ Rotations go from world to camera, X = R (P - C); the camera looks along z, x ri
 
 from corridor.geometry.helmert import Similarity, helmert_motions, relative_width, similarity
 from corridor.geometry.intersection import Rays, intersect, meeting_points
-from corridor.geometry.resampling import honest, jackknife
+from corridor.geometry.resampling import by_contrasts, honest, jackknife
 from corridor.geometry.resection import closed_pose, refine_poses
 from corridor.geometry.robust import (
     CLIPPED,
@@ -32,6 +32,7 @@ __all__ = [
     "UNUSABLE",
     "Rays",
     "Similarity",
+    "by_contrasts",
     "closed_pose",
     "cross",
     "dot",

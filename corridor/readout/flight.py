@@ -13,7 +13,7 @@ from corridor import adjustment as least_squares
 from corridor.block import Block, read
 from corridor.brief import brief
 from corridor.errors import AdjustmentFailed, InputError
-from corridor.geometry import honest, jackknife
+from corridor.geometry import by_contrasts, honest
 from corridor.photographs import PublishedReadout, of_picture, published_readouts
 from corridor.preparation import strips_of
 from corridor.readout.motion import Motion, motion_of, with_velocities
@@ -52,8 +52,8 @@ class FlightReadout:
     camera: its name. told: whether the flight tells it; reasons: sentences, why not.
     readout, sigma: by the flight, one sigma, all included: the formal one (noise, errors and delay
         of the velocities, motion that nobody wrote down), or what the strips show when each is
-        left out, where that contradicts it. formal, jackknife: either alone. left: without each
-        strip. eight, eight_sigma: with b1 = b2 = 0.
+        left out (`geometry.by_contrasts`), where that contradicts it. formal, jackknife: either
+        alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
     unstated: motion that nobody wrote down, m/s. delay: by which the speeds were written late, s,
         with its sigma. motion: of the images, in the order of images.csv.
     published: of this camera and mode; stated: what the block states, s. advice: photographs that
@@ -143,8 +143,9 @@ def readout_from_flight(
         say("leaving out one strip in turn", 0.5 + 0.4 * number / len(groups))
         one = equations.without(rows).told(found.readout, unstated)
         left.append(Left(strip, len(rows), one.readout, one.sigma))
-    by_strips = jackknife([one.readout for one in left])
-    sigma = honest(found.sigma, by_strips, len(left))
+    without = [one.readout for one in left], [one.sigma for one in left]
+    by_strips, free = by_contrasts(found.readout, found.sigma, *without)
+    sigma = honest(found.sigma, by_strips, free)
     counsel = None
     if advise:
         say("looking for photographs that would tell", 0.9)
@@ -190,9 +191,10 @@ def _adjusted(block: Block, loss: str, max_iterations: int) -> least_squares.Adj
     if len(wrong) or not found.converged:
         found = least_squares.adjust(block, model=model, max_iterations=max_iterations)
     if not found.converged and not _settled(found):
+        slugs = ", ".join(effect.slug for effect in effects)
         raise AdjustmentFailed(
-            f"the adjustment with {', '.join(effects)} did not converge in {max_iterations} "
-            "iterations: look at `corridor adjust` of this block first"
+            f"the adjustment with {slugs} did not converge in {max_iterations} iterations: look at "
+            "`corridor adjust` of this block first"
         )
     return found
 

@@ -9,8 +9,8 @@ import scipy.stats
 
 from benchmarks.readout_flight import measured, survey
 from corridor.cli import main
-from corridor.errors import InputError
-from corridor.geometry import honest, jackknife
+from corridor.errors import AdjustmentFailed, InputError
+from corridor.geometry import by_contrasts, honest, jackknife
 from corridor.preparation import strips_of
 from corridor.readout import published_value, readout_from_flight, save_flight, use
 from corridor.readout.flight import judged
@@ -32,10 +32,33 @@ class TestOneSigma:
         without = [np.delete(x, k).mean() for k in range(5)]
         assert jackknife(without) == pytest.approx(x.std(ddof=1) / np.sqrt(5))
 
+    def test_contrasts_give_the_sigma_back_however_unequal_the_groups(self):
+        """Means of four groups, one of which knows most: of 4,000 draws the jackknife is too large.
+
+        Left out, group c moves the mean by w_c / (1 - w_c) times what it is off from the others.
+        """
+        weight = np.array([0.7, 0.15, 0.1, 0.05])
+        value = np.random.default_rng(7).normal(size=(4000, 4)) / np.sqrt(weight)
+        whole = value @ weight
+        left = (whole[:, None] - weight * value) / (1 - weight)
+        sigma = 1 / np.sqrt(1 - weight)
+        found = [by_contrasts(*one, sigma) for one in zip(whole, np.ones(4000), left, strict=True)]
+        variance, free = np.mean([one**2 for one, _ in found]), found[0][1]
+        assert variance == pytest.approx(1.0, abs=3 * np.sqrt(2 / free / 4000))
+        assert free == pytest.approx(1 / (weight**2).sum() - 1)
+        assert np.mean([jackknife(one) ** 2 for one in left]) > 1.5
+
+    def test_of_equal_groups_contrasts_and_jackknife_agree(self):
+        """The share of each is 1 / q: both are (q - 1) / q times the sum of squared moves."""
+        x = np.array([1.0, 4.0, 2.0, 8.0, 5.0])
+        without = [np.delete(x, k).mean() for k in range(5)]
+        found, free = by_contrasts(x.mean(), 1.0, without, np.full(5, np.sqrt(5 / 4)))
+        assert found == pytest.approx(jackknife(without)) and free == pytest.approx(4.0)
+
     def test_strips_count_where_they_contradict_the_formal_one(self):
         """Chi-square of 4 degrees of freedom, 95 per cent: 9.488, so 1.54 times the sigma."""
-        assert honest(1.0, np.nan, 1) == honest(1.0, 0.3, 5) == honest(1.0, 1.53, 5) == 1.0
-        assert honest(1.0, 1.55, 5) == 1.55
+        assert honest(1.0, np.nan, 0) == honest(1.0, 0.3, 4) == honest(1.0, 1.53, 4) == 1.0
+        assert honest(1.0, 1.55, 4) == 1.55
 
 
 class TestTheFlightOfADike:
@@ -100,6 +123,11 @@ class TestRefused:
         alone = replace(said, published=(), stated=None)
         assert use(alone)[:2] == (None, None)
         assert "measure it from photographs" in use(alone)[2]
+
+    def test_an_adjustment_that_does_not_settle_says_what_it_was_of(self, monkeypatch):
+        monkeypatch.setattr("corridor.readout.flight._FIRST_ITERATIONS", 1)
+        with pytest.raises(AdjustmentFailed, match="rolling_shutter.*did not converge in 1 iter"):
+            readout_from_flight(DIKE, max_iterations=1)
 
 
 class TestWhatIsWritten:
