@@ -1,13 +1,11 @@
 """The antenna's track: reading it, its coordinates, and where the antenna was at each exposure."""
 
-from corridor.gnss.alignment import Alignment, align, align_time
+from corridor.gnss.alignment import Alignment, align
 from corridor.gnss.antenna import Antenna, antenna, frame_of_block, of_block
 from corridor.gnss.coordinates import (
-    GridCost,
     Local,
     convert,
     geographic_positions,
-    grid_cost,
     to_local,
 )
 from corridor.gnss.exposures import Exposures
@@ -35,19 +33,16 @@ __all__ = [
     "Alignment",
     "Antenna",
     "Exposures",
-    "GridCost",
     "Interpolated",
     "Local",
     "SlowNoise",
     "Track",
     "align",
-    "align_time",
     "antenna",
     "check_quality",
     "convert",
     "frame_of_block",
     "geographic_positions",
-    "grid_cost",
     "interpolate",
     "of_block",
     "read_exposures",

@@ -34,16 +34,6 @@ class Alignment:
     notes: tuple[str, ...] = ()
 
 
-def align_time(
-    track: Track,
-    exposures: Exposures,
-    track_system: str | None = None,
-    exposures_system: str | None = None,
-) -> float:
-    """Seconds to be added to the exposures' time_s to get the track's time_s; see `align`."""
-    return align(track, exposures, track_system, exposures_system).offset_s
-
-
 def align(
     track: Track,
     exposures: Exposures,

@@ -1,4 +1,4 @@
-"""Coordinates: a local frame about the block, and what a projected grid costs.
+"""Coordinates: a local frame about the block.
 
 An adjustment needs a Cartesian frame with small numbers. `Local` is one: east, north, up about a
 point near the middle of the block. The Earth's curvature and the scale of a map projection are
@@ -162,99 +162,6 @@ def convert(points: np.ndarray, source: str, target: str) -> np.ndarray:
             f"no exact way from {source} to {target} ({_reason(error)}); install its grid "
             "(`pyproj sync`), or give heights above the ellipsoid in a CRS without vertical part"
         ) from None
-
-
-@dataclass(frozen=True)
-class GridCost:
-    """What it costs to adjust in a projected grid; `print` gives sentences.
-
-    scale_ppm: length in the grid against length on the ground, minus one, parts per million.
-    length_m: the length that the next two belong to, metres.
-    length_mm: by how much it is longer in the grid, millimetres (negative: shorter).
-    curvature_mm: by how much the Earth falls away from the tangent over it, millimetres.
-    f_px, focal_px: a focal length, and by how much it comes out longer where heights are not
-        scaled like the plan; None without a focal length.
-    convergence_deg: grid north minus true north, seen as a turn to the east, degrees.
-    """
-
-    crs: str
-    lat_deg: float
-    lon_deg: float
-    height: float
-    scale_ppm: float
-    length_m: float
-    length_mm: float
-    curvature_mm: float
-    f_px: float | None
-    focal_px: float | None
-    convergence_deg: float
-
-    def __str__(self):
-        shorter = "shorter" if self.scale_ppm < 0 else "longer"
-        north, east = ("N" if self.lat_deg >= 0 else "S"), ("E" if self.lon_deg >= 0 else "W")
-        text = (
-            f"{self.crs} at {abs(self.lat_deg):.2f} {north} {abs(self.lon_deg):.2f} {east}: "
-            f"lengths in the grid are {abs(self.scale_ppm):.0f} ppm {shorter} than on the ground, "
-            f"{abs(self.length_mm):.0f} mm over {self.length_m:g} m"
-        )
-        if self.focal_px is not None:
-            text += (
-                f"; a focal length of {self.f_px:g} px comes out {abs(self.focal_px):.1f} px "
-                f"{'longer' if self.focal_px > 0 else 'shorter'} if heights are left alone"
-            )
-        return text + (
-            f". The Earth falls away by {self.curvature_mm:.0f} mm over {self.length_m:g} m. "
-            "Local east, north, up has neither error."
-        )
-
-
-def grid_cost(
-    crs: str,
-    lat_deg: float,
-    lon_deg: float,
-    length_m: float = 600.0,
-    f_px: float | None = None,
-    height: float = 0.0,
-) -> GridCost:
-    """What a projected CRS does to lengths at a place.
-
-    height: of the ground above the ellipsoid, metres; 0 gives the scale of the projection alone.
-    f_px: focal length, pixels, for what it is moved by: plan and flying height no longer have one
-    scale, and only the focal length can make up for it.
-    Raises InputError for a CRS that is not projected.
-    """
-    import pyproj
-
-    projected = _crs(crs)
-    if not projected.is_projected:
-        raise InputError(f"{crs} is not a projected CRS; name a grid, as EPSG:2154")
-    factors = pyproj.Proj(projected.sub_crs_list[0] if projected.sub_crs_list else projected)
-    factors = factors.get_factors(lon_deg, lat_deg)
-    radius = _radius(lat_deg)
-    scale = np.sqrt(factors.meridional_scale * factors.parallel_scale) * radius / (radius + height)
-    if not np.isfinite(scale):
-        raise InputError(f"{crs} does not reach {lat_deg:g}, {lon_deg:g}; name the grid of there")
-    excess = float(scale) - 1
-    return GridCost(
-        crs=crs,
-        lat_deg=lat_deg,
-        lon_deg=lon_deg,
-        height=height,
-        scale_ppm=excess * 1e6,
-        length_m=length_m,
-        length_mm=excess * length_m * 1e3,
-        curvature_mm=length_m**2 / (2 * radius) * 1e3,
-        f_px=f_px,
-        focal_px=None if f_px is None else (1 / float(scale) - 1) * f_px,
-        convergence_deg=float(factors.meridian_convergence),
-    )
-
-
-def _radius(lat_deg: float) -> float:
-    """Mean (Gaussian) radius of curvature of the WGS 84 ellipsoid, metres."""
-    a, f = 6378137.0, 1 / 298.257223563
-    e2 = f * (2 - f)
-    return a * np.sqrt(1 - e2) / (1 - e2 * np.sin(np.radians(lat_deg)) ** 2)
 
 
 def _turned(table, rotation: np.ndarray):

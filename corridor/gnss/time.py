@@ -24,6 +24,7 @@ _LEAPS = (
 )  # fmt: skip
 # Constant difference to GPS time, seconds.
 _LIKE_GPS = {"GPST": 0.0, "GST": 0.0, "QZSST": 0.0, "BDT": -14.0, "TAI": 19.0}
+_CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)")
 _ZONE = re.compile(r"UTC([+-])(\d{1,2})(?::?([0-5]\d))?")
 
 
@@ -75,6 +76,14 @@ def mjd_day(text: str) -> tuple[str, float]:
     whole, _, decimals = text.strip().partition(".")
     day = (_MJD_START + timedelta(days=int(whole))).isoformat()
     return day, float(f"0.{decimals or '0'}") * DAY_S
+
+
+def seconds_of_clock(text: str) -> float | None:
+    """Seconds of `h:mm:ss.s`; None where a text is no time of a day."""
+    match = _CLOCK.fullmatch(text)
+    if not match or int(match[1]) > 24 or int(match[2]) > 59 or float(match[3]) >= 61:
+        return None
+    return 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3])
 
 
 def day_of(year: int, month: int, day: int) -> str:

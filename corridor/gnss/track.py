@@ -1,5 +1,6 @@
 """The track of an antenna: positions at the receiver's epochs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,8 +9,9 @@ import pandas as pd
 
 from corridor.brief import brief
 from corridor.errors import InputError
-from corridor.gnss.epochs import POSITION
+from corridor.gnss.time import clock
 
+POSITION = ["x", "y", "z"]
 QUALITY = {1: "fix", 2: "float", 3: "sbas", 4: "dgps", 5: "single", 6: "ppp", 7: "dead reckoning"}
 GEOGRAPHIC = "EPSG:4979"
 GEOCENTRIC = "EPSG:4978"
@@ -46,6 +48,27 @@ class Track:
     notes: tuple[str, ...] = ()
     origin: tuple[float, float, float] | None = None
 
+    @classmethod
+    def of_rows(
+        cls,
+        table: pd.DataFrame,
+        rows: np.ndarray,
+        source: Path,
+        day: str | None = None,
+        time_system: str | None = None,
+        crs: str | None = None,
+        notes: Sequence[str] = (),
+    ) -> "Track":
+        """Of epochs as they were read, copies left out; rows (n,): lines of the file.
+
+        Raises InputError where a place cannot be, the time goes back, or one epoch has two
+        positions.
+        """
+        if crs == GEOGRAPHIC:
+            _check_geographic(table, rows, source)
+        table, copies = _in_order(table, rows, source)
+        return cls(table, day, time_system, crs, source, notes=(*notes, *copies))
+
     @property
     def start(self) -> float:
         """Time of the first epoch, seconds."""
@@ -70,4 +93,57 @@ def check_quality(track: Track) -> None:
         raise InputError(
             f"{track.source.name}: all {len(quality)} epochs are single positions (quality 5), "
             "good to metres only; process the track again with a base station"
+        )
+
+
+def _in_order(
+    table: pd.DataFrame, rows: np.ndarray, path: Path
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """The table without copies of epochs, and notes on what was left out.
+
+    table: columns of a track; times must rise within each flight. rows: (n,) lines of the file.
+    Raises InputError where the time goes back, or one epoch has two positions.
+    """
+    if not len(table):
+        raise InputError(f"{path.name} holds no epochs; write the track again")
+    time = table["time_s"].to_numpy()
+    same_flight = np.ones(len(table) - 1, dtype=bool)
+    if "flight" in table:
+        names = table["flight"].to_numpy()
+        same_flight = names[1:] == names[:-1]
+    step = np.diff(time)
+    back = same_flight & (step < 0)
+    if back.any():
+        k = int(np.argmax(back))
+        raise InputError(
+            f"{path.name}, row {rows[k + 1]}: the time goes back by {-step[k]:.6g} s, from "
+            f"{clock(time[k])} in row {rows[k]} to {clock(time[k + 1])}; sort the rows by time, or "
+            "put each flight into a file of its own"
+        )
+    twice = same_flight & (step == 0)
+    if not twice.any():
+        return table, ()
+    position = table[POSITION].to_numpy()
+    differ = twice & (position[1:] != position[:-1]).any(axis=1)
+    if differ.any():
+        k = int(np.argmax(differ))
+        raise InputError(
+            f"{path.name}, row {rows[k + 1]}: the epoch {clock(time[k])} stands in row {rows[k]} "
+            "too, with another position; delete the wrong one"
+        )
+    copies = np.append(False, twice)
+    count, first = int(copies.sum()), rows[int(np.argmax(copies))]
+    note = f"{path.name}: {count} epoch{'s' * (count > 1)} written twice (first in row {first}), "
+    note += "the copies were left out"
+    return table[~copies].reset_index(drop=True), (note,)
+
+
+def _check_geographic(table: pd.DataFrame, rows: np.ndarray, path: Path) -> None:
+    """Raise InputError where a longitude (x) or latitude (y), degrees, cannot be."""
+    wrong = (table["y"].abs() > 90) | (table["x"].abs() > 360)
+    if wrong.any():
+        k = int(np.argmax(wrong.to_numpy()))
+        raise InputError(
+            f"{path.name}, row {rows[k]}: latitude {table['y'].iloc[k]:g} and longitude "
+            f"{table['x'].iloc[k]:g} are no place on Earth; correct or delete the row"
         )

@@ -1,4 +1,4 @@
-"""EXIF as plain values; None where a tag is missing or makes no sense.
+"""EXIF as fields of `Metadata`; what is missing or makes no sense is left out.
 
 Source: EXIF 2.32 (CIPA DC-008).
 """
@@ -12,13 +12,8 @@ from datetime import date
 import numpy as np
 from PIL import Image
 
-_MAKE, _MODEL, _ORIENTATION, _XMP = 271, 272, 274, 700
 _GPS, _INNER = 0x8825, 0x8769
-_EXPOSURE, _FOCAL_MM, _FOCAL_35, _WIDTH, _HEIGHT = 33434, 37386, 41989, 40962, 40963
-_AMBIENT, _MAKER_NOTE = 37888, 37500
-_PLANE, _PLANE_UNIT, _MM = 41486, 41488, {2: 25.4, 3: 10.0, 4: 1.0}
-_ORIGINAL, _ORIGINAL_DECIMALS, _ORIGINAL_ZONE = 36867, 37521, 36881
-_CREATED, _CREATED_DECIMALS = 36868, 37522
+_PLANE_UNIT, _MM = 41488, {2: 25.4, 3: 10.0, 4: 1.0}
 _MOMENT = re.compile(r"(\d{4})[:/-](\d{2})[:/-](\d{2})[ T](\d{2}):(\d{2}):(\d{2})")
 
 
@@ -38,112 +33,53 @@ class Taken:
     zone: str
 
 
-class Exif:
-    """The tags of one picture; each property is one fact. Raises what Pillow raises."""
+def facts_of(picture: Image.Image) -> tuple[dict[str, object], bytes | None, bytes | str | None]:
+    """Fields of `Metadata`, the maker's note, and the XMP packet that a TIFF keeps in its tags.
 
-    def __init__(self, picture: Image.Image):
-        tags = picture.getexif()
-        self._main = dict(tags)
-        self._gps, self._inner = dict(tags.get_ifd(_GPS)), dict(tags.get_ifd(_INNER))
+    Raises what Pillow raises.
+    """
+    tags = picture.getexif()
+    gps, inner = dict(tags.get_ifd(_GPS)), dict(tags.get_ifd(_INNER))
+    orientation, ambient = _number(tags.get(274)), _number(inner.get(37888))
+    per_mm, unit = _positive(inner.get(41486)), _MM.get(inner.get(_PLANE_UNIT, 2))
+    size = _positive(inner.get(40962)), _positive(inner.get(40963))
+    height = _number(gps.get(6))
+    if height is not None and gps.get(5) in (1, b"\x01", "1"):
+        height = -height
+    facts = {
+        "make": _text(tags.get(271)),
+        "model": _text(tags.get(272)),
+        "orientation": int(orientation) if orientation in range(1, 9) else 1,
+        "exposure_s": _positive(inner.get(33434)),
+        "focal_mm": _positive(inner.get(37386)),
+        "focal_35_mm": _positive(inner.get(41989)),
+        "pixels_per_mm": per_mm / unit if per_mm and unit else None,
+        "written_size": None if None in size else (int(size[0]), int(size[1])),
+        "taken": _taken(*(_text(inner.get(tag)) for tag in (36867, 37521, 36881))),
+        "height": height,
+    }
+    if ambient is not None and -60 < ambient < 80:
+        facts |= {"temperature_c": ambient, "temperature_of": "AmbientTemperature"}
+    lat, lon = _degrees(gps.get(2), gps.get(1), "S"), _degrees(gps.get(4), gps.get(3), "W")
+    if lat is not None and lon is not None:
+        facts |= {"lat_deg": lat, "lon_deg": lon}
+    note = inner.get(37500)
+    return facts, note if isinstance(note, bytes) else None, tags.get(700)
 
-    @property
-    def xmp(self) -> bytes | str | None:
-        """The XMP packet of a TIFF."""
-        return self._main.get(_XMP)
 
-    @property
-    def make(self) -> str:
-        """The camera's maker."""
-        return _text(self._main.get(_MAKE))
-
-    @property
-    def model(self) -> str:
-        """The camera's model."""
-        return _text(self._main.get(_MODEL))
-
-    @property
-    def orientation(self) -> int:
-        """1 to 8; 1: the rows are stored as they are shown."""
-        value = _number(self._main.get(_ORIENTATION))
-        return int(value) if value in range(1, 9) else 1
-
-    @property
-    def exposure_s(self) -> float | None:
-        """Time of exposure, s."""
-        return _positive(self._inner.get(_EXPOSURE))
-
-    @property
-    def focal_mm(self) -> float | None:
-        """Focal length, mm."""
-        return _positive(self._inner.get(_FOCAL_MM))
-
-    @property
-    def focal_35_mm(self) -> float | None:
-        """Focal length of the same view on 35 mm film."""
-        return _positive(self._inner.get(_FOCAL_35))
-
-    @property
-    def pixels_per_mm(self) -> float | None:
-        """Pixels a millimetre of the sensor, across."""
-        number, unit = _positive(self._inner.get(_PLANE)), self._inner.get(_PLANE_UNIT, 2)
-        return number / _MM[unit] if number and unit in _MM else None
-
-    @property
-    def written_size(self) -> tuple[int, int] | None:
-        """Width and height that the camera wrote, px."""
-        size = _positive(self._inner.get(_WIDTH)), _positive(self._inner.get(_HEIGHT))
-        return None if None in size else (int(size[0]), int(size[1]))
-
-    @property
-    def ambient_c(self) -> float | None:
-        """Temperature about the camera."""
-        value = _number(self._inner.get(_AMBIENT))
-        return value if value is not None and -60 < value < 80 else None
-
-    @property
-    def maker_note(self) -> bytes | None:
-        """What the maker adds in a form of its own."""
-        value = self._inner.get(_MAKER_NOTE)
-        return value if isinstance(value, bytes) else None
-
-    @property
-    def taken(self) -> Taken | None:
-        """The moment of exposure."""
-        text = _text(self._inner.get(_ORIGINAL))
-        match = _MOMENT.match(text)
-        if not match:
-            return None
-        year, month, day, hour, minute, second = (int(part) for part in match.groups())
-        try:
-            at = date(year, month, day).isoformat()
-        except ValueError:
-            at = None
-        seconds, decimals = _seconds(
-            hour, minute, second, _text(self._inner.get(_ORIGINAL_DECIMALS))
-        )
-        zone = re.fullmatch(r"[+-]\d{2}:\d{2}", _text(self._inner.get(_ORIGINAL_ZONE)))
-        return Taken(match[0], at, seconds, decimals, zone[0] if zone else "")
-
-    @property
-    def since_start_s(self) -> float | None:
-        """Seconds since the camera was switched on: Parrot writes them as a date of 1970."""
-        match = _MOMENT.match(_text(self._inner.get(_CREATED)))
-        if not match or not match[0].startswith("1970:01:01 "):
-            return None
-        clock = (int(part) for part in match.groups()[3:])
-        return _seconds(*clock, _text(self._inner.get(_CREATED_DECIMALS)))[0]
-
-    @property
-    def position(self) -> tuple[float | None, float | None, float | None]:
-        """Latitude, longitude (degrees), height (m)."""
-        height = _number(self._gps.get(6))
-        if height is not None and self._gps.get(5) in (1, b"\x01", "1"):
-            height = -height
-        return (
-            _degrees(self._gps.get(2), self._gps.get(1), "S"),
-            _degrees(self._gps.get(4), self._gps.get(3), "W"),
-            height,
-        )
+def _taken(moment: str, decimals: str, zone: str) -> Taken | None:
+    match = _MOMENT.match(moment)
+    if not match:
+        return None
+    year, month, day, hour, minute, second = (int(part) for part in match.groups())
+    try:
+        at = date(year, month, day).isoformat()
+    except ValueError:
+        at = None
+    digits = re.match(r"\d*", decimals)[0]
+    seconds = 3600.0 * hour + 60.0 * minute + float(f"{second}.{digits or '0'}")
+    zone = zone if re.fullmatch(r"[+-]\d{2}:\d{2}", zone) else ""
+    return Taken(match[0], at, seconds, len(digits), zone)
 
 
 def _text(value) -> str:
@@ -171,8 +107,3 @@ def _degrees(value, reference, negative) -> float | None:
     angle = d + m / 60 + s / 3600
     sign = -1.0 if _text(reference).upper().startswith(negative) else 1.0
     return sign * angle if np.isfinite(angle) else None
-
-
-def _seconds(hour, minute, second, decimals) -> tuple[float, int]:
-    digits = re.match(r"\d*", decimals)[0]
-    return 3600.0 * hour + 60.0 * minute + float(f"{second}.{digits or '0'}"), len(digits)

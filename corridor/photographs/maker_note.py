@@ -10,10 +10,18 @@ import struct
 import numpy as np
 
 _FLOAT, _MOST_ENTRIES = 11, 200
-_VELOCITY, _CAMERA = (3, 4, 5), (10, 9, 11)
 
 
-def floats_of(note: bytes | None) -> dict[int, float]:
+def facts_of(note: bytes | None) -> dict[str, object]:
+    """Fields of `Metadata`: velocity (written north, east, down) and attitude of the camera."""
+    tags, facts = _floats_of(note), {}
+    if {3, 4, 5} <= set(tags):
+        facts["velocity"] = tags[4], tags[3], -tags[5]
+        facts["velocity_of"] = "tags 3, 4, 5 of DJI's maker note"
+    return facts | {"yaw": tags.get(10), "pitch": tags.get(9), "roll": tags.get(11)}
+
+
+def _floats_of(note: bytes | None) -> dict[int, float]:
     """Single floats of a maker note by tag; empty where it is no list of tags.
 
     note: a TIFF directory: count, then twelve bytes an entry. Single floats stand in the entry
@@ -34,16 +42,3 @@ def floats_of(note: bytes | None) -> dict[int, float]:
         if found:
             return {tag: value for tag, value in found.items() if np.isfinite(value)}
     return {}
-
-
-def velocity(tags: dict[int, float]) -> tuple[tuple[float, float, float] | None, str]:
-    """East, north, up, m/s (written north, east, down), and what says so."""
-    if not set(_VELOCITY) <= set(tags):
-        return None, ""
-    north, east, down = (tags[tag] for tag in _VELOCITY)
-    return (east, north, -down), "tags 3, 4, 5 of DJI's maker note"
-
-
-def attitude(tags: dict[int, float]) -> tuple[float | None, float | None, float | None]:
-    """Yaw, pitch, roll of the camera, degrees as written."""
-    return tuple(tags.get(tag) for tag in _CAMERA)

@@ -11,8 +11,8 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from corridor.errors import InputError
-from corridor.photographs import maker_note, xmp
-from corridor.photographs.exif import Exif, Taken
+from corridor.photographs import exif, maker_note, xmp
+from corridor.photographs.exif import Taken
 
 SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png")
 # Pictures as a camera takes them, where a program that made them smaller struck EXIF's size.
@@ -30,12 +30,12 @@ class Metadata:
     """One photograph's metadata; None where it does not say.
 
     width, height_px: of the stored picture; written_size: what the camera wrote. pixels_per_mm: of
-    the sensor, in pixels as taken. taken: by the
-    camera's clock. lat_deg, lon_deg (WGS 84), height (m, as written: of the ellipsoid or the sea).
+    the sensor, in pixels as taken. taken: by the camera's clock. lat_deg, lon_deg (WGS 84),
+    height (m, as written: of the ellipsoid or the sea).
     sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
     camera, as written. temperature_c and what it is of. velocity: east, north, up, m/s, and what
-    says so. gyro: samples us, x, y, z (rad/s, axes of the maker); created_s: seconds since start
-    at the first row. line_ns: time of a row as the header says. tags: every XMP entry as text.
+    says so. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time of a row as the
+    header says. tags: every XMP entry as text.
     """
 
     path: Path
@@ -63,7 +63,6 @@ class Metadata:
     velocity: tuple[float, float, float] | None = None
     velocity_of: str = ""
     line_ns: float | None = None
-    created_s: float | None = None
     gyro: np.ndarray | None = None
     tags: dict[str, str] = field(default_factory=dict)
 
@@ -119,65 +118,19 @@ def read_metadata(path: Path, content: bytes | None = None) -> Metadata:
     """
     try:
         with Image.open(path if content is None else io.BytesIO(content)) as picture:
-            size = picture.size
-            exif = Exif(picture)
-            packet = picture.info.get("xmp") or exif.xmp
+            width, height = picture.size
+            facts, note, packet = exif.facts_of(picture)
+            tags = xmp.tags_of(picture.info.get("xmp") or packet)
     except _FAULTS as error:
         raise InputError(
             f"{path.name} cannot be read as a photograph ({type(error).__name__}); take it out of "
             "the folder"
         ) from None
-    tags = xmp.tags_of(packet)
-    lat, lon, height = _position(xmp.position(tags), exif.position)
-    yaw, pitch, roll = xmp.attitude(tags)
-    flag = xmp.number(tags, "RtkFlag")
-    temperature, temperature_of = xmp.temperature(tags)
-    if temperature is None and exif.ambient_c is not None:
-        temperature, temperature_of = exif.ambient_c, "AmbientTemperature"
-    velocity, velocity_of = xmp.velocity(tags)
-    noted = maker_note.floats_of(exif.maker_note) if "dji" in exif.make.lower() else {}
-    if velocity is None:
-        velocity, velocity_of = maker_note.velocity(noted)
-    if yaw is None:
-        yaw, pitch, roll = maker_note.attitude(noted)
-    return Metadata(
-        path=path,
-        width=size[0],
-        height_px=size[1],
-        make=exif.make,
-        model=exif.model,
-        orientation=exif.orientation,
-        written_size=exif.written_size,
-        exposure_s=exif.exposure_s,
-        focal_mm=exif.focal_mm,
-        focal_35_mm=exif.focal_35_mm,
-        pixels_per_mm=exif.pixels_per_mm,
-        taken=exif.taken,
-        lat_deg=lat,
-        lon_deg=lon,
-        height=height,
-        sigma=xmp.sigma(tags),
-        flag=int(flag) if flag is not None else None,
-        yaw=yaw,
-        pitch=pitch,
-        roll=roll,
-        temperature_c=temperature,
-        temperature_of=temperature_of,
-        velocity=velocity,
-        velocity_of=velocity_of,
-        line_ns=xmp.number(tags, "LineReadoutTime"),
-        created_s=exif.since_start_s,
-        gyro=xmp.gyroscope(tags),
-        tags=tags,
-    )
-
-
-def _position(of_xmp, of_exif):
-    lat, lon, height = of_xmp
-    if lat is None or lon is None:
-        lat, lon = of_exif[:2]
-    if height is None:
-        height = of_exif[2]
-    if lat is None or lon is None or abs(lat) > 90 or abs(lon) > 180 or (lat, lon) == (0.0, 0.0):
-        return None, None, None
-    return lat, lon, height
+    noted = maker_note.facts_of(note) if "dji" in facts["make"].lower() else {}
+    # Of two that speak, XMP is the more precise.
+    for more in (noted, xmp.facts_of(tags)):
+        facts |= {name: value for name, value in more.items() if value is not None}
+    lat, lon = facts.get("lat_deg"), facts.get("lon_deg")
+    if lat is None or abs(lat) > 90 or abs(lon) > 180 or (lat, lon) == (0.0, 0.0):
+        facts |= {"lat_deg": None, "lon_deg": None, "height": None}
+    return Metadata(path, width, height, tags=tags, **facts)

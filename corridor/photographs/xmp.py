@@ -54,39 +54,41 @@ def number(tags: dict[str, str], *names: str) -> float | None:
     return None
 
 
-def position(tags: dict[str, str]) -> tuple[float | None, float | None, float | None]:
-    """Latitude, longitude (degrees), height (m)."""
-    return (
-        number(tags, "GpsLatitude", "Latitude"),
-        number(tags, "GpsLongitude", "GpsLongtitude", "Longitude", "Longtitude"),
-        number(tags, "AbsoluteAltitude"),
+def facts_of(tags: dict[str, str]) -> dict[str, object]:
+    """Fields of `Metadata`; what the tags do not say is left out."""
+    flag, rtk = number(tags, "RtkFlag"), _numbers(tags, "RtkStdLon", "RtkStdLat", "RtkStdHgt")
+    facts = {
+        "height": number(tags, "AbsoluteAltitude"),
+        "flag": None if flag is None else int(flag),
+        "line_ns": number(tags, "LineReadoutTime"),
+        "gyro": _gyroscope(tags),
+    }
+    lat = number(tags, "GpsLatitude", "Latitude")
+    lon = number(tags, "GpsLongitude", "GpsLongtitude", "Longitude", "Longtitude")
+    if lat is not None and lon is not None:
+        facts |= {"lat_deg": lat, "lon_deg": lon}
+    # Standard deviations: east, north, up, m.
+    plan, up = _numbers(tags, "GPSXYAccuracy", "GPSZAccuracy")
+    for sigma in (rtk, (plan, plan, up)):
+        if "sigma" not in facts and None not in sigma and min(sigma) > 0:
+            facts["sigma"] = sigma
+    yaw, pitch, roll = (
+        number(tags, f"Gimbal{name}Degree", name) for name in ("Yaw", "Pitch", "Roll")
     )
-
-
-def sigma(tags: dict[str, str]) -> tuple[float, float, float] | None:
-    """Standard deviations of the position: east, north, up, m."""
-    found = tuple(number(tags, key) for key in ("RtkStdLon", "RtkStdLat", "RtkStdHgt"))
-    if None not in found and min(found) > 0:
-        return found
-    plan, up = number(tags, "GPSXYAccuracy"), number(tags, "GPSZAccuracy")
-    return (plan, plan, up) if plan and up and min(plan, up) > 0 else None
-
-
-def attitude(tags: dict[str, str]) -> tuple[float | None, float | None, float | None]:
-    """Yaw, pitch, roll of the gimbal or the camera, degrees as written."""
-    return tuple(number(tags, f"Gimbal{name}Degree", name) for name in ("Yaw", "Pitch", "Roll"))
-
-
-def temperature(tags: dict[str, str]) -> tuple[float | None, str]:
-    """Temperature of the camera, degrees Celsius, and the tag that says so."""
+    if yaw is not None:
+        facts |= {"yaw": yaw, "pitch": pitch, "roll": roll}
     for name in _TEMPERATURES:
         value = number(tags, name)
-        if value is not None and -60 < value < 150:
-            return value, name
-    return None, ""
+        if "temperature_c" not in facts and value is not None and -60 < value < 150:
+            facts |= {"temperature_c": value, "temperature_of": name}
+    return facts | _velocity(tags)
 
 
-def velocity(tags: dict[str, str]) -> tuple[tuple[float, float, float] | None, str]:
+def _numbers(tags, *names):
+    return tuple(number(tags, name) for name in names)
+
+
+def _velocity(tags):
     """East, north, up, m/s, and the tags that say so."""
     words = tags.get("IMULinearVelocity", "").replace(",", " ").split()
     try:
@@ -94,15 +96,16 @@ def velocity(tags: dict[str, str]) -> tuple[tuple[float, float, float] | None, s
     except ValueError:
         found = ()
     if len(found) == 3 and np.isfinite(found).all():
-        return found, "IMULinearVelocity"
+        return {"velocity": found, "velocity_of": "IMULinearVelocity"}
     # DJI since the Phantom 4: north, east, down, to a tenth.
-    north, east, down = (number(tags, f"Flight{axis}Speed") for axis in "XYZ")
+    north, east, down = _numbers(tags, *(f"Flight{axis}Speed" for axis in "XYZ"))
     if None in (north, east, down):
-        return None, ""
-    return (east, north, -down), "FlightXSpeed, FlightYSpeed, FlightZSpeed"
+        return {}
+    said = "FlightXSpeed, FlightYSpeed, FlightZSpeed"
+    return {"velocity": (east, north, -down), "velocity_of": said}
 
 
-def gyroscope(tags: dict[str, str]) -> np.ndarray | None:
+def _gyroscope(tags):
     """Parrot's IMUAngularVelocity, base64 of 24-byte samples at 1 kHz: us, x, y, z (rad/s)."""
     text = tags.get("IMUAngularVelocity", "")
     try:

@@ -1,4 +1,4 @@
-"""The local frame against closed formulas, and what Lambert-93 costs at Culoz."""
+"""The local frame and the conversion to a grid against closed formulas."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from corridor.errors import InputError
-from corridor.gnss import Local, Track, convert, geographic_positions, grid_cost, to_local
+from corridor.gnss import Local, Track, convert, geographic_positions, to_local
 
 A, F = 6378137.0, 1 / 298.257223563
 E2 = F * (2 - F)
@@ -150,41 +150,8 @@ def lambert_93_scale(lat_deg):
 
 
 @pytest.mark.parametrize("lat", [43.0, 44.0, 45.83, 49.0, 50.5])
-def test_the_scale_of_lambert_93_is_snyders(lat):
-    assert grid_cost("EPSG:2154", lat, 5.78).scale_ppm == pytest.approx(
-        (lambert_93_scale(lat) - 1) * 1e6, abs=1e-3
-    )
-
-
-def test_lambert_93_at_culoz_costs_526_mm_over_600_m_and_5_px_of_f():
-    """-877 ppm at 45.83 N; 600 m x 877 ppm = 526 mm; 5489 px x 877 ppm = 4.8 px; 600^2 / 2R."""
-    cost = grid_cost("EPSG:2154", *CULOZ, length_m=600, f_px=5489)
-    assert round(cost.scale_ppm) == -877
-    assert round(cost.length_mm) == -526
-    assert round(cost.focal_px, 1) == 4.8
-    assert round(cost.curvature_mm) == 28
-    text = str(cost)
-    for part in ("877 ppm shorter", "526 mm over 600 m", "4.8 px longer", "28 mm over 600 m"):
-        assert part in text
-
-
-def test_distances_in_the_grid_are_shorter_by_what_is_said():
+def test_distances_in_lambert_93_have_snyders_scale(lat):
     """600 m east at the height of the ellipsoid; the curvature changes its length by 0.0002 mm."""
-    place = Local(*CULOZ, 0.0)
-    ends = place.to_crs(np.array([[-300.0, 0, 0], [300.0, 0, 0]]), "EPSG:2154")
-    cost = grid_cost("EPSG:2154", *CULOZ)
-    assert np.linalg.norm(np.diff(ends[:, :2], axis=0)) == pytest.approx(
-        600 + cost.length_mm / 1e3, abs=1e-5
-    )
-
-
-def test_height_above_the_ellipsoid_shortens_too():
-    """h / R: 1000 m of 6 380 km are 157 ppm."""
-    low, high = (grid_cost("EPSG:32631", 45.83, 3.0, height=h).scale_ppm for h in (0.0, 1000.0))
-    assert low == pytest.approx(-400, abs=0.01)  # 0.9996 on the central meridian
-    assert low - high == pytest.approx(157, abs=1)
-
-
-def test_what_is_no_grid_has_no_grid_cost():
-    with pytest.raises(InputError, match=r"EPSG:4979 is not a projected CRS"):
-        grid_cost("EPSG:4979", *CULOZ)
+    ends = Local(lat, 5.78).to_crs(np.array([[-300.0, 0, 0], [300.0, 0, 0]]), "EPSG:2154")
+    length = np.linalg.norm(np.diff(ends[:, :2], axis=0))
+    assert length == pytest.approx(600 * lambert_93_scale(lat), abs=1e-5)

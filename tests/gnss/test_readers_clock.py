@@ -9,7 +9,7 @@ import pytest
 from test_readers_bad_tracks import fault
 
 from corridor.errors import InputError
-from corridor.gnss import Exposures, Track, align, align_time
+from corridor.gnss import Exposures, Track, align
 from corridor.gnss.time import ahead_of_utc, leap_seconds, mjd_day, time_system
 
 EAST = 6378137.0 * np.pi / 180  # metres a degree of longitude on the equator
@@ -53,7 +53,7 @@ def test_no_digit_of_a_modified_julian_day_is_lost():
 
 
 def test_one_system_and_one_day_want_no_offset():
-    assert align_time(track(), images([30010.0, 30020.0])) == 0.0
+    assert align(track(), images([30010.0, 30020.0])).offset_s == 0.0
 
 
 def test_images_in_gps_time_and_a_track_in_utc_are_18_s_apart_and_it_is_said():
@@ -64,31 +64,31 @@ def test_images_in_gps_time_and_a_track_in_utc_are_18_s_apart_and_it_is_said():
 
 def test_a_camera_that_shows_a_zones_time():
     """10:20:10 at UTC+02:00 is 08:20:10 UTC, 08:20:28 GPST."""
-    offset = align_time(track(), images([37210.0], system="UTC+02:00"))
+    offset = align(track(), images([37210.0], system="UTC+02:00")).offset_s
     assert offset == -2 * 3600 + 18
 
 
 def test_the_day_may_differ():
     flown = track(first=86390.0, day="2024-06-24")
-    assert align_time(flown, images([5.0, 6.0], day="2024-06-25")) == 86400.0
+    assert align(flown, images([5.0, 6.0], day="2024-06-25")).offset_s == 86400.0
 
 
 @pytest.mark.parametrize("which", ["track", "images"])
 def test_an_unknown_system_is_refused_unless_it_is_stated(which):
     flown = track(system=None if which == "track" else "GPST")
     times = images([30010.0], system=None if which == "images" else "GPST")
-    assert "does not say in which time system" in fault(align_time, flown, times)
+    assert "does not say in which time system" in fault(align, flown, times)
     stated = {"track_system" if which == "track" else "exposures_system": "GPST"}
-    assert align_time(flown, times, **stated) == 0.0
+    assert align(flown, times, **stated).offset_s == 0.0
 
 
 def test_seconds_without_a_date_count_from_the_day_or_the_week():
     """24 June 2024 is a Monday: its midnight is second 86400 of the GPS week."""
     flown = track()
-    assert align_time(flown, images([30010.0], day=None)) == 0.0
-    assert align_time(flown, images([116410.0], day=None)) == -86400.0
+    assert align(flown, images([30010.0], day=None)).offset_s == 0.0
+    assert align(flown, images([116410.0], day=None)).offset_s == -86400.0
     week = track(first=116400.0, day=None)
-    assert align_time(week, images([30010.0])) == 86400.0
+    assert align(week, images([30010.0])).offset_s == 86400.0
 
 
 WRONG = {
@@ -102,7 +102,7 @@ WRONG = {
 @pytest.mark.parametrize("case", WRONG)
 def test_no_overlap_is_refused_and_the_usual_cause_is_named(case):
     times, cause = WRONG[case]
-    sentence = fault(align_time, track(), times)
+    sentence = fault(align, track(), times)
     assert "do not overlap in time" in sentence and cause in sentence
 
 
@@ -112,13 +112,13 @@ def block(first, times, **more):
 
 
 def test_tables_of_a_block_share_one_clock():
-    assert align_time(*block(100.0, [110.0, 150.0])) == 0.0
+    assert align(*block(100.0, [110.0, 150.0])).offset_s == 0.0
 
 
 @pytest.mark.parametrize("times", [[0.5, 50.0, 90.0], [150.0, 250.0, 350.0, 450.0]])
 def test_tables_without_a_common_clock_are_refused_and_not_stretched(times):
     """The second begins within the track and would fit if it were squeezed to a third."""
-    sentence = fault(align_time, *block(100.0, times))
+    sentence = fault(align, *block(100.0, times))
     assert "have no common clock" in sentence
 
 
@@ -138,11 +138,11 @@ def test_positions_give_a_wrongly_stated_time_system_away(shift):
     """180 m at 10 m/s; the on-board positions are 2 m off."""
     taken = 30030.0 + 4 * np.arange(10)
     wrong = images(taken + shift, x=10 * (taken - 30000) / EAST, y=2 / EAST, z=0.0)
-    sentence = fault(align_time, track(), replace(wrong, crs="EPSG:4979"))
+    sentence = fault(align, track(), replace(wrong, crs="EPSG:4979"))
     assert "180 m from flight.pos, but 2.0 m if the images were taken 18 s" in sentence
     assert "one of the two states UTC and means GPS time" in sentence
     right = images(taken, x=10 * (taken - 30000) / EAST, y=2 / EAST, z=0.0)
-    assert align_time(track(), replace(right, crs="EPSG:4979")) == 0.0
+    assert align(track(), replace(right, crs="EPSG:4979")).offset_s == 0.0
 
 
 def test_positions_that_are_metres_off_everywhere_accuse_no_clock():
@@ -153,4 +153,4 @@ def test_positions_that_are_metres_off_everywhere_accuse_no_clock():
 
 def test_a_file_without_times_is_refused():
     with pytest.raises(InputError, match=r"images.txt states no times"):
-        align_time(track(), images([np.nan, np.nan]))
+        align(track(), images([np.nan, np.nan]))

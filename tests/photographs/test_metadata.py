@@ -11,8 +11,7 @@ import corridor
 from corridor.errors import InputError
 from corridor.interchange import Project
 from corridor.interchange.placing import add_photographs, gyro_rates, readout_of
-from corridor.photographs import maker_note, of_picture, published_readouts, read_metadata
-from corridor.photographs.exif import Exif
+from corridor.photographs import exif, maker_note, of_picture, published_readouts, read_metadata
 
 
 def saved(path, tags=(), inner=(), xmp=""):
@@ -186,7 +185,7 @@ def test_the_maker_note_says_what_xmp_says(real_data):
     for file in files:
         photo = read_metadata(file)
         with Image.open(file) as picture:
-            noted = maker_note.floats_of(Exif(picture).maker_note)
-        east_north_up, _ = maker_note.velocity(noted)
-        differ.append([*np.subtract(east_north_up, photo.velocity), noted[10] - photo.yaw])
+            noted = maker_note.facts_of(exif.facts_of(picture)[1])
+        moved = np.subtract(noted["velocity"], photo.velocity)
+        differ.append([*moved, noted["yaw"] - photo.yaw])
     assert len(files) == 76 and np.abs(differ).max() < 1e-4

@@ -11,7 +11,6 @@ import pandas as pd
 
 from corridor.block import LAYOUTS, SIGMAS, Layout, place, read_columns, row_numbers
 from corridor.errors import InputError
-from corridor.gnss.epochs import in_order
 from corridor.gnss.exposures import Exposures
 from corridor.gnss.track import Track
 
@@ -66,8 +65,7 @@ def read(path: Path) -> Track | Exposures:
 def _track(path: Path, frame: pd.DataFrame) -> Track:
     last = [name for name in frame if name == "flight"]
     frame = frame[[*frame.columns.drop(last), *last]]
-    frame, notes = in_order(frame, row_numbers(path, len(frame)), path)
-    return Track(frame, None, None, None, path, notes=notes)
+    return Track.of_rows(frame, row_numbers(path, len(frame)), path)
 
 
 def _exposures(path: Path, frame: pd.DataFrame) -> Exposures:

@@ -14,9 +14,16 @@ import numpy as np
 import pandas as pd
 
 from corridor.errors import InputError
-from corridor.gnss.epochs import check_geographic, in_order
-from corridor.gnss.text import degrees, number, sigma
-from corridor.gnss.time import DAY_S, day_after, day_of, gps_day, leap_seconds, on_one_day
+from corridor.gnss.text import Rows
+from corridor.gnss.time import (
+    DAY_S,
+    day_after,
+    day_of,
+    gps_day,
+    leap_seconds,
+    on_one_day,
+    seconds_of_clock,
+)
 from corridor.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track
 from corridor.textfile import read_lines
 
@@ -70,41 +77,30 @@ def read(path: Path) -> Track:
             "the header on"
         )
     columns = _columns(lines[at - 1], lines[at])
-    width = columns[-1].last
-    rows = [row for row, line in enumerate(lines[at + 1 :], at + 2) if line.strip()]
-    split = [lines[row - 1].split() for row in rows]
-    if not rows:
+    rows = Rows.of_lines(path, lines, at + 1)
+    if not len(rows):
         raise InputError(f"{path.name} holds no epochs; process the track again")
-    for row, fields in zip(rows, split, strict=True):
-        if len(fields) != width:
-            raise InputError(
-                f"{path.name}, row {row}: {len(fields)} fields where the header has {width}; "
-                "delete the row, or export the file again if it is cut off"
-            )
-
-    day, system, time, notes = _times(columns, split, rows, path)
-    table = {"time_s": time}
-    crs = _positions(table, columns, split, rows, path)
+    remedy = "delete the row, or export the file again if it is cut off"
+    rows.expect(columns[-1].last, "the header", remedy)
+    found = _Table(columns, rows)
+    day, system, time, notes = _times(found)
+    table = pd.DataFrame({"time_s": time})
+    crs = _positions(table, found)
     for key, names in _NUMBERS.items():
-        column = _find(columns, *names)
+        column = found.find(*names)
         if column:
-            table[key] = _values(column, split, rows, path, sigma if key[0] == "s" else number)
-    horizontal = _find(columns, "SDHoriz", "SDHz")
+            table[key] = found.sigmas(column) if key[0] == "s" else found.numbers(column)
+    horizontal = found.find("SDHoriz", "SDHz")
     if horizontal and "sx" not in table:
-        table["sx"] = _values(horizontal, split, rows, path, sigma)
-        table["sy"] = table["sx"].copy()
-    quality = _find(columns, "Q")
+        table["sx"] = table["sy"] = found.sigmas(horizontal)
+    quality = found.find("Q")
     if quality:
-        own = _values(quality, split, rows, path, number)
-        table["quality"] = np.array([_QUALITY.get(int(value), np.nan) for value in own])
+        own = found.numbers(quality)
+        table["quality"] = np.array([_QUALITY.get(int(value), np.nan) for value in own], float)
         table["grafnav_quality"] = own
     order = ["time_s", "x", "y", "z", *_NUMBERS, "quality", "grafnav_quality"]
-    frame = pd.DataFrame({name: table[name] for name in order if name in table}).astype(float)
-    at_row = np.array(rows)
-    if crs == GEOGRAPHIC:
-        check_geographic(frame, at_row, path)
-    frame, copies = in_order(frame, at_row, path)
-    return Track(frame, day, system, crs, path, notes=(*notes, *copies))
+    table = table[[name for name in order if name in table]]
+    return Track.of_rows(table, rows.at, path, day, system, crs, notes)
 
 
 def _columns(names: str, units: str) -> list[_Column]:
@@ -124,103 +120,124 @@ def _columns(names: str, units: str) -> list[_Column]:
     return columns
 
 
-def _find(columns: list[_Column], *names: str, unit: str | None = None) -> _Column | None:
-    for name in names:
-        for column in columns:
-            if column.name == name and (unit is None or column.unit.lower() == unit.lower()):
-                return column
-    return None
+@dataclass(frozen=True)
+class _Table:
+    """The columns, and the rows that they are of; what is asked for comes in SI units."""
 
+    columns: list[_Column]
+    rows: Rows
 
-def _values(column: _Column, split, rows, path: Path, how) -> np.ndarray:
-    factor = _UNIT_M.get(column.unit, 1.0)
-    place = column.first
-    return factor * np.array(
-        [
-            how(fields[place], path, row, column.name)
-            for fields, row in zip(split, rows, strict=True)
-        ]
-    )
+    def find(self, *names: str, unit: str | None = None) -> _Column | None:
+        for name in names:
+            for column in self.columns:
+                if column.name == name and (unit is None or column.unit.lower() == unit.lower()):
+                    return column
+        return None
 
+    def numbers(self, column: _Column) -> np.ndarray:
+        return _UNIT_M.get(column.unit, 1.0) * self.rows.numbers(column.first, column.name)
 
-def _positions(table: dict, columns, split, rows, path: Path) -> str:
-    """Fill x, y, z; returns the CRS."""
-    latitude, longitude = _find(columns, "Latitude"), _find(columns, "Longitude")
-    height = _find(columns, "H-Ell")
-    geocentric = [_find(columns, f"{axis}-ECEF") for axis in "XYZ"]
-    if latitude and longitude and height:
-        for key, column in (("x", longitude), ("y", latitude)):
-            table[key] = np.array(
-                [
-                    degrees(fields[column.first : column.last], path, row, column.name)
-                    for fields, row in zip(split, rows, strict=True)
-                ]
+    def sigmas(self, column: _Column) -> np.ndarray:
+        return _UNIT_M.get(column.unit, 1.0) * self.rows.sigmas(column.first, column.name)
+
+    def degrees(self, column: _Column) -> np.ndarray:
+        return self.rows.degrees(column.first, column.last, column.name)
+
+    def clock(self, name: str) -> np.ndarray | None:
+        """Seconds of the day of a column in hours, minutes and seconds."""
+        column = self.find(name, unit="HMS")
+        if column is None:
+            return None
+        texts = self.rows.texts(column.first)
+        seconds = [seconds_of_clock(text) for text in texts]
+        if None in seconds:
+            k = seconds.index(None)
+            raise self.rows.wrong(
+                k, f"{name} = {texts[k]!r} is not a time, as 5:54:22.200; correct or delete the row"
             )
-        table["z"] = _values(height, split, rows, path, number)
+        return np.array(seconds)
+
+    def dates(self, *names: str) -> list[str] | None:
+        """The day of each row."""
+        column = self.find(*names)
+        if column is None or column.unit.upper() not in _DATE_ORDER:
+            return None
+        order = _DATE_ORDER[column.unit.upper()]
+        dates: dict[str, str] = {}
+        texts = self.rows.texts(column.first)
+        for k, text in enumerate(texts):
+            if text not in dates:
+                try:
+                    parts = [int(part) for part in re.split(r"[/.-]", text)]
+                    dates[text] = day_of(*(parts[place] for place in order))
+                except (ValueError, IndexError):
+                    raise self.rows.wrong(
+                        k,
+                        f"{column.name} = {text!r} is not a date ({column.unit}); correct or "
+                        "delete the row",
+                    ) from None
+        return [dates[text] for text in texts]
+
+    def lacks(self, what: str, remedy: str) -> InputError:
+        has = ", ".join(column.name for column in self.columns)
+        return InputError(f"{self.rows.path.name} lacks {what} (it has {has}); {remedy}")
+
+
+def _positions(table: pd.DataFrame, found: _Table) -> str:
+    """Fill x, y, z; returns the CRS."""
+    latitude, longitude = found.find("Latitude"), found.find("Longitude")
+    height = found.find("H-Ell")
+    geocentric = [found.find(f"{axis}-ECEF") for axis in "XYZ"]
+    if latitude and longitude and height:
+        table["x"], table["y"] = found.degrees(longitude), found.degrees(latitude)
+        table["z"] = found.numbers(height)
         return GEOGRAPHIC
     if all(geocentric):
         for key, column in zip("xyz", geocentric, strict=True):
-            table[key] = _values(column, split, rows, path, number)
+            table[key] = found.numbers(column)
         return GEOCENTRIC
-    has = ", ".join(column.name for column in columns)
-    raise InputError(
-        f"{path.name} lacks Latitude, Longitude and H-Ell (it has {has}); export it again with "
-        "heights above the ellipsoid"
+    raise found.lacks(
+        "Latitude, Longitude and H-Ell", "export it again with heights above the ellipsoid"
     )
 
 
-def _times(columns, split, rows, path: Path):
+def _times(found: _Table) -> tuple[str | None, str, np.ndarray, list[str]]:
     """Day, time system, seconds since that day's 00:00, notes."""
-    gps = _clock(columns, "GPSTime", split, rows, path)
-    utc = _clock(columns, "UTCTime", split, rows, path)
-    gps_date = _dates(columns, ("GPSDate", "Date"), split, rows, path)
-    utc_date = _dates(columns, ("UTCDate",), split, rows, path)
-    week = _find(columns, "Week", "GPSWeek")
-    seconds = _find(columns, "GPSTime", unit="sec")
-    notes = []
+    gps, utc = found.clock("GPSTime"), found.clock("UTCTime")
+    gps_date, utc_date = found.dates("GPSDate", "Date"), found.dates("UTCDate")
+    week, seconds = found.find("Week", "GPSWeek"), found.find("GPSTime", unit="sec")
+    notes, name = [], found.rows.path.name
     if gps is not None and utc is not None and utc_date is not None:
         apart = np.round((gps - utc) % DAY_S, 3)
         leap = leap_seconds(utc_date[0])
         if (apart != leap).any():
             k = int(np.argmax(apart != leap))
-            raise InputError(
-                f"{path.name}, row {rows[k]}: GPS time and UTC are {apart[k]:g} s apart, but "
-                f"{leap} s on {utc_date[k]}; export the file again with the right UTC offset"
+            raise found.rows.wrong(
+                k,
+                f"GPS time and UTC are {apart[k]:g} s apart, but {leap} s on {utc_date[k]}; export "
+                "the file again with the right UTC offset",
             )
-        notes.append(f"{path.name} states GPS time and UTC, {leap} s apart as they should be")
-    if gps is not None and gps_date is not None:
-        return _dated(gps_date, gps, "GPST", notes)
-    if gps is not None and utc_date is not None:
+        notes.append(f"{name} states GPS time and UTC, {leap} s apart as they should be")
+    if gps is not None and gps_date is None and utc_date is not None:
         # In the first seconds of a GPS day it is still the day before in UTC.
         late = [second < leap_seconds(day) for second, day in zip(gps, utc_date, strict=True)]
-        dates = [day_after(day) if k else day for day, k in zip(utc_date, late, strict=True)]
-        return _dated(dates, gps, "GPST", notes)
-    if utc is not None and utc_date is not None:
-        return _dated(utc_date, utc, "UTC", notes)
+        gps_date = [day_after(day) if k else day for day, k in zip(utc_date, late, strict=True)]
+    for date, clock, system in ((gps_date, gps, "GPST"), (utc_date, utc, "UTC")):
+        if date is not None and clock is not None:
+            day, time = on_one_day(list(zip(date, clock.tolist(), strict=True)))
+            return day, system, np.array(time), notes
     if week and seconds:
-        weeks = _values(week, split, rows, path, number)
-        within = _values(seconds, split, rows, path, number)
-        stamps = [gps_day(int(w), s) for w, s in zip(weeks, within, strict=True)]
-        day, time = on_one_day(stamps)
+        stamps = zip(found.numbers(week), found.numbers(seconds), strict=True)
+        day, time = on_one_day([gps_day(int(week), second) for week, second in stamps])
         return day, "GPST", np.array(time), notes
-    for name, system in (("GPSTime", "GPST"), ("UTCTime", "UTC")):
-        clock = gps if system == "GPST" else utc
-        column = _find(columns, name, unit="sec")
+    for named, system, clock in (("GPSTime", "GPST", gps), ("UTCTime", "UTC", utc)):
+        column = found.find(named, unit="sec")
         if clock is None and column:
-            clock = _values(column, split, rows, path, number)
+            clock = found.numbers(column)
         if clock is not None:
-            notes.append(f"{path.name} states no date, only {name}")
+            notes.append(f"{name} states no date, only {named}")
             return None, system, _unwrapped(clock), notes
-    has = ", ".join(column.name for column in columns)
-    raise InputError(
-        f"{path.name} lacks GPSTime and UTCTime (it has {has}); export it again with date and GPS "
-        "time"
-    )
-
-
-def _dated(dates: list[str], seconds: np.ndarray, system: str, notes: list[str]):
-    day, time = on_one_day(list(zip(dates, seconds.tolist(), strict=True)))
-    return day, system, np.array(time), notes
+    raise found.lacks("GPSTime and UTCTime", "export it again with date and GPS time")
 
 
 def _unwrapped(seconds: np.ndarray) -> np.ndarray:
@@ -228,42 +245,3 @@ def _unwrapped(seconds: np.ndarray) -> np.ndarray:
     step = np.diff(seconds, prepend=seconds[0])
     length = DAY_S if seconds.max() <= DAY_S else 7 * DAY_S
     return seconds + length * np.cumsum(step < -length / 2)
-
-
-def _clock(columns, name: str, split, rows, path: Path) -> np.ndarray | None:
-    """Seconds of the day of a column in hours, minutes and seconds."""
-    column = _find(columns, name, unit="HMS")
-    if column is None:
-        return None
-    seconds = []
-    for fields, row in zip(split, rows, strict=True):
-        match = re.fullmatch(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)", fields[column.first])
-        if not match:
-            raise InputError(
-                f"{path.name}, row {row}: {name} = {fields[column.first]!r} is not a time, as "
-                "5:54:22.200; correct or delete the row"
-            )
-        seconds.append(3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3]))
-    return np.array(seconds)
-
-
-def _dates(columns, names, split, rows, path: Path) -> list[str] | None:
-    column = _find(columns, *names)
-    if column is None or column.unit.upper() not in _DATE_ORDER:
-        return None
-    order = _DATE_ORDER[column.unit.upper()]
-    known: dict[str, str] = {}
-    dates = []
-    for fields, row in zip(split, rows, strict=True):
-        text = fields[column.first]
-        if text not in known:
-            try:
-                parts = [int(part) for part in re.split(r"[/.-]", text)]
-                known[text] = day_of(*(parts[k] for k in order))
-            except (ValueError, IndexError):
-                raise InputError(
-                    f"{path.name}, row {row}: {column.name} = {text!r} is not a date "
-                    f"({column.unit}); correct or delete the row"
-                ) from None
-        dates.append(known[text])
-    return dates

@@ -15,7 +15,7 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.gnss.exposures import Exposures
-from corridor.gnss.text import number
+from corridor.gnss.text import Rows
 from corridor.gnss.time import gps_day, on_one_day
 from corridor.textfile import read_lines
 
@@ -39,51 +39,35 @@ def read(path: Path) -> Exposures:
     lines = read_lines(path)
     comment, names = _FORMAT.match(lines[0].strip()).groups()
     names = re.split(r"[_\s]+", names.strip())
-    timed = {"W", "Sec"} <= set(names)
-    images, stamps, values, rows = [], [], [], []
-    keys = [key for name, key in _KEYS.items() if name in names]
-    for row, line in enumerate(lines[1:], 2):
-        if not line.strip() or line.startswith(comment):
-            continue
-        fields = line.split()
-        if len(fields) != len(names):
-            raise InputError(
-                f"{path.name}, row {row}: {len(fields)} fields where {lines[0].strip()} has "
-                f"{len(names)}; correct or delete the row"
-            )
-        cell = dict(zip(names, fields, strict=True))
-        images.append(cell["N"])
-        rows.append(row)
-        if timed:
-            week = number(cell["W"], path, row, "W")
-            stamps.append(gps_day(int(week), number(cell["Sec"], path, row, "Sec")))
-        values.append([number(cell[name], path, row, name) for name in _KEYS if name in names])
-    if not images:
+    rows = Rows.of_lines(path, lines, 1, skip=(comment,))
+    rows.expect(len(names), lines[0].strip(), "correct or delete the row")
+    if not len(rows):
         raise InputError(f"{path.name} holds no images; write the file again")
-    table = pd.DataFrame({"image": pd.Series(images, dtype="str")})
-    day, time = on_one_day(stamps) if timed else (None, [np.nan] * len(images))
-    table["time_s"] = np.array(time, dtype=float)
-    table[keys] = np.array(values, dtype=float).reshape(len(images), len(keys))
-    _check_names(table, rows, path)
-    notes = ()
-    if {"x", "y", "z"} <= set(keys):
-        empty = (table[["x", "y", "z"]] == 0).all(axis=1)
-        if {"sx", "sy", "sz"} <= set(keys):
-            empty &= (table[["sx", "sy", "sz"]] < 0).any(axis=1)
-            unknown = (table[["sx", "sy", "sz"]] < 0).any(axis=1)
-            table.loc[unknown, ["sx", "sy", "sz"]] = np.nan
-        count = int(empty.sum())
-        if count:
-            table.loc[empty, ["x", "y", "z"]] = np.nan
-            notes = (f"{path.name}: {count} of {len(table)} images have no position (0 0 0)",)
-    return Exposures(table, day, "GPST" if timed else None, None, path, notes=notes)
-
-
-def _check_names(table: pd.DataFrame, rows: list[int], path: Path) -> None:
-    twice = table["image"].duplicated().to_numpy()
+    timed = {"W", "Sec"} <= set(names)
+    day, time = None, np.full(len(rows), np.nan)
+    if timed:
+        weeks, seconds = (rows.numbers(names.index(key), key) for key in ("W", "Sec"))
+        stamps = zip(weeks, seconds, strict=True)
+        day, time = on_one_day([gps_day(int(week), second) for week, second in stamps])
+    images = pd.Series(rows.texts(names.index("N")), dtype="str")
+    table = pd.DataFrame({"image": images, "time_s": time})
+    for name, key in _KEYS.items():
+        if name in names:
+            table[key] = rows.numbers(names.index(name), name)
+    twice = images.duplicated().to_numpy()
     if twice.any():
         k = int(np.argmax(twice))
-        raise InputError(
-            f"{path.name}, row {rows[k]}: image {table['image'].iloc[k]!r} is there twice; delete "
-            "one row"
-        )
+        raise rows.wrong(k, f"image {images[k]!r} is there twice; delete one row")
+    notes = ()
+    if {"x", "y", "z"} <= set(table):
+        empty = (table[["x", "y", "z"]] == 0).all(axis=1)
+        if {"sx", "sy", "sz"} <= set(table):
+            unknown = (table[["sx", "sy", "sz"]] < 0).any(axis=1)
+            empty &= unknown
+            table.loc[unknown, ["sx", "sy", "sz"]] = np.nan
+        if empty.any():
+            table.loc[empty, ["x", "y", "z"]] = np.nan
+            notes = (
+                f"{path.name}: {int(empty.sum())} of {len(table)} images have no position (0 0 0)",
+            )
+    return Exposures(table, day, "GPST" if timed else None, None, path, notes=notes)
