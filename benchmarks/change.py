@@ -21,7 +21,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, hstack
 
 import corridor
 from benchmarks.diagnosis.rates import Rate
@@ -29,7 +29,6 @@ from benchmarks.draws import kept, ratio
 from benchmarks.guarantees import table
 from corridor import effects
 from corridor.change import (
-    Functions,
     Joint,
     Settlement,
     Slide,
@@ -206,7 +205,7 @@ def maps(count: int, folder: Path) -> dict:
     exact = time.process_time() - began
     surface = surface_over(one, corridor.adjust(flown(block, 2)))
     inside = np.ones((1, len(surface))) / len(surface)
-    functions = [surface.functions.before, surface.sums(inside).before]
+    functions = [surface.joint.sides(f)[0] for f in (surface.functions, surface.sums(inside))]
     stated = [one_sided(surface.joint, rows) / one.sigma0 for rows in functions]
     names = surface.joint.before.epoch.names
 
@@ -246,7 +245,8 @@ def surface_over(before, after):
 
 def one_sided(joint, rows) -> np.ndarray:
     """Standard deviations (r,), m, of functions of the points of the first date alone."""
-    return np.sqrt(joint.variance(Functions(rows, csr_array(rows.shape))))
+    none = csr_array((rows.shape[0], 3 * len(joint.after.epoch.names)))
+    return np.sqrt(joint.variance(hstack([rows, none], format="csr")))
 
 
 def m3c2() -> dict | None:

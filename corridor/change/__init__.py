@@ -11,26 +11,21 @@ the covariance of whatever is linear in the points of both dates, `make_cores` a
 import sys
 from types import ModuleType
 
-from corridor.change.change import change
-from corridor.change.clouds import Cloud, Functions, displacements
-from corridor.change.comparison import Comparison
+from corridor.change.change import change, detection
+from corridor.change.comparison import Comparison, read_line
 from corridor.change.cores import Cores, make_cores
-from corridor.change.detection import detection
-from corridor.change.epoch import Epoch
-from corridor.change.epochs import clouds
-from corridor.change.evidence import Evidence, gathered, tested
-from corridor.change.explanation import Explanation, explain
-from corridor.change.joint import Joint
-from corridor.change.lines import read_line
+from corridor.change.epoch import Cloud, Epoch, clouds
+from corridor.change.explanation import Evidence, Explanation, explain, gathered
+from corridor.change.joint import Joint, displacements
 from corridor.change.motion import Settlement, Slide, Tilt, moved_ground
 from corridor.change.points import PointChanges, point_changes
 from corridor.change.report import detection_report, detection_table, of_change, save
 from corridor.change.result import Change
 from corridor.change.sentence import remedies, verdict_sentence
 from corridor.change.signature import Signatures
-from corridor.change.surface import SurfaceChange, surface_change
+from corridor.change.significance import tested
+from corridor.change.surface import SurfaceChange, Volume, surface_change, volume
 from corridor.change.together import dates_of
-from corridor.change.volume import Volume, volume
 
 __all__ = [
     "Change",
@@ -40,7 +35,6 @@ __all__ = [
     "Epoch",
     "Evidence",
     "Explanation",
-    "Functions",
     "Joint",
     "PointChanges",
     "Settlement",

@@ -1,41 +1,38 @@
-"""From two blocks to what changed between them."""
+"""From two blocks to what changed between them, or from one to what could be seen."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from corridor import adjustment
+from corridor import adjustment, simulation
 from corridor.adjustment import Adjustment, Model
 from corridor.block import Block, read
-from corridor.change.clouds import Cloud
-from corridor.change.comparison import Comparison
-from corridor.change.cores import Cores, make_cores
-from corridor.change.epochs import (
+from corridor.change.comparison import (
+    Comparison,
     check_blocks,
     check_datum,
     check_meeting,
     check_names,
     check_overlap,
-    clouds,
     usual_datum,
 )
-from corridor.change.evidence import gathered
-from corridor.change.explanation import Explanation, explain
+from corridor.change.cores import Cores, make_cores
+from corridor.change.epoch import Cloud, clouds, together_clouds
+from corridor.change.explanation import Evidence, Explanation, explain, explained_again, gathered
 from corridor.change.joint import Joint
-from corridor.change.nearing import brought
+from corridor.change.laying import brought
 from corridor.change.points import point_changes
 from corridor.change.result import Change, Compared
 from corridor.change.signature import Signatures
-from corridor.change.surface import surface_change
-from corridor.change.together import joined, together_clouds
-from corridor.change.volume import volume
+from corridor.change.surface import SurfaceChange, surface_change, volume
+from corridor.change.together import joined
 from corridor.effects import find
 from corridor.errors import InputError
+from corridor.simulation import Plan, read_plan, ready_made
 
 Dated = Block | Adjustment | str | os.PathLike
 _DATES = ("the first date", "the second date")
@@ -63,9 +60,9 @@ def change(
     given = (before, after)
     blocks = tuple(one.start if isinstance(one, Adjustment) else read(one) for one in given)
     check_blocks(*blocks)
-    run = _Run(model, asked, threads, progress or (lambda text: None))
+    run = _Run(model or Model(), asked, threads, progress or (lambda text: None), blocks)
     adjusted = tuple(
-        one if isinstance(one, Adjustment) else run.adjusted(block, name)
+        one if isinstance(one, Adjustment) else run.adjust(block, name)
         for one, block, name in zip(given, blocks, _DATES, strict=True)
     )
     for one in adjusted:
@@ -74,88 +71,112 @@ def change(
     if asked.datum is None:
         run.asked = asked = replace(asked, datum=usual_datum(adjusted))
     check_datum(*adjusted, asked.datum)
-    compared = run.compared(adjusted)
+    compared = run.apart(adjusted)
     gained, notes = None, []
-    anew = partial(run.compared_with, adjusted, blocks)
     if asked.together:
-        chosen = _stable_names(compared, asked.stable)
-        notes.append(_told(chosen, asked.same_camera))
-        apart = compared
-        anew = partial(run.compared_together, blocks, chosen)
-        compared = anew(())
+        run.stable = _stable_names(compared, asked.stable)
+        notes.append(_told(run.stable, asked.same_camera))
+        apart, compared = compared, run.together()
         if apart.surface is not None and len(apart.surface):
             gained = float(np.median(apart.surface.sigma)), float(np.median(compared.surface.sigma))
     remaining, explanation = None, None
     if asked.camera and (compared.points is not None or compared.surface is not None):
-        compared, remaining, explanation = run.explained(compared, anew)
+        compared, remaining, explanation = run.explained(compared)
     names = tuple(block.name for block in blocks)
     return Change(names, asked, compared, remaining, explanation, gained, tuple(notes))
 
 
+def detection(
+    what: Block | Adjustment | Plan | str | os.PathLike,
+    model: Model | None = None,
+    *,
+    seed: int = 0,
+    **options,
+) -> SurfaceChange:
+    """Levels of detection of two flights like this one; every distance is zero.
+
+    what: a block, its adjustment, or a plan that nobody has flown yet (a `Plan`, a `.toml` file, or
+        names of ready-made plans joined by +), which is then simulated from the seed.
+    options: of `Comparison`. Raises InputError for what is none of these.
+    """
+    asked = Comparison(**options)
+    one = what
+    if not isinstance(what, Adjustment):
+        one = adjustment.adjust(_flown(what, seed), model=model)
+    joint = Joint(*clouds(one, one, asked.same_ties, asked.rays), asked.common, asked.bias)
+    return surface_change(joint, _cores(joint, asked), **asked.surfaces)
+
+
+def _flown(what: Block | Plan | str | os.PathLike, seed: int) -> Block:
+    if isinstance(what, Block):
+        return what
+    if not isinstance(what, Plan):
+        text = os.fspath(what)
+        if not (text.endswith(".toml") or set(text.split("+")) <= set(ready_made())):
+            return read(text)
+        what = read_plan(text)
+    return simulation.simulate(what, seed=seed)
+
+
+def _cores(joint: Joint, asked: Comparison, known: Cores | None = None) -> Cores:
+    """Core points of both clouds; known: at these places in plan, on the ground as it is now.
+
+    Modelled otherwise, the ground of a weak datum lies metres higher or lower.
+    """
+    pair = joint.before.xyz, joint.after.xyz
+    if known is None:
+        return make_cores(*pair, asked.spacing, asked.radius, asked.normal, asked.profile)
+    return make_cores(*pair, known.spacing, known.radius, asked.normal, at=known.xyz)
+
+
 @dataclass
 class _Run:
-    """One comparison and how it is made. cores: those of the first surface."""
+    """One comparison and how it is made. cores: those of the first surface. stable: ground points
+    common to both dates, where these are adjusted together."""
 
-    model: Model | None
+    model: Model
     asked: Comparison
     threads: int
     say: Callable[[str], None]
+    blocks: tuple[Block, Block]
     cores: Cores | None = None
+    stable: list[str] | None = None
 
-    def adjusted(self, block: Block, name: str, effects: Iterable[str] = ()) -> Adjustment:
+    def adjust(self, block: Block, name: str, slugs: Iterable[str] = ()) -> Adjustment:
         """The block adjusted, with some effects more and what one expects of them beforehand."""
-        self.say(f"adjusting {name}")
-        model = self.model or Model()
-        if effects:
-            every = [find(slug) for slug in sorted(effects)]
-            # Some can do what a free camera does: their prior keeps both in bounds.
-            known = {
-                f"{effect.slug}.{parameter.name}": (0.0, parameter.scale)
-                for effect in every
-                for parameter in effect.form(block).parameters(block)
-            }
-            slugs = [effect.slug for effect in every]
-            model = replace(
-                model, effects=(*model.effects, *slugs), priors={**known, **model.priors}
-            )
+        slugs = sorted(slugs)
+        self.say(f"adjusting {name}" + (f" with {', '.join(slugs)}" if slugs else ""))
+        # Some can do what a free camera does: their prior keeps both in bounds.
+        known = {
+            f"{slug}.{parameter.name}": (0.0, parameter.scale)
+            for slug in slugs
+            for parameter in find(slug).form(block).parameters(block)
+        }
+        model = replace(
+            self.model,
+            effects=(*self.model.effects, *slugs),
+            priors={**known, **self.model.priors},
+        )
         return adjustment.adjust(block, model=model, threads=self.threads)
 
-    def _cores_of(self, first: Cloud, second: Cloud) -> Cores:
-        """Core points of both clouds, the same ones in plan each time, on the ground as it is.
-
-        Modelled otherwise, the ground of a weak datum lies metres higher or lower.
-        """
-        asked = self.asked
-        if self.cores is None:
-            self.cores = make_cores(
-                first.xyz, second.xyz, asked.spacing, asked.radius, asked.normal, asked.profile
-            )
-            return self.cores
-        known = self.cores
-        return make_cores(
-            first.xyz, second.xyz, known.spacing, known.radius, asked.normal, at=known.xyz
-        )
-
-    def compared(self, adjusted: tuple[Adjustment, Adjustment]) -> Compared:
-        pair = clouds(*adjusted, self.asked.same_ties, self.asked.rays)
-        return self._compared(adjusted, pair)
-
-    def compared_with(self, adjusted, blocks, shown: tuple[set[str], ...]) -> Compared:
+    def apart(
+        self, adjusted: tuple[Adjustment, ...], shown: tuple[set[str], ...] = (set(), set())
+    ) -> Compared:
         """The comparison with effects (of each date) modelled that the measurements show."""
         again = tuple(
-            self.adjusted(block, f"{name} with {', '.join(sorted(slugs))}", slugs) if slugs else one
-            for block, name, slugs, one in zip(blocks, _DATES, shown, adjusted, strict=True)
+            self.adjust(block, name, slugs) if slugs else one
+            for block, name, slugs, one in zip(self.blocks, _DATES, shown, adjusted, strict=True)
         )
-        return self.compared(again)
+        return self._compared(again, clouds(*again, self.asked.same_ties, self.asked.rays))
 
-    def compared_together(self, blocks, stable, shown: tuple[set[str], ...]) -> Compared:
+    def together(self, shown: tuple[set[str], ...] = ()) -> Compared:
         """The same in one adjustment of both dates; effects are of both."""
-        asked = self.asked
-        block = joined(*blocks, stable, asked.same_camera, asked.same_ties)
-        one = self.adjusted(block, "both dates together", set().union(*shown))
-        return self._compared((one, one), together_clouds(one, asked.same_ties, asked.rays))
+        block = joined(*self.blocks, self.stable, self.asked.same_camera)
+        one = self.adjust(block, "both dates together", set().union(*shown))
+        pair = together_clouds(one, self.asked.same_ties, self.asked.rays)
+        return self._compared((one, one), pair)
 
-    def _compared(self, adjusted, pair: tuple[Cloud, Cloud]) -> Compared:
+    def _compared(self, adjusted: tuple[Adjustment, ...], pair: tuple[Cloud, Cloud]) -> Compared:
         asked = self.asked
         check_overlap(pair[0].epoch.xyz, pair[1].epoch.xyz)
         if asked.datum == "stable" and pair[0].epoch is not pair[1].epoch:
@@ -167,64 +188,45 @@ class _Run:
             check_names(points.names, points.shift, points.sigma, asked.largest)
         surface, volumes = None, {}
         if asked.surface:
-            cores = self._cores_of(*pair)
+            cores = _cores(joint, asked, self.cores)
+            self.cores = self.cores or cores
             check_meeting(pair[0].xyz, pair[1].xyz, cores)
             self.say(f"covariances of {len(cores)} core points")
-            options = {"degree": asked.degree, "sampled": not asked.same_ties}
             surface = surface_change(
-                joint, cores, asked.level, datum=asked.datum, kind=asked.motion, **options
+                joint, cores, asked.level, datum=asked.datum, kind=asked.motion, **asked.surfaces
             )
-            for name, polygon in (asked.polygons or {}).items():
-                volumes[name] = volume(joint, polygon, cores, laying=surface.laying, **options)
+            volumes = {
+                name: volume(joint, polygon, cores, laying=surface.laying, **asked.surfaces)
+                for name, polygon in (asked.polygons or {}).items()
+            }
         return Compared(adjusted, joint, points, surface, volumes)
 
-    def explained(
-        self, compared: Compared, anew: Callable[[tuple[set[str], ...]], Compared]
-    ) -> tuple[Compared, Compared | None, Explanation | None]:
+    def explained(self, compared: Compared) -> tuple[Compared, Compared | None, Explanation | None]:
         """The change, the one with what the measurements show modelled, and what effects say."""
         self.say("what the camera could do to the ground")
-        evidence, level = self._evidence(compared), self.asked.level
+        evidence, level = _evidence(compared), self.asked.level
         if evidence is None:
             return compared, None, None
         compared = replace(compared, points=evidence.judged(compared.points, level))
         first = explain(evidence, level)
         if not any(first.shown):
             return compared, None, first
-        remaining = anew(first.shown)
-        again = self._evidence(remaining)
+        if self.stable is None:
+            remaining = self.apart(compared.adjustments, first.shown)
+        else:
+            remaining = self.together(first.shown)
+        again = _evidence(remaining)
         remaining = replace(remaining, points=again.judged(remaining.points, level))
-        plain = again.test(level)
-        visible = _visible(evidence, again, level)
-        last = explain(again, level, first.shown)
-        return (
-            compared,
-            remaining,
-            replace(
-                last,
-                as_adjusted=first.as_adjusted,
-                shown_modelled=plain,
-                visible=visible,
-                table=first.table,
-                explained=first.explained,
-            ),
-        )
-
-    def _evidence(self, compared: Compared):
-        epochs = [compared.joint.before.epoch]
-        if not compared.joint.together:
-            epochs.append(compared.joint.after.epoch)
-        held = compared.points is None or compared.points.held.all()
-        if held and (compared.surface is None or not len(compared.surface)):
-            return None
-        signatures = tuple(Signatures(epoch) for epoch in epochs)
-        return gathered(compared.joint, compared.points, compared.surface, signatures)
+        return compared, remaining, explained_again(first, evidence, again, level)
 
 
-def _visible(before, after, level: float) -> bool:
-    """Whether the change as it was would be significant with the errors as they are now."""
-    if len(before) != len(after):
-        return True
-    return after.tested(before.value, after.covariance, level).significant
+def _evidence(compared: Compared) -> Evidence | None:
+    """What is tested of a comparison; None where that is nothing."""
+    held = compared.points is None or compared.points.held.all()
+    if held and (compared.surface is None or not len(compared.surface)):
+        return None
+    signatures = tuple(Signatures(epoch) for epoch in compared.joint.epochs)
+    return gathered(compared.joint, compared.points, compared.surface, signatures)
 
 
 def _stable_names(compared: Compared, stable: Iterable[str] | None) -> list[str]:

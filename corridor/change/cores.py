@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,8 +20,7 @@ class Cores:
     along (2,): the direction of the stations in plan.
 
     spacing: of the grid, m. radius: of the cylinder along the normal in which points count
-    (Lague's d / 2), normal_radius: of the ball in which the normal is fitted (D / 2), reach: half
-    length of the cylinder, m.
+    (Lague's d / 2), reach: its half length, m.
     """
 
     xyz: np.ndarray
@@ -31,7 +30,6 @@ class Cores:
     along: np.ndarray
     spacing: float
     radius: float
-    normal_radius: float
     reach: float
 
     def __len__(self) -> int:
@@ -43,6 +41,11 @@ class Cores:
         turn = np.array([self.along, [-self.along[1], self.along[0]]])
         corners = 0.5 * self.spacing * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ turn
         return self.xyz[:, None, :2] + corners
+
+    def only(self, rows: np.ndarray) -> Cores:
+        """Some of the core points."""
+        parts = {name: getattr(self, name)[rows] for name in ("xyz", "normal", "station", "across")}
+        return replace(self, **parts)
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ def make_cores(
         spacing = spacing or 0.5 * radius
         places = _along(np.asarray(profile, float)[:, :2], spacing)
     else:
-        places, spacing = _grid(frame, trees, before, spacing or 0.5 * radius, radius)
+        places, spacing = _grid(frame, before, spacing or 0.5 * radius)
     near = [tree.query(places, 1)[0] < radius for tree in trees]
     places = places[near[0] & near[1]]
     if not len(places):
@@ -122,14 +125,12 @@ def make_cores(
         )
     around = trees[0].query(places, min(5, len(before)))[1]
     xyz = np.column_stack([places, np.median(before[around.reshape(len(places), -1), 2], axis=1)])
-    normal_radius = 1.5 * radius
     if normal == "vertical":
         normals = np.tile([0.0, 0.0, 1.0], (len(xyz), 1))
     else:
-        normals = fitted_normals(before, xyz, normal_radius)
+        normals = fitted_normals(before, xyz, 1.5 * radius)
     station, across = frame.of_points(xyz).T
-    reach = 3.0 * radius
-    return Cores(xyz, normals, station, across, frame.along, spacing, radius, normal_radius, reach)
+    return Cores(xyz, normals, station, across, frame.along, spacing, radius, reach=3.0 * radius)
 
 
 def fitted_normals(cloud: np.ndarray, places: np.ndarray, radius: float) -> np.ndarray:
@@ -147,7 +148,8 @@ def fitted_normals(cloud: np.ndarray, places: np.ndarray, radius: float) -> np.n
     return out
 
 
-def _grid(frame: Frame, trees, before: np.ndarray, spacing: float, radius: float):
+def _grid(frame: Frame, before: np.ndarray, spacing: float) -> tuple[np.ndarray, float]:
+    """Places (k, 2) over a cloud, and their spacing."""
     where = frame.of_points(before)
     low, high = np.percentile(where, [0.5, 99.5], axis=0)
     area = np.prod(np.maximum(high - low, spacing))

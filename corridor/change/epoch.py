@@ -1,15 +1,26 @@
-"""One epoch: an adjusted block as a cloud of points whose errors are known together."""
+"""One date: an adjusted block as a cloud of points whose errors are known together.
+
+A change is a row of a sparse matrix (r, 3 (n + m)) over the coordinates of all points of both
+dates, of the first before those of the second; points enter with their sign.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array, kron
+from scipy.spatial import cKDTree
 
 from corridor.adjustment import Adjustment, PointGains, point_gains
-from corridor.geometry import Similarity
+from corridor.geometry import Similarity, robust_scale
+
+# What the names of points, images ... begin with where one adjustment holds both dates.
+BEFORE, AFTER = "before:", "after:"
+# Tie points further than so many usual distances from the ground around them are wrong matches.
+WILD = 8.0
+_AROUND = 9
 
 
 class Epoch:
@@ -24,8 +35,9 @@ class Epoch:
     def __init__(self, adjustment: Adjustment, laid: Similarity | None = None):
         self.adjustment, self.laid = adjustment, laid
         self.system, self.sigma0 = adjustment.system, adjustment.sigma0
+        self.names = self.system.points.names
         self._gains: PointGains | None = None
-        self._number = np.full(len(self.xyz), -1)
+        self._number = np.full(len(self.names), -1)
 
     @cached_property
     def xyz(self) -> np.ndarray:
@@ -37,21 +49,6 @@ class Epoch:
     def turn(self) -> np.ndarray:
         """How points (3, 3) move, where they are compared, with the adjusted ones."""
         return np.eye(3) if self.laid is None else self.laid.scale * self.laid.rotation
-
-    @cached_property
-    def names(self) -> np.ndarray:
-        """Names (n,) of the points."""
-        return self.system.points.names
-
-    @cached_property
-    def marks(self) -> np.ndarray:
-        """Positions of the points that were measured as marks."""
-        return np.flatnonzero(self.system.points.mark)
-
-    @cached_property
-    def rays(self) -> np.ndarray:
-        """In how many images each point was measured (n,)."""
-        return np.bincount(self.system.image_rows.point, minlength=len(self.xyz))
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Covariances (n, k) of the unknowns with sums of them, unit weight."""
@@ -72,11 +69,14 @@ class Epoch:
         gains, number = self.gains(points)
         return self.turn @ gains.own[number] @ self.turn.T
 
-    def spread(self, rows: csr_array) -> Spread:
-        """How the errors of linear functions (r, 3 n) of the points come about."""
+    def spread(self, rows: csr_array, roughness: np.ndarray | None = None) -> Spread:
+        """How the errors of linear functions (r, 3 n) of the points come about.
+
+        roughness (n, 3, 3): see `Cloud`.
+        """
         rows = csr_array(rows)
         if self.laid is not None:
-            rows = csr_array(rows @ kron(eye_array(len(self.xyz)), csr_array(self.turn)))
+            rows = csr_array(rows @ kron(eye_array(len(self.names)), csr_array(self.turn)))
         used = np.unique(rows.indices // 3)
         gains, number = self.gains(used)
         axis = np.arange(3)
@@ -84,19 +84,26 @@ class Epoch:
         part = csr_array(rows[:, (3 * used[:, None] + axis).ravel()])
         through = csr_array(-(part @ gains.gain[:, columns].T))
         through.sum_duplicates()
-        return Spread(part, gains.own[number], used, through)
+        rough = np.zeros((len(used), 3, 3))
+        if roughness is not None:
+            back = np.linalg.inv(self.turn)
+            rough = back @ roughness[used] @ back.T
+        return Spread(self, part, gains.own[number], used, through, rough)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Spread:
-    """Linear functions of some points: rows (r, 3k); own (k, 3, 3), m^2; points (k,); through
-    (r, n): S, what they take over from the unknowns.
+    """Linear functions of some points of an epoch: rows (r, 3k); own (k, 3, 3), m^2, unit weight;
+    points (k,); through (r, n): S, what they take over from the unknowns; rough (k, 3, 3), m^2:
+    roughness of the points.
     """
 
+    epoch: Epoch
     rows: csr_array
     own: np.ndarray
     points: np.ndarray
     through: csr_array
+    rough: np.ndarray
 
     def weighted(self, own: np.ndarray) -> csr_array:
         """F V^-1 (r, 3k) with V^-1 = own (k, 3, 3)."""
@@ -106,3 +113,105 @@ class Spread:
         size = 3 * len(own)
         entries = (own.ravel(), (row.ravel(), column.ravel()))
         return csr_array(self.rows @ csr_array(entries, shape=(size, size)))
+
+    def variance(self, own: np.ndarray) -> np.ndarray:
+        """F V^-1 F' (r,), of each function alone."""
+        return np.asarray(self.weighted(own).multiply(self.rows).sum(axis=1)).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """What one date shows: some points of an epoch.
+
+    surface (k,): positions in the epoch of the tie points that stand for the ground. named: name
+    -> position of the points that both dates may show. date: what the epoch's names begin with
+    where it holds both dates. roughness (n, 3, 3), m^2, of all points of the epoch: how far the
+    ground itself leaves what its points stand for (see `corridor.change.m3c2`).
+    """
+
+    epoch: Epoch
+    surface: np.ndarray
+    named: dict[str, int]
+    date: str = ""
+    roughness: np.ndarray | None = field(default=None, repr=False)
+
+    @classmethod
+    def of(cls, epoch: Epoch, rays: int, date: str = "") -> Cloud:
+        """The points of an epoch whose names begin with `date`, which is no part of them.
+
+        rays: how many images at least show a point that stands for the ground.
+        """
+        system = epoch.system
+        mine = np.array([str(name).startswith(date) for name in epoch.names], dtype=bool)
+        marks = system.points.mark
+        shown = np.bincount(system.image_rows.point, minlength=len(epoch.names))
+        surface = np.flatnonzero(mine & ~marks & (shown >= rays))
+        named = {str(epoch.names[k])[len(date) :]: int(k) for k in np.flatnonzero(mine & marks)}
+        return cls(epoch, surface[sound(epoch.xyz[surface])], named, date)
+
+    @property
+    def xyz(self) -> np.ndarray:
+        """The surface's points (k, 3), m."""
+        return self.epoch.xyz[self.surface]
+
+    @property
+    def surface_names(self) -> list[str]:
+        """Names (k,) of the surface's points, as they are at this date."""
+        return [str(name)[len(self.date) :] for name in self.epoch.names[self.surface]]
+
+
+def clouds(
+    before: Adjustment, after: Adjustment, same_ties: bool = False, rays: int = 3
+) -> tuple[Cloud, Cloud]:
+    """The clouds of two adjustments.
+
+    same_ties: tie points of the same name are the same points of the ground; the others go.
+    rays: see `Cloud.of`.
+    """
+    sides = tuple(Cloud.of(Epoch(adjustment), rays) for adjustment in (before, after))
+    return _paired(*sides) if same_ties else sides
+
+
+def together_clouds(
+    adjustment: Adjustment, same_ties: bool = False, rays: int = 3
+) -> tuple[Cloud, Cloud]:
+    """The clouds of both dates in one adjustment, named as they were in each; see `clouds`."""
+    epoch = Epoch(adjustment)
+    sides = tuple(Cloud.of(epoch, rays, date) for date in (BEFORE, AFTER))
+    return _paired(*sides) if same_ties else sides
+
+
+def _paired(before: Cloud, after: Cloud) -> tuple[Cloud, Cloud]:
+    """The clouds with those surface points only that both name, one for one."""
+    places = [dict(zip(one.surface_names, one.surface, strict=True)) for one in (before, after)]
+    both = [name for name in places[0] if name in places[1]]
+    first, second = (np.array([place[n] for n in both], dtype=np.int64) for place in places)
+    return replace(before, surface=first), replace(after, surface=second)
+
+
+def sound(xyz: np.ndarray) -> np.ndarray:
+    """Which points (n,) lie on the ground around them, as far as can be seen.
+
+    The usual distance is that of all points, or that of the neighbours among themselves where it
+    is larger: the crest of a dike is no wrong match.
+    """
+    if len(xyz) <= _AROUND:
+        return np.ones(len(xyz), dtype=bool)
+    near = cKDTree(xyz[:, :2]).query(xyz[:, :2], _AROUND)[1][:, 1:]
+    around = xyz[near, 2]
+    away = xyz[:, 2] - np.median(around, axis=1)
+    usual = np.maximum(robust_scale(around, centred=True, axis=1), robust_scale(away, least=1e-6))
+    return np.abs(away) <= WILD * usual
+
+
+def points_as_rows(
+    cloud: Cloud, row: np.ndarray, point: np.ndarray, value: np.ndarray, count: int
+) -> csr_array:
+    """Functions (count, 3 n) of the points of a cloud's epoch.
+
+    row, point (m,): function and position of the point of each entry; value (m, 3): its
+    derivative by the coordinates.
+    """
+    column = 3 * point[:, None] + np.arange(3)
+    entries = (value.ravel(), (np.repeat(row, 3), column.ravel()))
+    return csr_array(entries, shape=(count, 3 * len(cloud.epoch.names)))

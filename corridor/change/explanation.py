@@ -1,28 +1,141 @@
 """What of a change the effects of camera and flight explain, and what they cannot.
 
-Each effect of the catalogue has a shape on the ground and an amount that the measurements of its
-own epoch say, or leave open. Three vectors of the same change follow: as adjusted; with all
-effects estimated with their priors, one and all; with those that the measurements show. What
-survives the second moved; what was there, was to be seen, and is gone in the third was the camera.
+The change of two dates is put in few numbers that are tested together: named points, cells of the
+surface (`Evidence`). Each effect of the catalogue has a shape on the ground and an amount that the
+measurements of its own date say, or leave open. Three vectors of the same change follow: as
+adjusted; with all effects estimated with their priors, one and all; with those that the
+measurements show. What survives the second moved; what was there, was to be seen, and is gone in
+the third was the camera.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.sparse import csr_array, vstack
 
 from corridor.brief import brief
-from corridor.change.evidence import Evidence, Test
+from corridor.change.joint import Joint
+from corridor.change.points import PointChanges
 from corridor.change.signature import Signatures
+from corridor.change.significance import Test, tested
+from corridor.change.surface import SurfaceChange
 
-# Log evidence from which on the measurements of an epoch show an effect: one in a hundred blocks
-# without any would show one of some twenty candidates.
-SHOWN = 7.6
+# Cells of the surface at most: their covariance is a dense matrix.
+MOST_CELLS = 240
 # Lengths (m, as shares of the extent) and heights of the motions that ground may make.
 _LENGTHS = (0.1, 0.25)
 _EPOCHS = ("before", "after")
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Changes (k,), m, with their covariance (k, k), places (k, 2), which are of the surface (k,),
+    and what the effects of each epoch would do to them: effect (k, e), a column a parameter of
+    `Signatures`. freedom (k,): degrees of freedom of each variance, see `SurfaceChange`;
+    redundancy: of the scale of them all, where what stands still tells it (`Laying`).
+    """
+
+    value: np.ndarray
+    covariance: np.ndarray
+    places: np.ndarray
+    of_surface: np.ndarray
+    signatures: tuple[Signatures, ...]
+    effect: tuple[np.ndarray, ...]
+    freedom: np.ndarray
+    redundancy: float = np.inf
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    @property
+    def every(self) -> tuple[set[str], ...]:
+        """All effects of each epoch."""
+        return tuple(set(signature.effects) for signature in self.signatures)
+
+    def without(self, slugs: tuple[set[str], ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Value and covariance once effects of each epoch are estimated with their priors."""
+        value, covariance = self.value.copy(), self.covariance.copy()
+        for signature, effect, some in zip(self.signatures, self.effect, slugs, strict=True):
+            at = signature.of(some)
+            if len(at):
+                found = signature.estimate(at)
+                value -= effect[:, at] @ found.value
+                covariance += effect[:, at] @ found.covariance @ effect[:, at].T
+        return value, covariance
+
+    def test(self, level: float, slugs: tuple[set[str], ...] = ()) -> Test:
+        """Whether the changes are significant, with some effects of each epoch estimated."""
+        value, covariance = self.without(slugs) if slugs else (self.value, self.covariance)
+        return self.tested(value, covariance, level)
+
+    def tested(self, value: np.ndarray, covariance: np.ndarray, level: float) -> Test:
+        """Whether other values of the same changes are significant, by such a covariance."""
+        return tested(value, covariance, level, self.freedom, self.redundancy)
+
+    def judged(self, points: PointChanges | None, level: float) -> PointChanges | None:
+        """Points that moved beside every effect told from those that an effect could have moved."""
+        at = np.flatnonzero(~self.of_surface)
+        if points is None or not len(at):
+            return points
+        value, covariance = self.without(self.every)
+        changed = self.test(level).significant
+        return points.beside_effects(value[at], covariance[np.ix_(at, at)], level, changed)
+
+
+def gathered(
+    joint: Joint,
+    points: PointChanges | None,
+    surface: SurfaceChange | None,
+    signatures: tuple[Signatures, ...],
+) -> Evidence:
+    """Points that are not held and cells of the surface as one vector with its covariance."""
+    parts = []
+    if points is not None and not points.held.all():
+        at = np.flatnonzero(np.repeat(~points.held, 3))
+        places = np.repeat(points.xyz[:, :2], 3, axis=0)[at]
+        parts.append((points.functions[at], points.shift.ravel()[at], places, False))
+    if surface is not None and len(surface):
+        mean = _cells(surface)
+        means = mean @ surface.distance, mean @ surface.cores.xyz[:, :2]
+        parts.append((surface.sums(mean), *means, True))
+        joint = surface.joint
+    functions = vstack([part[0] for part in parts], format="csr")
+    value, places = (np.concatenate([part[n] for part in parts]) for n in (1, 2))
+    of_surface = np.repeat([part[3] for part in parts], [len(part[1]) for part in parts])
+    covariance = joint.covariance(functions, rough=True)
+    effect = tuple(s.on(part) for s, part in zip(signatures, joint.parts(functions), strict=True))
+    freedom, redundancy = np.full(len(value), np.inf), np.inf
+    laying = None if surface is None else surface.laying
+    if laying is not None:
+        scale = np.where(of_surface, laying.scale, 1.0)
+        covariance = scale[:, None] * covariance * scale
+        redundancy = laying.freedom
+    if surface is not None:
+        # Only what comes from rough ground is uncertain, and no surer than at one core point.
+        rough = joint.roughness(functions)
+        some = of_surface & (rough > 0)
+        least = max(float(np.median(surface.count.min(axis=1))) - 1.0, 1.0)
+        freedom[some] = least * (np.diag(covariance)[some] / rough[some]) ** 2
+        freedom[of_surface] = np.minimum(freedom[of_surface], redundancy)
+    return Evidence(value, covariance, places, of_surface, signatures, effect, freedom, redundancy)
+
+
+def _cells(found: SurfaceChange) -> csr_array:
+    """The matrix (c, k) that takes the mean of the core points in each cell of the surface."""
+    where = np.column_stack([found.cores.station, found.cores.across])
+    size = 2.0 * found.cores.radius
+    while True:
+        cell = np.floor(where / size).astype(int)
+        _, number, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+        if len(count) <= MOST_CELLS:
+            break
+        size *= 1.15
+    number = number.ravel()
+    entries = (1.0 / count[number], (number, np.arange(len(number))))
+    return csr_array(entries, shape=(len(count), len(number)))
 
 
 @brief
@@ -35,8 +148,8 @@ class Explanation:
     change as adjusted would be significant with the covariance of `shown_modelled`. shown: the
     effects that the measurements of each epoch show. table: epoch, effect, what the epoch says of
     it (log_evidence), share of the change that has its shape, share that its value explains,
-    probability against ground motion, whether it alone could hide the change. remaining (k,): the
-    change with all of `shown` modelled; explained: share of what is beyond noise that is then gone.
+    probability against ground motion, whether it alone could hide the change. explained: share of
+    what is beyond noise that is gone with all of `shown` modelled.
     """
 
     as_adjusted: Test
@@ -45,7 +158,6 @@ class Explanation:
     visible: bool
     shown: tuple[set[str], ...]
     table: pd.DataFrame
-    remaining: np.ndarray
     explained: float = 0.0
 
     @property
@@ -61,54 +173,39 @@ class Explanation:
         return "undecided"
 
 
-def explain(
-    evidence: Evidence, level: float, modelled: tuple[set[str], ...] | None = None
-) -> Explanation:
-    """What effects do to a change.
-
-    modelled: effects that the adjustments have estimated already; they count as shown.
-    """
-    modelled = modelled or tuple(set() for _ in evidence.signatures)
+def explain(evidence: Evidence, level: float) -> Explanation:
+    """What effects do to a change."""
     plain = evidence.test(level)
-    every = evidence.test(level, evidence.every)
-    shown = tuple(shown_in(signatures) for signatures in evidence.signatures)
+    shown = tuple(signatures.shown() for signatures in evidence.signatures)
     value, covariance = evidence.without(shown)
-    some = evidence.test(level, shown)
-    visible = evidence.tested(evidence.value, covariance, level).significant
-    table = _table(evidence, level, plain.significant)
-    both = tuple(a | b for a, b in zip(shown, modelled, strict=True))
-    gone = _Shares.of(evidence, plain.significant).of_values(value)
-    return Explanation(plain, every, some, visible, both, table, value, gone)
+    return Explanation(
+        as_adjusted=plain,
+        all_modelled=evidence.test(level, evidence.every),
+        shown_modelled=evidence.tested(value, covariance, level),
+        visible=evidence.tested(evidence.value, covariance, level).significant,
+        shown=shown,
+        table=_table(evidence, level, plain.significant),
+        explained=_Shares.of(evidence, plain.significant).of_values(value),
+    )
 
 
-def shown_in(signatures: Signatures) -> set[str]:
-    """Effects that the measurements of an epoch show, the strongest first, each beside those
-    before it."""
-    found: list[str] = []
-    for _ in range(4):
-        gain = {
-            slug: log_evidence(signatures, [*found, slug]) - log_evidence(signatures, found)
-            for slug in signatures.effects
-            if slug not in found
-        }
-        if not gain:
-            break
-        best = max(gain, key=gain.get)
-        if gain[best] < SHOWN:
-            break
-        found.append(best)
-    return set(found)
+def explained_again(
+    first: Explanation, before: Evidence, after: Evidence, level: float
+) -> Explanation:
+    """The explanation once what the measurements show is estimated with everything else.
 
-
-def log_evidence(signatures: Signatures, slugs) -> float:
-    """Log Bayes factor of effects with their priors, against a model without them."""
-    at = signatures.of(slugs)
-    if not len(at):
-        return 0.0
-    matrix = signatures.matrix[np.ix_(at, at)] + np.eye(len(at))
-    right = signatures.right[at]
-    _, volume = np.linalg.slogdet(matrix)
-    return float(0.5 * right @ np.linalg.solve(matrix, right) - 0.5 * volume)
+    before, after: the change as it was and as that leaves it. Seen is what would be significant
+    with the errors as they are now.
+    """
+    more = (signatures.shown() for signatures in after.signatures)
+    visible = len(before) != len(after)
+    return replace(
+        first,
+        all_modelled=after.test(level, after.every),
+        shown_modelled=after.test(level),
+        visible=visible or after.tested(before.value, after.covariance, level).significant,
+        shown=tuple(a | b for a, b in zip(more, first.shown, strict=True)),
+    )
 
 
 def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
@@ -134,7 +231,7 @@ def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
                     "epoch": _EPOCHS[n] if len(evidence.signatures) == 2 else "both",
                     "effect": slug,
                     "place": signatures.effects[slug].place,
-                    "log_evidence": log_evidence(signatures, [slug]),
+                    "log_evidence": signatures.log_evidence([slug]),
                     "shape_share": shares.of_values(evidence.value - shape @ fitted),
                     "explained": shares.of_values(value),
                     "probability": float(1.0 / (1.0 + np.exp(-np.clip(likely, -700, 700)))),

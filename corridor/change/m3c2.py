@@ -4,6 +4,11 @@ At a core point with normal n the points of each cloud within a cylinder along n
 distance is n . (mean after - mean before). With the points that count and the normal held, it is
 linear in the points, and its standard deviation is exact: errors that points share do not average
 out, and are not lost as in s / sqrt(number of points).
+
+Two dates rarely show the same points. Where the ground is rough, other points have other heights,
+and a mean over them changes though nothing moves. Each point is therefore given, along the local
+normal, a variance of its own: that of the heights around it beyond what its own error, which the
+covariance of the points holds already, explains.
 Source: Lague et al. 2013.
 """
 
@@ -12,14 +17,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, hstack
 from scipy.spatial import cKDTree
 
-from corridor.change.clouds import Cloud, Functions
 from corridor.change.cores import Cores
+from corridor.change.epoch import Cloud, points_as_rows
 
 # Fewer points than this are no surface.
 LEAST = 5
+# Core points whose roughness is taken together.
+AROUND = 25
+# Numbers in a polynomial of two variables, by degree.
+_TERMS = {0: 1, 1: 3, 2: 6}
 
 
 @dataclass(frozen=True)
@@ -86,17 +95,11 @@ def members(cloud: Cloud, cores: Cores, degree: int = 0) -> Members:
     ball = float(np.hypot(cores.radius, cores.reach))
     steep = cores.normal[:, 2] < 0.999
     near = np.empty(len(cores), dtype=object)
+    near[steep] = tree.query_ball_point(cores.xyz[steep], ball)
     # Where the normal is upright, the plan tells who is near; a ball holds all else.
-    flat = cKDTree(cloud[:, :2])
-    for some, found in (
-        (np.flatnonzero(steep), lambda at: tree.query_ball_point(cores.xyz[at], ball)),
-        (
-            np.flatnonzero(~steep),
-            lambda at: flat.query_ball_point(cores.xyz[at, :2], cores.radius + 0.05 * cores.reach),
-        ),
-    ):
-        if len(some):
-            near[some] = found(some)
+    near[~steep] = cKDTree(cloud[:, :2]).query_ball_point(
+        cores.xyz[~steep, :2], cores.radius + 0.05 * cores.reach
+    )
     count = np.fromiter((len(n) for n in near), np.int64, len(near))
     point = np.concatenate([np.asarray(n, np.int64) for n in near] or [[]]).astype(np.int64)
     core = np.repeat(np.arange(len(near)), count)
@@ -109,10 +112,6 @@ def members(cloud: Cloud, cores: Cores, degree: int = 0) -> Members:
     across = (away[inside] - height[:, None] * cores.normal[core]) / cores.radius
     weight, left = _weights(start, height, across, cores.normal, degree)
     return Members(start, surface[point], height, weight, left, _TERMS[degree])
-
-
-# Numbers in a polynomial of two variables, by degree.
-_TERMS = {0: 1, 1: 3, 2: 6}
 
 
 def _weights(start, height, across, normal, degree: int):
@@ -138,16 +137,42 @@ def _weights(start, height, across, normal, degree: int):
     return weight, left
 
 
-def distance_functions(before: Members, after: Members, cores: Cores, joint) -> Functions:
-    """The distances as linear functions of the points of both epochs."""
+def distance_functions(
+    clouds: tuple[Cloud, Cloud], found: list[Members], cores: Cores
+) -> csr_array:
+    """The distances (k,) as linear functions of the points of both dates."""
+    sides = []
+    for cloud, one, sign in zip(clouds, found, (-1.0, 1.0), strict=True):
+        value = sign * cores.normal[one.core] * one.weight[:, None]
+        sides.append(points_as_rows(cloud, one.core, one.point, value, len(cores)))
+    return hstack(sides, format="csr")
 
-    def rows(found: Members, count: int, sign: float) -> csr_array:
-        core = found.core
-        value = sign * cores.normal[core] * found.weight[:, None]
-        column = 3 * found.point[:, None] + np.arange(3)
-        row = np.broadcast_to(core[:, None], column.shape)
-        shape = (len(cores), 3 * count)
-        return csr_array((value.ravel(), (row.ravel(), column.ravel())), shape=shape)
 
-    first, second = len(joint.before.epoch.xyz), len(joint.after.epoch.xyz)
-    return Functions(rows(before, first, -1.0), rows(after, second, 1.0))
+def roughened(cloud: Cloud, found: Members, cores: Cores) -> tuple[Cloud, np.ndarray]:
+    """The cloud with a variance (n, 3, 3), m^2, of each point along the normal, and the variances
+    (r,) of the heights at core points that follow.
+
+    A point takes the median roughness of the cylinders it lies in.
+    """
+    roughness = _excess(cloud, found, cores)
+    order = np.lexsort((roughness[found.core], found.point))
+    point, value = found.point[order], roughness[found.core][order]
+    some, start, count = np.unique(point, return_index=True, return_counts=True)
+    middle = start + (count - 1) // 2
+    normal = cores.normal[found.core[order][middle]]
+    rough = np.zeros((len(cloud.epoch.xyz), 3, 3))
+    rough[some] = value[middle][:, None, None] * np.einsum("ni,nj->nij", normal, normal)
+    sampling = roughness * np.bincount(found.core, found.weight**2, minlength=len(roughness))
+    return replace(cloud, roughness=rough), sampling
+
+
+def _excess(cloud: Cloud, found: Members, cores: Cores) -> np.ndarray:
+    """Variance (r,), m^2, of the heights in each cylinder beyond the noise of the points."""
+    normal = cores.normal[found.core]
+    own = np.einsum("ni,nij,nj->n", normal, cloud.epoch.own(found.point), normal)
+    count = found.count
+    noise = np.bincount(found.core, own, minlength=len(count)) / np.maximum(count, 1)
+    own = np.maximum(found.spread**2 - cloud.epoch.sigma0**2 * noise, 0.0)
+    # A handful of points does not tell how rough the ground is; the surroundings know more.
+    around = cKDTree(cores.xyz).query(cores.xyz, min(AROUND, len(own)))[1]
+    return np.maximum(own, own[around.reshape(len(own), -1)].mean(axis=1))

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
+from scipy.sparse import csr_array
 
 from corridor.brief import brief
-from corridor.change.clouds import Functions, displacements
-from corridor.change.common import common_control
-from corridor.change.joint import Joint
-from corridor.change.significance import Congruency, congruency, discoveries, spatial
-from corridor.change.stable import MOTIONS, motions_at, s_transformation, stable_weights
+from corridor.change.joint import Joint, common_control, displacements
+from corridor.change.laying import MOTIONS, motions_at, s_transformation, stable_weights
+from corridor.change.significance import Congruency, congruency, discoveries
 from corridor.report import with_units
 
 
@@ -24,8 +24,7 @@ class PointChanges:
     names (k,), xyz (k, 3) before, shift (k, 3), m; covariance (3k, 3k), of both epochs together.
     held (k,): control with the same coordinates in both, which cannot show a motion. probability
     (k,) of so large a displacement, were there none; moved, stable (k,). overall: the global test
-    of all that are not held. datum: `stated`, or the motion taken out on the stable points.
-    motion (m,): that one, metres, radians, share. functions: the displacements (3k,).
+    of all that are not held. functions: the displacements (3k,), see `Joint`.
     beside (k,): the probability once every effect of camera and flight is estimated in each epoch,
     within what its prior allows; None where that was not asked for. undecided (k,): moved by its
     own covariance, but not beside the effects, or while all that was compared does not change.
@@ -39,9 +38,7 @@ class PointChanges:
     probability: np.ndarray
     moved: np.ndarray
     overall: Congruency
-    functions: Functions = field(repr=False)
-    datum: str = "stated"
-    motion: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    functions: csr_array = field(repr=False)
     beside: np.ndarray | None = None
     undecided: np.ndarray | None = None
 
@@ -95,83 +92,57 @@ def point_changes(joint: Joint, level: float, datum: str, kind: str) -> PointCha
     """Displacements of the points that both clouds name; None where there is none.
 
     level: false discovery rate of the single tests, level of the global one. datum: `stated`, or
-    `stable`: laid together on the stable points by a motion of the kind of `stable.MOTIONS`.
+    `stable`: laid together on the stable points by a motion of the kind of `laying.MOTIONS`.
     """
     names = [name for name in joint.before.named if name in joint.after.named]
     if not names:
         return None
-    functions = displacements(joint.before, joint.after, names)
-    first, second = (
-        cloud.epoch.xyz[[cloud.named[name] for name in names]]
-        for cloud in (joint.before, joint.after)
-    )
-    xyz, shift = first, (second - first).ravel()
-    covariance = joint.covariance(functions)
-    names = np.array(names, dtype=object)
+    clouds = joint.before, joint.after
+    functions = displacements(*clouds, names)
+    xyz, second = (cloud.epoch.xyz[[cloud.named[name] for name in names]] for cloud in clouds)
+    shift, covariance = (second - xyz).ravel(), joint.covariance(functions)
     held = np.zeros(len(names), dtype=bool)
     if not joint.together:
-        held = np.isin(names, common_control([joint.before.epoch, joint.after.epoch]))
-    redundancy = sum(e.adjustment.redundancy for e in {joint.before.epoch, joint.after.epoch})
-    found = _Tested(names, xyz, held, redundancy, level, functions)
-    if datum == "stable" and 3 * np.sum(~held) > MOTIONS[kind]:
-        return _laid_on_stable(found, shift, covariance, kind)
-    return found.changes(shift, covariance)
-
-
-@dataclass(frozen=True)
-class _Tested:
-    """What is tested, and how."""
-
-    names: np.ndarray
-    xyz: np.ndarray
-    held: np.ndarray
-    redundancy: float
-    level: float
-    functions: Functions
-
-    def changes(self, shift, covariance, datum="stated", finder=None, motion=None):
-        by_point = covariance.reshape(len(self.names), 3, len(self.names), 3)
-        own = np.einsum("kikj->kij", by_point)
-        d = shift.reshape(-1, 3)
-        square, freedom = np.zeros(len(d)), np.zeros(len(d), dtype=int)
-        for k, (one, matrix) in enumerate(zip(d, own, strict=True)):
-            test = congruency(one, matrix)
-            square[k], freedom[k] = test.statistic, max(test.freedom, 1)
-        probability = np.where(self.held, np.nan, spatial(square, freedom))
-        free = np.flatnonzero(~self.held)
-        at = (3 * free[:, None] + np.arange(3)).ravel()
-        overall = congruency(shift[at], covariance[np.ix_(at, at)], self.redundancy)
-        return PointChanges(
-            self.names, self.xyz, d, covariance, self.held, probability,
-            discoveries(probability, self.level), overall, self._laid(finder), datum,
-            np.zeros(0) if motion is None else motion,
-        )  # fmt: skip
-
-    def _laid(self, away: np.ndarray | None) -> Functions:
-        return self.functions if away is None else self.functions.combined(away)
-
-
-def _laid_on_stable(found: _Tested, shift, covariance, kind: str) -> PointChanges:
-    """The displacements that are left when both epochs are laid together on what stands still."""
-    motions = motions_at(found.xyz, kind).reshape(len(shift), -1)
-    sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    weight = stable_weights(shift, motions, _inner_sigma(covariance, motions, sigma))
-    result = None
+        held = np.isin(names, common_control(joint.epochs))
+    redundancy = sum(epoch.adjustment.redundancy for epoch in joint.epochs)
+    tested = partial(_tested, np.array(names, dtype=object), xyz, held, level, redundancy)
+    if datum != "stable" or 3 * np.sum(~held) <= MOTIONS[kind]:
+        return tested(shift, covariance, functions)
+    motions = motions_at(xyz, kind).reshape(len(shift), -1)
+    weight = stable_weights(shift, motions, _inner_sigma(covariance, motions))
     for _ in range(10):
-        finder = s_transformation(motions, weight)
-        part = finder @ shift
-        away = np.eye(len(shift)) - motions @ finder
-        result = found.changes(away @ shift, away @ covariance @ away.T, "stable", away, part)
+        away = _without_motion(motions, weight)
+        left = away @ covariance @ away.T
+        found = tested(away @ shift, left, csr_array(csr_array(away) @ functions))
         # From now on those that stand still carry the datum, one as much as the other.
-        new = np.repeat(result.stable, 3).astype(float)
+        new = np.repeat(found.stable, 3).astype(float)
         if new.sum() <= motions.shape[1] or np.array_equal(new, weight):
             break
         weight = new
-    return result
+    return found
 
 
-def _inner_sigma(covariance, motions, sigma) -> np.ndarray:
+def _tested(names, xyz, held, level, redundancy, shift, covariance, functions) -> PointChanges:
+    """Displacements (3k,) tested by their covariance (3k, 3k), one by one and together."""
+    single, free = np.full(len(names), np.nan), np.flatnonzero(~held)
+    for k in free:
+        at = slice(3 * k, 3 * k + 3)
+        single[k] = congruency(shift[at], covariance[at, at]).probability
+    at = (3 * free[:, None] + np.arange(3)).ravel()
+    overall = congruency(shift[at], covariance[np.ix_(at, at)], redundancy)
+    moved = discoveries(single, level)
+    return PointChanges(
+        names, xyz, shift.reshape(-1, 3), covariance, held, single, moved, overall, functions
+    )
+
+
+def _without_motion(motions: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """S (n, n) of displacements, by the motions (n, m) of the whole block."""
+    return np.eye(len(weight)) - motions @ s_transformation(motions, weight)
+
+
+def _inner_sigma(covariance: np.ndarray, motions: np.ndarray) -> np.ndarray:
     """Standard deviations (n,) within the block: a weak datum must not hide who moves."""
-    away = np.eye(len(sigma)) - motions @ s_transformation(motions, np.ones(len(sigma)))
+    away = _without_motion(motions, np.ones(len(motions)))
     inner = np.sqrt(np.maximum(np.diag(away @ covariance @ away.T), 0.0))
     return np.maximum(inner, 1e-3 * np.median(inner))

@@ -1,34 +1,36 @@
-"""A change as text, page and folder."""
+"""A change as text, page and folder, and as files of a GIS and of programs of point clouds."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from corridor import figures
 from corridor.adjustment import grave
-from corridor.change.explanation import SHOWN
-from corridor.change.export import write_gis
+from corridor.change.explanation import Explanation
+from corridor.change.points import PointChanges
 from corridor.change.sentence import millimetres, remedies, verdict_sentence
-from corridor.change.surface import SurfaceChange
+from corridor.change.signature import SHOWN
+from corridor.change.surface import SurfaceChange, Volume
+from corridor.errors import InputError
 from corridor.report import (
+    Layer,
     Report,
     Table,
     significant,
     times,
     whole_folder,
     write_csv,
+    write_geopackage,
     write_json,
+    write_las,
     write_picture,
 )
-
-if TYPE_CHECKING:
-    from corridor.change.result import Change
 
 RESULT = "change.json"
 # Student's limit of 95 % with ten degrees of freedom: below that a scale is told by few numbers.
@@ -41,19 +43,23 @@ _VERDICTS = {
 }
 
 
-def of_change(change: Change) -> Report:
-    """The report of a change: one sentence first."""
+def of_change(change) -> Report:
+    """The report of a `Change`: one sentence first."""
     warnings = [*remedies(change), *change.notes, *_datum(change), *_adjusted(change)]
-    tables = [
-        table
-        for table in (_points(change), _surface(change), _effects(change), _volumes(change))
-        if table is not None
-    ]
+    tables = []
+    if change.points is not None:
+        tables.append(_points(change.points))
+    if change.surface is not None and len(change.surface):
+        tables.append(_surface(change.surface))
+    if change.explanation is not None and len(change.explanation.table):
+        tables.append(_effects(change.explanation))
+    if change.volumes:
+        tables.append(_volumes(change.volumes))
     title = f"Change from {change.names[0]} to {change.names[1]}"
     return Report(title, verdict_sentence(change), warnings, tables)
 
 
-def to_dict(change: Change) -> dict:
+def to_dict(change) -> dict:
     """Every number of a change that is not of a map."""
     surface, points, told = change.surface, change.points, change.explanation
     out = {
@@ -98,7 +104,7 @@ def to_dict(change: Change) -> dict:
     return out
 
 
-def save(change: Change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
+def save(change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
     """Writes report.html, change.json, points.csv, surface.csv and pictures, whole or not at all.
 
     gis: also change.gpkg (pyogrio) and change.laz or change.las (laspy), where these are installed.
@@ -115,16 +121,47 @@ def save(change: Change, folder: str | os.PathLike, gis: bool = True) -> list[Pa
             write_csv(change.points.frame, part / "points.csv")
         if change.surface is not None and len(change.surface):
             write_csv(change.surface.frame, part / "surface.csv")
-        missing = write_gis(change, part) if gis else []
+        missing = _write_gis(change, part) if gis else []
         write_json(to_dict(change) | {"not_written": missing}, part / RESULT)
         names = sorted(path.name for path in part.iterdir())
     return [folder / name for name in names]
 
 
-def _points(change: Change) -> Table | None:
-    points = change.points
-    if points is None:
-        return None
+def _write_gis(change, folder: Path) -> list[str]:
+    """Writes change.gpkg (points, cells) and change.las into a folder; a sentence on each that
+    could not be."""
+    block, points, surface = change.compared.adjustments[0].block, change.points, change.surface
+    layers, missing = {}, []
+    if points is not None:
+        layers["points"] = Layer(points.frame, points=points.xyz + block.offset)
+    shown = surface is not None and len(surface)
+    if shown:
+        # The square around each core point, closed, at its height.
+        plan = surface.cores.cells[:, [0, 1, 2, 3, 0]]
+        height = np.broadcast_to(surface.cores.xyz[:, None, 2:], (len(plan), 5, 1))
+        corners = np.concatenate([plan, height], axis=2) + block.offset
+        layers["cells"] = Layer(surface.frame, polygons=list(corners))
+    if layers:
+        try:
+            write_geopackage(folder / "change.gpkg", layers, block.crs)
+        except InputError as error:
+            missing.append(str(error))
+    if shown:
+        fields = {
+            "change": surface.distance,
+            "sigma": surface.sigma,
+            "sampling": surface.sampling,
+            "detection_95": surface.detection,
+            "significant": surface.moved.astype(np.int32),
+        }
+        try:
+            write_las(folder / "change.las", surface.cores.xyz + block.offset, fields, block.crs)
+        except InputError as error:
+            missing.append(str(error))
+    return missing
+
+
+def _points(points: PointChanges) -> Table:
     rows = []
     for row in points.frame.itertuples():
         numbers = [
@@ -146,10 +183,7 @@ def _points(change: Change) -> Table | None:
     return Table.of(frame, "Points, second date minus first", notes)
 
 
-def _surface(change: Change) -> Table | None:
-    surface = change.surface
-    if surface is None or not len(surface):
-        return None
+def _surface(surface: SurfaceChange) -> Table:
     low, high = np.percentile(surface.distance, [5, 95])
     rows = [
         ("core points", f"{len(surface):,}"),
@@ -172,11 +206,8 @@ def _accuracy(surface: SurfaceChange) -> list[tuple[str, str]]:
     ]
 
 
-def _effects(change: Change, most: int = 8) -> Table | None:
-    if change.explanation is None or not len(change.explanation.table):
-        return None
-    table = change.explanation.table
-    table = table.sort_values(["hides", "explained"], ascending=False, kind="stable")
+def _effects(told: Explanation, most: int = 8) -> Table:
+    table = told.table.sort_values(["hides", "explained"], ascending=False, kind="stable")
     rows = [
         (
             row.epoch,
@@ -200,9 +231,7 @@ def _effects(change: Change, most: int = 8) -> Table | None:
     )
 
 
-def _volumes(change: Change) -> Table | None:
-    if not change.volumes:
-        return None
+def _volumes(volumes: Mapping[str, Volume]) -> Table:
     rows = [
         (
             name,
@@ -212,7 +241,7 @@ def _volumes(change: Change) -> Table | None:
             f"{one.area:.0f} m\u00b2",
             f"{100 * one.share:.0f} %",
         )
-        for name, one in change.volumes.items()
+        for name, one in volumes.items()
     ]
     header = [
         "polygon",
@@ -225,7 +254,7 @@ def _volumes(change: Change) -> Table | None:
     return Table.of(pd.DataFrame(rows, columns=header), "Volumes, second date minus first")
 
 
-def _datum(change: Change) -> list[str]:
+def _datum(change) -> list[str]:
     out = []
     if change.asked.datum == "stable":
         surface = change.surface
@@ -258,14 +287,14 @@ def _datum(change: Change) -> list[str]:
     return out
 
 
-def _lessened(change: Change) -> str:
+def _lessened(change) -> str:
     """What has not been done against errors that the adjustments do not know."""
     if change.asked.together and change.asked.same_camera:
         return "Control"
     return "One adjustment of both dates with one camera (--together --same-camera), or control,"
 
 
-def _adjusted(change: Change, most: int = 3) -> list[str]:
+def _adjusted(change, most: int = 3) -> list[str]:
     """What is doubtful about the adjustments that the change rests on, the gravest of each."""
     found: dict[str, list[str]] = {}
     dates = ("First date", "Second date") if not change.asked.together else ("Both dates",)

@@ -9,8 +9,8 @@ from corridor.change.comparison import Comparison
 from corridor.change.explanation import Explanation
 from corridor.change.joint import Joint
 from corridor.change.points import PointChanges
-from corridor.change.surface import SurfaceChange
-from corridor.change.volume import Volume
+from corridor.change.report import of_change
+from corridor.change.surface import SurfaceChange, Volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +76,7 @@ class Change:
         return f"Change from {self.names[0]} to {self.names[1]}: {self.verdict}"
 
     def __str__(self) -> str:
-        from corridor.change.report import of_change
-
         return str(of_change(self))
 
     def _repr_html_(self) -> str:
-        from corridor.change.report import of_change
-
         return of_change(self).html()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pandas as pd
 
+from corridor.change.explanation import Explanation
+from corridor.change.points import PointChanges
 from corridor.change.surface import SurfaceChange
 from corridor.effects import find
 from corridor.report import DASH, fixed
-
-if TYPE_CHECKING:
-    from corridor.change.result import Change
 
 # What tells an effect of this place from motion of the ground.
 _HELP = {
@@ -28,26 +26,28 @@ def millimetres(value: float, sigma: float) -> str:
     return f"{fixed(1000 * value, digits)} \u00b1 {fixed(1000 * sigma, digits)} mm"
 
 
-def verdict_sentence(change: Change) -> str:
-    """What the two dates say, in one or two sentences."""
-    said = {
-        "moved": _moved,
-        "camera": _camera,
-        "undecided": _undecided,
-        "nothing": _nothing,
-    }[change.verdict](change)
-    both = change.explanation is not None and change.verdict == "moved"
-    if both and any(change.explanation.shown):
-        said += f" Besides, the measurements show {_shown(change)}, which {_has(change)} modelled."
-    return said
+def verdict_sentence(change) -> str:
+    """What the two dates say, in one or two sentences; change: a `Change`."""
+    surface, told = change.surface, change.explanation
+    if change.verdict == "moved":
+        besides = "" if told is None or not any(told.shown) else _besides(told)
+        return _moved(surface, change.points) + besides
+    if change.verdict == "camera":
+        return _camera(told, _size(change.compared.surface))
+    if change.verdict == "undecided":
+        return _undecided(told, _size(change.compared.surface))
+    said = f"No change is significant at the level of {100 * change.asked.level:g} %"
+    if surface is None or not len(surface):
+        return f"{said}."
+    seen = 1000 * np.median(surface.detection)
+    return f"{said}; half of the surface would show {seen:.0f} mm (95 %)."
 
 
-def remedies(change: Change, most: int = 3) -> list[str]:
+def remedies(change, most: int = 3) -> list[str]:
     """What would tell ground and camera apart, by the effects that stand between them."""
     if change.explanation is None or change.verdict != "undecided":
         return []
-    table = change.explanation.table
-    hiding = table[table["hides"]] if len(table) else table
+    hiding = _hiding(change.explanation)
     if not len(hiding):
         return [
             "No single effect hides the change, several together do: control points that stand "
@@ -55,8 +55,7 @@ def remedies(change: Change, most: int = 3) -> list[str]:
         ]
     out = []
     for place, rows in hiding.groupby("place", sort=False):
-        names = list(dict.fromkeys(find(slug).called for slug in rows["effect"]))[:3]
-        out.append(f"Against {_listed(names)}: {_HELP[place]}.")
+        out.append(f"Against {_listed(_called(rows))}: {_HELP[place]}.")
     return out[:most]
 
 
@@ -66,17 +65,15 @@ def _largest(surface: SurfaceChange) -> int:
     return int(np.argmax(np.where(surface.moved, z, -1.0)))
 
 
-def _moved(change: Change) -> str:
-    surface, points = change.surface, change.points
+def _moved(surface: SurfaceChange | None, points: PointChanges | None) -> str:
     if surface is not None and surface.moved.any():
         k = _largest(surface)
-        share = surface.moved.mean()
         z = surface.distance[k]
         way = "sank" if z < 0 else "rose"
         return (
             f"The ground moved: it {way} by {millimetres(abs(z), surface.total[k])} at station "
             f"{surface.cores.station[k]:.0f} m, {_aside(surface.cores.across[k])}; "
-            f"{100 * share:.0f} % of the surface moved significantly."
+            f"{100 * surface.moved.mean():.0f} % of the surface moved significantly."
         )
     if points is not None and points.moved.any():
         k = int(np.argmin(np.where(points.moved, points.probability, 2.0)))
@@ -100,37 +97,26 @@ def _aside(across: float) -> str:
     return f"{abs(across):.0f} m to the {'left' if across > 0 else 'right'}"
 
 
-def _camera(change: Change) -> str:
-    table = change.explanation.table
-    mine = table[[slug in _every(change) for slug in table["effect"]]]
-    share = mine["explained"].max()
-    size = _size(change.compared.surface)
+def _besides(told: Explanation) -> str:
+    has = "is" if len(_every(told)) == 1 else "are"
+    return f" Besides, the measurements show {_shown(told)}, which {has} modelled."
+
+
+def _camera(told: Explanation, size: str) -> str:
+    one = len(_every(told)) == 1
+    share = told.table.loc[told.table["effect"].isin(_every(told)), "explained"].max()
     return (
-        f"The camera explains it: {_shown(change)} {_makes(change)} the change{size}, "
-        f"{100 * share:.0f} % of it; with {'that' if len(_every(change)) == 1 else 'those'} "
-        "modelled nothing significant remains."
+        f"The camera explains it: {_shown(told)} {'makes' if one else 'make'} the change{size}, "
+        f"{100 * share:.0f} % of it; with {'that' if one else 'those'} modelled nothing "
+        "significant remains."
     )
 
 
-def _undecided(change: Change) -> str:
-    table = change.explanation.table
-    hiding = list(dict.fromkeys(table.loc[table["hides"], "effect"])) if len(table) else []
-    names = [find(slug).called for slug in hiding[:3]] or ["several effects together"]
-    size = _size(change.compared.surface)
+def _undecided(told: Explanation, size: str) -> str:
+    names = _called(_hiding(told)) or ["several effects together"]
     return (
         f"Ground and camera cannot be told apart: a change is there{size}, but {_listed(names)} in "
         "one of the epochs could make it, and the measurements do not say."
-    )
-
-
-def _nothing(change: Change) -> str:
-    surface = change.surface
-    if surface is None or not len(surface):
-        return f"No change is significant at the level of {100 * change.asked.level:g} %."
-    seen = 1000 * np.median(surface.detection)
-    return (
-        f"No change is significant at the level of {100 * change.asked.level:g} %; half of the "
-        f"surface would show {seen:.0f} mm (95 %)."
     )
 
 
@@ -141,17 +127,27 @@ def _size(surface: SurfaceChange | None) -> str:
     return f" (up to {millimetres(surface.distance[k], surface.total[k])})"
 
 
-def _every(change: Change) -> list[str]:
-    return sorted(set().union(*change.explanation.shown))
+def _every(told: Explanation) -> set[str]:
+    return set().union(*told.shown)
 
 
-def _shown(change: Change) -> str:
+def _hiding(told: Explanation) -> pd.DataFrame:
+    """The rows of effects that alone could hide the change."""
+    return told.table[told.table["hides"]] if len(told.table) else told.table
+
+
+def _called(rows: pd.DataFrame, most: int = 3) -> list[str]:
+    """Names of the first effects of a table."""
+    slugs = dict.fromkeys(rows["effect"]) if len(rows) else {}
+    return list(dict.fromkeys(find(slug).called for slug in slugs))[:most]
+
+
+def _shown(told: Explanation) -> str:
     """Effects that the measurements show, by date."""
-    shown = change.explanation.shown
-    dates = (" at the first date", " at the second date") if len(shown) == 2 else ("",)
+    dates = (" at the first date", " at the second date") if len(told.shown) == 2 else ("",)
     words = [
         " and ".join(find(slug).called for slug in sorted(slugs)) + date
-        for date, slugs in zip(dates, shown, strict=True)
+        for date, slugs in zip(dates, told.shown, strict=True)
         if slugs
     ]
     return ", and ".join(words) or DASH
@@ -162,11 +158,3 @@ def _listed(names: list[str]) -> str:
     if len(names) < 3:
         return " or ".join(names)
     return "; ".join(names[:-1]) + f"; or {names[-1]}"
-
-
-def _has(change: Change) -> str:
-    return "is" if len(_every(change)) == 1 else "are"
-
-
-def _makes(change: Change) -> str:
-    return "makes" if len(_every(change)) == 1 else "make"

@@ -12,7 +12,8 @@ estimated: what would remain, without adjusting anew.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -26,10 +27,12 @@ from corridor.effects import Effect
 PLACES = ("camera", "image", "motion", "antenna")
 # Share of an effect's own information that must be left, or rounding would speak.
 LEFT = 1e-9
+# Log evidence from which on the measurements of an epoch show an effect: one in a hundred blocks
+# without any would show one of some twenty candidates.
+SHOWN = 7.6
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """Values of some effects' parameters and their covariance, prior standard deviations known."""
 
     value: np.ndarray
@@ -47,14 +50,10 @@ class Signatures:
         self.epoch = epoch
         effects = _candidates(epoch.system)
         self.effects = {effect.slug: effect for effect in effects}
-        self._tested = epoch.system.testing(effects)
-        self._solve()
-
-    def _solve(self) -> None:
-        system, tested = self.epoch.system, self._tested
+        system = epoch.system
+        self._tested = tested = system.testing(effects)
         columns, gnss = tested.columns, tested.gnss
-        at = np.concatenate([columns.of(slug) for slug in self.effects] or [[]]).astype(int)
-        self._at = at
+        self._at = at = np.concatenate([columns.of(e.slug) for e in effects] or [[]]).astype(int)
         first = _same_columns(system, tested)
         unknown = dict(zip(columns.shared_at.tolist(), columns.shared, strict=True))
         found = [unknown[n] for n in at.tolist()]
@@ -83,7 +82,7 @@ class Signatures:
         self.matrix = 0.5 * (information + information.T) * s[:, None] * s / variance
         self.right = gradient * s / variance
 
-    def of(self, slugs) -> np.ndarray:
+    def of(self, slugs: Iterable[str]) -> np.ndarray:
         """Numbers of the parameters of some effects."""
         return np.flatnonzero(np.isin(self.slug, list(slugs)))
 
@@ -103,6 +102,27 @@ class Signatures:
         prior = 0.0 if free else 1.0
         covariance = np.linalg.pinv(matrix + prior * np.eye(len(some)), rcond=1e-12)
         return Estimate(covariance @ self.right[some], covariance)
+
+    def log_evidence(self, slugs: Iterable[str]) -> float:
+        """Log Bayes factor of effects with their priors, against a model without them."""
+        at = self.of(slugs)
+        if not len(at):
+            return 0.0
+        matrix, right = self.matrix[np.ix_(at, at)] + np.eye(len(at)), self.right[at]
+        _, volume = np.linalg.slogdet(matrix)
+        return float(0.5 * right @ np.linalg.solve(matrix, right) - 0.5 * volume)
+
+    def shown(self, most: int = 4) -> set[str]:
+        """Effects that the measurements show, the strongest first, each beside those before."""
+        found: list[str] = []
+        while len(found) < min(most, len(self.effects)):
+            others = [slug for slug in self.effects if slug not in found]
+            gains = [self.log_evidence([*found, slug]) for slug in others]
+            best = int(np.argmax(gains))
+            if gains[best] - self.log_evidence(found) < SHOWN:
+                break
+            found.append(others[best])
+        return set(found)
 
 
 def _candidates(system: LinearSystem) -> list[Effect]:

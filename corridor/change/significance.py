@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, f, norm, t
+from scipy.stats import chi2, f, false_discovery_control, norm, t
 
 # Directions of a covariance without information, against its largest.
 OPEN = 1e-9
@@ -42,7 +42,9 @@ def congruency(
     kept = value > OPEN * value[-1]
     along = vector[:, kept].T @ (difference / scale)
     statistic, freedom = float(np.sum(along**2 / value[kept])), int(kept.sum())
-    if np.isfinite(redundancy):
+    if not freedom:
+        probability = 1.0
+    elif np.isfinite(redundancy):
         probability = f.sf(statistic / freedom, freedom, redundancy)
     else:
         probability = chi2.sf(statistic, freedom)
@@ -63,19 +65,42 @@ def normal_scores(z: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     return np.sign(z) * norm.isf(np.maximum(t.sf(np.abs(z), freedom), 1e-300))
 
 
-def spatial(squares: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """Probability of a sum of so many squares of standard normal numbers, or more."""
-    return chi2.sf(squares, freedom)
-
-
 def discoveries(probability: np.ndarray, rate: float) -> np.ndarray:
     """Which tests are significant when at most this share of those may be false; NaN never is."""
-    out = np.zeros(len(probability), dtype=bool)
-    known = np.flatnonzero(np.isfinite(probability))
-    if not len(known):
-        return out
-    order = known[np.argsort(probability[known], kind="stable")]
-    below = probability[order] <= rate * np.arange(1, len(order) + 1) / len(order)
-    if below.any():
-        out[order[: np.flatnonzero(below)[-1] + 1]] = True
+    out, known = np.zeros(len(probability), dtype=bool), np.isfinite(probability)
+    if known.any():
+        out[known] = false_discovery_control(probability[known]) <= rate
     return out
+
+
+@dataclass(frozen=True)
+class Test:
+    """Whether changes are significant at a level: as a whole, or one of them. probability: the
+    smaller of both, for two tests."""
+
+    significant: bool
+    probability: float
+    freedom: int
+
+
+def tested(
+    value: np.ndarray,
+    covariance: np.ndarray,
+    level: float,
+    freedom: np.ndarray,
+    redundancy: float = np.inf,
+) -> Test:
+    """The global test and the single ones, at half the level each.
+
+    freedom (k,): of each variance; a change counts as the normal one that is as unlikely.
+    redundancy: of the scale of the covariance.
+    """
+    if not len(value):
+        return Test(False, 1.0, 0)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    z = normal_scores(value / sigma, freedom)
+    overall = congruency(z * sigma, covariance, redundancy)
+    single = two_sided(z)
+    found = discoveries(single, 0.5 * level).any() or overall.probability < 0.5 * level
+    least = min(overall.probability, float(single.min()) * len(single))
+    return Test(bool(found), float(min(2.0 * least, 1.0)), overall.freedom)

@@ -1,4 +1,10 @@
-"""The change of the surface at core points, and the standard deviation of that very number."""
+"""The change of the surface at core points and of volumes, each with the standard deviation of
+that very number.
+
+A volume is the area's share of each cell times its change of height, summed: again a linear
+function of the points. Its variance comes from the one covariance of all of them, in which the
+errors of neighbouring cells, nearly the same, add up instead of averaging out.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +12,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
+from matplotlib.path import Path
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 from scipy.stats import t
 
 from corridor.brief import brief
-from corridor.change.clouds import Cloud, Functions
 from corridor.change.cores import Cores
+from corridor.change.epoch import Cloud
 from corridor.change.joint import Joint
 from corridor.change.laying import Laying, lay
-from corridor.change.m3c2 import LEAST, Members, distance_functions, members
-from corridor.change.roughness import excess, sampling, with_roughness
+from corridor.change.m3c2 import LEAST, Members, distance_functions, members, roughened
 from corridor.change.significance import discoveries, two_sided
 from corridor.errors import InputError
 from corridor.report import with_units
@@ -44,17 +52,17 @@ class SurfaceChange:
     roughness: np.ndarray
     freedom: np.ndarray
     level: float
-    functions: Functions = field(repr=False)
+    functions: csr_array = field(repr=False)
     joint: Joint = field(repr=False)
     laying: Laying | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.distance)
 
-    def sums(self, matrix) -> Functions:
+    def sums(self, matrix) -> csr_array:
         """Sums of the distances, by a matrix (s, k), as functions of the points."""
         if self.laying is None:
-            return self.functions.combined(matrix)
+            return csr_array(csr_array(matrix) @ self.functions)
         return self.laying.sums(self.functions, matrix)
 
     @property
@@ -110,7 +118,7 @@ def surface_change(
 
     level: false discovery rate. degree: see `members`. sampled: False where both surfaces are the
     very same points of the ground, one for one, so that its roughness cancels. datum: `stated`, or
-    `stable`: laid together by a motion of the kind of `stable.MOTIONS` on what stands still.
+    `stable`: laid together by a motion of the kind of `laying.MOTIONS` on what stands still.
     laying: the motion found by another surface of the same dates, in place of one's own.
     Raises InputError where no core point shows a surface at both dates.
     """
@@ -125,35 +133,33 @@ def surface_change(
             f"no core point has {least} tie points within {cores.radius:.1f} m at both dates: give "
             "a larger radius (--radius), or measure more tie points"
         )
-    cores = only(cores, kept)
+    cores = cores.only(kept)
     found = _both(clouds, cores, degree, sampled)
     between = np.zeros((2, len(cores)))
     if sampled:
-        rough = [excess(c, f, cores) for c, f in zip(clouds, found, strict=True)]
-        between = np.array([sampling(f, r) for f, r in zip(found, rough, strict=True)])
-        joint = joint.with_clouds(
-            *(with_roughness(c, f, cores, r) for c, f, r in zip(clouds, found, rough, strict=True))
-        )
-    functions = distance_functions(*found, cores, joint)
+        sides = [roughened(c, f, cores) for c, f in zip(clouds, found, strict=True)]
+        between = np.array([variance for _, variance in sides])
+        joint = joint.with_clouds(*(cloud for cloud, _ in sides))
+    sampling = between.sum(axis=0)
+    functions = distance_functions(clouds, found, cores)
     distance, variance = found[1].mean - found[0].mean, joint.variance(functions)
-    own = laying is None
-    if laying is not None:
-        laying = laying.elsewhere(functions, joint.after)
-    elif datum == "stable":
-        alone = np.sqrt(joint.own_variance(functions) + between.sum(axis=0))
+    own = laying is None and datum == "stable"
+    if own:
+        alone = np.sqrt(joint.own_variance(functions) + sampling)
         laying = lay(distance, alone, functions, joint.after, kind)
+    elif laying is not None:
+        laying = laying.elsewhere(functions, joint.after)
     if laying is not None:
         variance = np.maximum(laying.variance(joint, functions, variance), 0.0)
-        distance, known = laying.apply(distance), variance + between.sum(axis=0)
+        distance, known = laying.apply(distance), variance + sampling
         if own:
-            independent = laying.independent(joint, functions, between.sum(axis=0))
-            laying = laying.scaled(distance / np.sqrt(known), independent)
+            laying = laying.scaled(joint, functions, distance / np.sqrt(known), sampling)
         variance = variance + (laying.scale**2 - 1.0) * known
     return SurfaceChange(
         cores=cores,
         distance=distance,
         sigma=np.sqrt(variance),
-        sampling=np.sqrt(between.sum(axis=0)),
+        sampling=np.sqrt(sampling),
         count=np.column_stack([f.count for f in found]),
         roughness=np.column_stack([f.spread for f in found]),
         freedom=_freedom(
@@ -190,12 +196,81 @@ def _both(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, sampled: bool)
     return [first, first.elsewhere(*clouds, cores)]
 
 
-def only(cores: Cores, rows: np.ndarray) -> Cores:
-    """Some of the core points."""
-    return replace(
-        cores,
-        xyz=cores.xyz[rows],
-        normal=cores.normal[rows],
-        station=cores.station[rows],
-        across=cores.across[rows],
+@brief
+@dataclass(frozen=True)
+class Volume:
+    """A change of volume, m^3: value with sigma (of the measurements) and sampling (of rough
+    ground between the points). area: covered, m^2; share: of the polygon that could be compared.
+    independent: what the sigma would be, were the cells independent.
+    """
+
+    value: float
+    sigma: float
+    sampling: float
+    area: float
+    share: float
+    independent: float
+
+    @property
+    def total(self) -> float:
+        """Standard deviation, m^3, of the measurements and of the sampling."""
+        return float(np.hypot(self.sigma, self.sampling))
+
+
+def volume(
+    joint: Joint, polygon: np.ndarray, cores: Cores, degree: int = 0, sampled: bool = True,
+    laying: Laying | None = None,
+) -> Volume:  # fmt: skip
+    """The change of volume within a polygon (n, 2), after minus before, up is more.
+
+    cores: whose spacing and radius are used; the cells are upright. laying: of the whole surface,
+    see `surface_change`. Raises InputError where the polygon holds no cell that both epochs show.
+    """
+    polygon = np.asarray(polygon, float)[:, :2]
+    upright = _cells(polygon, cores, joint)
+    try:
+        found = surface_change(joint, upright, degree=degree, sampled=sampled, laying=laying)
+    except InputError:
+        raise InputError(
+            "the polygon holds no ground that both epochs show: check its coordinates, which are "
+            "those of the block (world minus offset)"
+        ) from None
+    return summed(found, len(found) / len(upright), abs(_area(polygon)))
+
+
+def summed(found: SurfaceChange, share: float, area: float) -> Volume:
+    """The volume of cells that cover a share of an area, m^2."""
+    cell = share * area / len(found)
+    row = csr_array(np.full((1, len(found)), cell))
+    total = found.sums(row)
+    sampling = found.joint.roughness(total)[0]
+    scale = 1.0 if found.laying is None else found.laying.scale
+    return Volume(
+        value=float(cell * found.distance.sum()),
+        sigma=scale * float(np.sqrt(found.joint.variance(total)[0])),
+        sampling=scale * float(np.sqrt(sampling)),
+        area=share * area,
+        share=share,
+        independent=float(cell * np.sqrt(np.sum(found.sigma**2))),
     )
+
+
+def _cells(polygon: np.ndarray, cores: Cores, joint: Joint) -> Cores:
+    spacing = cores.spacing
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    # At least some fifty cells, or the rim of a small polygon would count too much or too little.
+    spacing = min(spacing, float(np.sqrt(abs(_area(polygon)) / 50.0)))
+    axes = [np.arange(a + 0.5 * spacing, b, spacing) for a, b in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    places = places[Path(polygon).contains_points(places)]
+    cloud = joint.before.xyz
+    nearest = cKDTree(cloud[:, :2]).query(places, 1)[1] if len(places) else np.zeros(0, int)
+    xyz = np.column_stack([places, cloud[nearest, 2]])
+    upright, flat = np.tile([0.0, 0.0, 1.0], (len(xyz), 1)), np.zeros(len(xyz))
+    return replace(cores, xyz=xyz, normal=upright, station=flat, across=flat, spacing=spacing)
+
+
+def _area(polygon: np.ndarray) -> float:
+    """Signed area, m^2."""
+    x, y = polygon.T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))

@@ -12,29 +12,18 @@ from dataclasses import replace
 
 import pandas as pd
 
-from corridor.adjustment import Adjustment
 from corridor.block import Block
-from corridor.change.clouds import Cloud
-from corridor.change.epoch import Epoch
-from corridor.change.epochs import cloud, paired
+from corridor.change.epoch import AFTER, BEFORE
 from corridor.errors import InputError
 
-BEFORE, AFTER = "before:", "after:"
 _TABLES = ("images", "tie_points", "points", "marks", "ground", "gnss", "rates", "track")
 
 
-def joined(
-    before: Block,
-    after: Block,
-    stable: Iterable[str],
-    same_camera: bool = False,
-    same_ties: bool = False,
-) -> Block:
+def joined(before: Block, after: Block, stable: Iterable[str], same_camera: bool = False) -> Block:
     """One block of both dates.
 
     stable: ground points that are one point in both. same_camera: cameras of one name are one
-    camera with one calibration, else each date has its own. same_ties: a tie point of one name is
-    a place seen at both dates; it is still adjusted for each date.
+    camera with one calibration, else each date has its own. A tie point is adjusted for each date.
     """
     stable = set(stable)
     parts = [
@@ -62,37 +51,39 @@ def joined(
 
 def _renamed(block: Block, prefix: str, stable: set[str], same_camera: bool) -> Block:
     """The block with names that say the date, but for what both dates share; sigmas filled in."""
+
+    def dated(names: pd.Series, shared: Iterable[str] = ()) -> pd.Series:
+        names = names.astype(str)
+        return names.where(names.isin(shared), prefix + names)
+
     out = block.copy()
-    out.images["image"] = prefix + out.images["image"].astype(str)
-    out.images["flight"] = [prefix + block.flight_names[k] for k in block.image_flight]
-    if not same_camera:
-        out.images["camera"] = prefix + out.images["camera"].astype(str)
-        out.cameras = {prefix + n: replace(c, name=prefix + n) for n, c in out.cameras.items()}
-    for table in ("tie_points", "marks", "gnss", "rates", "track"):
+    out.images["flight"] = [block.flight_names[k] for k in block.image_flight]
+    for table in ("images", "tie_points", "marks", "gnss", "rates", "track"):
         rows = getattr(out, table)
         for column in ("image", "flight"):
             if column in rows and len(rows):
-                rows[column] = prefix + rows[column].astype(str)
-    sigmas = {"tie_points": block.tie_sigma(), "marks": block.mark_sigma()}
-    for table, sigma in sigmas.items():
-        getattr(out, table)["sigma"] = sigma
-    for table, sigma in (("gnss", block.gnss_sigma()), ("ground", block.ground_sigma())):
-        if len(sigma):
-            getattr(out, table)[["sx", "sy", "sz"]] = sigma
-    out.tie_points["point"] = prefix + out.tie_points["point"].astype(str)
-    marks = set(map(str, out.ground["point"])) | set(map(str, out.marks["point"]))
-    for table in ("marks", "ground"):
+                rows[column] = dated(rows[column])
+    if not same_camera:
+        out.images["camera"] = dated(out.images["camera"])
+        out.cameras = {prefix + n: replace(c, name=prefix + n) for n, c in out.cameras.items()}
+    xyz = ["sx", "sy", "sz"]
+    for rows, columns, sigma in (
+        (out.tie_points, "sigma", block.tie_sigma()),
+        (out.marks, "sigma", block.mark_sigma()),
+        (out.gnss, xyz, block.gnss_sigma()),
+        (out.ground, xyz, block.ground_sigma()),
+    ):
+        if len(rows):
+            rows[columns] = sigma
+    measured = set(map(str, out.ground["point"])) | set(map(str, out.marks["point"]))
+    shared = {"tie_points": (), "marks": stable, "ground": stable, "points": stable & measured}
+    for table, names in shared.items():
         rows = getattr(out, table)
-        names = rows["point"].astype(str)
-        rows["point"] = names.where(names.isin(stable), prefix + names)
-    names = out.points["point"].astype(str)
-    out.points["point"] = names.where(names.isin(stable & marks), prefix + names)
-    out.lever_arm = {
-        (prefix + name if name != "default" else name): arm for name, arm in block.lever_arm.items()
-    }
-    if "default" in out.lever_arm:
-        default = out.lever_arm.pop("default")
-        out.lever_arm = {prefix + name: default for name in block.flight_names} | out.lever_arm
+        rows["point"] = dated(rows["point"], names)
+    arms = dict(block.lever_arm)
+    if "default" in arms:
+        arms = dict.fromkeys(block.flight_names, arms.pop("default")) | arms
+    out.lever_arm = {prefix + name: arm for name, arm in arms.items()}
     return out
 
 
@@ -118,12 +109,3 @@ def dates_of(block: Block, folders: Iterable[str]) -> tuple[Block, Block]:
         part.name = f"{block.name}, {folder.strip('/')}"
         out.append(part)
     return out[0], out[1]
-
-
-def together_clouds(
-    adjustment: Adjustment, same_ties: bool = False, rays: int = 3
-) -> tuple[Cloud, Cloud]:
-    """The clouds of both dates in one adjustment, named as they were in each; see `clouds`."""
-    epoch = Epoch(adjustment)
-    sides = tuple(cloud(epoch, rays, date) for date in (BEFORE, AFTER))
-    return paired(*sides) if same_ties else sides

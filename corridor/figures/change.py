@@ -1,9 +1,11 @@
-"""Pictures of a change: maps of it, its sigma and significance, the profile, named points."""
+"""Pictures of a change: maps of it, its sigma and significance, the profile, named points.
+
+change: a `corridor.change.Change`, surface: its `SurfaceChange`, points: its `PointChanges`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
@@ -13,14 +15,11 @@ from matplotlib.figure import Figure
 
 from corridor.figures import maps, style
 
-if TYPE_CHECKING:
-    from corridor.change import Change, PointChanges, SurfaceChange
-
 # Its lightness grows: in grey print, too, what sank is dark and what rose is light.
 _BOTH = colormaps["cividis"]
 
 
-def of_change(change: Change) -> dict[str, tuple[Figure, str]]:
+def of_change(change) -> dict[str, tuple[Figure, str]]:
     """Every picture of a change with its caption, by the name of its file."""
     out = {}
     if change.surface is not None and len(change.surface):
@@ -43,7 +42,7 @@ def of_change(change: Change) -> dict[str, tuple[Figure, str]]:
     return out
 
 
-def change_maps(surface: SurfaceChange) -> Figure:
+def change_maps(surface) -> Figure:
     """Maps of the change, of its level of detection and of what is significant."""
     z = np.clip(surface.distance / surface.total, -6, 6)
     name = "what is significant, in its standard deviations"
@@ -52,12 +51,12 @@ def change_maps(surface: SurfaceChange) -> Figure:
     return _maps(surface, "change of the surface", panels)
 
 
-def change_map(surface: SurfaceChange) -> Figure:
+def change_map(surface) -> Figure:
     """The change alone, as a program shows it that does not know how sure it is."""
     return _maps(surface, "change of the surface", [_change(surface)])
 
 
-def detection_map(surface: SurfaceChange) -> Figure:
+def detection_map(surface) -> Figure:
     """What could be seen, before any change is asked for: so, and with points everywhere."""
     panels = [_detection(surface)]
     if surface.sampling.any():
@@ -86,17 +85,17 @@ class _Panel:
         return {"norm": Normalize(low, self.largest)}
 
 
-def _change(surface: SurfaceChange) -> _Panel:
+def _change(surface) -> _Panel:
     largest = max(float(np.percentile(np.abs(surface.distance), 99)), 1e-4)
     return _Panel("change", 1000 * surface.distance, _BOTH, 1000 * largest, "mm")
 
 
-def _detection(surface: SurfaceChange) -> _Panel:
+def _detection(surface) -> _Panel:
     largest = 1000 * float(np.percentile(surface.detection, 98))
     return _Panel("level of detection, 95 %", 1000 * surface.detection, style.COUNTS, largest, "mm")
 
 
-def _maps(surface: SurfaceChange, title: str, panels: list[_Panel]) -> Figure:
+def _maps(surface, title: str, panels: list[_Panel]) -> Figure:
     frame = maps.frame_through(surface.cores.xyz[:, :2], "y")
     cells = frame.place(surface.cores.cells).reshape(-1, 4, 2)
     limits = maps.extent(cells)
@@ -126,7 +125,7 @@ def _maps(surface: SurfaceChange, title: str, panels: list[_Panel]) -> Figure:
     return figure
 
 
-def change_profile(surface: SurfaceChange, bins: int = 60) -> Figure:
+def change_profile(surface, bins: int = 60) -> Figure:
     """Change along the corridor: core points, the mean of each stretch, the level of detection."""
     station, change = surface.cores.station, 1000 * surface.distance
     edges = np.linspace(
@@ -159,7 +158,7 @@ def change_profile(surface: SurfaceChange, bins: int = 60) -> Figure:
     return figure
 
 
-def point_changes(points: PointChanges) -> Figure:
+def point_changes(points) -> Figure:
     """Displacements of named points, an axis a panel, with two standard deviations."""
     names = [str(name) for name in points.names]
     keys = [

@@ -9,7 +9,8 @@ from scipy.stats import chi2
 import corridor
 from benchmarks import change as benchmark
 from corridor.change import Comparison, clouds, dates_of, make_cores, surface_change, volume
-from corridor.change.epochs import check_meeting, sound, usual_datum
+from corridor.change.comparison import check_meeting, usual_datum
+from corridor.change.epoch import sound
 from corridor.change.joint import Joint
 from corridor.cli import main
 from corridor.errors import AdjustmentFailed, InputError

@@ -38,9 +38,8 @@ def test_the_variance_of_a_point_is_that_of_the_adjustment(pair, points):
 def test_the_variance_of_a_distance_is_that_of_the_whole_matrix(pair, surface):
     expected = sum(
         np.einsum("ri,ij,rj->r", rows.toarray(), dense(cloud.epoch.adjustment), rows.toarray())
-        for cloud, rows in (
-            (pair.before, surface.functions.before),
-            (pair.after, surface.functions.after),
+        for cloud, rows in zip(
+            (pair.before, pair.after), pair.sides(surface.functions), strict=True
         )
     )
     np.testing.assert_allclose(surface.sigma**2, expected, rtol=1e-7)
@@ -73,7 +72,7 @@ def test_what_common_control_does_follows_from_moving_it():
     (common,) = pair.errors
     names = list(pair.before.named)
     functions = displacements(pair.before, pair.after, names)
-    response = common.sides[1].response(pair.parts(functions)[1].spread)
+    response = common.sides[1].response(pair.parts(functions)[1])
     control = list(here.system.control.names)
     column = 3 * control.index(name) + 2
     points = [pair.after.named[n] for n in names]

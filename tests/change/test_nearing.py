@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from corridor.change import Joint, displacements
 from corridor.change.epoch import Epoch
-from corridor.change.nearing import brought
+from corridor.change.laying import brought
 from corridor.geometry import Similarity
 
 TURN = Rotation.from_euler("xyz", [1.0, -1.0, 3.0], degrees=True).as_matrix()

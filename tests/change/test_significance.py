@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from corridor.change import evidence
+from corridor.change import significance
+from corridor.change.laying import motions_at, s_transformation, stable_weights
 from corridor.change.points import PointChanges
 from corridor.change.significance import congruency, discoveries, normal_scores, two_sided
-from corridor.change.stable import motions_at, s_transformation, stable_weights
 
 
 def test_discoveries_of_the_paper():
@@ -87,5 +87,6 @@ def test_a_scale_that_a_few_numbers_tell_proves_no_change_as_a_whole():
     ten degrees of freedom below (tables: 2.6 at 5 %) does not."""
     value = 1.35 * np.tile([1.0, -1.0], 50)
     sure, known = np.full(100, np.inf), np.eye(100)
-    assert evidence.tested(value, known, 0.01, sure).significant
-    assert not evidence.tested(value, known, 0.01, np.full(100, 10.0), redundancy=10.0).significant
+    assert significance.tested(value, known, 0.01, sure).significant
+    few = np.full(100, 10.0)
+    assert not significance.tested(value, known, 0.01, few, redundancy=10.0).significant

@@ -8,7 +8,7 @@ from made import adjusted, flown, joint, middle
 
 import corridor
 from corridor.change import Settlement, Slide, make_cores, moved_ground, surface_change, volume
-from corridor.change.stable import motions_at
+from corridor.change.laying import motions_at
 from corridor.errors import InputError
 
 

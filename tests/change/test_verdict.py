@@ -41,7 +41,7 @@ def test_what_an_effect_does_to_the_ground_is_what_adjusting_again_shows(slug, p
     here = surface_change(pair, cores, sampled=False)
     moved = surface_change(there, here.cores, sampled=False)
     signature = Signatures(pair.after.epoch)
-    shape = signature.on(pair.parts(here.functions)[1].spread)[:, signature.of([slug])[0]]
+    shape = signature.on(pair.parts(here.functions)[1])[:, signature.of([slug])[0]]
     step = moved.distance - here.distance
     np.testing.assert_allclose(step, 0.1 * shape, atol=0.02 * np.abs(step).max() + 1e-6)
 
