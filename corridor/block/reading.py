@@ -14,7 +14,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
-import pyarrow.parquet
 
 from corridor.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns
 from corridor.errors import InputError
@@ -196,7 +195,7 @@ def _parse_carefully(
     return arrow
 
 
-def _not_a_number(path: Path, layout, name: str, text: pa.Array, row: int) -> InputError:
+def _not_a_number(path: Path, layout: Layout, name: str, text: pa.Array, row: int) -> InputError:
     value = text[row].as_py()
     if name in layout.needed and name not in layout.empty:
         remedy = "write a number with a decimal point, or delete the row"
@@ -263,10 +262,10 @@ def _uneven_lines(path: Path, _modified: int, _size: int) -> np.ndarray | None:
 
 
 def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
+    from pyarrow.parquet import ParquetFile  # a tenth of a second, for few blocks
+
     try:
-        with pa.parquet.ParquetFile(
-            path, memory_map=False, read_dictionary=list(layout.coded)
-        ) as file:
+        with ParquetFile(path, memory_map=False, read_dictionary=list(layout.coded)) as file:
             names = file.schema_arrow.names
             missing = [name for name in layout.needed if name not in names]
             if missing:
@@ -299,7 +298,7 @@ def _check_type(path: Path, field: pa.Field) -> None:
         )
 
 
-def _parquet_column(file: pa.parquet.ParquetFile, layout, name: str) -> pd.Series | np.ndarray:
+def _parquet_column(file, layout: Layout, name: str) -> pd.Series | np.ndarray:
     """A column, one row group after the other: what is in memory twice is never the whole."""
     if name not in layout.listed:
         return file.read(columns=[name])[name].to_pandas()

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet
 
 from corridor.block.settings import FILE, write_settings
 from corridor.block.tables import LAYOUTS
@@ -54,9 +53,11 @@ def write_table(frame: pd.DataFrame, path: Path) -> None:
 
 def _write_parquet(arrow: pa.Table, path: Path) -> None:
     """In groups of rows, each with the names that it needs and no others."""
+    from pyarrow.parquet import ParquetWriter  # a tenth of a second, for few blocks
+
     names = [f.name for f in arrow.schema if not pa.types.is_floating(f.type)]
     schema = pa.schema([(f.name, _narrow(f.type)) for f in arrow.schema])
-    with pa.parquet.ParquetWriter(path, schema, use_dictionary=names) as file:
+    with ParquetWriter(path, schema, use_dictionary=names) as file:
         for first in range(0, max(arrow.num_rows, 1), _GROUP):
             part = arrow.slice(first, _GROUP)
             columns = [

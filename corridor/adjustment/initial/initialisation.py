@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from corridor.adjustment.initial.chain import resect_in_turn
 from corridor.adjustment.initial.intersection import intersect_all, intersect_new
 from corridor.adjustment.initial.network import CENTRE, Network
-from corridor.adjustment.initial.sequential import resect_in_turn
 from corridor.adjustment.initial.submodel import orient_submodel
 from corridor.block import POSE, Block
 from corridor.geometry import quaternion_from_rotation

@@ -5,12 +5,16 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import KDTree
 
-from corridor.adjustment.initial.interim import adjust_interim, sweep
+from corridor.adjustment.initial.chain import (
+    FEWEST_MARKS,
+    adjust_interim,
+    refine,
+    resect_in_turn,
+    sweep,
+)
 from corridor.adjustment.initial.intersection import intersect_new
 from corridor.adjustment.initial.network import AGREEING, GATES_PX, Network
 from corridor.adjustment.initial.relative_orientation import start_from_pair
-from corridor.adjustment.initial.resection import FEWEST_MARKS, refine
-from corridor.adjustment.initial.sequential import resect_in_turn
 from corridor.errors import InputError
 from corridor.geometry import Similarity, nearest_rotation, relative_width, similarity
 
