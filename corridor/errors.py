@@ -21,5 +21,5 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 def some(names: Iterable[str], most: int = 8) -> str:
     """The first names, for a sentence."""
-    names = [name if len(name) <= 40 else f"{name[:37]}..." for name in names]
+    names = [name if len(name) <= 40 else f"{name[:37]}..." for name in map(str, names)]
     return ", ".join(names[:most]) + (", ..." if len(names) > most else "")

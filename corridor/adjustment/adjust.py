@@ -25,8 +25,9 @@ from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
 from corridor.block import Block, read
 from corridor.effects import Effect, check_needs
-from corridor.errors import AdjustmentFailed, InputError
+from corridor.errors import AdjustmentFailed, InputError, some
 from corridor.preparation import Prepared, doubts, prepare
+from corridor.report import counted
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
 ITERATIONS = 100
@@ -229,11 +230,10 @@ def _without_false_fixes(result: Adjustment, again: Callable[[Block], Adjustment
         block.gnss = block.gnss[~block.gnss["image"].isin(list(rejected))].reset_index(drop=True)
         result = again(block)
     if rejected:
-        names = ", ".join(list(rejected)[:5]) + (", ..." if len(rejected) > 5 else "")
-        many = len(rejected) > 1
+        many = counted(len(rejected), "antenna position")
         result.add_note(
-            f"{len(rejected)} antenna position{'s' * many} rejected as false fix{'es' * many}, "
-            f"residual up to {max(rejected.values()):.2f} m ({names})."
+            f"{many} rejected as false fix{'es' * (len(rejected) > 1)}, residual up to "
+            f"{max(rejected.values()):.2f} m ({some(rejected, 5)})."
         )
     return result
 
@@ -343,10 +343,9 @@ def _ahead(
     keep = ~block.tie_points["point"].isin(hopeless)
     block.tie_points = block.tie_points[keep].reset_index(drop=True)
     block.tie_points["point"] = block.tie_points["point"].cat.remove_unused_categories()
-    shown = ", ".join(sorted(hopeless)[:5])
     return block, [
         f"{len(hopeless)} tie points lie behind a camera that measured them and are left out "
-        f"({shown}{', ...' if len(hopeless) > 5 else ''}): their matches are wrong."
+        f"({some(sorted(hopeless), 5)}): their matches are wrong."
     ]
 
 

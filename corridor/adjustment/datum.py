@@ -22,6 +22,7 @@ from corridor.adjustment.misfit import misfit
 from corridor.adjustment.problem import Problem, State
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
+from corridor.report import counted
 
 QUANTITIES = (
     "position along x",
@@ -106,16 +107,13 @@ def undetermined(p: Problem, words: list[str]) -> str:
     """The sentence for a block whose datum has a hole."""
     what = " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
     have = []
-    if len(p.control_rows):
-        loose = [f"effect {member.effect.slug}" for member in p.stack.at("ground")]
-        with_what = f" with {' and '.join(loose)}" if loose else ""
-        count = len(p.control_rows)
-        have.append(f"{count} control point{'s' * (count > 1)}{with_what}")
-    if len(p.gnss_image):
-        loose = ["free lever arms"] * p.arms_free
-        loose += [f"effect {member.effect.slug}" for member in p.stack.at("antenna")]
-        with_what = f" with {' and '.join(loose)}" if loose else ""
-        have.append(f"{len(p.gnss_image)} GNSS position{'s' * (len(p.gnss_image) > 1)}{with_what}")
+    for count, thing, place, loose in (
+        (len(p.control_rows), "control point", "ground", []),
+        (len(p.gnss_image), "GNSS position", "antenna", ["free lever arms"] * p.arms_free),
+    ):
+        loose = [*loose, *(f"effect {member.effect.slug}" for member in p.stack.at(place))]
+        if count:
+            have.append(counted(count, thing) + f" with {' and '.join(loose)}" * bool(loose))
     return (
         f"{what[0].upper()}{what[1:]} of the block cannot be determined by {' and '.join(have)}: "
         "add control points or GNSS (ground.csv, gnss.csv), hold lever arms and effects of the "

@@ -15,6 +15,7 @@ from corridor.block import Block
 from corridor.camera import undistort
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
+from corridor.report import counted
 
 # Wild: beyond this many robust sigmas of what start values leave, and beyond this share of the
 # flying height; of the pictures, beyond this share of their size outside.
@@ -187,10 +188,14 @@ def told_exchanged(one: str, two: str) -> str:
     )
 
 
-def where_seen(block: Block, pose: np.ndarray) -> np.ndarray:
-    """Where the images of each ground point (n, 3) show it, by these poses; NaN unknown."""
+def where_seen(block: Block, pose: np.ndarray, interior: np.ndarray | None = None) -> np.ndarray:
+    """Where the images of each ground point (n, 3) show it, by these poses; NaN unknown.
+
+    interior (cameras, 15): as found, in place of the block's.
+    """
     image, which = block.image_rows("marks"), block.image_camera
-    interior = np.array([c.interior for c in block.cameras.values()])
+    if interior is None:
+        interior = np.array([c.interior for c in block.cameras.values()])
     ray = undistort(block.numbers("marks", "x", "y"), interior, which[image])
     quaternion = np.where(np.isfinite(pose[:, 3:]), pose[:, 3:], [1.0, 0.0, 0.0, 0.0])
     rays = Rays(
@@ -238,7 +243,4 @@ def _own(out: Block, block: Block) -> Block:
 
 def _told(rows: np.ndarray, what: str, why: str, shown: list[str], cause: str = _SLIP) -> str:
     more = "; ..." if len(rows) > len(shown) else ""
-    return (
-        f"{len(rows)} {what}{'s' * (len(rows) > 1)} set aside, {why}{cause}: "
-        f"{'; '.join(shown)}{more}."
-    )
+    return f"{counted(len(rows), what)} set aside, {why}{cause}: {'; '.join(shown)}{more}."

@@ -10,7 +10,8 @@ import numpy as np
 from corridor.adjustment.gross import without_wild
 from corridor.adjustment.model import Model
 from corridor.block import Block, is_among
-from corridor.errors import InputError
+from corridor.errors import InputError, some
+from corridor.report import counted
 
 # Points that a pose needs.
 LEAST_POINTS = 3
@@ -67,17 +68,18 @@ def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block,
             keep &= there[image]
     if 2 * there.sum() < len(there) or not (alone.any() or few):
         return block, wild
-    notes = wild + [
-        _told(names[alone & (is_mark == marked)], what)
-        for marked, what in ((False, "tie point"), (True, "check point"))
-    ]
+    notes = wild
+    for mine, what in ((alone & ~is_mark, "tie point"), (alone & is_mark, "check point")):
+        if mine.any():
+            seen_once = f"{counted(int(mine.sum()), what)} seen in one image only left out"
+            notes.append(f"{seen_once}: {some(names[mine], _NAMED)}.")
     if few:
         shown = [f"{name} with {number}" for name, number in few.items()]
         notes.append(
-            f"{len(few)} image{'s' * (len(few) > 1)} with fewer than {LEAST_POINTS} points that "
-            f"another image shows, which a pose needs, left out: {_listed(shown)}."
+            f"{counted(len(few), 'image')} with fewer than {LEAST_POINTS} points that another "
+            f"image shows, which a pose needs, left out: {some(shown, _NAMED)}."
         )
-    return _without(block, keep | ~counts, there), [note for note in notes if note]
+    return _without(block, keep | ~counts, there), notes
 
 
 def _without(block: Block, keep: np.ndarray, there: np.ndarray) -> Block:
@@ -88,16 +90,3 @@ def _without(block: Block, keep: np.ndarray, there: np.ndarray) -> Block:
         frame["point"] = frame["point"].cat.remove_unused_categories()
         setattr(block, table, frame)
     return block if there.all() else block.select(images=block.images["image"][there])
-
-
-def _told(names: np.ndarray, what: str) -> str:
-    if not len(names):
-        return ""
-    return (
-        f"{len(names)} {what}{'s' * (len(names) > 1)} seen in one image only left out: "
-        f"{_listed(names)}."
-    )
-
-
-def _listed(names) -> str:
-    return ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")

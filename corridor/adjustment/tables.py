@@ -75,7 +75,7 @@ class Tables(Checked):
     def _placed(self, sigma: np.ndarray) -> Block:
         p, state = self.problem, self.state
         block = p.block.copy()
-        block.images = block.images.assign(**self._pose_columns())
+        block.put("images", POSE, self.pose)
         block.cameras = {
             name: camera.with_interior(interior)
             for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
@@ -115,12 +115,14 @@ class Tables(Checked):
         order = dict.fromkeys([*given, *columns])
         return pd.DataFrame({name: columns[name] for name in order}, copy=False)
 
-    def _pose_columns(self) -> dict[str, np.ndarray]:
+    @property
+    def pose(self) -> np.ndarray:
+        """(images, 7): x, y, z and qw, qx, qy, qz in the order of images.csv."""
         p, state = self.problem, self.state
         pose = np.empty((p.image_count, 7))
         pose[p.order, :3] = state.centre
         pose[p.order, 3:] = quaternion_from_rotation(state.rotation)
-        return dict(zip(POSE, pose.T, strict=True))
+        return pose
 
     # --- residuals ---------------------------------------------------------------------------
 
@@ -399,11 +401,9 @@ class Tables(Checked):
         variance = np.einsum("nii->ni", self.covariance.each_pose)[:, :6]
         sigma = np.empty_like(variance)
         sigma[p.order] = self.sigma0 * np.sqrt(variance)
-        columns = self._pose_columns()
-        names = p.block.images["image"].to_numpy(dtype=object)
-        frame = pd.DataFrame({"image": names} | {k: columns[k] for k in "xyz"})
-        sigmas = ("sx", "sy", "sz", "s_rx", "s_ry", "s_rz")
-        frame = frame.assign(**dict(zip(sigmas, sigma.T, strict=True)))
+        frame = pd.DataFrame({"image": p.block.images["image"].to_numpy(dtype=object)})
+        frame[["x", "y", "z"]] = self.pose[:, :3]
+        frame[["sx", "sy", "sz", "s_rx", "s_ry", "s_rz"]] = sigma
         return with_units(frame, {"m": "x y z sx sy sz", "rad": "s_rx s_ry s_rz"})
 
     @cached_property

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from corridor.adjustment.gross import exchanged_points, told_exchanged
+from corridor.adjustment.gross import exchanged_points, told_exchanged, where_seen
 from corridor.adjustment.tables import Tables
-from corridor.camera import undistort
-from corridor.geometry import Rays, meeting_points
+from corridor.errors import some
+from corridor.report import counted
 
 # Beyond this a parameter and a height are one quantity for every practical purpose.
 INSEPARABLE = 0.995
@@ -133,24 +133,11 @@ def _exchanged(a):
     off = len(control) and control["outlier"].any()
     if len(names) < 2 or not (off or len(check)):
         return
-    given = a.start.ground.set_index("point")[["x", "y", "z"]].loc[names].to_numpy(float)
-    for i, j in exchanged_points(given, _intersected(a, names)):
+    block = a.problem.block
+    rows = pd.Index(block.ground["point"]).get_indexer(names)
+    seen = where_seen(block, a.pose, a.state.interior)[rows]
+    for i, j in exchanged_points(block.numbers("ground", *"xyz")[rows], seen):
         yield told_exchanged(names[i], names[j])
-
-
-def _intersected(a, names) -> np.ndarray:
-    """Where the images alone show control points (n, 3), NaN where they do not."""
-    p, marks = a.problem, a.residuals["mark"]
-    image = pd.Index(p.images.names).get_indexer(marks["image"].astype(str)).astype(np.int32)
-    interior = a.state.interior
-    camera = p.images.camera[image]
-    ray = undistort(marks[["x", "y"]].to_numpy(float), interior, camera)
-    pixel = 1.0 / interior[p.images.camera, 0]
-    rays = Rays(image, ray, a.state.rotation, a.state.centre, pixel)
-    point = pd.Index(names).get_indexer(marks["point"].astype(str))
-    mine = np.flatnonzero(point >= 0)
-    rays = rays._replace(image=image[mine], ray=ray[mine])
-    return meeting_points(rays, point[mine], len(names))
 
 
 def _beside_a_diagnosis(a):
@@ -389,11 +376,7 @@ def _outliers(a):
         if found and found["outliers"]:
             frame = a.residuals[kind]
             names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()
-            yield (
-                f"{len(names)} {what}{'s' * (len(names) > 1)} beyond 5 sigmas: "
-                f"{', '.join(names[:10])}{', ...' if len(names) > 10 else ''}"
-                f"{remedy}."
-            )
+            yield (f"{counted(len(names), what)} beyond 5 sigmas: {some(names, 10)}{remedy}.")
 
 
 def _insignificant(a):
