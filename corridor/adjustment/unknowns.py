@@ -11,7 +11,7 @@ from corridor.adjustment.kernels import PANEL
 from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId, Setting
 from corridor.brief import brief
 from corridor.camera import INTERIOR
-from corridor.effects import Arrays, Images, Stack, group_names, group_of_image
+from corridor.effects import Arrays, Images, Member, Stack, group_of_image
 from corridor.errors import InputError
 
 
@@ -118,11 +118,20 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
     in_gnss = np.zeros(count, dtype=bool)
     in_gnss[wanted.gnss_image] = True
     camera_column = _camera_columns(images, wanted.free, shared)
-    slots: list[np.ndarray] = []
-    for place in ("camera", "image", "motion"):
-        slots += _effect_columns(images, stack, place, np.ones(count, bool), wanted, shared, own)
-    antenna = _effect_columns(images, stack, "antenna", in_gnss, wanted, shared, own)
-    ground = _ground_columns(stack, wanted, shared)
+
+    def effects(places: tuple[str, ...], rows: np.ndarray | int) -> np.ndarray:
+        """Columns (rows, parameters) of the effects at places, in which `rows` are moved.
+
+        rows: of the images, whether they are; or how many control points there are.
+        """
+        members = [member for place in places for member in stack.at(place)]
+        found = [_columns_of(images, member, rows, wanted, shared, own) for member in members]
+        size = rows if isinstance(rows, int) else count
+        return np.concatenate([np.zeros((size, 0), np.int64), *found], axis=1)
+
+    slot_column = effects(("camera", "image", "motion"), np.ones(count, bool))
+    antenna_column = effects(("antenna",), in_gnss)
+    ground_column = effects(("ground",), wanted.controls)
     arm_column = np.full((count, 3), -1)
     if wanted.arms_free:
         for g, flight in enumerate(images.flight_names):
@@ -131,7 +140,6 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
                 if not wanted.holds(ParameterId(LEVER_ARM, flight, name)):
                     arm_column[mine, axis] = len(shared)
                     shared.append(Unknown(LEVER_ARM, flight, name, unit="m", at=(g, axis)))
-    slot_column = _stacked(slots, count)
     touched = np.concatenate([camera_column, slot_column], axis=1)
     high = touched.max(axis=1, initial=-1) + 1
     low = np.where(touched >= 0, touched, np.iinfo(np.int64).max).min(axis=1)
@@ -144,9 +152,9 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
         # Whole panels, as the kernels take them; nothing at all where no column is touched.
         low=np.where(high > 0, low // PANEL * PANEL, 0),
         high=-(-high // PANEL) * PANEL,
-        antenna_column=_stacked(antenna, count),
+        antenna_column=antenna_column,
         arm_column=arm_column,
-        ground_column=_stacked(ground, wanted.controls),
+        ground_column=ground_column,
     )
 
 
@@ -163,58 +171,37 @@ def _camera_columns(images: Images, free: Mapping, shared: list[Unknown]) -> np.
     return out
 
 
-def _effect_columns(
+def _columns_of(
     images: Images,
-    stack: Stack,
-    place: str,
-    here: np.ndarray,
+    member: Member,
+    rows: np.ndarray | int,
     wanted: Wanted,
     shared: list[Unknown],
     own: list[tuple[str, int]],
-) -> list[np.ndarray]:
-    """Column (images,) of each parameter of the effects at a place.
-
-    here (images,): where there is something to move. What is estimated is added to shared and own.
-    """
-    out = []
-    for member in stack.at(place):
-        kind, slug = member.effect.group, member.effect.slug
-        of_image = group_of_image(images, kind)
-        for number, parameter in enumerate(member.parameters):
-            if kind == "image":
-                held = wanted.holds(ParameterId(EFFECT, slug, parameter.name))
-                out.append(np.full(len(here), -1 if held else per_image_code(6 + len(own))))
-                own += [] if held else [(slug, number)]
-                continue
-            column = np.full(len(group_names(images, kind)), -1)
-            for g, group in enumerate(group_names(images, kind)):
-                one = Unknown(EFFECT, slug, parameter.name, group, parameter.unit, (g, number))
-                if (here & (of_image == g)).any() and not wanted.holds(one):
-                    column[g] = len(shared)
-                    shared.append(one)
-            out.append(column[of_image])
+) -> np.ndarray:
+    """Columns (rows, parameters) of an effect; what is estimated is added to shared and own."""
+    effect, names = member.effect, member.groups
+    if isinstance(rows, int):
+        moved = range(len(names))
+        of_row = np.resize(np.arange(len(names)), rows)
+    else:
+        of_row = group_of_image(images, effect.group)
+        moved = set(of_row[rows].tolist())
+    out = np.full((len(of_row), len(member.parameters)), -1, np.int64)
+    for number, parameter in enumerate(member.parameters):
+        if effect.group == "image":
+            if not wanted.holds(ParameterId(EFFECT, effect.slug, parameter.name)):
+                out[:, number] = per_image_code(6 + len(own))
+                own.append((effect.slug, number))
+            continue
+        column = np.full(len(names), -1)
+        for g, group in enumerate(names):
+            one = Unknown(EFFECT, effect.slug, parameter.name, group, parameter.unit, (g, number))
+            if g in moved and not wanted.holds(one):
+                column[g] = len(shared)
+                shared.append(one)
+        out[:, number] = column[of_row]
     return out
-
-
-def _ground_columns(stack: Stack, wanted: Wanted, shared: list[Unknown]) -> list[np.ndarray]:
-    """Column (control points,) of each parameter of the effects on the ground."""
-    out = []
-    for member in stack.at("ground"):
-        for number, parameter in enumerate(member.parameters):
-            column = np.full(len(member.groups), -1)
-            for g, group in enumerate(member.groups):
-                one = Unknown(
-                    EFFECT, member.effect.slug, parameter.name, group, parameter.unit, (g, number)
-                )
-                if not wanted.holds(one):
-                    column[g] = len(shared)
-                    shared.append(one)
-            out.append(np.broadcast_to(column, wanted.controls))
-    return out
-
-
-def _stacked(parts: list[np.ndarray], rows: int) -> np.ndarray:
-    return np.stack(parts, 1).astype(np.int64) if parts else np.zeros((rows, 0), np.int64)
 
 
 def per_image_names(stack: Stack, own: list[tuple[str, int]]) -> list[ParameterId]:

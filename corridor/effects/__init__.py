@@ -25,7 +25,7 @@ from corridor.effects.forward import (
     take_out,
 )
 from corridor.effects.registry import every_effect, find, forget, register, summary
-from corridor.effects.stack import ROW_REACH, Arrays, Stack, check_needs
+from corridor.effects.stack import ROW_REACH, Arrays, Member, Stack, check_needs
 from corridor.effects.values import EffectValues, Values, effect_of, parse_word
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
     "EffectValues",
     "Images",
     "LinearEffect",
+    "Member",
     "Parameter",
     "Prediction",
     "Stack",
