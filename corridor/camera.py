@@ -6,7 +6,7 @@
 
 Pixels, (0, 0) is the centre of the top-left pixel; camera frame x right, y down, z forward.
 Distortion goes from the ray to the image. OpenCV's p1, p2 are our p2, p1; DBAT and some files
-of MicMac go from the image to the ray: `from_image_to_ray` converts them.
+of MicMac go from the image to the ray (`image_to_ray`).
 
 Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
 """
@@ -429,38 +429,6 @@ def image_to_ray(pixels: np.ndarray, interior: np.ndarray) -> np.ndarray:
         ],
         axis=1,
     )
-
-
-def from_image_to_ray(
-    camera: Camera, parameters: Iterable[str] | None = None, grid: int = 41
-) -> tuple[Camera, float]:
-    """The ray-to-image camera that stands for an image-to-ray one, and what is lost.
-
-    camera: interior read as image to ray (see `image_to_ray`), b1 = b2 = 0.
-    parameters: interior parameters to fit; default k1.. k5, p1, p2 and f, cx, cy held.
-    Returns the camera and the largest difference over the picture, pixels.
-    Raises InputError where the polynomial folds inside the picture: no camera stands for it.
-    """
-    names = tuple(parameters or ("k1", "k2", "k3", "k4", "k5", "p1", "p2"))
-    x, y = np.meshgrid(
-        np.linspace(0, camera.width - 1, grid), np.linspace(0, camera.height - 1, grid)
-    )
-    pixels = np.column_stack([x.ravel(), y.ravel()])
-    rays = image_to_ray(pixels, camera.interior)
-    centre = camera.interior[1:3]
-    corners = pixels[[0, grid - 1, -grid, -1]]
-    spokes = centre + np.linspace(0, 1, 200)[:, None, None] * (corners - centre)
-    length = np.linalg.norm(image_to_ray(spokes.reshape(-1, 2), camera.interior), axis=1)
-    if np.any(np.diff(length.reshape(200, 4), axis=0) <= 0):
-        raise InputError(
-            f"camera {camera.name}: its image-to-ray distortion folds inside the picture, "
-            "no ray-to-image camera stands for it: check the direction of the coefficients"
-        )
-    undistorted = camera.interior.copy()
-    undistorted[3:] = 0.0
-    found = fitted(camera.with_interior(undistorted), pixels, rays, names)
-    worst = np.linalg.norm(pixels - project_rays(rays, found.interior), axis=1).max()
-    return found, float(worst)
 
 
 def fitted(camera: Camera, pixels: np.ndarray, rays: np.ndarray, names: Iterable[str]) -> Camera:

@@ -13,7 +13,6 @@ from corridor.camera import (
     INTERIOR,
     Camera,
     distort,
-    from_image_to_ray,
     image_to_ray,
     interior_derivatives,
     parameters_named,
@@ -23,9 +22,8 @@ from corridor.camera import (
     undistort,
 )
 from corridor.errors import InputError
-from corridor.geometry import (
-    rotation_from_vector,
-)
+from corridor.geometry import rotation_from_vector
+from corridor.interchange.cameras import from_image_formula
 
 
 def camera(width=5120, height=3840, **values):
@@ -200,6 +198,11 @@ class TestTheWayBack:
         assert np.isfinite(rays).all(axis=1).tolist() == [True, True, False, False, False]
 
 
+def from_image_to_ray(lens):
+    """Our camera for one whose polynomial goes from the image to the ray, and the difference."""
+    return from_image_formula(lens, lambda pixels: image_to_ray(pixels, lens.interior))
+
+
 class TestImageToRay:
     def test_the_polynomial_by_hand(self):
         """f 1000, pixel 300 and 400 off: u, v = 0.3, 0.4, factor 1 + 0.1 * 0.25."""
@@ -218,8 +221,9 @@ class TestImageToRay:
         pixels = picture(lens, 101, 81)
         rays = image_to_ray(pixels, lens.interior)
         off = project_rays(rays, ours.interior) - pixels
-        # A finer grid may find a little more between the nodes of the coarser one.
-        assert np.linalg.norm(off, axis=1).max() == pytest.approx(worst, rel=0.05)
+        # A finer grid may find a little more between the nodes of the coarser one, or rounding.
+        far = np.linalg.norm(off, axis=1).max()
+        assert far == pytest.approx(worst, rel=0.05, abs=1e-9)
         bare = project_rays(rays, np.r_[ours.interior[:3], np.zeros(12)]) - pixels
         assert 0 < worst < 0.01 * np.linalg.norm(bare, axis=1).max()
 
@@ -239,10 +243,8 @@ class TestImageToRay:
             | {"k1": dbat["K1_per_mm2"] * dbat["f_mm"] ** 2}
             | {"k2": dbat["K2_per_mm4"] * dbat["f_mm"] ** 4},
         )
-        _, two = from_image_to_ray(lens, parameters=("k1", "k2"))
         ours, worst = from_image_to_ray(lens)
         assert worst < 0.2
-        assert worst < two
         # The first term of the inverse series is the first term with the other sign.
         assert ours["k1"] == pytest.approx(-lens["k1"], rel=0.1)
 
