@@ -11,8 +11,7 @@ from benchmarks.diagnosis.signal import Signal, key_of, signals
 from benchmarks.diagnosis.truth import Hidden, Truth
 from corridor.block import Block
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
-from corridor.diagnosis.held_out import closure
-from corridor.diagnosis.rounds import members
+from corridor.diagnosis.verification.held_out import closure
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.report import plain
 
@@ -114,7 +113,7 @@ def _knowing(found: Diagnosis, truth: Truth) -> float | None:
     if set(keys) == set(found.used):
         return _check(found)[1]
     try:
-        return float(found.believed.adjust(members(names, keys)).check_rms.d3)
+        return float(found.believed.adjust(found.course.members(keys)).check_rms.d3)
     except (InputError, AdjustmentFailed):
         return None
 

@@ -22,9 +22,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from corridor.adjustment import Adjustment
-from corridor.diagnosis.candidates import candidates, with_points
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.effects import Effect, Images, group_names, group_of_image, predict
+from corridor.diagnosis.system.groups import with_points
+from corridor.effects import Effect, Images, candidates, group_names, group_of_image, predict
 from corridor.errors import AdjustmentFailed, InputError
 
 # Residuals beyond so many sigmas are taken for wrong matches.

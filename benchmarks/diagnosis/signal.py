@@ -15,7 +15,7 @@ image: see `_as_one`); and beside another candidate k
 by how many sigmas the data tell the truth from the best that k can do in its place. What the
 antenna feels has one more rival, of no name: GNSS noise that is larger or slower. How much worse
 it explains the data than the truth does, each with the noise that fits it best, is given in
-sigmas too, sqrt(2 log L) (see `NoiseModel.apart`). Where the
+sigmas too, sqrt(2 log L) (see `_from_noise`). Where the
 truth gives no parameters of the catalogue, the ratio is the weighted length of what the effect
 leaves in the residuals: those of the block minus those of its twin, both adjusted by plain least
 squares. (There the GNSS counts as white.)
@@ -32,12 +32,13 @@ from benchmarks.diagnosis.truth import Hidden, Truth
 from corridor import adjustment
 from corridor.adjustment import Adjustment, Model
 from corridor.block import Block
-from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.evidence import Evidence
-from corridor.diagnosis.noise_model import NoiseModel
+from corridor.diagnosis.evidence.beside_noise import NoiseModel
+from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.findings.verdict import refines
+from corridor.diagnosis.noise.gnss import estimate
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.verdict import refines
+from corridor.diagnosis.system.groups import Group
 from corridor.errors import AdjustmentFailed, InputError
 
 # Sigmas by which the data prefer the truth to a rival: from APART on the two are separable; below
@@ -99,7 +100,7 @@ def signals(
         others = [k for other, k, _ in members if other != key]
         out[key] = _of_group(evidence, n, theta, others)
         if noises is not None and noises.touches(n) > SETTINGS.gnss_share:
-            out[key].from_noise = math.sqrt(max(2.0 * noises.apart(n, theta), 0.0))
+            out[key].from_noise = math.sqrt(max(2.0 * _from_noise(noises, n, theta), 0.0))
     missing = [one for one in (*truth.inside, *truth.outside) if key_of(one) not in out]
     if len(missing) == 1 and not members:
         out[key_of(missing[0])] = Signal(_length(block, twin, options), by="residuals")
@@ -123,6 +124,31 @@ def _theta(group: Group, one: Hidden) -> np.ndarray | None:
     if all(value is None for value in found):
         return None
     return np.array([value or 0.0 for value in found]) / group.scale
+
+
+def _from_noise(noises: NoiseModel, n: int, theta: np.ndarray) -> float:
+    """Log likelihood by which the n-th group explains more than the noise could in its place.
+
+    Of data like these, in which nothing is missing, with parameters theta (p,), in prior standard
+    deviations, on top: once the noise alone is fitted to them, once the noise with the group. Of
+    values for each image only their size is known then; of others all, and the mean of theta and
+    -theta is taken, so that this block's noise has no part in it.
+    """
+    group = noises.evidence.groups[n]
+    M, g = noises.evidence.block(group)
+    A = noises.columns([n])
+    if group.own is None:
+        _, alone = estimate(noises.stated, noises.P, noises.rho)
+        both = [estimate(noises.stated, noises.P, noises.rho + A @ t)[1] for t in (theta, -theta)]
+        return float(0.5 * theta @ M @ theta + 0.5 * (np.mean(both) - alone))
+    M = M.toarray()
+    rho, g = noises.rho + A @ theta, g + M @ theta
+    inside = M + np.eye(len(M)) / np.mean(theta**2)
+    step = np.linalg.solve(inside, np.column_stack([g, A.T]))
+    _, logdet = np.linalg.slogdet(inside * np.mean(theta**2))
+    _, alone = estimate(noises.stated, noises.P, rho)
+    _, with_it = estimate(noises.stated, noises.P.less(A, step[:, 1:]), rho - A @ step[:, 0])
+    return float(0.5 * (g @ step[:, 0] - logdet + alone - with_it))
 
 
 def _of_group(evidence: Evidence, n: int, theta: np.ndarray, others: list[int]) -> Signal:

@@ -18,10 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from corridor import diagnosis
 from corridor.adjustment import LinearSystem, point_gains
 from corridor.change.epoch import Epoch, Spread
-from corridor.effects import Effect
+from corridor.effects import Effect, candidates
 
 # Places of effects that belong to camera and flight; wrong ground control is no camera's.
 PLACES = ("camera", "image", "motion", "antenna")
@@ -126,7 +125,7 @@ class Signatures:
 
 
 def _candidates(system: LinearSystem) -> list[Effect]:
-    found = diagnosis.candidates(
+    found = candidates(
         system.block, system.free, system.effects.values(), list(system.control_names)
     )
     return [

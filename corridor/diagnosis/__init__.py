@@ -10,19 +10,19 @@ that is, what it does to data that the fit has not used, and what could not be t
 is added. `counterpart` gives one of them as a block.
 """
 
-from corridor.diagnosis.candidates import candidates
-from corridor.diagnosis.comparison import Closing, Compared, Comparison, compare
-from corridor.diagnosis.confusability import confusability
-from corridor.diagnosis.corrected import corrected
-from corridor.diagnosis.counterpart import Counterparts, counterparts, measure
 from corridor.diagnosis.diagnose import Diagnosis, diagnose
-from corridor.diagnosis.evidence import Evidence
+from corridor.diagnosis.evidence.confusability import confusability
+from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.replicate_block import counterpart
+from corridor.diagnosis.replicates.comparison import Closing, Compared, Comparison, compare
+from corridor.diagnosis.replicates.counterparts import Counterparts, counterparts, measure
+from corridor.diagnosis.replicates.replicate_block import counterpart
+from corridor.diagnosis.replicates.replicator import EstimatedNoise
+from corridor.diagnosis.replicates.statistics import Statistic
 from corridor.diagnosis.report import check_output
-from corridor.diagnosis.residual_noise import EstimatedNoise
+from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.rounds import Course, Round
-from corridor.diagnosis.statistics import Statistic
+from corridor.effects import candidates
 
 __all__ = [
     "ReferenceModel",

@@ -9,18 +9,17 @@ from dataclasses import dataclass, field
 
 from corridor.adjustment import Adjustment, Model, implausible, listed, sound_part
 from corridor.block import Block, read
-from corridor.diagnosis.beside import beside
-from corridor.diagnosis.discontinuity import broken_picture, shows_as
-from corridor.diagnosis.findings import Findings
-from corridor.diagnosis.held_out import Verification, check_gap, gnss_gap
-from corridor.diagnosis.outlier_clusters import outlier_clusters
+from corridor.diagnosis.anomalies.variance import variance_alarms
+from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
+from corridor.diagnosis.findings.findings import Findings
+from corridor.diagnosis.findings.verdict import detection_limits, findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
-from corridor.diagnosis.rounds import Course, members, run
-from corridor.diagnosis.variance import variance_alarms
-from corridor.diagnosis.verdict import detection_limits, findings
+from corridor.diagnosis.report.beside import beside
+from corridor.diagnosis.rounds import Course, run
+from corridor.diagnosis.verification.verification import Verification
 from corridor.effects import Effect
-from corridor.errors import AdjustmentFailed, InputError
+from corridor.errors import InputError
 from corridor.preparation import derived, doubts, prepare
 from corridor.report import plain
 from corridor.threads import one_thread
@@ -165,7 +164,7 @@ def diagnose(
         progress({"message": "measuring the gap"})
     held = Verification(believed, course, findings(course), seed)
     before, last = course.first, course.last
-    after, used = _after(believed, course, held)
+    after, used = held.after()
     found = held.findings
     _add_discontinuity(found, before, last.adjustment)
     untestable = sorted(course.candidates.untestable.items())
@@ -179,11 +178,7 @@ def diagnose(
         after=after,
         course=course,
         findings=found,
-        gap={
-            "tie_px": held.gap,
-            "check_m": check_gap(before, after),
-            "gnss_m": gnss_gap(before, after),
-        },
+        gap=held.gap(after),
         detection_limits=limits,
         untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
         lens=held.lens,
@@ -203,23 +198,6 @@ def diagnose(
         level=level,
         seed=seed,
     )
-
-
-def _after(
-    believed: ReferenceModel, course: Course, held: Verification
-) -> tuple[Adjustment, list[str]]:
-    """The adjustment with what is left of what was found, and the keys of that."""
-    adjusted = course.last.log["model"]
-    if set(held.used) == set(adjusted):
-        return course.last.adjustment, held.used
-    if not held.used:
-        return course.first, held.used
-    effects = {effect.slug: effect for effect in course.candidates.effects}
-    try:
-        return believed.adjust(members(effects, held.used)), held.used
-    except (InputError, AdjustmentFailed) as failed:
-        held.notes.append(f"The adjustment with what was found failed: {failed}")
-        return course.last.adjustment, list(adjusted)
 
 
 def _add_discontinuity(found: Findings, before: Adjustment, last: Adjustment) -> None:

@@ -11,7 +11,7 @@ from corridor import adjustment
 from corridor.adjustment import REFERENCE_CAMERA, Adjustment, Model, camera_of
 from corridor.block import Block
 from corridor.brief import brief
-from corridor.diagnosis.robust import scale_of
+from corridor.diagnosis.noise.image import scale_of
 from corridor.diagnosis.settings import SETTINGS
 from corridor.effects import Effect
 from corridor.errors import AdjustmentFailed

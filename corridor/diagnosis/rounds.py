@@ -6,6 +6,7 @@ linearisation that of the truth, and only then can weaker effects be seen.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -13,22 +14,25 @@ import numpy as np
 
 from corridor.adjustment import Adjustment
 from corridor.brief import brief
-from corridor.diagnosis.beside_noise import beyond_noise, through_noise
-from corridor.diagnosis.candidates import Candidates, candidates, with_points
-from corridor.diagnosis.clusters import Influence, as_spread, drawn, inflation_of_scores
-from corridor.diagnosis.control import Blunders, blunders, stands
-from corridor.diagnosis.equations import Equations, equations
-from corridor.diagnosis.evidence import Evidence
-from corridor.diagnosis.gnss_noise import GnssNoise
-from corridor.diagnosis.lens import Lens, lens_group, lens_of, names_of_lens
-from corridor.diagnosis.noise_model import NoiseModel, few_positions
-from corridor.diagnosis.plausibility import impossible, plausible
-from corridor.diagnosis.reduced import Antennas, Elimination, Reduced
+from corridor.diagnosis.evidence.beside_noise import (
+    NoiseModel,
+    beyond_noise,
+    few_positions,
+    through_noise,
+)
+from corridor.diagnosis.evidence.blunders import Blunders, blunders, stands
+from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
+from corridor.diagnosis.evidence.plausibility import impossible, plausible
+from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
+from corridor.diagnosis.evidence.search import Found, search, thresholds
+from corridor.diagnosis.noise.gnss import GnssNoise
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.search import Found, search
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.threshold import thresholds
-from corridor.effects import Effect
+from corridor.diagnosis.system.elimination import Antennas, Elimination, Reduced
+from corridor.diagnosis.system.equations import Equations, equations
+from corridor.diagnosis.system.groups import with_points
+from corridor.effects import Candidates, Effect, candidates
 from corridor.errors import AdjustmentFailed, InputError
 
 
@@ -86,6 +90,15 @@ class Course:
         """The round whose findings count."""
         return self.rounds[-1]
 
+    def members(self, keys: Iterable[str]) -> list[Effect]:
+        """Effects of groups by their keys; several control points make one effect."""
+        names = {effect.slug: effect for effect in self.candidates.effects}
+        points: dict[str, list[str]] = {}
+        for key in keys:
+            slug, _, point = key.partition(".")
+            points.setdefault(slug, []).extend([point] if point else [])
+        return [with_points(names[slug], chosen) for slug, chosen in points.items()]
+
 
 def run(
     believed: ReferenceModel,
@@ -103,8 +116,7 @@ def run(
     chosen = candidates(
         believed.block, system.free, believed.effects, system.control_names, only, without
     )
-    names = {effect.slug: effect for effect in chosen.effects}
-    _check_priors(believed, names)
+    _check_priors(believed, chosen.effects)
     course = Course(first, [], chosen)
     threshold = None
     model: list[str] = []
@@ -118,7 +130,7 @@ def run(
         model = one.keys
         say({"message": f"adjusting with {', '.join(model) or 'nothing more'}"})
         try:
-            adjustment = believed.adjust(members(names, model)) if model else first
+            adjustment = believed.adjust(course.members(model)) if model else first
         except (InputError, AdjustmentFailed) as failed:
             course.notes.append(f"The refit with {', '.join(model)} failed: {failed}")
             break
@@ -129,15 +141,6 @@ def run(
             course.rounds.append(again)
             break
     return course
-
-
-def members(names: dict[str, Effect], keys: list[str]) -> list[Effect]:
-    """Effects of groups by their keys; several control points make one effect."""
-    points: dict[str, list[str]] = {}
-    for key in keys:
-        slug, _, point = key.partition(".")
-        points.setdefault(slug, []).extend([point] if point else [])
-    return [with_points(names[slug], chosen) for slug, chosen in points.items()]
 
 
 def _round(course, adjustment, believed, model, threshold, level, seed) -> Round:
@@ -292,9 +295,9 @@ def _kappa(evidence: Evidence, key: str) -> float:
     return 1.0 if evidence.groups[evidence.number[key]].known else SETTINGS.prior_of_adjusted
 
 
-def _check_priors(believed: ReferenceModel, names: dict[str, Effect]) -> None:
+def _check_priors(believed: ReferenceModel, tested: list[Effect]) -> None:
     """Refuse priors of what is neither estimated nor a candidate."""
-    known = {effect.slug for effect in believed.effects} | set(names) | {"camera", "lever_arm"}
+    known = {effect.slug for effect in (*believed.effects, *tested)} | {"camera", "lever_arm"}
     for label in believed.priors:
         if label.partition(".")[0] not in known:
             raise InputError(

@@ -26,11 +26,13 @@ from corridor.effects.forward import (
 )
 from corridor.effects.registry import every_effect, find, forget, register, summary
 from corridor.effects.stack import ROW_REACH, Arrays, Member, Stack, check_needs
+from corridor.effects.testable import Candidates, candidates
 from corridor.effects.values import EffectValues, Values, effect_of, parse_word
 
 __all__ = [
     "ROW_REACH",
     "Arrays",
+    "Candidates",
     "Context",
     "Effect",
     "EffectValues",
@@ -45,6 +47,7 @@ __all__ = [
     "add",
     "along_both",
     "every_effect",
+    "candidates",
     "check_needs",
     "correct",
     "edge_of",

@@ -15,7 +15,7 @@ from benchmarks.diagnosis.table import as_text
 from benchmarks.diagnosis.truth import Truth, truth_of
 from corridor.block import Block
 from corridor.camera import Camera
-from corridor.diagnosis.held_out import closure
+from corridor.diagnosis.verification.held_out import closure
 from corridor.errors import InputError
 
 SHUTTER = truth_of({"effects": ["rolling_shutter"]})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
-from corridor.diagnosis.chain import Chain, block_ends
+from corridor.diagnosis.system.chain import Chain, block_ends
 
 IMAGES, OWN, REACH, BORDER = 120, 3, 2, 4
 

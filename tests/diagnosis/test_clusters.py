@@ -7,14 +7,14 @@ import pytest
 from strips import CAMLIGHT, corridor_block
 
 from corridor.adjustment import Model
-from corridor.diagnosis.candidates import candidates
-from corridor.diagnosis.clusters import Influence, as_spread, drawn, inflation_of_scores
-from corridor.diagnosis.equations import equations
-from corridor.diagnosis.evidence import Evidence, gain_of
-from corridor.diagnosis.reduced import Elimination
+from corridor.diagnosis.evidence.evidence import Evidence, gain_of
+from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
+from corridor.diagnosis.evidence.search import Found
+from corridor.diagnosis.findings.strips import of_group
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.search import Found
-from corridor.diagnosis.strips import of_group
+from corridor.diagnosis.system.elimination import Elimination
+from corridor.diagnosis.system.equations import equations
+from corridor.effects import candidates
 from corridor.simulation import add_noise
 
 SLUGS = ["rolling_shutter", "lever_arm", "gnss_drift", "principal_point_drift", "refraction"]

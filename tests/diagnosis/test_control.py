@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from corridor.diagnosis.all_ground import AllGround, asked
-from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.control import HEIGHT, blunders, explains_all
-from corridor.diagnosis.evidence import Evidence
-from corridor.diagnosis.reduced import Reduced
+from corridor.diagnosis.evidence.blunders import HEIGHT, blunders, explains_all
+from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.elimination import Reduced
+from corridor.diagnosis.system.groups import Group
+from corridor.diagnosis.verification.all_ground import AllGround, asked
 from corridor.effects import find
 
 # Standard deviation of a given coordinate; of the block's own datum, which all points share.

@@ -7,7 +7,7 @@ import pytest
 from believing import believed, flown
 
 from corridor import diagnosis
-from corridor.diagnosis.statistics import Statistic
+from corridor.diagnosis.replicates.statistics import Statistic
 from corridor.effects import every_effect
 
 

@@ -7,10 +7,9 @@ from believing import NOISE, believed, flown
 
 import corridor
 from corridor import diagnosis
-from corridor.diagnosis.replicator import Replicator
-from corridor.diagnosis.residual_noise import GRID, lengths
+from corridor.diagnosis.replicates.replicator import GRID, Replicator, lengths
+from corridor.diagnosis.replicates.statistics import Fit, SummaryStatistics
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.statistics import Fit, SummaryStatistics
 from corridor.errors import InputError
 
 

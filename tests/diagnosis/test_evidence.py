@@ -7,15 +7,13 @@ import pytest
 from scipy.integrate import quad
 
 from corridor.adjustment import ImageRows
-from corridor.diagnosis.beside_noise import _probability
-from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.evidence import Evidence, Spectrum, averaged, effect_sizes
-from corridor.diagnosis.gnss_noise import GnssNoise, estimate
-from corridor.diagnosis.noise_model import NoiseModel
-from corridor.diagnosis.reduced import Antennas, Reduced
-from corridor.diagnosis.robust import pseudo_residuals, scale_of
-from corridor.diagnosis.search import search
-from corridor.diagnosis.threshold import largest_of_null
+from corridor.diagnosis.evidence.beside_noise import NoiseModel, _probability
+from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged, effect_sizes
+from corridor.diagnosis.evidence.search import largest_of_null, search
+from corridor.diagnosis.noise.gnss import GnssNoise, estimate
+from corridor.diagnosis.noise.image import pseudo_residuals, scale_of
+from corridor.diagnosis.system.elimination import Antennas, Reduced
+from corridor.diagnosis.system.groups import Group
 
 
 def system(columns, g, sizes):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from corridor.diagnosis.gnss_noise import GnssNoise, estimate, most_of_class
+from corridor.diagnosis.noise.gnss import GnssNoise, estimate, most_of_class
 from corridor.diagnosis.settings import SETTINGS
 
 COUNT = 120

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from corridor.diagnosis import held_out
-from corridor.diagnosis.hold_out import in_places
+from corridor.diagnosis.verification import held_out
+from corridor.diagnosis.verification.held_out import in_places
 
 
 def fit(tie, check, points=8):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from corridor.diagnosis.joint import BesideImages, OfImages, Together
-from corridor.diagnosis.reduced import Pieces
+from corridor.diagnosis.evidence.joint import BesideImages, OfImages, Together
+from corridor.diagnosis.system.elimination import Pieces
 
 OWN, CORE, CHOSEN = 60, 9, np.array([1, 4, 5])
 AT, REST = np.r_[0:1, 3 : 3 + OWN - 1], np.r_[1:3, OWN + 2]
@@ -19,11 +19,11 @@ def case(request):
     N = A.T @ A
     ends = np.linspace(0, OWN, request.param + 1).astype(int)
     blocks = [N[a:b, a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
-    D = Pieces(blocks) if len(blocks) > 1 else blocks[0]
+    D = Pieces(blocks)
     own = OfImages(D, N[:OWN, OWN:], 0.4)
     made = BesideImages(own, 7, AT, REST, CHOSEN, N[OWN:, OWN:], SIZES)
     joint = np.empty((OWN + 3,) * 2)
-    joint[np.ix_(AT, AT)] = D.toarray() if len(blocks) > 1 else D
+    joint[np.ix_(AT, AT)] = D.toarray()
     joint[np.ix_(AT, REST)] = N[:OWN, OWN + CHOSEN]
     joint[np.ix_(REST, AT)] = joint[np.ix_(AT, REST)].T
     joint[np.ix_(REST, REST)] = N[np.ix_(OWN + CHOSEN, OWN + CHOSEN)]

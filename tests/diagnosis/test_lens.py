@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.evidence import Evidence
-from corridor.diagnosis.lens import Lens, lens_of
-from corridor.diagnosis.reduced import Antennas, Reduced
+from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.lens import Lens, lens_of
+from corridor.diagnosis.system.elimination import Antennas, Pieces, Reduced
+from corridor.diagnosis.system.groups import Group
 from corridor.effects import find
 
 SHAPE, OTHERS, OWN, ANTENNA = 12, 3, 4, 5
@@ -35,7 +35,7 @@ def reduced(N, t):
     core = np.arange(SHAPE + OTHERS)
     own = len(core) + np.arange(OWN)
     return Reduced(
-        N[np.ix_(core, core)], t[core], [N[np.ix_(own, own)]], [t[own]],
+        N[np.ix_(core, core)], t[core], [Pieces([N[np.ix_(own, own)]])], [t[own]],
         [N[np.ix_(own, core)]], {}, groups(),
     )  # fmt: skip
 
@@ -56,7 +56,7 @@ def test_what_is_left_is_what_the_equations_with_a_prior_leave():
     after = lens.out_of(before)
     assert after.M == pytest.approx(left[np.ix_(core, core)])
     assert after.g == pytest.approx(g[core])
-    assert after.own_matrix[0] == pytest.approx(left[np.ix_(own, own)])
+    assert after.own_matrix[0].toarray() == pytest.approx(left[np.ix_(own, own)])
     assert after.own_g[0] == pytest.approx(g[own])
     assert after.between[0] == pytest.approx(left[np.ix_(own, core)])
     own_columns = N[np.ix_(at, own)]

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from corridor.diagnosis.evidence import Spectrum
-from corridor.diagnosis.gnss_noise import GnssNoise, estimate
+from corridor.diagnosis.evidence.evidence import Spectrum
+from corridor.diagnosis.noise.gnss import GnssNoise, estimate
 from corridor.diagnosis.settings import changed
+from corridor.diagnosis.system.elimination import Pieces
 from corridor.gnss import SlowNoise
 
 WHITE, SLOW, CONSTANT = 0.7, 0.03, 25.0
@@ -44,7 +45,10 @@ def test_a_spectrum_in_pieces_says_what_the_whole_one_says_where_images_share_li
     near = 0.3 ** np.abs(np.subtract.outer(np.arange(40), np.arange(40)))
     M = np.kron(near, np.diag([30.0, 10.0, 3.0, 1.0, 0.3]))
     g = np.linalg.cholesky(M) @ draw.standard_normal(200)
-    whole, pieces = (Spectrum.of(M, most) for most in (None, 50))
+    whole, pieces = (
+        Spectrum.of(Pieces([M[at : at + most, at : at + most] for at in range(0, 200, most)]))
+        for most in (200, 50)
+    )
     gains = [one.log_bayes(one.vector.T @ g) for one in (whole, pieces)]
     assert sorted(pieces.value) != pytest.approx(sorted(whole.value), rel=1e-3)
     assert gains[1] == pytest.approx(gains[0], rel=0.03, abs=0.5)

@@ -9,9 +9,8 @@ import pytest
 from benchmarks.diagnosis.generator import single
 from benchmarks.diagnosis.generator.generate import generate
 from corridor.adjustment import ImageRows
+from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters
 from corridor.diagnosis.diagnose import diagnose
-from corridor.diagnosis.discontinuity import broken_picture
-from corridor.diagnosis.outlier_clusters import outlier_clusters
 
 IMAGES, EACH, SIZE = 60, 120, np.array([5120, 3840])
 SIGMA = 0.3

@@ -8,11 +8,12 @@ import pytest
 
 import corridor
 from benchmarks.diagnosis.real_noise import inject, scene_of, surveys
-from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.evidence import Evidence, gain_of
-from corridor.diagnosis.held_out import harms
-from corridor.diagnosis.plausibility import impossible, plausible
-from corridor.diagnosis.search import Found, contributions
+from corridor.diagnosis.evidence.evidence import Evidence, gain_of
+from corridor.diagnosis.evidence.plausibility import impossible, plausible
+from corridor.diagnosis.evidence.search import Found, contributions
+from corridor.diagnosis.system.elimination import Reduced
+from corridor.diagnosis.system.groups import Group
+from corridor.diagnosis.verification.held_out import harms
 from corridor.effects import find
 
 
@@ -30,7 +31,7 @@ def one_group(slug, M, g, point=None):
         point=point,
         most=np.array([p.most for p in parameters]),
     )
-    reduced = SimpleNamespace(groups=[group], M=M, g=g, own_g=[], own_matrix=[])
+    reduced = Reduced(M, g, [], [], [], {}, [group])
     return Evidence(reduced), group
 
 
@@ -96,7 +97,7 @@ class TestPartsOfAShape:
             groups.append(Group(slug, effect, None, np.array([n]), np.ones(1), labels))
         M = np.array([[100.0, across], [across, 100.0]])
         found = np.linalg.solve(M, [0.0, 0.0]) + np.array([1.6, 1.0])
-        reduced = SimpleNamespace(groups=groups, M=M, g=M @ found, own_g=[], own_matrix=[])
+        reduced = Reduced(M, M @ found, [], [], [], {}, groups)
         evidence = Evidence(reduced)
         chosen = {0: 1.0, 1: 1.0}
         each = contributions(evidence, chosen)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from corridor.diagnosis.candidates import Group
-from corridor.diagnosis.prediction import Prediction
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.groups import Group
+from corridor.diagnosis.verification.held_out import Prediction
 from corridor.effects import find
 
 

@@ -11,13 +11,12 @@ from scipy.sparse.linalg import spsolve
 from strips import CAMLIGHT, corridor_block
 
 from corridor.adjustment import Model
-from corridor.diagnosis.candidates import candidates
-from corridor.diagnosis.equations import equations
-from corridor.diagnosis.evidence import Evidence
-from corridor.diagnosis.gnss_noise import GnssNoise, stated_noise
-from corridor.diagnosis.reduced import Elimination
+from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.effects import predict
+from corridor.diagnosis.system.elimination import Elimination
+from corridor.diagnosis.system.equations import equations
+from corridor.effects import candidates, predict
 from corridor.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,

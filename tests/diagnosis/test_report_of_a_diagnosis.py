@@ -14,7 +14,7 @@ from strips import corridor_block
 
 import corridor
 from corridor.diagnosis import corrected, diagnose
-from corridor.diagnosis.findings import Estimate, Unknown
+from corridor.diagnosis.findings.findings import Estimate, Unknown
 from corridor.diagnosis.report import folder as writing
 from corridor.diagnosis.report import tables
 from corridor.diagnosis.report.sentence import seen_best, sentence
@@ -54,7 +54,7 @@ def quick(monkeypatch):
     def none(*arguments):
         raise AdjustmentFailed("no time for it")
 
-    monkeypatch.setattr(sys.modules["corridor.diagnosis.beside"], "counterparts", none)
+    monkeypatch.setattr(sys.modules["corridor.diagnosis.report.beside"], "counterparts", none)
     monkeypatch.setattr(writing, "make_page", lambda found, *_: found.sentence)
 
 

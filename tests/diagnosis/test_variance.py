@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from corridor.adjustment import ImageRows
-from corridor.diagnosis.variance import variance_alarms
+from corridor.diagnosis.anomalies.variance import variance_alarms
 
 IMAGES, EACH, SIZE = 60, 120, (5120, 3840)
 

@@ -9,11 +9,12 @@ from strips import corridor_block
 from test_evidence import biased
 
 import corridor
-from corridor.diagnosis import diagnose, discontinuity
-from corridor.diagnosis.candidates import Group, with_points
-from corridor.diagnosis.location import _images
+from corridor.diagnosis import diagnose
+from corridor.diagnosis.anomalies import wrong_matches as discontinuity
+from corridor.diagnosis.findings.location import _images
+from corridor.diagnosis.findings.verdict import refines
 from corridor.diagnosis.settings import SETTINGS, changed
-from corridor.diagnosis.verdict import refines
+from corridor.diagnosis.system.groups import Group, with_points
 from corridor.effects import Effect, add, find, take_out
 from corridor.effects.splines import surface
 

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from corridor import diagnosis, figures
-from corridor.diagnosis.statistics import Statistic
+from corridor.diagnosis.replicates.statistics import Statistic
 from corridor.figures import style
 
 SIGNATURES = "signatures of the physical effects"

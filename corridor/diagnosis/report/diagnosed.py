@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from corridor.adjustment import Adjustment
 from corridor.block import Block
-from corridor.diagnosis.findings import Findings
+from corridor.diagnosis.findings.findings import Findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Course
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from corridor.adjustment import Adjustment
-from corridor.diagnosis.beside import COUNT, beside
-from corridor.diagnosis.comparison import Comparison
-from corridor.diagnosis.corrected import corrected
+from corridor.diagnosis.replicates.comparison import Comparison
+from corridor.diagnosis.report.beside import COUNT, beside
+from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.page import make_page
 from corridor.effects import Values

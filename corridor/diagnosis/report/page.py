@@ -11,8 +11,8 @@ from pathlib import Path
 import pandas as pd
 
 from corridor import report
-from corridor.diagnosis.beside import Beside
 from corridor.diagnosis.report import tables
+from corridor.diagnosis.report.beside import Beside
 from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.text import judged
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from corridor.diagnosis.findings import Estimate
+from corridor.diagnosis.findings.findings import Estimate
 from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.wording import (
     amount,

@@ -9,9 +9,8 @@ import numpy as np
 import pandas as pd
 
 from corridor import __version__
-from corridor.diagnosis.comparison import Comparison
-from corridor.diagnosis.findings import Estimate
-from corridor.diagnosis.held_out import closure
+from corridor.diagnosis.findings.findings import Estimate
+from corridor.diagnosis.replicates.comparison import Comparison
 from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.wording import (
     effects_by_slug,
@@ -22,6 +21,7 @@ from corridor.diagnosis.report.wording import (
     upper,
     value_and_sigma,
 )
+from corridor.diagnosis.verification.held_out import closure
 from corridor.report import DASH, scaled
 
 # Parameters of one effect in the table; all of them are in diagnosis.json.

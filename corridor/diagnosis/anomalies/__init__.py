@@ -1,0 +1,1 @@
+"""What shows beside effects of a mean: noise that changes, wrong matches that crowd."""

@@ -1,0 +1,170 @@
+"""Errors of single ground control points, sought before anything else may explain them.
+
+Each point is held against what all others, the GNSS and the images say of it, in its height and
+in its plan apart; then what is left once the worst is out; then pairs, which hide each other. With
+M and g of the reduced system, of the coordinates S of one hypothesis
+
+    T_S = g_S' M_SS^-1 g_S  ~  chi square of as many degrees of freedom,
+
+of one coordinate the square of Baarda's w. Other hypotheses that leave hardly more are kept: two
+points of three that agree may be the wrong ones.
+Source: Baarda 1968, "A testing procedure for use in geodetic networks"; Lehmann and Lösler 2016
+(several outliers at once, by hypothesis and not one by one).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import chi2
+
+from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.groups import Group
+
+HEIGHT, PLAN = ("z",), ("x", "y")
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """A hypothesis: numbers of the groups of points and which of their coordinates are wrong."""
+
+    points: tuple[int, ...]
+    parts: tuple[tuple[str, ...], ...]
+    statistic: float
+    chance: float
+
+    @property
+    def of_point(self) -> dict[int, tuple[str, ...]]:
+        """Coordinates by number of the group."""
+        return dict(zip(self.points, self.parts, strict=True))
+
+
+@dataclass(frozen=True)
+class Blunders:
+    """What the test says. found: the hypothesis, None where all is well; alike: as good ones."""
+
+    found: Wrong | None = None
+    alike: tuple[Wrong, ...] = ()
+
+
+def blunders(evidence: Evidence) -> Blunders:
+    """Control points that contradict everything else, and other points that could be wrong instead.
+
+    The level holds for all hypotheses of one size together.
+    """
+    points = [
+        n
+        for n, group in enumerate(evidence.groups)
+        if group.point is not None and not group.known and len(group) == 3
+    ]
+    if not points:
+        return Blunders()
+    singles = [_tested(evidence, [(n, part)]) for n in points for part in (HEIGHT, PLAN)]
+    pairs = [
+        _tested(evidence, [(a, part), (b, part)])
+        for part in (HEIGHT, PLAN)
+        for a, b in combinations(points, 2)
+    ]
+    found = _worst(singles, ())
+    if found is None:
+        found = _worst(pairs, ())
+    elif (also := _worst(pairs, (found,))) is not None:
+        found = also
+    if found is None:
+        return Blunders()
+    near = 2.0 * SETTINGS.look_alike_log_odds
+    alike = [
+        one
+        for one in (*singles, *pairs)
+        if one.statistic > found.statistic - near
+        and one.chance < SETTINGS.control_level
+        and not _holds(one, found)
+        and not _holds(found, one)
+    ]
+    return Blunders(found, tuple(sorted(alike, key=lambda one: -one.statistic)))
+
+
+def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> bool:
+    """Whether the points contradict everything else when groups n -> kappa are in the model too."""
+    if not beside:
+        return True
+    at = np.concatenate(
+        [evidence.groups[n].columns[_rows(evidence, n, part)] for n, part in wrong.of_point.items()]
+    )
+    r, (_, theta, factor) = evidence.reduced, evidence.model(dict(beside))
+    across = evidence.to_core(beside)[:, at]
+    g = r.g[at] - across.T @ theta
+    M = r.M[np.ix_(at, at)] - across.T @ factor.solve(across)
+    statistic = float(g @ np.linalg.lstsq(M, g, rcond=None)[0])
+    count = 2 * sum(group.point is not None for group in evidence.groups)
+    return bool(chi2.sf(statistic, len(at)) * count < SETTINGS.control_level)
+
+
+def listed_points(groups: list[Group], hypotheses: Iterable[Wrong]) -> str:
+    """GCP02 and GCP05 in height, or GCP15 in plan."""
+    return ", or ".join(
+        f"{' and '.join(str(groups[n].point) for n in one.points)} in "
+        f"{'height' if one.parts[0] == HEIGHT else 'plan'}"
+        for one in hypotheses
+    )
+
+
+def explains_all(evidence: Evidence, wrong: Wrong) -> bool:
+    """Whether nothing contradicts any more once these points are out.
+
+    Of the coordinates P of all points g_P' M_PP^-1 g_P is chi square of its rank; less what the
+    wrong ones take of it, of as many degrees less.
+    """
+    at = np.concatenate([g.columns for g in evidence.groups if g.point is not None])
+    g, M = evidence.reduced.g[at], evidence.reduced.M[np.ix_(at, at)]
+    value, vector = np.linalg.eigh(M)
+    seen = value > SETTINGS.blind_information
+    left = float(np.sum((vector.T @ g)[seen] ** 2 / value[seen])) - wrong.statistic
+    free = int(seen.sum()) - sum(len(part) for part in wrong.parts)
+    return free <= 0 or bool(chi2.sf(left, free) > SETTINGS.control_level)
+
+
+def _tested(evidence: Evidence, hypothesis: Iterable[tuple[int, tuple[str, ...]]]) -> Wrong:
+    points, parts = zip(*hypothesis, strict=True)
+    at = np.concatenate(
+        [evidence.groups[n].columns[_rows(evidence, n, part)] for n, part in hypothesis]
+    )
+    g, M = evidence.reduced.g[at], evidence.reduced.M[np.ix_(at, at)]
+    value, vector = np.linalg.eigh(M)
+    # A coordinate that nothing else determines cannot be tested.
+    seen = value > SETTINGS.blind_information
+    statistic = float(np.sum((vector.T @ g)[seen] ** 2 / value[seen]))
+    chance = float(chi2.sf(statistic, max(int(seen.sum()), 1))) if seen.all() else 1.0
+    return Wrong(points, parts, statistic, chance)
+
+
+def _rows(evidence: Evidence, n: int, part: tuple[str, ...]) -> list[int]:
+    return [k for k, (_, name, _) in enumerate(evidence.groups[n].labels) if name in part]
+
+
+def _worst(hypotheses: list[Wrong], given: tuple[Wrong, ...]) -> Wrong | None:
+    """The least likely of what passes the level; of pairs that hold a given one, by the rest."""
+    if given:
+        (first,) = given
+        hypotheses = [
+            Wrong(
+                one.points,
+                one.parts,
+                one.statistic,
+                float(chi2.sf(one.statistic - first.statistic, len(first.parts[0]))),
+            )
+            for one in hypotheses
+            if _holds(one, first)
+        ]
+    count = len(hypotheses)
+    best = min(hypotheses, key=lambda one: one.chance, default=None)
+    return best if best is not None and best.chance * count < SETTINGS.control_level else None
+
+
+def _holds(larger: Wrong, smaller: Wrong) -> bool:
+    """Whether a hypothesis holds all that another does."""
+    return smaller.of_point.items() <= larger.of_point.items()

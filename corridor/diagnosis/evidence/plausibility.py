@@ -1,0 +1,167 @@
+"""Which of what explains the data is there for its own sake, and of a size that happens."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.search import Found, contributions, tuned
+from corridor.diagnosis.settings import SETTINGS
+
+
+def plausible(evidence: Evidence, found: Found, model: list[str], threshold: float) -> Found:
+    """What was found without what stands in for something else.
+
+    model: keys of the groups that the adjustment at hand estimates. threshold: of a suspicion.
+    """
+    found = _kept(evidence, found, model)
+    found = _at_any_size(evidence, found, threshold)
+    return _without_parts(evidence, found)
+
+
+def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
+    """Groups of a model that would need a size which does not happen: key -> sentence.
+
+    In a flight that cannot tell two effects apart each fits as well with a huge value, made good by
+    a huge value of the other.
+    """
+    free = {
+        n: 1.0
+        if evidence.groups[n].known
+        else (k if len(evidence.groups[n]) > SETTINGS.most_free else SETTINGS.free_size)
+        for n, k in found.chosen.items()
+    }
+    if not any(_bounded(evidence.groups[n]) for n in free):
+        return {}
+    theta, covariance = evidence.solution(free)
+    sigma = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    out: dict[str, str] = {}
+    for n, mine in evidence.spans(free).items():
+        group = evidence.groups[n]
+        if not _bounded(group):
+            continue
+        value, doubt = theta[mine] * group.scale, sigma[mine] * group.scale
+        beyond = (np.abs(value) - SETTINGS.implausible_sigma * doubt) / group.most
+        worst = int(np.argmax(beyond))
+        within = _within(group, theta[mine], covariance[mine, mine])
+        if beyond[worst] > 1.0 and within < SETTINGS.same_fit_share:
+            _, name, unit = group.labels[worst]
+            unit = "" if unit == "1" else f" {unit}"
+            out[group.key] = (
+                f"{group.effect.called[0].upper()}{group.effect.called[1:]} would fit, but with "
+                f"{name} {value[worst]:.3g}{unit}, and more than {group.most[worst]:.3g}{unit} "
+                "does not happen: it is not taken for the cause."
+            )
+    return out
+
+
+def _within(group, theta: np.ndarray, covariance: np.ndarray) -> float:
+    """Share of what a group explains that is left where none of its parameters is beyond its most.
+
+    theta (p,), covariance (p, p): beside all others. To leave the group out costs
+    theta' C^-1 theta / 2 of log likelihood; to hold some parameters at b, of which C_b is the
+    covariance, (theta_b - b)' C_b^-1 (theta_b - b) / 2.
+    """
+    most = group.most / group.scale
+    over = np.clip(theta, -most, most) != theta
+    away = theta[over] - np.clip(theta, -most, most)[over]
+    whole = theta @ np.linalg.lstsq(covariance, theta, rcond=None)[0]
+    held = away @ np.linalg.lstsq(covariance[np.ix_(over, over)], away, rcond=None)[0]
+    return float(1.0 - held / whole) if whole > 0.0 else 0.0
+
+
+def _bounded(group) -> bool:
+    return group.most is not None and bool(np.isfinite(group.most).any()) and not group.known
+
+
+def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
+    """The model that is in place, where another of its size is hardly better.
+
+    Look-alikes would take turns for ever; that they are look-alikes is said in the verdict.
+    """
+    there = [key for key in model if key in evidence.number and key not in evidence.barred]
+    numbers = [evidence.number[key] for key in there]
+    if not numbers or len(numbers) != len(found.chosen) or set(numbers) == set(found.chosen):
+        return found
+    if not found.kept <= set(numbers):
+        return found
+    mine = tuned(evidence, dict.fromkeys(numbers, 1.0))
+    total = evidence.total(mine)
+    each = contributions(evidence, mine)
+    if found.total - total > SETTINGS.model_log_odds:
+        return found
+    order = sorted(mine, key=lambda n: -each[n])
+    return Found({n: mine[n] for n in order}, {n: each[n] for n in order}, total, found.kept)
+
+
+def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
+    """The model without what is there only because another effect was held small.
+
+    One prior for all parameters of a group shrinks the few that are large, and a second group takes
+    up what is left. With the others free to be as large as they like it has nothing to explain.
+    """
+    groups, chosen = evidence.groups, dict(found.chosen)
+    for n in sorted(chosen, key=lambda n: found.evidence[n]):
+        others = {
+            k: kappa
+            if groups[k].known or len(groups[k]) > SETTINGS.most_free
+            else SETTINGS.implausible_size
+            for k, kappa in chosen.items()
+            if k != n
+        }
+        # The strongest is never a part of what is weaker.
+        strongest = found.evidence[n] == max(found.evidence[k] for k in chosen)
+        if n in found.kept or strongest or not others:
+            continue
+        if evidence.given(others, only=n)[n].evidence < threshold:
+            del chosen[n]
+    if len(chosen) == len(found.chosen):
+        return found
+    chosen = tuned(evidence, chosen)
+    each = contributions(evidence, chosen)
+    return Found(chosen, each, evidence.total(chosen), found.kept)
+
+
+def _without_parts(evidence: Evidence, found: Found) -> Found:
+    """The model without named effects that are part of an unknown one, or what it leaves.
+
+    Where a generic shape explains more than a named effect that shows in the same way, the named
+    one is not the cause, and makes up for what the shape is too coarse for. Every lens leaves a
+    shape that all pictures share; what goes with the speed of each picture is no part of that, and
+    what brings as much without the shape as beside it has nothing to do with it.
+    """
+    groups = evidence.groups
+    generic = [n for n in found.chosen if groups[n].generic]
+    chosen = {
+        n: kappa
+        for n, kappa in found.chosen.items()
+        if n in found.kept
+        or not any(
+            _shows(groups[n]) == _shows(groups[k])
+            and (
+                found.evidence[n] < SETTINGS.share_beside_generic * found.evidence[k]
+                or (kappa >= SETTINGS.implausible_size and not groups[n].generic)
+            )
+            and _overlap(evidence, found, n, k)
+            for k in generic
+            if k != n
+        )
+    }
+    if len(chosen) == len(found.chosen):
+        return found
+    each = contributions(evidence, chosen)
+    return Found(chosen, each, evidence.total(chosen), found.kept)
+
+
+def _overlap(evidence: Evidence, found: Found, n: int, shape: int) -> bool:
+    """Whether the n-th group brings another amount beside a shape than without it."""
+    rest = {k: kappa for k, kappa in found.chosen.items() if k not in (n, shape)}
+    bare, beside = evidence.given(rest)[n].evidence, found.evidence[n]
+    return min(bare, beside) < SETTINGS.share_of_its_own * max(bare, beside)
+
+
+def _shows(group) -> str:
+    """How an effect shows: in the antenna, on the ground, by the rows of a moving camera, or in
+    the picture.
+    """
+    return "image" if group.effect.place == "camera" else group.effect.place

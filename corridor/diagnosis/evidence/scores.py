@@ -1,0 +1,341 @@
+"""How much more the scores of candidates vary than independent residuals would let them.
+
+Residuals hang together: a run of images shares its light and its vegetation, a place of the picture
+what is left of the lens. With b what a candidate moves in the pictures after everything else has
+had its say, w the weights and v the residuals, its score is the sum of b w v, and with clusters c
+
+    s_c = sum in c of b w v,   m_c = sum in c of b w b,   variance = sum of (s_c - m_c theta)^2
+
+Residuals are smaller than the noise, for poses and points follow it, those of one cluster
+together: what the variance would be of independent noise is asked of draws. The evidence of a
+candidate is that of a likelihood raised to the power of one over the ratio.
+Source: Chandler and Bate 2007, "Inference for clustered data using the independence
+loglikelihood"; Carter, Schnepel and Steigerwald 2017 (how many clusters count).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from corridor.adjustment import Adjustment
+from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.lens import Lens
+from corridor.diagnosis.evidence.search import Found
+from corridor.diagnosis.noise.image import places
+from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.elimination import Elimination, Reduced
+from corridor.diagnosis.system.equations import Equations
+
+# Share of a change that is short enough to be linear, and long enough not to be rounding.
+_SHORT = 1e-3
+
+
+class Influence:
+    """What candidates move in the pictures and at the antenna once all else has followed.
+
+    reduced: of the elimination, the lens still among the candidates.
+    """
+
+    def __init__(
+        self,
+        elimination: Elimination,
+        reduced: Reduced,
+        lens: Lens | None,
+        draws: list[np.ndarray] | None = None,
+    ):
+        """draws: as of `drawn`, of the same observations; default: none are made."""
+        self.draws = draws or []
+        self.elimination, self.lens = elimination, lens
+        self.equations = e = elimination.equations
+        self._to_lens = None if lens is None else reduced.M[lens.group.columns]
+        self._factor = None if lens is None else lens.factor(reduced)
+        self._here = self._at(np.zeros(len(e.unit)))
+        core = np.zeros((len(e.at), 1))
+        if lens is not None and len(lens.theta):
+            core[lens.group.columns, 0] = lens.theta
+        # Poses and nuisance go where this noise of the GNSS has them.
+        right = elimination.right[:, None] - self._right(core)
+        first = elimination.solve(right)
+        (left,) = self._residuals(first, core)
+        self.residual = np.nan_to_num(left)
+        self.antenna = e.residual - self._antenna(first, core)[:, 0]
+        self.weight = e.scales.of_observation**-2.0
+
+    def moves(self, core: np.ndarray) -> Iterator[np.ndarray]:
+        """Of each change of the core (c, k), in prior sigmas, what it moves: pixels (n, 2)."""
+        core = self._beside_lens(core)
+        for there in self._residuals(self.elimination.solve(-self._right(core)), core):
+            yield np.nan_to_num(self._here - there)
+
+    def scores(self, b: np.ndarray) -> np.ndarray:
+        """What each observation says (n,) of what moves the pictures by b (n, 2) px."""
+        return (b * self.residual).sum(axis=1) * self.weight
+
+    def of_noise(self, b: np.ndarray, square: Callable[[np.ndarray], float]) -> float | None:
+        """The mean of a square of such scores over independent noise; None without draws."""
+        root = np.sqrt(self.weight)
+        each = [square((b * draw).sum(axis=1) * root) for draw in self.draws]
+        return float(np.mean(each)) if each else None
+
+    def moved_by_images(self, own: int, values: np.ndarray) -> np.ndarray:
+        """What values (p,) for each image, in prior sigmas, move in the pictures (n, 2), px."""
+        e, block = self.equations, self.equations.own[own]
+        right = (block.cross @ values)[:, None]
+        if len(e.residual):
+            heavy = self.elimination.weigh((block.antenna @ values)[:, None])
+            right = right + e.jacobian.T @ heavy
+        change = np.zeros(len(e.unit))
+        change[e.first] = self.elimination.solve(-right)[:, 0]
+        at = e.own_at[own]
+        change[at] = e.unit[at] * values
+        return np.nan_to_num(self._here - self._after(change))
+
+    def _beside_lens(self, core: np.ndarray) -> np.ndarray:
+        """Changes of the core (c, k) with what the lens does about them."""
+        if self.lens is None:
+            return core
+        core, at = core.copy(), self.lens.group.columns
+        core[at] -= cho_solve(self._factor, self._to_lens @ core, check_finite=False)
+        return core
+
+    def by_cluster(self, core: np.ndarray, cluster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Scores (clusters, k) and information (clusters, k, k) of changes of the core (c, k).
+
+        cluster: number (images,) of that of each image.
+        """
+        e = self.equations
+        count = int(cluster.max()) + 1
+        of_row = cluster[e.system.image_rows.image]
+        moves = np.stack(list(self.moves(core)), axis=2)
+        weighted = moves * self.weight[:, None, None]
+        score, inside = np.zeros((count, core.shape[1])), []
+        for n in range(count):
+            mine = of_row == n
+            score[n] = np.einsum("ijk,ij->k", weighted[mine], self.residual[mine])
+            inside.append(np.einsum("ijk,ijl->kl", weighted[mine], moves[mine]))
+        if len(e.residual):
+            moved = self.antenna_moved(core)
+            heavy = self.elimination.weigh(moved)
+            of_row = np.repeat(cluster[e.image], 3)
+            for n in range(count):
+                mine = of_row == n
+                score[n] += heavy[mine].T @ self.antenna[mine]
+                both = heavy[mine].T @ moved[mine]
+                inside[n] += 0.5 * (both + both.T)
+        return score, np.array(inside)
+
+    def antenna_moved(self, core: np.ndarray) -> np.ndarray:
+        """What changes of the core (c, k) move at the antenna (3k, k), m."""
+        core = self._beside_lens(core)
+        return self._antenna(self.elimination.solve(-self._right(core)), core)
+
+    def _antenna(self, first: np.ndarray, core: np.ndarray) -> np.ndarray:
+        """What changes of poses and nuisance (n, k) and of the core (c, k) do to the antenna."""
+        e = self.equations
+        return e.jacobian @ first + e.core.antenna @ core
+
+    def _right(self, core: np.ndarray) -> np.ndarray:
+        e = self.equations
+        right = e.core.cross @ core
+        if len(e.residual):
+            right = right + e.jacobian.T @ self.elimination.weigh(e.core.antenna @ core)
+        return right
+
+    def _residuals(self, first: np.ndarray, core: np.ndarray) -> Iterator[np.ndarray]:
+        e = self.equations
+        for k in range(core.shape[1]):
+            change = np.zeros(len(e.unit))
+            change[e.first], change[e.at] = first[:, k], e.unit[e.at] * core[:, k]
+            yield self._after(change)
+
+    def _after(self, change: np.ndarray) -> np.ndarray:
+        """Residuals (n, 2), px, after a change (n,), were all as linear as it is nearby.
+
+        Positions that little holds go metres where the noise of the GNSS is another.
+        """
+        return self._here + (self._at(_SHORT * change) - self._here) / _SHORT
+
+    def _at(self, change: np.ndarray) -> np.ndarray:
+        """Residuals (n, 2), px, after a change of the columns (n,)."""
+        system = self.equations.system
+        return system.at(system.following(change)).residuals().pixels
+
+
+def drawn(adjustment: Adjustment, equations: Equations) -> list[np.ndarray]:
+    """What independent noise of the pictures leaves of itself (n, 2), in standard deviations.
+
+    After an adjustment of it alone; nothing where the block is held by nothing.
+    """
+    if equations.free_motions is not None:
+        return []
+    system, rng, out = adjustment.stated_system, np.random.default_rng(0), []
+    sigma = equations.scales.of_observation
+    here = system.image_rows.xy - np.nan_to_num(system.residuals().pixels)
+    # All else was measured as it is modelled.
+    system = system.measuring(
+        sigma=sigma,
+        gnss=system.gnss.given - system.gnss.residual,
+        control=system.control.given - system.control.residual,
+        prior=system.columns.shared_value,
+    )
+    size = np.where(np.isfinite(sigma), sigma, 0.0)[:, None]
+    for _ in range(SETTINGS.cluster_draws):
+        noise = system.measuring(xy=here + size * rng.standard_normal(here.shape))
+        left = noise.at(noise.step()).residuals().pixels
+        out.append(np.nan_to_num(left / sigma[:, None]))
+    return out
+
+
+def as_spread(evidence: Evidence, found: Found, threshold: float) -> Found:
+    """The model with the evidence that each group has as its scores are spread."""
+    each = dict(found.evidence)
+    for n, phi in enumerate(evidence.inflation):
+        if n in each and phi > 1.0:
+            rest = {k: kappa for k, kappa in found.chosen.items() if k != n}
+            each[n] = min(each[n] / phi, evidence.given(rest, spread=True, only=n)[n].evidence)
+    return found.beyond(each, threshold)
+
+
+def inflation_of_scores(
+    influence: Influence, evidence: Evidence, model: Collection[int]
+) -> np.ndarray:
+    """Factor (groups,), one at least, on the variance of the scores of each group.
+
+    evidence: with the lens out. model: numbers of the groups that are asked. They have been
+    adjusted: beside a model that does not fit, residuals hang together by what it misses, and most
+    of all where the cause lies. Others, and shapes, are taken to be like those of their place.
+    Source: Burnham and Anderson 2002, 2.5 (the factor is that of a model that fits).
+    """
+    groups = evidence.groups
+    there = [n for n in model if groups[n].point is None]
+    beside = {n: SETTINGS.free_size for n in there if groups[n].own is None}
+    out = _of_shared(influence, evidence, beside)
+    asked = [n for n in there if out[n] > 0.0]
+    for n in there:
+        if groups[n].own is not None:
+            out[n] = _within_images(influence, evidence, n)
+    for n in np.flatnonzero(out == 0.0):
+        alike = [out[k] for k in asked if groups[k].effect.place == groups[n].effect.place]
+        out[n] = float(np.median(alike)) if alike and groups[n].point is None else 1.0
+    return out
+
+
+def _of_shared(influence: Influence, evidence: Evidence, beside: dict[int, float]) -> np.ndarray:
+    """Factors (groups,) of the named groups of a model that images share, zero of all others."""
+    groups = evidence.groups
+    out = np.zeros(len(groups))
+    asked = [n for n in beside if not groups[n].generic and len(groups[n]) <= SETTINGS.most_free]
+    if not asked:
+        return out
+    core = np.column_stack([_direction(evidence, n, beside) for n in asked])
+    kinds = clusters(influence.equations)
+    found = [[_spread(influence, b, cluster) for cluster in kinds] for b in influence.moves(core)]
+    usual = [_pooled(1.0, of_kind) for of_kind in zip(*found, strict=True)]
+    for n, each in zip(asked, found, strict=True):
+        theta = _estimate(evidence, n, beside)
+        whole = float(theta @ evidence.block(groups[n])[0] @ theta)
+        # The antenna and the ground have their part in what is known.
+        excess = (
+            (_pooled(centre, [one]) - 1.0) * one.information / max(one.information, whole, 1e-12)
+            for centre, one in zip(usual, each, strict=True)
+        )
+        out[n] = 1.0 + max(0.0, *excess)
+    return out
+
+
+def _within_images(influence: Influence, evidence: Evidence, n: int) -> float:
+    """Factor of values for each image: by places of one picture, about what that image says."""
+    group = evidence.groups[n]
+    _, theta, _ = evidence.model({n: SETTINGS.least_fit_size})
+    b = influence.moved_by_images(group.own, theta)
+    image = influence.equations.system.image_rows.image
+    place = clusters(influence.equations)[1]
+    mine = place >= 0
+    cells = int(place.max()) + 1
+    code = image[mine] * cells + place[mine]
+    size = (int(image.max()) + 1) * cells
+    info = (b * b).sum(axis=1) * influence.weight
+    m = np.bincount(code, info[mine], size).reshape(-1, cells)
+    of_image = np.maximum(m.sum(axis=1), 1e-12)[:, None]
+
+    def square(score: np.ndarray) -> float:
+        s = np.bincount(code, score[mine], size).reshape(-1, cells)
+        return float(((s - m * s.sum(axis=1, keepdims=True) / of_image) ** 2).sum())
+
+    usual = influence.of_noise(b, square) or float((m - m**2 / of_image).sum())
+    return max(1.0, square(influence.scores(b)) / usual) if usual > 0.0 else 1.0
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Variance of a score by clusters over that of independent residuals.
+
+    count: how many clusters of one size would tell as much. information: of what they hold.
+    """
+
+    ratio: float
+    count: float
+    information: float
+
+
+def _spread(influence: Influence, b: np.ndarray, cluster: np.ndarray) -> Spread:
+    mine = cluster >= 0
+    info = (b * b).sum(axis=1) * influence.weight
+    m = np.bincount(cluster[mine], info[mine])
+    total = float(m.sum())
+    count = total**2 / float(m @ m) if total > 0.0 else 0.0
+    if count < SETTINGS.fewest_clusters:
+        return Spread(1.0, 0.0, total)
+
+    def square(score: np.ndarray) -> float:
+        s = np.bincount(cluster[mine], score[mine])
+        return float(np.sum((s - m * s.sum() / total) ** 2))
+
+    usual = influence.of_noise(b, square) or total * (1.0 - 1.0 / count)
+    return Spread(square(influence.scores(b)) / usual, count, total)
+
+
+def _pooled(centre: float, spreads: Iterable[Spread]) -> float:
+    """The ratio that spreads tell of where `centre` is what one expects; one at least."""
+    spreads = list(spreads)
+    worth = SETTINGS.clusters_of_prior
+    told = worth * centre + sum(one.count * one.ratio for one in spreads)
+    return max(1.0, told / (worth + sum(one.count for one in spreads)))
+
+
+def _estimate(evidence: Evidence, n: int, beside: dict[int, float]) -> np.ndarray:
+    """Parameters (p,) of a group of the size at which a fit is judged, beside others n -> kappa."""
+    rest = {k: kappa for k, kappa in beside.items() if k != n}
+    theta, _ = evidence.solution(rest | {n: SETTINGS.least_fit_size})
+    return theta[-len(evidence.groups[n]) :]
+
+
+def _direction(evidence: Evidence, n: int, beside: dict[int, float]) -> np.ndarray:
+    """Core (c,) of a group at its estimate, what it is beside having followed."""
+    group, theta = evidence.groups[n], _estimate(evidence, n, beside)
+    rest = {k: kappa for k, kappa in beside.items() if k != n}
+    out = np.zeros(len(evidence.reduced.g))
+    out[group.columns] = theta
+    if rest:
+        _, _, factor = evidence.model(rest)
+        across = np.concatenate([evidence.across(evidence.groups[k], group) for k in rest])
+        at = np.concatenate([evidence.groups[k].columns for k in rest])
+        out[at] -= factor.solve(across @ theta)
+    return out
+
+
+def clusters(equations: Equations) -> list[np.ndarray]:
+    """Numbers (n,) of the cluster of each observation, -1 outside: runs of images, and places."""
+    system = equations.system
+    rows, images = system.image_rows, system.images
+    time = np.where(np.isfinite(images.time), images.time, system.image_order)
+    order = np.lexsort((system.image_order, time, images.flight))
+    run_of_image = np.empty(len(order), dtype=np.int64)
+    run_of_image[order] = np.arange(len(order)) // SETTINGS.run_of_images
+    run = run_of_image[rows.image]
+    tie, place = rows.tie, places(rows.xy, images.size[rows.image])
+    return [np.where(tie, run, -1), np.where(tie, place, -1)]

@@ -1,0 +1,204 @@
+"""Which groups together explain the data: add, drop, swap and merge on M and g."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged, effect_sizes
+from corridor.diagnosis.settings import SETTINGS
+
+
+@dataclass
+class Found:
+    """A model: groups n -> kappa, in order of what they bring; evidence of each given the rest.
+
+    kept: groups that a test of their own has found.
+    """
+
+    chosen: dict[int, float]
+    evidence: dict[int, float]
+    total: float
+    kept: frozenset[int] = frozenset()
+
+    def beyond(self, each: dict[int, float], threshold: float) -> Found:
+        """Of these groups those whose evidence `each` is beyond a threshold, or which are kept."""
+        order = sorted(
+            (n for n in each if each[n] > threshold or n in self.kept), key=lambda n: -each[n]
+        )
+        chosen = {n: self.chosen[n] for n in order}
+        return Found(chosen, {n: each[n] for n in order}, self.total, self.kept)
+
+
+def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[int] = ()) -> Found:
+    """The model in which every group brings more than the threshold given all others.
+
+    adjusted: keys of groups that the adjustment at hand has estimated. kept: groups that stay.
+    """
+    kept = frozenset(kept)
+    chosen = tuned(evidence, dict.fromkeys(sorted(kept), 1.0))
+    for _ in range(4 * SETTINGS.most_groups):
+        before = dict(chosen)
+        if len(chosen) < SETTINGS.most_groups:
+            gains = evidence.given(chosen)
+            best = max(range(len(gains)), key=lambda n: gains[n].evidence, default=None)
+            if best is not None and gains[best].evidence > threshold:
+                chosen[best] = gains[best].kappa
+        chosen = _dropped(evidence, chosen, threshold, kept)
+        chosen = _swapped(evidence, chosen, kept)
+        chosen = _merged(evidence, chosen, kept)
+        chosen = _named(evidence, chosen)
+        chosen = tuned(evidence, chosen)
+        if set(chosen) == set(before):
+            break
+    chosen, each = _without_leftovers(evidence, chosen, threshold, adjusted, kept)
+    order = sorted(chosen, key=lambda n: -each[n])
+    chosen = {n: chosen[n] for n in order}
+    return Found(chosen, {n: each[n] for n in order}, evidence.total(chosen), kept)
+
+
+def contributions(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
+    """What each group of a model brings given the others."""
+    out = {}
+    for n in chosen:
+        rest = {k: v for k, v in chosen.items() if k != n}
+        out[n] = evidence.given(rest, only=n)[n].evidence
+    return out
+
+
+def _dropped(evidence, chosen, threshold, kept):
+    while len(chosen) > len(kept):
+        each = contributions(evidence, chosen)
+        least = min((n for n in each if n not in kept), key=each.get)
+        if each[least] > threshold:
+            break
+        chosen = {k: v for k, v in chosen.items() if k != least}
+    return chosen
+
+
+def _swapped(evidence, chosen, kept):
+    """Each group in turn replaced by the one that does better in its place."""
+    for n in [n for n in chosen if n not in kept]:
+        rest = {k: v for k, v in chosen.items() if k != n}
+        gains = evidence.given(rest)
+        best = max(range(len(gains)), key=lambda k: gains[k].evidence)
+        if best != n and gains[best].evidence > gains[n].evidence:
+            chosen = rest | {best: gains[best].kappa}
+    return chosen
+
+
+def _merged(evidence, chosen, kept):
+    """Two groups replaced by one, where that is as good."""
+    if len(chosen) < 2:
+        return chosen
+    total = evidence.total(chosen)
+    best = None
+    names = [n for n in chosen if n not in kept]
+    for i, a in enumerate(names):
+        for b in names[i + 1 :]:
+            rest = {k: v for k, v in chosen.items() if k not in (a, b)}
+            gains = evidence.given(rest)
+            one = max(range(len(gains)), key=lambda k: gains[k].evidence)
+            trial = rest | {one: gains[one].kappa}
+            found = evidence.total(trial)
+            if found > total and (best is None or found > best[0]):
+                best = found, trial
+    return best[1] if best else chosen
+
+
+def _named(evidence, chosen):
+    """Each shape replaced by a named effect that explains nearly as much of the data.
+
+    Residuals of a real flight hang together, and a shape with many parameters follows them where
+    an effect of few cannot: what it brings beyond the effect is of the kind that it always brings.
+    """
+    for n in list(chosen):
+        if not evidence.groups[n].generic:
+            continue
+        rest = {k: v for k, v in chosen.items() if k != n}
+        gains = evidence.given(rest)
+        names = [
+            k
+            for k, group in enumerate(evidence.groups)
+            if not group.generic and group.own is None and group.point is None and k not in rest
+        ]
+        best = max(names, key=lambda k: gains[k].evidence, default=None)
+        if best is None:
+            continue
+        near = gains[n].evidence - gains[best].evidence <= max(
+            SETTINGS.look_alike_log_odds, SETTINGS.shape_advantage * gains[n].evidence
+        )
+        if near and gains[best].fit >= SETTINGS.named_share_of_shape * gains[n].fit:
+            chosen = rest | {best: gains[best].kappa}
+    return chosen
+
+
+def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
+    """The best kappa of each group given the others."""
+    for n in list(chosen):
+        group = evidence.groups[n]
+        if group.known or len(group) > SETTINGS.most_tuned:
+            continue
+        totals = {float(k): evidence.total(chosen | {n: float(k)}) for k in effect_sizes()[0]}
+        chosen = chosen | {n: max(totals, key=totals.get)}
+    return chosen
+
+
+def _without_leftovers(evidence, chosen, threshold, adjusted, kept):
+    while True:
+        each = contributions(evidence, chosen)
+        left = 0.0
+        for n, gain in each.items():
+            # A generic shape stands in for physics, and leaves some of them however it is adjusted.
+            known = evidence.groups[n].key in adjusted and not evidence.groups[n].generic
+            left = max(
+                left,
+                gain * (SETTINGS.leftover_share_adjusted if known else SETTINGS.leftover_share),
+            )
+        small = [n for n in each if n not in kept and each[n] < max(left, threshold)]
+        if not small:
+            return chosen, each
+        least = min(small, key=each.get)
+        chosen = {k: v for k, v in chosen.items() if k != least}
+
+
+def thresholds(evidence: Evidence, level: float, rng: np.random.Generator) -> dict[str, float]:
+    """Log evidence beyond which a group is `named` (`beside_noise`: the antenna's) and `suspected`.
+
+    level: probability of a false name in a block without any; suspected: five times that, and
+    5 % at most.
+    """
+    largest = largest_of_null(evidence, SETTINGS.null_draws, rng)
+    rare = float(np.quantile(largest, 1.0 - level))
+    at_suspicion = min(SETTINGS.suspected_level_factor * level, SETTINGS.suspected_level_most)
+    less_rare = float(np.quantile(largest, 1.0 - max(at_suspicion, level)))
+    return {
+        "named": max(rare, SETTINGS.named_least),
+        "beside_noise": max(rare, SETTINGS.beside_noise_least),
+        "suspected": max(less_rare, SETTINGS.suspected_least),
+    }
+
+
+def largest_of_null(evidence: Evidence, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Largest evidence (draws,) over all groups in blocks without an effect.
+
+    Blocks of per-image columns are drawn apart from the core: they share little with it.
+    """
+    r = evidence.reduced
+    # No effect at all has the evidence zero.
+    largest = np.zeros(draws)
+    whole = Spectrum.of(r.M)
+    core = whole.vector @ (np.sqrt(whole.value)[:, None] * rng.standard_normal((len(r.M), draws)))
+    for n, group in enumerate(evidence.groups):
+        if group.known or not len(group):
+            continue
+        spectrum = evidence.alone(n)
+        if group.own is None:
+            h = spectrum.vector.T @ core[group.columns]
+        else:
+            h = np.sqrt(spectrum.value)[:, None] * rng.standard_normal((len(group), draws))
+        found = averaged(spectrum.log_bayes(h)) + group.log_prior
+        np.maximum(largest, found, out=largest)
+    return largest

@@ -1,0 +1,333 @@
+"""What the evidence amounts to: named, suspected, ambiguous, unknown or nothing.
+
+An effect is ambiguous where another one explains the data as well. That is judged by the fit: an
+effect of three parameters that contains one of one parameter pays for the other two in evidence,
+and cannot be told apart from it all the same.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from corridor.block import Block
+from corridor.diagnosis.evidence.blunders import Wrong
+from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.search import Found, contributions, tuned
+from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
+from corridor.diagnosis.findings.location import locate
+from corridor.diagnosis.findings.strips import ByStrips, by_strips
+from corridor.diagnosis.rounds import Course, Round
+from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.groups import Group
+from corridor.effects import EffectValues
+from corridor.geometry import honest
+
+
+def findings(course: Course) -> Findings:
+    """What the last round says."""
+    one = course.last
+    evidence, found = one.evidence, one.found
+    numbers = list(found.chosen)
+    effects: list[Estimate] = []
+    thetas, spreads = parameters(one)
+    strips = by_strips(one)
+    for n in numbers:
+        if not evidence.groups[n].generic:
+            effects += _estimates(one, n, thetas[n], spreads[n], strips.get(n))
+    unknown = []
+    for n in numbers:
+        if evidence.groups[n].generic:
+            kind = "unknown" if _kind(one, n) == "named" else "suspected"
+            new = Unknown(evidence.groups[n].slug, kind, found.evidence[n], parts=_parts(one, n))
+            unknown.append(_at(one, new, n, thetas[n]))
+    unproved = {evidence.groups[n].key: float(s.gain.sum()) for n, s in strips.items()}
+    unproved = {key: gain for key, gain in unproved.items() if gain <= 0.0}
+    return Findings(effects, unknown, unproved)
+
+
+def _at(one: Round, unknown: Unknown, n: int, theta: np.ndarray) -> Unknown:
+    where, location = locate(one, n, theta)
+    return replace(unknown, where=where, location=location, number=n, theta=theta)
+
+
+def in_place_of(found: Findings, one: Round, key: str, shape: int) -> Findings:
+    """Findings with a generic group in the place of an effect that cannot be told apart."""
+    evidence = one.evidence
+    n, group = evidence.number[key], evidence.groups[shape]
+    gone = [e for e in found.effects if e.key == key]
+    rest = {k: v for k, v in one.found.chosen.items() if k != n}
+    gain = evidence.given(rest)[shape]
+    theta, _ = evidence.solution(rest | {shape: gain.kappa})
+    alike = list(dict.fromkeys([gone[0].slug, *gone[0].alternatives]))
+    new = Unknown(group.slug, "unknown", gain.evidence, alike=alike)
+    unknown = [*found.unknown, _at(one, new, shape, theta[-len(group) :])]
+    return Findings([e for e in found.effects if e.key != key], unknown)
+
+
+def other_control(found: Findings, one: Round, wrong: Wrong) -> Findings:
+    """Findings with other control points in the place of those that seemed wrong."""
+    mine = one.found.kept
+    gone = {one.evidence.groups[n].key for n in mine}
+    views = []
+    for evidence in (one.evidence, one.noises.evidence):
+        view = Evidence(evidence.reduced, evidence.barred, evidence.inflation)
+        for n, names in wrong.of_point.items():
+            view.narrow(n, names)
+        views.append(view)
+    noises = copy(one.noises)
+    noises.evidence = views[1]
+    chosen = {n: k for n, k in one.found.chosen.items() if n not in mine}
+    chosen = tuned(views[0], chosen | dict.fromkeys(wrong.points, 1.0))
+    each = contributions(views[0], chosen)
+    model = Found(chosen, each, views[0].total(chosen), frozenset(wrong.points))
+    other = replace(one, evidence=views[0], noises=noises, found=model)
+    thetas, spreads = parameters(other)
+    effects = [e for n in wrong.points for e in _estimates(other, n, thetas[n], spreads[n])]
+    return Findings(
+        [*effects, *(e for e in found.effects if e.key not in gone)], list(found.unknown)
+    )
+
+
+def _parts(one: Round, n: int) -> list[str]:
+    """Named effects that would explain some of what a generic group explains, the best first."""
+    evidence, chosen = one.evidence, one.found.chosen
+    without = evidence.given({k: v for k, v in chosen.items() if k != n})
+    beside = evidence.given(chosen)
+    out = [
+        k
+        for k, group in enumerate(evidence.groups)
+        if not group.generic
+        and k not in chosen
+        and without[k].evidence
+        > max(one.threshold["named"], SETTINGS.overlap_share * without[n].evidence)
+        and beside[k].fit < SETTINGS.same_fit_share * without[k].fit
+    ]
+    out.sort(key=lambda k: -without[k].evidence)
+    return list(dict.fromkeys(evidence.groups[k].slug for k in out))[: SETTINGS.most_parts]
+
+
+def _kind(one: Round, n: int) -> str:
+    if n in one.found.kept:
+        return "named"
+    limit = one.threshold["beside_noise" if _like_noise(one, n) else "named"]
+    return "named" if one.found.evidence[n] > limit else "suspected"
+
+
+def _like_noise(one: Round, n: int) -> bool:
+    """Whether an effect can pass for slow noise of the GNSS, and was judged beside it."""
+    place = one.evidence.groups[n].effect.place
+    return place in ("antenna", "ground") and one.noises.touches(n) > SETTINGS.gnss_share_main
+
+
+def parameters(one: Round) -> tuple[dict, dict]:
+    """Parameters of each group found, and their covariance, in prior standard deviations.
+
+    All groups of the model together, with the noise of the GNSS as it was estimated and as
+    uncertain as that is. Small groups have no prior but what can happen.
+    """
+    evidence, chosen = one.evidence, one.found.chosen
+    loose = {
+        n: k if len(evidence.groups[n]) > SETTINGS.most_free else evidence.groups[n].free
+        for n, k in chosen.items()
+    }
+    loose |= {n: 1.0 for n in chosen if evidence.groups[n].known}
+    found = None
+    if any(one.noises.touches(n) > SETTINGS.gnss_share for n in chosen):
+        found = one.noises.parameters(loose, one.noise, np.random.default_rng(0))
+    theta, covariance = found or evidence.solution(loose)
+    covariance = evidence.honest(loose, covariance)
+    spans = evidence.spans(chosen)
+    return (
+        {n: theta[at] for n, at in spans.items()},
+        {n: covariance[at, at] for n, at in spans.items()},
+    )
+
+
+def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None) -> list[Estimate]:
+    """strips: the group as they see it. Its sigma counts where it contradicts the other one."""
+    evidence, found = one.evidence, one.found
+    group = evidence.groups[n]
+    theta = theta * group.scale
+    sigma = formal = np.sqrt(spread.diagonal()) * group.scale
+    kind = _kind(one, n)
+    if strips is not None:
+        each = zip(formal, strips.sigma * group.scale, strict=True)
+        sigma = np.array([honest(*pair, strips.count - 1) for pair in each])
+        kind = kind if strips.proved else "suspected"
+    # What a test of its own has found has had its rivals there.
+    alike = [] if n in found.kept else alternatives(evidence, found.chosen, n)
+    alike = [evidence.groups[k] for k in alike]
+    separate = ""
+    if alike:
+        kind = "ambiguous" if kind == "named" else kind
+        separate = "; or ".join(dict.fromkeys(e.effect.revealed_by for e in [group, *alike]))
+    slugs = [slug for slug in dict.fromkeys(e.slug for e in alike) if slug != group.slug]
+    made = Estimate(
+        group.slug, kind, found.evidence[n], [], slugs, separate,
+        key=group.key, rivals=[e.key for e in alike],
+    )  # fmt: skip
+    if group.own is not None:
+        return [_of_images(made, group, one.equations.system.block, theta, sigma)]
+    cameras = len(one.equations.system.images.camera_names)
+    return [
+        replace(
+            made,
+            parameters=rows_of(group, owner, theta, sigma, formal),
+            where=_where(group, owner, cameras),
+        )
+        for owner in dict.fromkeys(owner for owner, *_ in group.labels)
+    ]
+
+
+def rows_of(group: Group, owner: str, value, sigma, formal) -> list[dict]:
+    """Parameters of an estimate: value, sigma and formal sigma (p,) of a group, those of one owner.
+
+    The formal sigma is told where it is another one.
+    """
+    return [
+        {"name": name, "value": float(value[k]), "sigma": float(sigma[k]), "unit": unit}
+        | ({} if sigma[k] == formal[k] else {"sigma_formal": float(formal[k])})
+        for k, (mine, name, unit) in enumerate(group.labels)
+        if mine == owner
+    ]
+
+
+def _where(group: Group, owner: str, cameras: int) -> dict:
+    """What one estimate of a group is of: a point, a flight, a camera where there are several."""
+    if group.point is not None:
+        return {"point": group.point}
+    kind = group.effect.group
+    return {kind: owner} if kind == "flight" or (kind == "camera" and cameras > 1) else {}
+
+
+def _of_images(made: Estimate, group: Group, block: Block, theta, sigma) -> Estimate:
+    """An estimate of an effect with values for each image: their root mean square, and all."""
+    parameters = group.effect.parameters(block)
+    # Labels are image by image.
+    values, sigmas = (each.reshape(-1, len(parameters)) for each in (theta, sigma))
+    size, error = (np.sqrt(np.mean(each**2, axis=0)) for each in (values, sigmas))
+    rows = [
+        {
+            "name": parameter.name,
+            "value": float(size[k]),
+            "sigma": float(error[k] / np.sqrt(len(values))),
+            "unit": parameter.unit,
+            "statistic": "root mean square over the images",
+        }
+        for k, parameter in enumerate(parameters)
+    ]
+    images = [str(owner) for owner, *_ in group.labels[:: len(parameters)]]
+    of_each = EffectValues(group.effect, images, parameters, values, sigmas)
+    return replace(made, parameters=rows, values=of_each)
+
+
+def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
+    """Groups that explain what the n-th group of a model does as well as it does."""
+    rest = {k: v for k, v in chosen.items() if k != n}
+    gains = evidence.given(rest)
+    mine, group = gains[n], evidence.groups[n]
+    out = []
+    for k, gain in enumerate(gains):
+        other = evidence.groups[k]
+        if k == n or k in chosen or other.generic or refines(other, group):
+            continue
+        equal = mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds
+        # Sets of values, one a flight, are one more parameter each and no other shape.
+        more = len(parameter_names(other)) - len(parameter_names(group))
+        paid = SETTINGS.evidence_per_parameter * max(len(other) - len(group), 1)
+        contained = (
+            other.own is None
+            and more <= SETTINGS.look_alike_more_parameters
+            and mine.fit - gain.fit <= SETTINGS.look_alike_log_odds
+            and mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds + paid
+        )
+        # Where an effect is weak, what explains nothing is not far behind, and no explanation.
+        if (equal or contained) and gain.fit > SETTINGS.same_fit_share * mine.fit:
+            out.append(k)
+    return sorted(out, key=lambda k: -gains[k].evidence)
+
+
+def shapes(one: Round, key: str) -> list[int]:
+    """Generic groups that fit as well as a group of the model, the best first.
+
+    Of what they fit, the half of a unit is noise that every parameter follows.
+    """
+    evidence, chosen = one.evidence, one.found.chosen
+    n = evidence.number[key]
+    gains = evidence.given({k: v for k, v in chosen.items() if k != n})
+
+    def beyond(k):
+        grown = max(gains[k].kappa, SETTINGS.least_fit_size) ** 2 * evidence.alone(k).value
+        return gains[k].fit - 0.5 * np.sum(grown / (1.0 + grown))
+
+    out = {
+        k: beyond(k)
+        for k, group in enumerate(evidence.groups)
+        if group.generic and k not in chosen and np.isfinite(gains[k].evidence)
+    }
+    mine = beyond(n)
+    return sorted(
+        (k for k in out if mine - out[k] <= SETTINGS.look_alike_log_odds), key=lambda k: -out[k]
+    )
+
+
+def parameter_names(group: Group) -> set[str]:
+    """Names of the parameters of one set."""
+    return {name for _, name, _ in group.labels}
+
+
+def refines(a: Group, b: Group) -> bool:
+    """Whether a is b with more sets of values: a lever arm each flight, a time each image."""
+    return a.effect.refines == b.slug and len(a) > len(b)
+
+
+def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
+    """Smallest value of each parameter that would have been seen, by slug and name.
+
+    4.5 standard deviations of the parameter with the others of its group known to be small (one
+    prior standard deviation); of values for each image, the root mean square that the variance
+    shows. None where this block says nothing.
+
+    What the antenna alone feels can pass for its own slow noise, of which the size is estimated
+    too: chi square grows with the logarithm of the effect then, as of Student's t, and the limit is
+    where it reaches that of 4.5 standard deviations: nu (exp(4.5^2 / nu) - 1) = (limit / sigma)^2.
+    """
+    evidence = one.evidence
+    nu = one.noises.freedom(one.noise) if not one.noises.few else np.inf
+    through_noise = (
+        float(np.sqrt(nu * np.expm1(SETTINGS.detection_sigma**2 / nu)))
+        if np.isfinite(nu)
+        else SETTINGS.detection_sigma
+    )
+    out: dict[str, dict[str, float | None]] = {}
+    for n, group in enumerate(evidence.groups):
+        if group.generic:
+            continue
+        times = through_noise if _like_noise(one, n) else SETTINGS.detection_sigma
+        M = evidence.block(group)[0] / evidence.inflation[n]
+        mine = out.setdefault(group.slug, {})
+        if group.own is not None:
+            names = list(dict.fromkeys(label[1] for label in group.labels))
+            for name in names:
+                rows = [k for k, label in enumerate(group.labels) if label[1] == name]
+                power = np.sqrt(0.5 * M[np.ix_(rows, rows)].square())
+                scale = group.scale[rows[0]]
+                mine[name] = (
+                    float(np.sqrt(SETTINGS.detection_sigma / power) * scale)
+                    if power > 1e-6
+                    else None
+                )
+            continue
+        sigma = np.sqrt(np.diag(np.linalg.inv(M + np.eye(len(M)))))
+        for k, (_, name, _) in enumerate(group.labels):
+            if sigma[k] > SETTINGS.unknown_sigma_share:
+                # The prior is all that is known.
+                limit = None
+            else:
+                limit = float(times * group.scale[k] * sigma[k] / np.sqrt(1.0 - sigma[k] ** 2))
+            best = mine.get(name)
+            mine[name] = limit if best is None else (max(best, limit) if limit else best)
+    return out

@@ -1,0 +1,1 @@
+"""Simulated replicates of a measured block, and the block beside them."""

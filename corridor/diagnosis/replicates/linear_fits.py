@@ -1,0 +1,144 @@
+"""Fits to other measurements of the same things, linear about the fit of one.
+
+What noise does to a fit is linear to a ten-thousandth of itself. So all sets of measurements are
+right sides of one factorisation,
+
+    dx = (g A'A + ...)^-1 (A' psi(e) + ...),    e <- e - A dx,
+
+repeated where the loss is robust: psi is its slope at what is left of each residual, g the mean of
+its derivative over the fit.
+Source: Huber and Ronchetti 2009, "Robust statistics", section 7.8 (modified residuals).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from corridor.adjustment import LOSSES, Design, LinearSystem, Loss, Sets
+from corridor.diagnosis.replicates.statistics import Fit
+
+# Standard deviations of a held-out observation, whose row is known and has no say.
+NO_SAY = 1e6
+# RMS of a step, over all unknowns, in standard deviations; a few robust weights creep for longer.
+SMALL, MOST = 0.02, 12
+
+
+class Measured(NamedTuple):
+    """Everything measured, in the order of the problem; px and m.
+
+    prior: value of the priors of shared unknowns. check: given coordinates of the check points.
+    """
+
+    xy: np.ndarray
+    gnss: np.ndarray
+    control: np.ndarray
+    prior: np.ndarray
+    check: np.ndarray
+
+
+class LinearFits:
+    """Fits of a system to other measurements than those of the fit at which it stands.
+
+    system: at that fit, with its loss; measured, fit: what it was fitted to, and what was left.
+    sigma (n,): stated, px; held_out (n,): bool, image observations without a say. check_points
+    (c,): points whose misfit the fits tell.
+    """
+
+    def __init__(
+        self,
+        system: LinearSystem,
+        measured: Measured,
+        fit: Fit,
+        sigma: np.ndarray,
+        held_out: np.ndarray,
+        check_points: np.ndarray,
+    ):
+        self._measured, self._fit, self._loss = measured, fit, system.loss
+        seen = np.isfinite(fit.pixels).all(axis=1)
+        self._used = np.repeat(seen & ~held_out, 2)[:, None]
+        square = (np.nan_to_num(fit.pixels) ** 2).sum(axis=1) / sigma**2
+        slope = np.ones(len(sigma))
+        # Marks may be far from what is stated of them where ties are not.
+        for kind in (system.image_rows.tie, ~system.image_rows.tie):
+            if (counts := kind & seen & ~held_out).any():
+                slope[kind] = mean_slope(system.loss, square[counts])
+        sigma = np.where(held_out, NO_SAY * sigma, sigma) / np.sqrt(slope)
+        self._slope = slope[:, None]
+        self._system = system = replace(system.measuring(sigma=sigma), loss=Loss())
+        self._design = Design(system, kept=True, followed=check_points)
+        self._weight = np.repeat(1.0 / sigma, 2)[:, None]
+        gnss = system.gnss
+        self._gnss, self._gnss_weight = gnss.jacobian, gnss.sigma.reshape(-1, 1) ** -2.0
+
+    def __call__(self, drawn: Sequence[Measured]) -> list[Fit]:
+        """The fit to each of several sets of measurements; its state is that of the one."""
+        given, fit, k = self._measured, self._fit, len(drawn)
+
+        def differences(name: str) -> np.ndarray:
+            """Of what was measured and its fit's residual, a column a set."""
+            first = getattr(given, name)
+            return np.stack([(getattr(one, name) - first).ravel() for one in drawn], axis=1)
+
+        pixels = differences("xy") + fit.pixels.reshape(-1, 1)
+        gnss = differences("gnss") + fit.gnss.reshape(-1, 1)
+        control = differences("control") + fit.control.reshape(-1, 1)
+        sets = Sets(self._weight * np.nan_to_num(pixels), control)
+        columns = self._system.columns
+        weight = columns.prior_weight[:, None]
+        prior = np.tile(self._system.right_of_priors[:, None], k)
+        prior[columns.shared_at] += weight[columns.shared_at] * differences("prior")
+        check = fit.check.reshape(-1, 1) - differences("check")
+        for _ in range(MOST):
+            counted = self._counted(sets)
+            right = self._design.right(counted) + prior
+            right += self._gnss.T @ (self._gnss_weight * gnss)
+            step = self._system.solve(right)
+            left, moved = self._design.back(counted, step)
+            change = counted.image - left.image
+            sets = Sets(sets.image - change, left.control)
+            gnss, prior = gnss - self._gnss @ step, prior - weight * step
+            check = check + moved.reshape(-1, k)
+            length = np.einsum("nk,nk->k", change, change) / self._system.problem.unknown_count
+            if self._loss.kind == LOSSES["squares"] or length.max() < SMALL**2:
+                break
+        pixels = sets.image / self._weight
+        pixels[~np.isfinite(fit.pixels).ravel()] = np.nan
+        return [
+            Fit(fit.state, *(one[:, n].reshape(-1, width) for one, width in parts))
+            for n in range(k)
+            for parts in [((pixels, 2), (gnss, 3), (sets.control, 3), (check, 3))]
+        ]
+
+    def _counted(self, sets: Sets) -> Sets:
+        """Residuals as least squares would have to see them."""
+        image = sets.image * self._used
+        if self._loss.kind != LOSSES["squares"]:
+            square = (image**2).reshape(-1, 2, image.shape[1]).sum(axis=1) / self._slope
+            image *= np.repeat(weight_of(self._loss, square) / self._slope, 2, axis=0)
+        return Sets(image, sets.control)
+
+
+def weight_of(loss: Loss, square: np.ndarray) -> np.ndarray:
+    """Weight of a residual of this squared length, in sigmas: psi(r) = weight r."""
+    if loss.kind == LOSSES["squares"]:
+        return np.ones_like(square)
+    square = square / loss.width**2
+    if loss.kind == LOSSES["huber"]:
+        return 1.0 / np.sqrt(np.maximum(square, 1.0))
+    return 1.0 / (1.0 + square)
+
+
+def mean_slope(loss: Loss, square: np.ndarray) -> float:
+    """Mean derivative of psi, along the residual and across it, over squared lengths (n,)."""
+    if loss.kind == LOSSES["squares"]:
+        return 1.0
+    across = weight_of(loss, square)
+    if loss.kind == LOSSES["huber"]:
+        along = (square <= loss.width**2).astype(float)
+    else:
+        along = across * (2.0 * across - 1.0)
+    return float(0.5 * (across.mean() + along.mean()))

@@ -1,0 +1,378 @@
+"""Draws counterparts of a block from the model one believes in, and fits them as it was.
+
+Every observation anew, from the adjusted model and noise of the sizes and kinds that the residuals
+show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from corridor.adjustment import LOSSES, ImageRows, LinearSystem, Loss
+from corridor.diagnosis.noise.gnss import (
+    GnssNoise,
+    Likelihood,
+    Weight,
+    in_pieces,
+    stated_noise,
+)
+from corridor.diagnosis.replicates.linear_fits import LinearFits, Measured
+from corridor.diagnosis.replicates.statistics import Fit
+from corridor.diagnosis.verification.held_out import spared
+from corridor.effects import Context, every_effect
+from corridor.geometry import CLIPPED, UNUSABLE, is_outlier, robust_scale, robust_scale_of_lengths
+
+if TYPE_CHECKING:
+    from corridor.adjustment import Adjustment
+
+# Share of the tie observations that no fit uses.
+HELD_OUT = 0.05
+# The last tenth of a per mille of a step changes no statistic.
+TOLERANCE = 1e-3
+# With more than this share of unusable residuals there are wrong matches.
+WRONG = 0.002
+# Tie observations from which on one trial says enough on the noise.
+MANY = 20_000
+TRIALS = 3
+PULL = 2.5
+
+
+class Replicator:
+    """The model one believes in, as an adjustment found it; draws counterparts and fits them.
+
+    held_out: (observations,) bool, image observations that no fit uses. fit: the measured block
+    adjusted without them, `Fit`. fits: of counterparts, `LinearFits`. noise: `EstimatedNoise`.
+    Blocks with many wrong matches are fitted robustly, the measured one and its counterparts.
+    """
+
+    def __init__(self, adjustment: Adjustment):
+        system = adjustment.system
+        rows = system.image_rows
+        self.held_out = _held_out(rows)
+        self.sigma, self.is_tie = rows.sigma, rows.tie
+        self.check_rows, self.check_points = _check_points(system)
+        ground = system.block.ground
+        given = ground[["x", "y", "z"]].to_numpy(float)
+        self.measured = Measured(
+            rows.xy,
+            system.gnss.given,
+            system.control.given,
+            system.columns.shared_prior,
+            given[self.check_rows],
+        )
+        self.check_sigma = system.block.ground_sigma()[self.check_rows]
+        self.series: list[Series] = series_of(system)
+        system = system.measuring(sigma=np.where(self.held_out, np.inf, self.sigma))
+        self.system = replace(system, loss=_loss(adjustment)).minimised(20, TOLERANCE, near=False)
+        left, state = self.system.residuals(), self.system.state
+        check = state.points[self.check_points] - self.measured.check
+        self.fit = Fit(state, left.pixels, left.gnss, left.control, check)
+        self.fits = LinearFits(
+            self.system, self.measured, self.fit, self.sigma, self.held_out, self.check_points
+        )
+        self.noise = self._estimate()
+
+    # --- noise -------------------------------------------------------------------------------
+
+    def _estimate(self) -> EstimatedNoise:
+        ties = self.is_tie & ~self.held_out
+        marks = ~self.is_tie
+        scaled = self.fit.pixels / self.sigma[:, None]
+        noise = EstimatedNoise(np.sqrt(-2 * np.log1p(-np.minimum(GRID, 1 - 1e-9))))
+        if ties.any():
+            found = lengths(scaled[ties])
+            noise = noise.changed(tie=1.2 * found)
+        if len(self.fit.gnss):
+            usual = noise.tie_sigma if ties.any() else 1.0
+            noise = noise.changed(gnss=antenna_noise(self.system, usual))
+        control_sigma = self.system.control.sigma
+        pulls = [
+            _sum_of_squares(scaled[marks]),
+            _sum_of_squares(self.fit.control / control_sigma) if len(control_sigma) else 0.0,
+        ]
+        trials = int(np.clip(MANY // max(int(ties.sum()), 1), 1, 6))
+        for trial in range(TRIALS):
+            left, squares = [], []
+            plain = noise.changed(control=1.0)
+            drawn = [self.draw(np.random.default_rng([17, trial, k]), plain) for k in range(trials)]
+            for fit in self.fits(drawn):
+                again = fit.pixels / self.sigma[:, None]
+                left.append(again[ties])
+                squares.append(
+                    [
+                        _sum_of_squares(again[marks]),
+                        _sum_of_squares(fit.control / control_sigma) if len(control_sigma) else 0.0,
+                    ]
+                )
+            if ties.any():
+                noise = mended(noise, found, lengths(np.concatenate(left)))
+            mark, control = np.mean(squares, axis=0)
+            if mark > 0:
+                noise = noise.changed(mark=noise.mark * float(np.sqrt(pulls[0] / mark)))
+            # Few points say little on their sigma: what is stated counts too.
+            factor = (TRUST + pulls[1]) / (TRUST + control)
+            noise = noise.changed(control=float(np.sqrt(factor)))
+        return noise
+
+    # --- drawing -----------------------------------------------------------------------------
+
+    def errors(self, drawn: Measured) -> Fit:
+        """The errors of a draw as residuals that nothing has absorbed."""
+        fit, given = self.fit, self.measured
+        return Fit(
+            fit.state,
+            drawn.xy - given.xy + fit.pixels,
+            drawn.gnss - given.gnss + fit.gnss,
+            drawn.control - given.control + fit.control,
+            fit.state.points[self.check_points] - drawn.check,
+        )
+
+    def draw(self, rng: np.random.Generator, noise: EstimatedNoise | None = None) -> Measured:
+        """All measurements anew: what the believed model says, and noise."""
+        noise = noise or self.noise
+        fit, given = self.fit, self.measured
+        tie, mark, gnss, control, check, prior = rng.spawn(6)
+        error = np.empty_like(fit.pixels)
+        error[self.is_tie] = noise.draw_tie(int(self.is_tie.sum()), tie)
+        marks = ~self.is_tie
+        error[marks] = noise.mark * mark.standard_normal((int(marks.sum()), 2))
+        antenna = np.zeros((0, 3)) if noise.gnss is None else noise.gnss.draw(gnss)
+        ground = noise.control * self.system.control.sigma
+        of_check = noise.control * self.check_sigma
+        columns = self.system.columns
+        weight = columns.prior_weight[columns.shared_at]
+        known = weight > 0
+        value = given.prior.copy()
+        if known.any():
+            sigma = weight[known] ** -0.5
+            value[known] = columns.shared_value[known] + sigma * prior.standard_normal(len(sigma))
+        return Measured(
+            xy=given.xy - fit.pixels + error * self.sigma[:, None],
+            gnss=given.gnss - fit.gnss + antenna,
+            control=given.control
+            - fit.control
+            + ground * control.standard_normal(fit.control.shape),
+            prior=value,
+            check=fit.state.points[self.check_points]
+            + of_check * check.standard_normal(of_check.shape),
+        )
+
+
+def _loss(adjustment: Adjustment) -> Loss:
+    """The adjustment's loss; a robust one where squares were fitted to many wrong matches.
+
+    Least squares spread a gross error over its surroundings, where no noise can imitate it.
+    """
+    system = adjustment.system
+    loss, rows = system.loss, system.image_rows
+    if loss.kind != LOSSES["squares"] or not rows.tie.any():
+        return loss
+    length = (np.hypot(*system.residuals().pixels.T) / rows.sigma)[rows.tie]
+    usual = robust_scale_of_lengths(length, least=1e-9)
+    if np.mean(is_outlier(length, usual, UNUSABLE)) < WRONG:
+        return loss
+    return Loss(LOSSES["huber"], 2 * usual)
+
+
+def _held_out(rows: ImageRows) -> np.ndarray:
+    """Tie observations (n,) bool that no fit uses."""
+    out = np.zeros(len(rows.tie), dtype=bool)
+    ties = np.flatnonzero(rows.tie)
+    if len(ties):
+        rng = np.random.default_rng(11)
+        out[ties[spared(rows.point[ties], HELD_OUT, rng)]] = True
+    return out
+
+
+def _check_points(system: LinearSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of ground.csv of the check points that images show, and their points."""
+    rows, points = np.flatnonzero(system.roles == "check"), system.points
+    if system.held is not None or not len(rows):
+        # A free network lies where its start poses were, not where the check points are.
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    marks = np.flatnonzero(points.mark)
+    at = pd.Index(points.names[marks]).get_indexer(system.block.ground["point"].iloc[rows])
+    return rows[at >= 0], marks[at[at >= 0]]
+
+
+def _sum_of_squares(pulls: np.ndarray) -> float:
+    """Of residuals in standard deviations, none counting more than PULL of them."""
+    return float(np.sum(np.clip(pulls, -PULL, PULL) ** 2))
+
+
+# Probabilities at which the length of the tie noise is known: dense where tails begin.
+GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6, 30)])
+# Epochs from which on slow noise can be told from white.
+ENOUGH_EPOCHS = 12
+# Gain in log likelihood from which on slow noise is believed: a chance of one in seven.
+CLEARLY = 2.0
+# Weight, in degrees of freedom, of a stated standard deviation where few residuals tell.
+TRUST = 20.0
+
+
+@dataclass(frozen=True)
+class EstimatedNoise:
+    """Noise of everything that is measured, in units of the stated standard deviations.
+
+    tie: (len(GRID),) length of a tie point's error at the probabilities GRID (a Gaussian one has
+    the lengths of Rayleigh). mark, control: factors. gnss: of the antenna; None without.
+    """
+
+    tie: np.ndarray
+    mark: float = 1.0
+    control: float = 1.0
+    gnss: GnssNoise | None = None
+
+    @property
+    def tie_sigma(self) -> float:
+        """Robust standard deviation of a tie coordinate in stated ones: from the median length."""
+        return robust_scale_of_lengths(np.interp(0.5, GRID, self.tie))
+
+    def changed(self, **values) -> EstimatedNoise:
+        """The same noise but for these."""
+        return replace(self, **values)
+
+    def draw_tie(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Errors (count, 2) in stated standard deviations, in any direction."""
+        length = np.interp(rng.random(count), GRID, self.tie)
+        angle = rng.uniform(0.0, 2 * np.pi, count)
+        return length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+@dataclass(frozen=True)
+class Series:
+    """The antenna positions of one flight in the order of time: rows and times, s or epochs."""
+
+    flight: int
+    rows: np.ndarray
+    time: np.ndarray
+
+
+def series_of(system: LinearSystem) -> list[Series]:
+    """Antenna positions by flight, in the order of time (of images.csv where there is none)."""
+    image, images = system.gnss.image, system.images
+    out = []
+    for flight in np.unique(images.flight[image]):
+        rows = np.flatnonzero(images.flight[image] == flight)
+        time = images.time[image[rows]]
+        if np.isnan(time).any():
+            rows = rows[np.argsort(system.image_order[image[rows]])]
+            time = np.arange(len(rows), dtype=float)
+        else:
+            sort = np.argsort(time, kind="stable")
+            rows, time = rows[sort], time[sort]
+        out.append(Series(int(flight), rows, time))
+    return out
+
+
+def lengths(residual: np.ndarray) -> np.ndarray:
+    """Lengths of residuals (n, 2), in standard deviations, at the probabilities GRID."""
+    return np.quantile(np.hypot(*residual.T), GRID)
+
+
+def mended(noise: EstimatedNoise, found: np.ndarray, left: np.ndarray) -> EstimatedNoise:
+    """Tie noise nearer the truth, when it left behind lengths `left` in place of `found`."""
+    ratio = np.clip(found / np.maximum(left, 1e-12), 0.5, 2.0)
+    # One draw's tail is a few observations: what they say is averaged along the tail.
+    tail = GRID > 0.98
+    smooth = np.convolve(np.pad(ratio, 3, mode="edge"), np.full(7, 1 / 7), mode="valid")
+    ratio = np.where(tail, smooth, ratio)
+    return noise.changed(tie=np.maximum.accumulate(noise.tie * ratio))
+
+
+def antenna_noise(system: LinearSystem, tie_sigma: float) -> GnssNoise | None:
+    """White and slow noise of the antenna by flight and axis, by restricted maximum likelihood.
+
+    system: at a fit. tie_sigma: of a tie coordinate in stated ones. What any antenna effect of the
+    catalogue could do is projected out, for noise is what is left when each of them had its way: a
+    drift must not count as slow noise. Nothing is known of the noise beforehand; it is white where
+    the data do not speak for more.
+    Source: Patterson and Thompson 1971 (restricted likelihood).
+    """
+    rows = system.image_rows
+    sigma = np.where(rows.tie, tie_sigma * rows.sigma, rows.sigma)
+    loss = system.loss._replace(width=system.loss.width / tie_sigma)
+    system = replace(system.measuring(sigma=sigma), loss=loss)
+    noise, signals = stated_noise(system), _signals(system)
+    gnss = system.gnss
+    left = gnss.residual.ravel() - gnss.jacobian @ system.solve(system.right[:, None])[:, 0]
+    for block in noise.blocks():
+        at = block[0]
+        stated = gnss.sigma.ravel()[at]
+        v = left[at] / stated
+        usual = robust_scale(v, centred=True, least=1e-9)
+        rho = np.clip(v, -CLIPPED * usual, CLIPPED * usual) / stated
+        jacobian, weight = gnss.jacobian[at], (stated**-2.0)[:, None]
+        heavy = weight * signals[at]
+        moved = heavy - weight * (jacobian @ system.solve(jacobian.T @ heavy))
+        inverse = np.linalg.pinv(signals[at].T @ moved, rcond=1e-10, hermitian=True)
+        P = _weight(system, at).less(moved @ inverse, moved.T)
+        rho = rho - moved @ inverse @ (signals[at].T @ rho)
+        noise = _of_block(noise, P, rho, block)
+    return noise
+
+
+def _weight(system: LinearSystem, at: np.ndarray) -> Weight:
+    """P of some antenna coordinates (n,) after all that the system estimates."""
+    gnss, made = system.gnss, {}
+
+    def part(rows: np.ndarray) -> np.ndarray:
+        key = rows.tobytes()
+        if key not in made:
+            stated = gnss.sigma.ravel()[at[rows]]
+            jacobian = gnss.jacobian[at[rows]].toarray()
+            predicted = jacobian @ system.solve(jacobian.T) / stated[:, None] / stated
+            made[key] = (np.eye(len(rows)) - predicted) / stated[:, None] / stated
+        return made[key]
+
+    return Weight(part, np.arange(len(at)))
+
+
+def _of_block(noise: GnssNoise, P: Weight, rho: np.ndarray, block: tuple) -> GnssNoise:
+    """The noise with that of one flight and axis, of which P and rho are left."""
+    rows, flight, axis = block
+    stated, time = noise.stated[rows], np.sort(noise.time[rows // 3])
+    parts = in_pieces(noise.time[rows // 3])
+    free = float(sum(P.part(at).toarray().diagonal() @ stated[at] ** 2 for at in parts))
+    square = float(rho @ (stated**2 * rho))
+    white = noise.white.copy()
+    if free < ENOUGH_EPOCHS:
+        # Too few to estimate anything from alone: what is stated counts too.
+        white[flight, axis] = np.sqrt((TRUST + square) / (TRUST + free))
+        return replace(noise, white=white)
+    size = np.sqrt(square / free) or 1.0
+    step = float(np.median(np.diff(time))) or 1.0
+    factor = 1e-3 * size, 10 * size
+    bounds = factor, factor, (2 * step, max(0.5 * float(np.ptp(time)), 3 * step))
+    likelihood = Likelihood(noise, P, rho, [block], own=True, bounds=bounds)
+    starts = [np.log([0.8 * size, 0.4 * size, many * step]) for many in (4.0, 20.0)]
+    best = min((likelihood.minimum(x) for x in starts), key=lambda found: found.fun)
+    none = likelihood.low[1:]
+    most = np.array([likelihood.high[0], *none])
+    alone = likelihood.minimum(np.array([np.log(size), *none]), high=most)
+    if alone.fun - best.fun < 2 * CLEARLY:
+        # Slow noise that is not there would make the bands wide where drifts would show.
+        white[flight, axis] = np.exp(alone.x[0])
+        return replace(noise, white=white)
+    return likelihood.noise_at(best.x, noise)
+
+
+def _signals(system: LinearSystem) -> np.ndarray:
+    """Derivatives (3k, columns) of the antenna by every physical effect that a block shares."""
+    block = system.block
+    context = Context(system.images, system.gnss.image)
+    parts = [np.tile(np.eye(3), (len(context), 1, 1))]
+    for effect in every_effect():
+        if effect.place != "antenna" or effect.generic or effect.group == "image":
+            continue
+        if effect.missing(block):
+            continue
+        values = np.zeros((len(context), len(effect.parameters(block))))
+        derivative = effect.shift(context, values)[1]
+        if np.isfinite(derivative).all():
+            parts.append(derivative)
+    return np.concatenate(parts, axis=2).reshape(3 * len(context), -1)

@@ -1,0 +1,179 @@
+"""Every summary statistic of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from corridor.diagnosis.replicates.signatures import Signatures
+from corridor.diagnosis.replicates.statistics.antenna import gnss_forms
+from corridor.diagnosis.replicates.statistics.bins import Curve, corridor_frame
+from corridor.diagnosis.replicates.statistics.statistic import Fit, Form, named
+from corridor.diagnosis.replicates.statistics.ties import (
+    MANY_POINTS,
+    PLACES,
+    TieFrame,
+    mark_forms,
+    tie_forms,
+)
+from corridor.geometry import CLIPPED, robust_scale, robust_scale_of_lengths
+
+
+class SummaryStatistics:
+    """Summary statistics of fits, in the same bins for a block and all its replicates.
+
+    replicator: the model and its own fit. statistics: what they are. missing: what could not be
+    formed, and the column to add; unseen: effects that leave no signature. Call it with `Fit`s:
+    (fits, values) of all statistics end to end.
+    """
+
+    def __init__(self, replicator):
+        self.missing: dict[str, str] = {}
+        self.unseen: tuple[str, ...] = ()
+        self._limits = Limits(replicator)
+        self._forms = [form for form in self._made(replicator) if len(form.statistic)]
+        self.statistics = [form.statistic for form in self._forms]
+
+    def __call__(self, fits: Sequence[Fit]) -> np.ndarray:
+        cut = [Residuals(fit, self._limits).pixels for fit in fits]
+        scores = self._found.scores(
+            [(pixels, fit.gnss, fit.control) for pixels, fit in zip(cut, fits, strict=True)]
+        )
+        return np.array([self._of(fit, score) for fit, score in zip(fits, scores, strict=True)])
+
+    def _of(self, fit: Fit, score: np.ndarray) -> np.ndarray:
+        residuals = Residuals(fit, self._limits, score)
+        return np.concatenate([form.of(residuals) for form in self._forms])
+
+    @property
+    def lengths(self) -> list[int]:
+        """Values of each statistic."""
+        return [len(one) for one in self.statistics]
+
+    def _made(self, replicator) -> Iterator[Form]:
+        system, frame = replicator.system, self._limits.frame
+        if frame is not None:
+            yield from tie_forms(frame)
+            self.missing |= frame.missing
+        if len(self._limits.marks):
+            yield from mark_forms(replicator, self._limits.marks)
+        if len(system.gnss.names):
+            yield from gnss_forms(replicator, self.missing)
+        if len(system.control_rows):
+            yield from ground_forms(system, "control", system.control_rows, lambda r: r.fit.control)
+        if len(replicator.check_rows):
+            yield from ground_forms(system, "check", replicator.check_rows, lambda r: r.fit.check)
+        yield from self._signatures(replicator)
+
+    def _signatures(self, replicator) -> Iterator[Form]:
+        found, unit = Signatures(replicator), "stated deviations"
+        self._found, self.unseen = found, found.absorbed
+        for name, effects, of in (
+            ("signatures of the physical effects", found.names, found.strengths),
+            ("signatures in single images", found.single, found.in_single_images),
+        ):
+            yield Form(
+                named(name, "signature", unit, "effect", effects), lambda r, of=of: of(r.score)
+            )
+
+
+class Limits:
+    """Where residuals are cut, the same for a block and all its replicates.
+
+    frame: of the tie points, None without any. marks: rows of marks; mark (m,) px, gnss (3,) m:
+    their limits.
+    """
+
+    def __init__(self, replicator):
+        b = replicator
+        self.frame = TieFrame(b) if b.is_tie.any() else None
+        self.marks = np.flatnonzero(~b.is_tie)
+        self.mark = self.gnss = np.zeros(0)
+        if len(self.marks):
+            sigma = b.sigma[self.marks]
+            length = np.hypot(*b.fit.pixels[self.marks].T) / sigma
+            self.mark = CLIPPED * robust_scale_of_lengths(length, least=1e-9) * sigma
+        if len(b.fit.gnss):
+            self.gnss = CLIPPED * robust_scale(b.fit.gnss, axis=0, least=1e-9)
+        self.antenna_rotation = b.system.images.rotation[b.system.gnss.image]
+
+
+class Residuals:
+    """Residuals of a fit, none beyond its limit.
+
+    ties (u, 2), held (h, 2), marks (m, 2) px; gnss (k, 3) m. frame: see `TieFrame`. score: by the
+    columns of the signatures, where these are asked for.
+    """
+
+    def __init__(self, fit: Fit, limits: Limits, score: np.ndarray | None = None):
+        self.fit, self._limits, self.frame, self.score = fit, limits, limits.frame, score
+        if self.frame is not None:
+            self.ties = self._cut(fit.pixels, self.frame.used)
+            self.held = self._cut(fit.pixels, self.frame.held)
+        mark = limits.mark[:, None]
+        self.marks = np.clip(fit.pixels[limits.marks], -mark, mark)
+        self.gnss = np.clip(fit.gnss, -limits.gnss, limits.gnss) if len(fit.gnss) else fit.gnss
+
+    def _cut(self, pixels: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        limit = self.frame.limit[rows, None]
+        return np.clip(pixels[rows], -limit, limit)
+
+    @cached_property
+    def tie_square(self) -> np.ndarray:
+        """Mean square of both coordinates (u,), px^2."""
+        return (self.ties**2).sum(axis=1) / 2
+
+    @cached_property
+    def outward(self) -> np.ndarray:
+        """Weighted part (u,) away from the picture's middle."""
+        return self.frame.weight * np.einsum("ni,ni->n", self.ties, self.frame.across)
+
+    @cached_property
+    def along(self) -> np.ndarray:
+        """Part (u,) along the velocity in the picture."""
+        return np.einsum("ni,ni->n", self.ties, self.frame.flow)
+
+    @cached_property
+    def across(self) -> np.ndarray:
+        """Part (u,) across it."""
+        x, y = self.frame.flow.T
+        return self.ties[:, 1] * x - self.ties[:, 0] * y
+
+    @cached_property
+    def gnss_in_camera(self) -> np.ndarray:
+        """Of the antenna (k, 3), in the camera frame, m."""
+        return np.einsum("nij,nj->ni", self._limits.antenna_rotation, self.gnss)
+
+    @cached_property
+    def pixels(self) -> np.ndarray:
+        """Of all image observations (n, 2), zero where held out."""
+        out = np.zeros_like(self.fit.pixels)
+        if self.frame is not None:
+            out[self.frame.used] = self.ties
+        out[self._limits.marks] = self.marks
+        return out
+
+
+def ground_forms(system, kind: str, rows: np.ndarray, of: Callable) -> Iterator[Form]:
+    """Residuals `of` a fit at ground points (rows of ground.csv); kind: `control` or `check`."""
+    ground = system.block.ground
+    names = tuple(map(str, ground["point"].iloc[rows]))
+    if len(rows) <= MANY_POINTS:
+        for k, axis in enumerate("xyz"):
+            statistic = named(f"{kind} {axis} by point", kind, "m", f"{kind} point", names)
+            yield Form(statistic, lambda r, k=k: of(r)[:, k])
+    else:
+        origin, axes = corridor_frame(system.images.centre)
+        at = (ground[["x", "y"]].to_numpy(float)[rows] - origin) @ axes[0]
+        curve = Curve.even(at, PLACES, np.ones(len(rows)), 3)
+        what = "along the corridor (m)"
+        for k, axis in enumerate("xyz"):
+            statistic = curve.statistic(f"{kind} {axis} along the corridor", kind, "m", what)
+            yield Form(statistic, lambda r, k=k: curve.mean(of(r)[:, k]))
+    if kind == "check":
+        yield Form(
+            named("check-point error, RMS", kind, "m", "axis", tuple("xyz")),
+            lambda r: np.sqrt(np.mean(of(r) ** 2, axis=0)),
+        )

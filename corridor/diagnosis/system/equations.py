@@ -1,0 +1,199 @@
+"""The normal equations of a converged adjustment with a column for every candidate.
+
+The points are eliminated and leave poses, what images share, and the candidates; robust weights
+are replaced by pseudo-residuals, so that the candidates meet a plain least squares problem. The
+GNSS is kept apart: its noise is coloured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array, diags_array
+
+from corridor.adjustment import Adjustment, LinearSystem
+from corridor.brief import brief
+from corridor.diagnosis.noise.image import Scales, pseudo_residuals
+from corridor.diagnosis.system.groups import Group, make_groups
+from corridor.effects import Effect
+
+# Columns that are brought into order together.
+_AT_ONCE = 4000
+
+
+@dataclass
+class Columns:
+    """Candidate columns before poses and camera are eliminated.
+
+    cross (n, p): with poses and nuisance, from images and ground; inside (p, p) among themselves;
+    right (p,); antenna (3k, p): derivative of the antenna positions; value (p,): where the
+    parameters stand, in prior standard deviations. All but right and value may be sparse.
+    """
+
+    cross: np.ndarray | csc_array
+    inside: np.ndarray | csc_array
+    right: np.ndarray
+    antenna: np.ndarray | csr_array
+    value: np.ndarray
+
+
+@brief
+@dataclass
+class Equations:
+    """Everything about a block at a state, points eliminated.
+
+    matrix (n, n) sparse, right (n,): poses (6 an image, in the system's order), then nuisance:
+    what else the believed model estimates. jacobian (3k, n) sparse, residual (3k,), stated (3k,)
+    standard deviation, image (k,): of the antenna positions. core: columns that images share;
+    own: blocks of per-image columns; between: each of them with the core (p, c); mutual: (i, j)
+    -> of two of them, i < j.
+    owner (n,): position of the image to which each of the poses and nuisance belongs, -1 of what
+    images share. first (n,), at (c,), own_at: numbers of the poses and nuisance, of the core, and
+    of the blocks, among the system's columns, and unit of all of these. free_motions: (n, 7) of a
+    block that nothing holds, else None.
+    """
+
+    system: LinearSystem
+    matrix: csc_array
+    right: np.ndarray
+    jacobian: csr_array
+    core: Columns
+    own: list[Columns]
+    between: list[np.ndarray]
+    mutual: dict[tuple[int, int], csc_array]
+    groups: list[Group]
+    owner: np.ndarray
+    first: np.ndarray
+    at: np.ndarray
+    own_at: list[np.ndarray]
+    unit: np.ndarray
+    scales: Scales | None = None
+    free_motions: np.ndarray | None = None
+    pixels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Of the antenna positions (3k,), m."""
+        return self.system.gnss.residual.ravel()
+
+    @cached_property
+    def stated(self) -> np.ndarray:
+        """Standard deviations (3k,), m, of the antenna positions as gnss.csv has them."""
+        return self.system.gnss.sigma.ravel()
+
+    @property
+    def image(self) -> np.ndarray:
+        """Image (k,) of each antenna position."""
+        return self.system.gnss.image
+
+
+def equations(adjustment: Adjustment, effects: list[Effect], priors: Mapping) -> Equations:
+    """Equations at the result of an adjustment.
+
+    effects: candidates; those that the adjustment estimated stand where it left them. What else
+    it estimated is nuisance, with the priors it had there. priors: of candidates, by slug or
+    `slug.parameter`.
+    """
+    system = adjustment.stated_system.testing(effects)
+    residual, rows = system.residuals().pixels, system.image_rows
+    found, scales = pseudo_residuals(system, residual)
+    # Behind a camera there is no residual to change.
+    xy = rows.xy + np.nan_to_num(found - residual)
+    system = system.measuring(xy=xy, sigma=scales.of_observation)
+    groups = make_groups(system.columns, len(system.control_names), effects, priors)
+    out = take_apart(system, groups)
+    out.scales, out.pixels = scales, found
+    return out
+
+
+def _arrange(matrix: csc_array, order: np.ndarray, unit: np.ndarray) -> None:
+    """Rows (n,) in the order of the columns, both times their unit (n,), where the matrix is."""
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    for first in range(0, len(order), _AT_ONCE):
+        last = min(first + _AT_ONCE, len(order))
+        ends = matrix.indptr[first : last + 1]
+        some = slice(ends[0], ends[-1])
+        matrix.indices[some] = place[matrix.indices[some]]
+        matrix.data[some] *= unit[matrix.indices[some]]
+        matrix.data[some] *= np.repeat(unit[first:last], np.diff(ends))
+    matrix.has_sorted_indices = False
+    matrix.sort_indices()
+
+
+def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
+    """Split the equations into poses and nuisance, what images share, and per-image columns."""
+    columns, matrix, right = system.columns, system.matrix, system.right
+    jacobian = system.gnss.jacobian
+    tested = {group.slug for group in groups}
+    core = np.concatenate([columns.of(slug) for slug in tested] or [[]]).astype(int)
+    core.sort()
+    own = {slug: at.ravel() for slug, at in columns.of_image.items() if slug in tested}
+    # In units of prior standard deviations.
+    unit = np.ones(len(columns))
+    for group in groups:
+        at = core if group.own is None else own[group.slug]
+        unit[at[group.columns]] = group.scale
+    believed = [at for slug, at in columns.of_image.items() if slug not in tested]
+    nuisance = np.setdiff1d(columns.shared_at, core)
+    more = np.concatenate([columns.pose[:, :0], *believed], axis=1)
+    first = np.concatenate([columns.pose.ravel(), more.ravel(), nuisance]).astype(int)
+
+    blocks = list(own.values())
+    order = np.concatenate([first, core, *blocks])
+    matrix = matrix[:, order]
+    # Of thousands of images it weighs too much to be there twice.
+    system.let_go()
+    _arrange(matrix, order, unit[order])
+    ends = np.cumsum([0, *map(len, (first, core, *blocks))]).tolist()
+    spans = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    whole, shared, of_images = spans[0], spans[1], spans[2:]
+
+    def part(rows: slice, others: slice) -> csc_array:
+        return csc_array(matrix[:, others][rows])
+
+    def with_gnss(at: np.ndarray) -> csr_array:
+        return csr_array(jacobian[:, at] @ diags_array(unit[at]))
+
+    images = np.arange(len(columns.images))
+    owner = np.concatenate(
+        [np.repeat(images, 6), np.repeat(images, more.shape[1]), np.full(len(nuisance), -1)]
+    )
+    nothing_holds = not len(system.gnss.names) and len(system.control_names) < 3
+    return Equations(
+        system=system,
+        matrix=part(whole, whole),
+        right=right[first],
+        jacobian=with_gnss(first),
+        core=Columns(
+            part(whole, shared).toarray(),
+            part(shared, shared).toarray(),
+            right[core] * unit[core],
+            with_gnss(core).toarray(),
+            columns.value[core] / unit[core],
+        ),
+        own=[
+            Columns(
+                part(whole, span),
+                part(span, span),
+                right[at] * unit[at],
+                with_gnss(at),
+                columns.value[at] / unit[at],
+            )
+            for at, span in zip(blocks, of_images, strict=True)
+        ],
+        between=[part(span, shared).toarray() for span in of_images],
+        mutual={
+            (i, j): part(of_images[i], of_images[j]) for j in range(len(blocks)) for i in range(j)
+        },
+        groups=groups,
+        owner=owner,
+        first=first,
+        at=core,
+        own_at=blocks,
+        unit=unit,
+        free_motions=system.motions[first] if nothing_holds else None,
+    )

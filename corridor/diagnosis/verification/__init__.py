@@ -1,0 +1,1 @@
+"""What data that no fit has used say of what was found."""

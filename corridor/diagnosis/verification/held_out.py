@@ -1,0 +1,281 @@
+"""Data that no fit has used: which, and what they say of one fit beside another.
+
+Some tie observations are given no weight, one of a point of four rays or more; the check points
+never have any. Whether ties are predicted better by more than chance: each observation held out has
+a density, Student's t about what a fit predicts; d is what its logarithm gains between two fits.
+What is left in one strip hangs together: its light, its vegetation, its matches. So the sums d_c of
+strips are what counts, and where nothing is gained
+
+    mean(d_c) / (sd(d_c) / sqrt(q))  is at most Student's t with q - 1 degrees of freedom,
+
+whatever their variances, at any level below 8 %.
+Source: Diebold and Mariano 1995 (loss of two predictions); Ibragimov and Müller 2010 (few groups).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.special import stdtrit
+
+from corridor.adjustment import Adjustment
+from corridor.block import Block
+from corridor.diagnosis.noise.image import places, scale_of
+from corridor.diagnosis.settings import SETTINGS
+from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
+from corridor.preparation import strips_of
+
+
+def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:
+    """The block with some tie observations robbed of their weight, and their rows (k,).
+
+    Points that control the marks are not touched, and every image keeps most of its points. They
+    are those of a few places of each picture, all that can be spared there.
+    """
+    ties = block.tie_points
+    image = block.image_rows("tie_points")
+    sizes = {name: (camera.width, camera.height) for name, camera in block.cameras.items()}
+    size = np.array([sizes[name] for name in block.images["camera"]], dtype=float)[image]
+    xy = ties[["x", "y"]].to_numpy(float)
+    among = in_places(image, xy, size, SETTINGS.held_out_places, rng)
+    point = ties["point"].array.codes
+    chosen = spared(point, SETTINGS.held_out_share, rng, among)
+    out = block.copy()
+    sigma = block.tie_sigma().copy()
+    sigma[chosen] *= SETTINGS.held_out_sigma
+    out.tie_points = ties.assign(sigma=sigma)
+    return out, chosen
+
+
+def spared(
+    point: np.ndarray, share: float, rng: np.random.Generator, among: np.ndarray | None = None
+) -> np.ndarray:
+    """Rows (k,), ascending, of a share of observations: one of a point of four rays or more.
+
+    point: (n,) number of the point of each tie observation. among (n,): which may be chosen.
+    """
+    fit = np.bincount(point)[point] >= SETTINGS.held_out_rays
+    order = rng.permutation(np.flatnonzero(fit if among is None else fit & among))
+    _, first = np.unique(point[order], return_index=True)
+    return np.sort(rng.permutation(order[first])[: max(int(share * len(point)), 1)])
+
+
+def in_places(
+    image: np.ndarray, xy: np.ndarray, size: np.ndarray, share: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Which observations (n,) lie in places of their picture that are chosen for it, share of all.
+
+    image (n,): number; xy (n, 2), size (n, 2): px. Residuals of neighbours in one picture hang
+    together: what is to be predicted has to lie away from what has been used.
+    """
+    place = places(xy, size)
+    chosen = rng.random((int(image.max()) + 1, int(np.prod(SETTINGS.places)))) < share
+    return chosen[image, place]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a correction gains in strips: log density (strips,) of what no fit has used there."""
+
+    gain: np.ndarray
+
+    @classmethod
+    def between(cls, without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> Prediction:
+        """Of tie observations, rows (k,) of tie_points, that neither adjustment has used."""
+        if not len(rows):
+            return cls(np.zeros(0))
+        block = without.system.block
+        strip = np.zeros(len(block.images), dtype=np.int64)
+        for number, (_, images) in enumerate(strips_of(block)):
+            strip[images] = number
+        before, after = (_squares(one, rows) for one in (without, with_it))
+        good = np.isfinite(before) & np.isfinite(after)
+        scale = scale_of(before[good]) if good.any() else 1.0
+        gained = _log_density(after[good] / scale**2) - _log_density(before[good] / scale**2)
+        at = strip[block.image_rows("tie_points")[rows[good]]]
+        seen = np.bincount(at) > 0
+        return cls(np.bincount(at, gained)[seen])
+
+    @property
+    def proved(self) -> bool:
+        """Whether the gain is larger than chance makes it, by what the strips say one by one."""
+        count = len(self.gain)
+        if count < 2:
+            return False
+        error = float(np.std(self.gain, ddof=1)) * np.sqrt(count)
+        limit = stdtrit(count - 1, 1.0 - SETTINGS.prediction_level)
+        return bool(self.gain.sum() > limit * error)
+
+
+def residuals_of(adjustment: Adjustment) -> np.ndarray:
+    """Image residuals (rows of tie_points and marks, 2), px; NaN where none is known."""
+    system = adjustment.system
+    out = np.full((len(system.block.tie_points) + len(system.block.marks), 2), np.nan)
+    out[system.image_rows.row] = system.residuals().pixels
+    return out
+
+
+def _squares(adjustment: Adjustment, rows: np.ndarray) -> np.ndarray:
+    # What is held out has its sigmas all raised alike, which the scale takes back.
+    sigma = adjustment.system.block.tie_sigma()[rows]
+    return (residuals_of(adjustment)[rows] ** 2).sum(axis=1) / sigma**2
+
+
+def _log_density(square: np.ndarray) -> np.ndarray:
+    """Of a bivariate Student t, but for a constant; square (n,) in squared scales."""
+    nu = SETTINGS.student_nu
+    return -0.5 * (nu + 2.0) * np.log1p(square / nu)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a shape of the picture costs where it is left out.
+
+    metres, sigmas: by how much half of the tie points move at least, 3D, and in their standard
+    deviations on the axis where that is most. ratio: error of ties that no fit has used with it,
+    over the error without; proved: whether that is more than chance.
+    """
+
+    metres: float
+    sigmas: float
+    ratio: float
+    proved: bool
+
+    @classmethod
+    def of(cls, without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> Cost:
+        """Between two adjustments; rows: tie observations that neither has used."""
+        tie = tie_gap(without, with_it, rows)
+        ratio = tie["after"] / tie["before"] if tie["before"] else 1.0
+        proved = ratio < 1.0 and Prediction.between(without, with_it, rows).proved
+        return cls(*moved(without, with_it), ratio, proved)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is worth a word: beyond the ground's own doubt, or seen in the residuals."""
+        seen = self.proved and self.ratio < SETTINGS.cost_ratio
+        return self.sigmas > SETTINGS.cost_sigmas or seen
+
+
+def moved(before: Adjustment, after: Adjustment) -> tuple[float, float]:
+    """Median 3D movement of the points between two adjustments, m, and in sigmas of `before`."""
+    a, b = (one.points.set_index("point")[["x", "y", "z"]] for one in (before, after))
+    away = b.reindex(a.index).to_numpy() - a.to_numpy()
+    known = np.isfinite(away).all(axis=1)
+    metres = float(np.median(np.linalg.norm(away[known], axis=1)))
+    return metres, float(np.nanmedian(np.abs(away / before.point_sigma)[known], axis=0).max())
+
+
+def tie_gap(before: Adjustment, after: Adjustment, rows: np.ndarray) -> dict[str, float | None]:
+    """RMS (px, an axis) of observations that both fits did not use, wrong matches left out."""
+    found = [residuals_of(one)[rows] for one in (before, after)]
+    if not len(rows):
+        return {"before": None, "after": None}
+    length = np.hypot(*found[1].T)
+    good = np.isfinite(length) & ~is_outlier(length, robust_scale_of_lengths(length), UNUSABLE)
+    values = [float(np.sqrt(np.mean(one[good] ** 2))) for one in found]
+    return {"before": values[0], "after": values[1]}
+
+
+def check_misfit(adjustment: Adjustment) -> float:
+    """Sum of squares of what check points are off by, in their sigmas and those of the survey."""
+    off, sigma = _off(adjustment, adjustment.check_points["point"])
+    return float(((off / sigma) ** 2).sum())
+
+
+def _off(adjustment: Adjustment, points: pd.Series) -> tuple[np.ndarray, np.ndarray]:
+    """What check points (n,) are off by (n, 3), m, and its sigma, that of the survey included."""
+    table, block = adjustment.check_points.set_index("point").loc[points], adjustment.system.block
+    rows = pd.Index(block.ground["point"].astype(str)).get_indexer(points.astype(str))
+    sigma = np.hypot(table[["sx", "sy", "sz"]].to_numpy(), block.ground_sigma()[rows])
+    return table[["dx", "dy", "dz"]].to_numpy(), sigma
+
+
+def harms(without: Adjustment, with_it: Adjustment) -> bool:
+    """Whether check points contradict what an adjustment has more than another.
+
+    They move by s when it is added. If it is true, they end at zero but for their noise, so the
+    differences d afterwards do not point along s more often than that noise lets them. What common
+    errors do to all of them alike is allowed for by taking each axis as one number.
+    """
+    if not len(without.check_points) or not with_it.check_rms.d3 > without.check_rms.d3:
+        return False
+    points = with_it.check_points["point"]
+    (before, sigma), (d, _) = _off(without, points), _off(with_it, points)
+    s = d - before
+    noise = np.sqrt(((np.abs(s) * sigma).sum(axis=0) ** 2).sum())
+    return bool((d * s).sum() > SETTINGS.harm_sigma * noise)
+
+
+def preferred(
+    second: Adjustment, rivals: dict[str, Adjustment], rows: np.ndarray
+) -> tuple[str | None, dict[str, dict[str, float]]]:
+    """The rival that does clearly better than `second` where no fit has looked, None without one.
+
+    Check points decide where there are enough of them, tie observations held out where not. Also
+    the error of each rival over that of `second`: `tie`, `check`.
+    """
+    share: dict[str, dict[str, float]] = {}
+    many = len(second.check_points) >= SETTINGS.enough_checks
+    for key, fit in rivals.items():
+        share[key] = {}
+        if many:
+            share[key]["check"] = float(fit.check_rms.d3 / second.check_rms.d3)
+        found = tie_gap(second, fit, rows)
+        if found["before"]:
+            share[key]["tie"] = found["after"] / found["before"]
+    kind, limit = (
+        ("check", SETTINGS.clear_ratio_checks) if many else ("tie", SETTINGS.clear_ratio_ties)
+    )
+    known = {key: one[kind] for key, one in share.items() if kind in one}
+    best = min(known, key=known.get, default=None)
+    return (best if best is not None and known[best] < limit else None), share
+
+
+def best_by_far(second: Adjustment, fits: dict[str, Adjustment]) -> str | None:
+    """The fit with less than half the check-point error of `second`, None without one.
+
+    fits: what fits best comes first, and is taken where the errors differ by no more than chance.
+    """
+    error = {key: float(fit.check_rms.d3) for key, fit in fits.items()}
+    least = min(error.values(), default=np.inf)
+    if least >= SETTINGS.clear_ratio_shape * second.check_rms.d3:
+        return None
+    return next(key for key, e in error.items() if SETTINGS.clear_ratio_checks * e <= least)
+
+
+def improves(without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> bool:
+    """Whether held-out ties are predicted better, and check points, where many, no worse."""
+    if len(with_it.check_points) >= SETTINGS.enough_checks:
+        if SETTINGS.clear_ratio_checks * with_it.check_rms.d3 > without.check_rms.d3:
+            return False
+    if harms(without, with_it):
+        return False
+    found = tie_gap(without, with_it, rows)
+    return bool(found["after"] < found["before"])
+
+
+def check_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
+    """3D RMS of check points, m; None without any."""
+    if not len(before.check_points):
+        return None
+    return {"before": float(before.check_rms.d3), "after": float(after.check_rms.d3)}
+
+
+def gnss_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
+    """3D RMS of the antenna residuals, m; None without GNSS."""
+    if not len(before.system.gnss.names):
+        return None
+
+    def rms(one):
+        table = one.residuals["gnss"]
+        return float(np.sqrt(np.mean((table[["vx", "vy", "vz"]].to_numpy() ** 2).sum(axis=1))))
+
+    return {"before": rms(before), "after": rms(after)}
+
+
+def closure(before: float, after: float, floor: float) -> float | None:
+    """Share of the excess variance that is gone: (before^2 - after^2) / (before^2 - floor^2)."""
+    excess = before**2 - floor**2
+    return float((before**2 - after**2) / excess) if excess > 0 else None

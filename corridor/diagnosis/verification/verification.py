@@ -1,0 +1,372 @@
+"""Does what was found help where the fit has not looked?
+
+Of what the fit cannot tell apart held-out data choose, a shape stays only if they are predicted
+better with it, and no effect stays that does harm to check points (see `held_out`). GNSS residuals
+are those of the fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from corridor.adjustment import Adjustment
+from corridor.diagnosis.evidence.blunders import listed_points
+from corridor.diagnosis.findings.findings import Findings, Unknown
+from corridor.diagnosis.findings.location import locate
+from corridor.diagnosis.findings.verdict import in_place_of, other_control, shapes
+from corridor.diagnosis.reference import ReferenceModel
+from corridor.diagnosis.rounds import Course
+from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.verification.all_ground import AllGround, contradicted
+from corridor.diagnosis.verification.held_out import (
+    Cost,
+    Prediction,
+    best_by_far,
+    check_gap,
+    check_misfit,
+    gnss_gap,
+    harms,
+    hold_out,
+    improves,
+    preferred,
+    tie_gap,
+)
+from corridor.errors import AdjustmentFailed, InputError
+
+MORE_CONTROL = "one more control point, or a check point, near those in question"
+
+
+class Verification:
+    """Fits with and without what was found, of which tie observations were held out.
+
+    findings, used: what is left of what was found, and the keys of the model to go on with. rivals:
+    error with effects that cannot be told apart from those found, over the error with those found,
+    of `check` points and `tie` points. lens: what it is beside its polynomials and does to the
+    ground. notes: a sentence on each choice.
+    """
+
+    def __init__(self, believed: ReferenceModel, course: Course, found: Findings, seed: int):
+        self.findings, self.used = found, list(course.last.keys)
+        self.rivals: dict[str, dict[str, float]] = {}
+        self.notes: list[str] = []
+        self.lens: dict | None = None
+        for key in [key for key in self.used if key in found.unproved]:
+            self.used.remove(key)
+            self.notes.append(
+                f"{key} explains what was measured, but strips are predicted no better with what "
+                "the other strips say of it: it is not taken for sure, and not added."
+            )
+        self._believed, self._course, self._last = believed, course, course.last
+        self._groups = course.last.evidence.groups
+        self._fitted: dict[frozenset[str], Adjustment] = {}
+        self._block, self._rows = believed.block, np.zeros(0, dtype=np.int64)
+        few = len(self._block.tie_points) <= SETTINGS.fewest_ties
+        if not few:
+            self._block, self._rows = hold_out(self._block, np.random.default_rng(seed))
+        said = "Held-out observations could not be compared"
+        self._first = self._fit([], said)
+        self._now = self._fit(self.used, said) if self.used and self._first else self._first
+        if self._now is None:
+            return
+        self._choose_control()
+        self._ask_all_ground()
+        self._prove_images()
+        self._drop_idle()
+        self.lens = self._ask_lens()
+        if not few:
+            self._keep_shapes()
+            self._choose_effects()
+            self._choose_shapes()
+        self._drop_harmful()
+
+    def gap(self, after: Adjustment) -> dict[str, dict | None]:
+        """RMS before and after by what no fit has used, and of the antenna; see diagnosis.json.
+
+        after: the adjustment of all observations with what was found.
+        """
+        tie: dict[str, float | None] = {"before": None, "after": None}
+        if self._now is not None:
+            tie = tie_gap(self._first, self._now, self._rows)
+        before = self._course.first
+        return {
+            "tie_px": tie,
+            "check_m": check_gap(before, after),
+            "gnss_m": gnss_gap(before, after),
+        }
+
+    def after(self) -> tuple[Adjustment, list[str]]:
+        """The adjustment with what is left of what was found, and the keys of that."""
+        last = self._last
+        if set(self.used) == set(last.log["model"]):
+            return last.adjustment, self.used
+        if not self.used:
+            return self._course.first, self.used
+        try:
+            return self._believed.adjust(self._course.members(self.used)), self.used
+        except (InputError, AdjustmentFailed) as failed:
+            self.notes.append(f"The adjustment with what was found failed: {failed}")
+            return last.adjustment, list(last.log["model"])
+
+    def _fit(self, keys: Sequence[str], said: str) -> Adjustment | None:
+        which = frozenset(keys)
+        if which in self._fitted:
+            return self._fitted[which]
+        try:
+            fit = self._believed.adjust(self._course.members(keys), block=self._block)
+        except (InputError, AdjustmentFailed) as failed:
+            self.notes.append(f"{said}: {failed}")
+            return None
+        # Several questions end at the same model; of large blocks each weighs gigabytes.
+        if len(self._block.images) <= SETTINGS.large_block or not which:
+            self._fitted[which] = fit
+        return fit
+
+    def _without(self, *keys: str) -> tuple[list[str], Adjustment | None]:
+        """The model without some groups, and its fit."""
+        others = [key for key in self.used if key not in keys]
+        return others, self._fit(others, f"The fit without {', '.join(keys)} failed")
+
+    def _with(self, key: str, instead: str) -> list[str]:
+        """The model with a group in place of another."""
+        return [key if one == instead else one for one in self.used]
+
+    def _fits(self, others: Iterable[str], instead: str) -> dict[str, Adjustment]:
+        """Fits with each of several groups in place of one, those that succeed."""
+        tried = {
+            key: self._fit(self._with(key, instead), f"The fit with {key} failed") for key in others
+        }
+        return {key: fit for key, fit in tried.items() if fit is not None}
+
+    def _go_on(self, keys: list[str], fit: Adjustment) -> None:
+        self.used, self._now = keys, fit
+
+    def _choose_control(self) -> None:
+        """Of control points that contradict each other, the wrong ones by the check points.
+
+        Two that were given too low say the same as a third that was given too high.
+        """
+        wrong, groups = self._last.wrong, self._groups
+        if wrong.found is None or not wrong.alike:
+            return
+        mine = [groups[n].key for n in wrong.found.points]
+        alike, misfit = wrong.alike[: SETTINGS.most_rivals], {}
+        told = listed_points(groups, alike)
+        for k, one in enumerate(alike if len(self._now.check_points) else ()):
+            keys = [groups[n].key for n in one.points]
+            keys += [key for key in self.used if key not in (*mine, *keys)]
+            fit = self._fit(keys, f"The fit with {k} failed")
+            if fit is not None:
+                misfit[k] = check_misfit(fit), keys, fit
+        best = min(misfit, key=lambda k: misfit[k][0], default=None)
+        better = 0.0 if best is None else check_misfit(self._now) - misfit[best][0]
+        if better > SETTINGS.check_odds:
+            self.findings = other_control(self.findings, self._last, alike[best])
+            self._go_on(*misfit[best][1:])
+        if abs(better) > SETTINGS.check_odds:
+            self.notes.append(
+                "The fit cannot tell which control points are wrong "
+                f"({listed_points(groups, [wrong.found])}, or {told}); check points tell, so their "
+                "error afterwards is no longer independent."
+            )
+            return
+        for one in self.findings.effects:
+            if one.key in mine:
+                one.kind, one.instead, one.separate = "ambiguous", told, MORE_CONTROL
+
+    def _ask_all_ground(self) -> None:
+        """Say control points wrong that agree with each other, and with no check point.
+
+        They are left out where that brings the fit nearer to the check points: without them the
+        GNSS alone may know the heights worse.
+        """
+        check = self._now.check_points
+        of_points = {g.key: g for g in self._groups if g.point is not None}
+        if not of_points or self._last.wrong.found is not None or not len(check):
+            return
+        if not contradicted(check_misfit(self._now), 3 * len(check)):
+            return
+        rest = [key for key in self.used if key not in of_points]
+        blunder = next(iter(of_points.values())).effect
+        try:
+            told = AllGround.of(self._believed, self._last, self._course.members(rest), blunder)
+        except (InputError, AdjustmentFailed) as failed:
+            self.notes.append(f"Check points could not be asked for wrong control: {failed}")
+            return
+        if told.wrong.found is None:
+            return
+        points = listed_points(told.evidence.groups, [told.wrong.found, *told.wrong.alike])
+        self.notes.append(
+            f"Control and check points contradict each other, which {points} being wrong explains: "
+            "the error of check points afterwards is no longer independent."
+        )
+        new = told.estimates({str(g.point) for g in of_points.values()})
+        if not new:
+            return
+        keys = [*rest, *(one.key for one in new)]
+        fit = self._fit(keys, f"The fit without {points} failed")
+        kept = [one for one in self.findings.effects if one.key not in of_points]
+        self.findings = replace(self.findings, effects=[*new, *kept])
+        if fit is not None and fit.check_rms.d3 < self._now.check_rms.d3:
+            self._go_on(keys, fit)
+
+    def _prove_images(self) -> None:
+        """Say no effect of single images for sure that predicts nothing that no fit has used.
+
+        Residuals of one image hang together, and values for each image follow them; what is there
+        tells of the other points of the image too, in one strip as in the next.
+        """
+        groups = {group.key: group for group in self._groups}
+        for one in self.findings.effects if len(self._rows) else ():
+            if one.kind == "suspected" or one.key not in self.used or groups[one.key].own is None:
+                continue
+            others, bare = self._without(one.key)
+            if bare is None or Prediction.between(bare, self._now, self._rows).proved:
+                continue
+            tie = tie_gap(bare, self._now, self._rows)
+            self.notes.append(
+                f"{one.key} explains what was measured, but image points that no fit has used are "
+                f"predicted hardly better with it ({tie['before']:.3f} px, then "
+                f"{tie['after']:.3f}; strips differ by more): it is not taken for sure, and not "
+                "added."
+            )
+            one.kind = "suspected"
+            self._go_on(others, bare)
+
+    def _drop_idle(self) -> None:
+        """Drop shapes of single pictures that change nothing: residuals always hang together."""
+        for one in list(self.findings.unknown):
+            effect = self._groups[one.number].effect
+            if one.group not in self.used or effect.place != "image":
+                continue
+            others, bare = self._without(one.group)
+            if bare is None or Cost.of(bare, self._now, self._rows).counts:
+                continue
+            self.notes.append(
+                f"Residuals hang together as in {effect.called} ({one.where}); it neither moves "
+                "the ground nor predicts data that no fit has used clearly better, and is no "
+                "finding."
+            )
+            self.findings = replace(
+                self.findings, unknown=[k for k in self.findings.unknown if k is not one]
+            )
+            self._go_on(others, bare)
+
+    def _ask_lens(self) -> dict | None:
+        """What the lens is beside its polynomials and does to the ground, None where it is nothing.
+
+        It is told as something outside the catalogue where it costs something.
+        """
+        lens = self._last.lens
+        if lens is None:
+            return None
+        key = lens.group.key
+        keys, number = [*self.used, key], self._last.evidence.number[key]
+        where, location = locate(self._last, number, lens.theta)
+        fit = self._fit(keys, "The fit with the lens failed")
+        if fit is None:
+            return None
+        cost = Cost.of(self._now, fit, self._rows)
+        if cost.counts:
+            new = Unknown(
+                lens.group.slug, "unknown", lens.evidence, where, location,
+                number=number, theta=lens.theta,
+            )  # fmt: skip
+            self.findings = replace(self.findings, unknown=[*self.findings.unknown, new])
+            self._go_on(keys, fit)
+        return {
+            "rms_px": location["rms_px"],
+            "most_px": location["most_px"],
+            "where": where,
+            "log_evidence": lens.evidence,
+            "ground_m": cost.metres,
+            "ground_sigmas": cost.sigmas,
+            "held_out_ratio": cost.ratio,
+            "costs": cost.counts,
+        }
+
+    def _keep_shapes(self) -> None:
+        """Drop the generic groups with which held-out data are predicted no better."""
+        generic = [one.group for one in self.findings.unknown]
+        if not generic:
+            return
+        others, bare = self._without(*generic)
+        if bare is None or improves(bare, self._now, self._rows):
+            return
+        self.notes.append(
+            f"The correction by {', '.join(generic)} is not kept: data that no fit has used "
+            "are predicted no better with it."
+        )
+        for one in self.findings.unknown:
+            one.correction = "useless"
+        self._go_on(others, bare)
+
+    def _choose_effects(self) -> None:
+        """Of effects that cannot be told apart, the one that predicts clearly better."""
+        for one in self.findings.effects:
+            if one.kind != "ambiguous" or one.key not in self.used:
+                continue
+            rivals = [key for key in one.rivals if key not in self.used][: SETTINGS.most_rivals]
+            fits = self._fits(rivals, one.key)
+            best, share = preferred(self._now, fits, self._rows)
+            self.rivals |= share
+            if best is None:
+                continue
+            kind = "check points" if "check" in share[best] else "held-out image points"
+            self.notes.append(
+                f"The fit cannot tell {one.key} and {best} apart; {kind} are predicted better "
+                f"with {best}, so their error afterwards is no longer independent."
+            )
+            self._go_on(self._with(best, one.key), fits[best])
+
+    def _choose_shapes(self) -> None:
+        """A shape of no catalogue in the place of look-alikes, where check points speak for it.
+
+        A knock that moves the lens between strips flown to and fro is, to the fit, an error of the
+        GNSS, and the named effect has fewer parameters.
+        """
+        if len(self._now.check_points) < SETTINGS.enough_checks:
+            return
+        alike = {e.key: e for e in self.findings.effects if e.kind == "ambiguous"}
+        for key, effect in alike.items():
+            mine = next((k for k in [key, *effect.rivals] if k in self.used), None)
+            if mine is None:
+                continue
+            some = shapes(self._last, key)[: SETTINGS.most_shapes]
+            numbers = {self._groups[n].key: n for n in some}
+            fits = self._fits(numbers, mine)
+            best = best_by_far(self._now, fits)
+            if best is None:
+                continue
+            self.notes.append(
+                f"The fit cannot tell {mine} and {best} apart; check points are predicted better "
+                f"by far with {best}, so their error afterwards is no longer independent."
+            )
+            self.findings = in_place_of(self.findings, self._last, key, numbers[best])
+            self._go_on(self._with(best, mine), fits[best])
+
+    def _drop_harmful(self) -> None:
+        """Say no effect for sure that takes the check points away from where they were surveyed."""
+        while (harmful := self._harmful()) is not None:
+            key, others, bare = harmful
+            before, with_it = (f"{1000 * one.check_rms.d3:.0f} mm" for one in (bare, self._now))
+            self.notes.append(
+                f"{key} explains what was measured, but {before} of check points become "
+                f"{with_it} with it, which their sigmas do not allow: it is not taken "
+                "for sure, and not added."
+            )
+            for one in self.findings.effects:
+                if one.key == key:
+                    one.kind = "suspected"
+            self._go_on(others, bare)
+
+    def _harmful(self) -> tuple[str, list[str], Adjustment] | None:
+        """The weakest effect that does harm, the model without it, and its fit."""
+        firm = dict.fromkeys(one.key for one in self.findings.effects if one.kind != "suspected")
+        for key in reversed([key for key in firm if key in self.used]):
+            others, bare = self._without(key)
+            if bare is not None and harms(bare, self._now):
+                return key, others, bare
+        return None
