@@ -14,10 +14,9 @@ import numpy as np
 import pandas as pd
 
 from corridor.brief import brief
-from corridor.camera import INTERIOR, image_to_ray, project, undistort
+from corridor.camera import INTERIOR
 from corridor.errors import InputError
-from corridor.geometry import Rays, meeting_points, robust_scale
-from corridor.interchange.intersection import intersected
+from corridor.geometry import robust_scale
 from corridor.interchange.project import Project
 from corridor.interchange.rows import Rows, rows_of
 
@@ -31,9 +30,6 @@ _BETTER, _LIKELIER, _LEAST_PX = 0.95, 10.0, 0.05
 _SAMPLE = 20_000
 # Cameras are looked at one by one up to so many, and from so many observations.
 _CAMERAS, _ENOUGH = 12, 40
-
-_P1, _P2 = INTERIOR.index("p1"), INTERIOR.index("p2")
-_FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 @brief
@@ -118,7 +114,7 @@ def prove(project: Project) -> Proof:
     if posed and (len(block.tie_points) or len(block.marks)):
         rows = _usable(rows_of(block, complete=False))
         ties = rows.point < rows.ties
-        kinds = [("tie points", _only(rows, ties)), ("marks", _only(rows, ~ties))]
+        kinds = [("tie points", rows.only(ties)), ("marks", rows.only(~ties))]
     if posed and project.pairs is not None and len(project.pairs):
         kinds.append(("pairs of the project itself", _pairs(project)))
     kinds = [(kind, part) for kind, part in kinds if len(part.image)]
@@ -143,7 +139,9 @@ def prove(project: Project) -> Proof:
     bad = proof.by_kind[first[0]].median > MEDIAN_PX
     proof.verdict = "refused" if bad or proof.explained else "proved"
     if project.image_to_ray:
-        proof.sentences.append(f"in undistorted coordinates: {_undistorted_of(first[1])}")
+        # As image-to-ray programs state them.
+        away = np.linalg.norm(first[1].undistorted_residuals(), axis=1)
+        proof.sentences.append(f"in undistorted coordinates: {Residuals.of(away)}")
     for kind, found in proof.by_kind.items():
         if kind != first[0] and found.median > MEDIAN_PX and not bad:
             proof.sentences.append(
@@ -162,7 +160,7 @@ def _intersected(marks: tuple[str, Rows], proof: Proof) -> tuple[str, Rows]:
     kind, rows = "marks (points from their own rays)", marks[1]
     used = np.unique(rows.point)
     positions = rows.positions.copy()
-    positions[used] = intersected(rows, used)
+    positions[used] = rows.intersected(used)
     own = _usable(replace(rows, positions=positions))
     found = Residuals.of(np.linalg.norm(own.residuals(), axis=1))
     # Two rays always nearly meet.
@@ -178,20 +176,7 @@ def _usable(rows: Rows) -> Rows:
     """Observations of images with a pose and of points with coordinates."""
     good = np.isfinite(rows.centre).all(axis=1)[rows.image]
     good &= np.isfinite(rows.positions).all(axis=1)[rows.point]
-    return _only(rows, good)
-
-
-def _only(rows: Rows, kept: np.ndarray) -> Rows:
-    if kept.all():
-        return rows
-    return replace(rows, image=rows.image[kept], point=rows.point[kept], pixels=rows.pixels[kept])
-
-
-def _undistorted_of(rows):
-    """Residuals in px of an image free of distortion, as image-to-ray programs state them."""
-    case = _Case.of(rows)
-    away = case.rays() - case.seen(rows.positions[rows.point])
-    return Residuals.of(np.linalg.norm(away, axis=1) * rows.interior[rows.image, 0])
+    return rows.only(good)
 
 
 def _pairs(project):
@@ -226,53 +211,11 @@ def _gross(kind, rows, length, proof):
 # --- the usual mistakes ----------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Case:
-    """One observation in one image, as arrays that a mistake can be undone in."""
-
-    image: np.ndarray
-    pixels: np.ndarray
-    rotation: np.ndarray
-    centre: np.ndarray
-    interior: np.ndarray
-    # image-to-ray distortion, and what a pixel is measured against
-    backwards: bool = False
-
-    def rays(self) -> np.ndarray:
-        """Rays (m, 2) of the observations."""
-        if not self.backwards:
-            return undistort(self.pixels, self.interior, self.image)
-        rays = np.empty_like(self.pixels)
-        different, which = np.unique(self.interior, axis=0, return_inverse=True)
-        which = which.ravel()[self.image]
-        for k, interior in enumerate(different):
-            rays[which == k] = image_to_ray(self.pixels[which == k], interior)
-        return rays
-
-    def seen(self, world: np.ndarray) -> np.ndarray:
-        """Rays (m, 2) to the points (m, 3), NaN behind the camera."""
-        turned = np.einsum("nij,nj->ni", self.rotation[self.image], world - self.centre[self.image])
-        return turned[:, :2] / np.where(turned[:, 2:] > 0, turned[:, 2:], np.nan)
-
-    def residuals(self, world: np.ndarray) -> np.ndarray:
-        """(m, 2) px, measured minus modelled, of the points (m, 3)."""
-        if self.backwards:
-            return (self.rays() - self.seen(world)) * self.interior[self.image, :1]
-        return self.pixels - project(
-            world, self.centre[self.image], self.rotation[self.image], self.interior, self.image
-        )
-
-    @classmethod
-    def of(cls, rows: Rows) -> _Case:
-        """Of the observations as they are."""
-        return cls(rows.image, rows.pixels, rows.rotation, rows.centre, rows.interior)
-
-
 def _sample(rows: Rows) -> Rows:
     """All observations of points drawn evenly, at most some twenty thousand."""
     step = int(np.ceil(len(rows.image) / _SAMPLE))
     if step > 1:
-        rows = _only(rows, rows.point % step == 0)
+        rows = rows.only(rows.point % step == 0)
     used, point = np.unique(rows.point, return_inverse=True)
     return replace(
         rows, point=point.ravel(), positions=rows.positions[used],
@@ -287,7 +230,7 @@ def _by_camera(rows: Rows, block, proof: Proof) -> None:
     if not 1 < len(cameras) <= _CAMERAS:
         return
     for name in cameras:
-        mine = _only(rows, (names == name).to_numpy()[rows.image])
+        mine = rows.only((names == name).to_numpy()[rows.image])
         if len(mine.image) < _ENOUGH:
             continue
         found = _alternatives(mine, again=False)
@@ -303,24 +246,23 @@ def _alternatives(rows: Rows, again: bool = True) -> list[str]:
     again: whether points may be intersected anew.
     """
     rows = _sample(rows)
-    case, middle = _Case.of(rows), rows.middle[rows.image]
     with np.errstate(all="ignore"):
-        base, anew = _lengths(rows, case, moved=False), None
+        base, anew = _lengths(rows), None
         found = []
         for name, steps in _MISTAKES.items():
-            other = _undone(case, middle, steps)
+            other = _undone(rows, steps)
             if other is None:
                 continue
-            length = _lengths(rows, other, moved=False)
+            length = _lengths(other)
             better = _is_better(base, length)
             if better is None and again:
                 # Points of a wrong pose are wrong too, unless they were given: meet the rays anew.
-                length = _lengths(rows, other, moved=True)
-                anew = _lengths(rows, case, moved=True) if anew is None else anew
+                length = _lengths(other, moved=True)
+                anew = _lengths(rows, moved=True) if anew is None else anew
                 better = _is_better(anew, length)
             if better is not None:
                 found.append((better, name, Residuals.of(length)))
-        shifted = _half_pixel(rows, case)
+        shifted = _half_pixel(rows)
     found.sort(key=lambda entry: entry[0])
     sentences = [f"{name} would explain it: {residuals}" for _, name, residuals in found[:2]]
     if shifted and not found:
@@ -328,16 +270,11 @@ def _alternatives(rows: Rows, again: bool = True) -> list[str]:
     return sentences
 
 
-def _lengths(rows: Rows, case: _Case, moved: bool) -> np.ndarray:
-    """Lengths (m,) of the residuals; moved: of the points where the rays of the case meet."""
-    positions = rows.positions
+def _lengths(rows: Rows, moved: bool = False) -> np.ndarray:
+    """Lengths (m,) of the residuals; moved: of the points where the rays meet."""
     if moved:
-        rays = case.rays()
-        good = np.isfinite(rays).all(axis=1)
-        pixel = 1.0 / case.interior[:, 0]
-        rays = Rays(case.image[good], rays[good], case.rotation, case.centre, pixel)
-        positions = meeting_points(rays, rows.point[good], len(positions))
-    return np.linalg.norm(case.residuals(positions[rows.point]), axis=1)
+        rows = replace(rows, positions=rows.intersected(np.arange(len(rows.positions))))
+    return np.linalg.norm(rows.residuals(), axis=1)
 
 
 def _is_better(base: np.ndarray, other: np.ndarray) -> float | None:
@@ -363,9 +300,9 @@ def _trimmed(length):
     return float(np.sqrt(np.mean(length[: max(int(0.9 * len(length)), 1)] ** 2)))
 
 
-def _half_pixel(rows: Rows, case: _Case) -> str | None:
+def _half_pixel(rows: Rows) -> str | None:
     """A mean residual of half a pixel in both directions: adjusted projects have none."""
-    residual = case.residuals(rows.positions[rows.point])
+    residual = rows.residuals()
     residual = residual[np.isfinite(residual).all(axis=1)]
     if len(residual) < 20:
         return None
@@ -381,105 +318,72 @@ def _half_pixel(rows: Rows, case: _Case) -> str | None:
     return None
 
 
-# Each mistake undone: `case` and the middle of each observation's picture to what changes.
-def _shifted(by: float):
-    return lambda case, middle: {"pixels": case.pixels + by}
+_FLIP = np.diag([1.0, -1.0, -1.0])
+_EXCHANGED = [INTERIOR.index({"p1": "p2", "p2": "p1"}.get(name, name)) for name in INTERIOR]
+_BENT = np.arange(len(INTERIOR)) >= 3  # what bends the ray: all but f, cx, cy
+# Steps that undo a mistake: the fields of `Rows` that change.
+_STEPS: dict[str, Callable[[Rows], dict]] = {
+    "right and down": lambda rows: {"pixels": rows.pixels + 0.5},
+    "left and up": lambda rows: {"pixels": rows.pixels - 0.5},
+    "p1, p2": lambda rows: {"interior": rows.interior[:, _EXCHANGED]},
+    "transposed": lambda rows: {"rotation": rows.rotation.transpose(0, 2, 1)},
+    # The three numbers are t of X = R P + t, not the centre.
+    "C = -R' t": lambda rows: {"centre": -np.einsum("nji,nj->ni", rows.rotation, rows.centre)},
+    # They were turned into a centre though they were one.
+    "t = -R C": lambda rows: {"centre": -np.einsum("nij,nj->ni", rows.rotation, rows.centre)},
+    "camera up": lambda rows: {"rotation": _FLIP @ rows.rotation},
+    # y of the observations counted upwards, from the other edge of the picture.
+    "image up": lambda rows: _image_up(rows, rows.middle[rows.image, 1]),
+    "image up about cy": lambda rows: _image_up(rows, rows.interior[rows.image, 2]),
+    "from the middle": lambda rows: {"pixels": rows.pixels + rows.middle[rows.image]},
+    "x, y": lambda rows: {"pixels": rows.pixels[:, ::-1]},
+    "backwards": lambda rows: {"backwards": True},
+    "other sign": lambda rows: {"interior": np.where(_BENT, -rows.interior, rows.interior)},
+    "no distortion": lambda rows: {"interior": np.where(_BENT, 0.0, rows.interior)},
+}
 
 
-def _swapped(case, middle):
-    interior = case.interior.copy()
-    interior[:, [_P1, _P2]] = interior[:, [_P2, _P1]]
-    return {"interior": interior}
-
-
-def _scaled_distortion(by: float):
-    def change(case, middle):
-        interior = case.interior.copy()
-        interior[:, 3:] *= by
-        return {"interior": interior}
-
-    return change
-
-
-def _transposed(case, middle):
-    return {"rotation": case.rotation.transpose(0, 2, 1)}
-
-
-def _times_rotation(case, middle):
-    """The three numbers were turned into a centre though they were one."""
-    return {"centre": -np.einsum("nij,nj->ni", case.rotation, case.centre)}
-
-
-def _times_transposed(case, middle):
-    """The three numbers are t of X = R P + t, not the centre."""
-    return {"centre": -np.einsum("nji,nj->ni", case.rotation, case.centre)}
-
-
-def _camera_up(case, middle):
-    return {"rotation": _FLIP @ case.rotation}
-
-
-def _image_up(case, middle):
-    """y of the observations counted upwards, from the other edge of the picture."""
-    x, y = case.pixels.T
-    return {"pixels": np.column_stack([x, 2 * middle[:, 1] - y])}
-
-
-def _image_up_about_point(case, middle):
-    x, y = case.pixels.T
-    return {"pixels": np.column_stack([x, 2 * case.interior[case.image, 2] - y])}
-
-
-def _from_middle(case, middle):
-    return {"pixels": case.pixels + middle}
-
-
-def _exchanged(case, middle):
-    return {"pixels": case.pixels[:, ::-1]}
-
-
-def _backwards(case, middle):
-    return {"backwards": True}
+def _image_up(rows, about):
+    x, y = rows.pixels.T
+    return {"pixels": np.column_stack([x, 2 * about - y])}
 
 
 # What is undone, one step after the other.
-_MISTAKES: dict[str, tuple[Callable, ...]] = {
+_MISTAKES: dict[str, tuple[str, ...]] = {
     "half a pixel of origin (the observations half a pixel further right and down)": (
-        _shifted(0.5),
+        "right and down",
     ),
-    "half a pixel of origin (the observations half a pixel further left and up)": (_shifted(-0.5),),
-    "p1 and p2 exchanged": (_swapped,),
-    "a transposed rotation (camera to world in place of world to camera)": (_transposed,),
+    "half a pixel of origin (the observations half a pixel further left and up)": ("left and up",),
+    "p1 and p2 exchanged": ("p1, p2",),
+    "a transposed rotation (camera to world in place of world to camera)": ("transposed",),
     # C made of t with the wrong rotation: t again, then C.
-    "a transposed rotation (and the centre made with it)": (
-        _times_rotation, _transposed, _times_transposed,
-    ),
-    "the translation t read as the centre": (_times_transposed,),
-    "the centre read as the translation t": (_times_rotation,),
-    "y upwards in the camera frame (the camera looks along -z)": (_camera_up,),
-    "y upwards in the image": (_image_up,),
-    "y upwards in the image and in the camera frame": (_image_up, _camera_up),
-    "y upwards in the image (about the principal point)": (_image_up_about_point,),
+    "a transposed rotation (and the centre made with it)": ("t = -R C", "transposed", "C = -R' t"),
+    "the translation t read as the centre": ("C = -R' t",),
+    "the centre read as the translation t": ("t = -R C",),
+    "y upwards in the camera frame (the camera looks along -z)": ("camera up",),
+    "y upwards in the image": ("image up",),
+    "y upwards in the image and in the camera frame": ("image up", "camera up"),
+    "y upwards in the image (about the principal point)": ("image up about cy",),
     "y upwards in the image (about the principal point) and in the camera frame": (
-        _image_up_about_point, _camera_up,
+        "image up about cy", "camera up",
     ),
-    "a transposed rotation and y upwards": (_transposed, _camera_up),
-    "the origin in the middle of the image": (_from_middle,),
-    "x and y of the observations exchanged": (_exchanged,),
-    "the other direction of distortion (image to ray in place of ray to image)": (_backwards,),
-    "the other sign of the distortion": (_scaled_distortion(-1.0),),
-    "observations that are free of distortion already": (_scaled_distortion(0.0),),
+    "a transposed rotation and y upwards": ("transposed", "camera up"),
+    "the origin in the middle of the image": ("from the middle",),
+    "x and y of the observations exchanged": ("x, y",),
+    "the other direction of distortion (image to ray in place of ray to image)": ("backwards",),
+    "the other sign of the distortion": ("other sign",),
+    "observations that are free of distortion already": ("no distortion",),
 }  # fmt: skip
 
 
-def _undone(case: _Case, middle: np.ndarray, steps: tuple[Callable, ...]) -> _Case | None:
-    """The case without a mistake; None where it makes no difference to this camera."""
-    other = case
+def _undone(rows: Rows, steps: tuple[str, ...]) -> Rows | None:
+    """The rows without a mistake; None where it makes no difference to this camera."""
+    other = rows
     for step in steps:
-        other = replace(other, **step(other, middle))
-    if other.backwards and not case.interior[:, 3:].any():
+        other = replace(other, **_STEPS[step](other))
+    if other.backwards and not rows.interior[:, _BENT].any():
         return None
-    same = other.interior is not case.interior and (other.interior == case.interior).all()
+    same = other.interior is not rows.interior and (other.interior == rows.interior).all()
     return None if same else other
 
 

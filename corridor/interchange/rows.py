@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
 
 from corridor.block import POSE, Block
-from corridor.camera import project
+from corridor.camera import image_to_ray, project, undistort
 from corridor.effects import stated_lever_arms
 from corridor.errors import InputError
-from corridor.geometry import rotation_from_quaternion
-from corridor.interchange.intersection import intersected
+from corridor.geometry import Rays, meeting_points, rotation_from_quaternion
 
 
 @dataclass
@@ -21,8 +20,8 @@ class Rows:
     """Observations of tie points, then of marks; points alike.
 
     image, point (m,): codes. pixels (m, 2) px. ties: how many of the points are tie points.
-    positions (p, 3), quaternion (n, 4), centre (n, 3): metres, world to camera. middle (n, 2): of
-    each picture, px.
+    positions (p, 3), rotation (n, 3, 3), centre (n, 3): metres, world to camera. middle (n, 2): of
+    each picture, px. backwards: the distortion goes from the image to the ray.
     """
 
     image_names: list[str]
@@ -32,23 +31,44 @@ class Rows:
     point: np.ndarray
     pixels: np.ndarray
     interior: np.ndarray
-    quaternion: np.ndarray
+    rotation: np.ndarray
     centre: np.ndarray
     positions: np.ndarray
     middle: np.ndarray
-
-    @cached_property
-    def rotation(self) -> np.ndarray:
-        """(n, 3, 3), world to camera."""
-        return rotation_from_quaternion(self.quaternion)
+    backwards: bool = False
 
     @cached_property
     def translation(self) -> np.ndarray:
         """(n, 3): t = -R C."""
         return -np.einsum("nij,nj->ni", self.rotation, self.centre)
 
+    def only(self, kept: np.ndarray) -> Rows:
+        """Those of the observations (m,) that are kept."""
+        parts = {name: getattr(self, name)[kept] for name in ("image", "point", "pixels")}
+        return self if kept.all() else replace(self, **parts)
+
+    def rays(self) -> np.ndarray:
+        """(m, 2) rays of the observations; NaN where a pixel has none."""
+        if not self.backwards:
+            return undistort(self.pixels, self.interior, self.image)
+        rays = np.empty_like(self.pixels)
+        different, which = np.unique(self.interior, axis=0, return_inverse=True)
+        which = which.ravel()[self.image]
+        for k, interior in enumerate(different):
+            rays[which == k] = image_to_ray(self.pixels[which == k], interior)
+        return rays
+
+    def undistorted_residuals(self) -> np.ndarray:
+        """(m, 2) px of an image free of distortion; NaN behind the camera."""
+        ahead = self.positions[self.point] - self.centre[self.image]
+        ahead = np.einsum("nij,nj->ni", self.rotation[self.image], ahead)
+        seen = ahead[:, :2] / np.where(ahead[:, 2:] > 0, ahead[:, 2:], np.nan)
+        return (self.rays() - seen) * self.interior[self.image, :1]
+
     def residuals(self) -> np.ndarray:
         """(m, 2) px, measured minus modelled; NaN behind the camera or without coordinates."""
+        if self.backwards:
+            return self.undistorted_residuals()
         out = np.empty_like(self.pixels)
         step = 500_000  # nothing of the whole project's size but the answer
         for first in range(0, len(self.image), step):
@@ -59,6 +79,17 @@ class Rows:
                 self.interior, image,
             )  # fmt: skip
         return out
+
+    def intersected(self, points: np.ndarray) -> np.ndarray:
+        """Coordinates (k, 3) of points (k,); NaN with fewer than two rays that meet."""
+        place = np.full(len(self.positions), -1)
+        place[points] = np.arange(len(points))
+        seen = self.only(place[self.point] >= 0)
+        ray = seen.rays()
+        good = np.isfinite(ray).all(axis=1)
+        pixel = 1.0 / self.interior[:, 0]
+        rays = Rays(seen.image[good], ray[good], self.rotation, self.centre, pixel)
+        return meeting_points(rays, place[seen.point][good], len(points))
 
     def residual_lengths(self) -> np.ndarray:
         """(m,) px; 0 where there is none."""
@@ -90,7 +121,7 @@ def rows_of(block: Block, complete: bool = True) -> Rows:
         point,
         np.concatenate([ties[["x", "y"]].to_numpy(), marks[["x", "y"]].to_numpy()]),
         np.array([block.cameras[name].interior for name in images["camera"]]),
-        pose[:, 3:],
+        rotation_from_quaternion(pose[:, 3:]),
         pose[:, :3],
         positions,
         np.array([(block.cameras[c].width, block.cameras[c].height) for c in images["camera"]]) / 2
@@ -98,7 +129,7 @@ def rows_of(block: Block, complete: bool = True) -> Rows:
     )
     unknown = np.isnan(positions).any(axis=1)
     if unknown.any() and len(image):
-        found = intersected(made, np.flatnonzero(unknown))
+        found = made.intersected(np.flatnonzero(unknown))
         made.positions[unknown] = found
         if complete and np.isnan(found).any():
             name = made.point_names[np.isnan(made.positions).any(axis=1)][0]

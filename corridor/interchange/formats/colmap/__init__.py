@@ -347,7 +347,7 @@ def write(block: Block, folder: Path, name: str) -> None:
             out.put(records.CAMERA, number, MODELS[model][0], camera.width, camera.height)
             out.reals(params)
             out.end()
-    pose = np.column_stack([rows.quaternion, rows.translation])
+    pose = np.column_stack([block.poses[:, 3:], rows.translation])
     order, starts = grouped(rows.image, len(rows.image_names))
     images = list(zip(rows.image_names, block.images["camera"].map(cameras), strict=True))
     with file(folder, "images", len(images)) as out:
