@@ -36,7 +36,7 @@ def readout_picture(readout: Readout) -> Figure:
 def _turning(readout):
     drawing = readout.drawing
     photos = drawing.photos
-    height, width = photos[0][1].shape
+    height, width = photos[0].grey.shape
     wide = (style.WIDTH - 2 * _MARGIN - _GAP) / 2
     tall = min(wide * height / width, 1.2 * wide)
     top = 1.3
@@ -49,11 +49,11 @@ def _turning(readout):
     ]
     style.legend(figure, 0.86, keys)
     smeared = readout.extra.get("exposure_ms") is not None
-    for k, (name, grey) in enumerate(photos):
+    for k, photo in enumerate(photos):
         axes = style.panel(figure, _MARGIN + k * (wide + _GAP), top, wide, tall)
         what = "straight" if k == 0 and not smeared else "bent"
-        style.caption(axes, f"{short(name, 40)}: {what}")
-        _photo(axes, grey)
+        style.caption(axes, f"{short(photo.name, 40)}: {what}")
+        _photo(axes, photo.grey)
         shown = drawing.points[drawing.used & (drawing.which == k)]
         # Not all of them: the edge is to be seen between them.
         shown = shown[:: -(-len(shown) // _MOST_SHOWN) or 1]
@@ -62,7 +62,7 @@ def _turning(readout):
             LineCollection(drawing.curves[k], colors=style.DARK, linewidths=0.6, zorder=3)
         )
     # Rows of the sensor are columns of the picture where they follow each other along x.
-    along_y = drawing.axis == "y"
+    along_y = readout.row_axis == "y"
     letter = "row" if along_y else "column"
     line = style.panel(figure, _MARGIN, lower, wide, 2.35)
     rate, steps = drawing.rate_deg, readout.rows - 1
@@ -90,8 +90,8 @@ def _turning(readout):
 
 def _led(readout):
     drawing = readout.drawing
-    name, grey = drawing.photo
-    height, width = grey.shape
+    photo = drawing.photo
+    height, width = photo.grey.shape
     wide = 4.0
     tall = float(np.clip(wide * height / width, 2.6, 4.4))
     top = 1.3
@@ -102,8 +102,8 @@ def _led(readout):
     ]
     style.legend(figure, 0.86, keys)
     axes = style.panel(figure, _MARGIN, top, wide, tall)
-    style.caption(axes, short(name, 40))
-    _photo(axes, grey, pale=False)
+    style.caption(axes, short(photo.name, 40))
+    _photo(axes, photo.grey, pale=False)
     left = _MARGIN + wide + _GAP + 0.15
     right = style.WIDTH - left - 0.25
     signal, model = 100 * drawing.signal, 100 * drawing.model
@@ -118,7 +118,7 @@ def _led(readout):
     lower = style.panel(figure, left, top + 0.68 * tall, right, 0.32 * tall)
     lower.axhline(0, color=style.FAINT, linewidth=0.8)
     lower.plot(rows, signal - model, color=style.DARK, linewidth=0.6)
-    letter = "row" if drawing.axis == "y" else "column"
+    letter = "row" if readout.row_axis == "y" else "column"
     style.label(lower, f"{letter} (px)", "residual (%)")
     style.open_frame(lower)
     return figure

@@ -13,54 +13,48 @@ if TYPE_CHECKING:
     from corridor.readout import render as render
     from corridor.readout.flight import FlightReadout as FlightReadout
     from corridor.readout.flight import readout_from_flight as readout_from_flight
-    from corridor.readout.measure import readout_from_led as readout_from_led
-    from corridor.readout.measure import readout_from_star as readout_from_star
-    from corridor.readout.measure import readout_from_wheel as readout_from_wheel
+    from corridor.readout.led import measure_led as readout_from_led  # noqa: F401
     from corridor.readout.photograph import CannotMeasure as CannotMeasure
     from corridor.readout.photograph import Photograph as Photograph
     from corridor.readout.result import Readout as Readout
     from corridor.readout.result import save_readout as save_readout
+    from corridor.readout.star import measure_star as readout_from_star  # noqa: F401
+    from corridor.readout.wheel import measure_wheel as readout_from_wheel  # noqa: F401
 
-_HOME = {
-    "render": "corridor.readout.render",
-    "readout_from_star": "corridor.readout.measure",
-    "readout_from_wheel": "corridor.readout.measure",
-    "readout_from_led": "corridor.readout.measure",
-    "measure_star": "corridor.readout.star",
-    "measure_wheel": "corridor.readout.wheel",
-    "measure_bar": "corridor.readout.bar",
-    "measure_led": "corridor.readout.led",
-    "speed_from_video": "corridor.readout.video",
-    "published_readouts": "corridor.photographs",
-    "CannotMeasure": "corridor.readout.photograph",
-    "Photograph": "corridor.readout.photograph",
-    "Readout": "corridor.readout.result",
-    "velocities": "corridor.preparation.velocity",
-    "Velocities": "corridor.preparation.velocity",
-    "rates_from_gyro": "corridor.preparation.angular_rate",
-    "rates_from_neighbours": "corridor.preparation.angular_rate",
-    "readout_from_flight": "corridor.readout.flight",
-    "FlightReadout": "corridor.readout.flight",
-    "published_value": "corridor.readout.flight_value",
-    "use": "corridor.readout.flight_value",
-    "can_save_flight": "corridor.readout.flight_report",
-    "save_flight": "corridor.readout.flight_report",
-    "write_examples": "corridor.readout.examples",
-    "EXAMPLES": "corridor.readout.examples",
-    "save_readout": "corridor.readout.result",
-    "can_save_readout": "corridor.readout.result",
-}
+_OFFERED = {
+    "corridor.readout": ("render",),
+    "corridor.readout.star": ("measure_star",),
+    "corridor.readout.wheel": ("measure_wheel",),
+    "corridor.readout.bar": ("measure_bar",),
+    "corridor.readout.led": ("measure_led",),
+    "corridor.readout.video": ("speed_from_video",),
+    "corridor.readout.photograph": ("CannotMeasure", "Photograph"),
+    "corridor.readout.result": ("Readout", "save_readout", "can_save_readout"),
+    "corridor.readout.examples": ("EXAMPLES", "write_examples"),
+    "corridor.readout.flight": ("FlightReadout", "readout_from_flight"),
+    "corridor.readout.flight_value": ("published_value", "use"),
+    "corridor.readout.flight_report": ("can_save_flight", "save_flight"),
+    "corridor.photographs": ("published_readouts",),
+    "corridor.preparation": (
+        "Velocities", "velocities", "rates_from_gyro", "rates_from_neighbours",
+    ),
+}  # fmt: skip
+# What measures is called by what it measures with as well.
+_ALSO = {f"readout_from_{target}": f"measure_{target}" for target in ("star", "wheel", "led")}
+_HOME = {name: room for room, names in _OFFERED.items() for name in names}
 
-__all__ = list(_HOME)
+__all__ = [*_HOME, *_ALSO]
 
 
 # Loaded at first use: the renderer compiles, the measurements do not wait for it.
 def __getattr__(name):
-    if name not in _HOME:
+    own = _ALSO.get(name, name)
+    if own not in _HOME:
         raise AttributeError(f"module 'corridor.readout' has no attribute {name!r}")
-    home = _HOME[name]
-    module = import_module(home)
-    value = module if name == "render" else getattr(module, name)
+    if own == "render":
+        value = import_module("corridor.readout.render")
+    else:
+        value = getattr(import_module(_HOME[own]), own)
     globals()[name] = value
     return value
 

@@ -101,7 +101,7 @@ def measure_bar(first, second, known: Known, found=None) -> Readout:
     if not bars:
         raise CannotMeasure(f"{names} show no fans whose edges can be measured")
     bar = max(bars, key=lambda one: one.sharp)
-    kept = float((bar.fitted.weights > 0.1).mean())
+    kept = float(bar.fitted.used.mean())
     if robust_scale(bar.fitted.residuals) > 0.04 * reach or kept < 0.6:
         raise CannotMeasure(f"the edges of the fans in {names} do not follow one turning bar")
     sigma = math.hypot(bar.fitted.sigma(2, bar.cluster), _SYSTEMATIC * bar.rate)
@@ -112,8 +112,9 @@ def measure_bar(first, second, known: Known, found=None) -> Readout:
         )
     points = bar.points
     turning = Turning(
-        "wheel", (first, second), bar.row, bar.rate, sigma, bar.fitted, points.pixels,
-        points.edge // 2, np.ones(len(points.edge), bool), bar.centre, bar.curves(reach),
+        "wheel", (first, second), bar.row, bar.rate, sigma, points.pixels, bar.fitted.residuals,
+        bar.fitted.used, points.edge // 2, np.ones(len(points.edge), bool), bar.centre,
+        bar.curves(reach),
     )  # fmt: skip
     exposure = 1e3 * bar.width / (2 * math.pi * known.turns_per_second)
     return turning.readout(

@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 from corridor.geometry import robust_scale
 
 _TUKEY = 4.685
+_USED = 0.1  # weight of a residual that counts
 _ROUNDS = 4  # in which the scale of the residuals and the parameters settle
 
 
@@ -31,10 +32,10 @@ class Fitted:
     influence: np.ndarray
     believed: np.ndarray
 
-    def of(self, points: np.ndarray) -> Fitted:
-        """The fit with some of its residuals (indices) only."""
-        some = self.residuals[points], self.weights[points], self.influence[:, points]
-        return Fitted(self.values, *some, self.believed)
+    @property
+    def used(self) -> np.ndarray:
+        """Which residuals (n,) are no outliers."""
+        return self.weights > _USED
 
     def sigma(self, parameter: int, cluster: np.ndarray, factor: float = 1.0) -> float:
         """One sigma of a parameter, times a factor, with the priors' share: the larger of those of
@@ -159,3 +160,10 @@ def sigmas_of(
     count = max(int((np.bincount(cluster[used]) > 0).sum()), 2)
     together = np.sqrt(np.sum(sums**2) * count / (count - 1))
     return float(np.sqrt(np.sum(moved[used] ** 2))), float(together)
+
+
+def vertex(before: np.ndarray, at: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Where between -0.5 and 0.5 a maximum lies, by the parabola through it and its neighbours;
+    0 where that has none."""
+    bend = np.asarray(before - 2 * at + after)
+    return np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0)

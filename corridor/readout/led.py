@@ -21,8 +21,8 @@ from numpy.polynomial import chebyshev
 
 from corridor.errors import InputError
 from corridor.geometry import robust_scale
-from corridor.readout.fitting import sigmas_of
-from corridor.readout.photograph import CannotMeasure, Photograph
+from corridor.readout.fitting import sigmas_of, vertex
+from corridor.readout.photograph import CannotMeasure, Photo, read
 from corridor.readout.result import Readout, StripesDrawing, sigma_with_speed
 from corridor.threads import one_thread
 
@@ -51,7 +51,7 @@ _METHOD = (
 
 @one_thread()
 def measure_led(
-    photo: Photograph,
+    photo: Photo,
     frequency_hz: float,
     *,
     frequency_sigma_percent: float = 0.0,
@@ -59,11 +59,13 @@ def measure_led(
 ) -> Readout:
     """Readout time from the stripes of a LED that blinks `frequency_hz` times a second.
 
-    frequency_sigma_percent: its standard error. row_direction: what is known of it; one picture
-    of a LED tells the axis of the rows only.
+    photo: a file, or a photograph that has been read. frequency_sigma_percent: standard error of
+    the frequency. row_direction: what is known of it; one picture of a LED tells the axis of the
+    rows only.
     Raises CannotMeasure where there are no stripes to measure, saying why when it can be told;
     InputError where row_direction contradicts the stripes.
     """
+    photo = read(photo)
     light = photo.light()
     bright = float((photo.grey >= _SATURATED).mean())
     if bright > _WHITE:
@@ -104,7 +106,7 @@ def measure_led(
         warnings.append("the exposure is close to one period of the light: the stripes are weak")
     readout = 1e3 * (rows - 1) * cycles / frequency_hz
     own = 1e3 * (rows - 1) * fitted.sigma / frequency_hz
-    return Readout(
+    found = Readout(
         target="led",
         method=_METHOD,
         readout_ms=readout,
@@ -119,8 +121,9 @@ def measure_led(
             "rows_per_period": 1 / cycles,
             "saturated_share": bright,
         },
-        drawing=StripesDrawing((photo.name, photo.grey), axis, fitted.signal, fitted.model),
+        drawing=StripesDrawing(photo, fitted.signal, fitted.model),
     )
+    return found.beside_published(photo)
 
 
 def _broken(light, cycles) -> bool:
@@ -222,7 +225,8 @@ def _search(light, axis):
         lit = np.abs(at) > 0.2 * np.abs(at).max()
         if abs(at[lit].sum()) < _ONE_PHASE * np.abs(at[lit]).sum():
             continue
-        candidates.append(_Stripes(axis, blocks @ weight, _vertex(power, best) / size))
+        place = best + vertex(*np.log(power[best - 1 : best + 2] + 1e-30))
+        candidates.append(_Stripes(axis, blocks @ weight, float(place) / size))
     return candidates
 
 
@@ -250,15 +254,6 @@ def _line(power, low, high):
     # A line in the noise may stand out of nothing: it must carry some of the light as well.
     over[shape < strongest - 7] = -np.inf
     return int(low + np.argmax(over))
-
-
-def _vertex(power, peak):
-    """Place of a maximum from the parabola through its logarithm and its neighbours'."""
-    if not 0 < peak < len(power) - 1:
-        return float(peak)
-    a, b, c = np.log(power[peak - 1 : peak + 2] + 1e-30)
-    bend = a - 2 * b + c
-    return peak + (0.5 * (a - c) / bend if bend < 0 else 0.0)
 
 
 def _fit(found: _Stripes) -> _Fitted | None:

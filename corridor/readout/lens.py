@@ -13,7 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from corridor.camera import Camera, project_rays, undistort
 from corridor.errors import InputError
+from corridor.readout.photograph import Photograph
+
+Calibration = Camera | str | os.PathLike | None
 
 
 class Calibrated:
@@ -33,14 +37,10 @@ class Calibrated:
 
     def ideal(self, pixels: np.ndarray, bend: np.ndarray) -> np.ndarray:
         """Ideal pixels (n, 2) of stored ones (n, 2)."""
-        from corridor.camera import undistort
-
         return self.principal + self.focal * undistort(pixels, self.camera.interior)
 
     def stored(self, pixels: np.ndarray, bend: np.ndarray) -> np.ndarray:
         """Stored pixels (n, 2) of ideal ones (n, 2)."""
-        from corridor.camera import project_rays
-
         return project_rays((pixels - self.principal) / self.focal, self.camera.interior)
 
 
@@ -90,13 +90,15 @@ class Unknown:
         return found
 
 
-def lens_for(photo, camera):
-    """The lens of a photograph, calibrated where there is a camera.
+def lens_for(photo: Photograph, camera: Calibration) -> Calibrated | Unknown:
+    """The lens of a photograph, calibrated where there is a camera, or a file with one.
 
-    Raises InputError where the camera is of another picture size.
+    Raises InputError where the camera is of another picture size, and as `read_camera`.
     """
     if camera is None:
         return Unknown.of(photo)
+    if not isinstance(camera, Camera):
+        camera = read_camera(camera)
     if (camera.width, camera.height) != (photo.width, photo.height):
         raise InputError(
             f"camera {camera.name} has {camera.width} x {camera.height} pixels and {photo.name} "
@@ -105,14 +107,12 @@ def lens_for(photo, camera):
     return Calibrated(camera)
 
 
-def read_camera(path: str | os.PathLike):
+def read_camera(path: str | os.PathLike) -> Camera:
     """The one camera of a TOML file with a `[camera.NAME]` table; a block.toml will do.
 
     Its readout_s and row_direction are dropped. Raises InputError, naming the file, where there is
     not exactly one camera.
     """
-    from corridor.camera import Camera
-
     path = Path(path)
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -60,7 +60,10 @@ class Photograph:
         return cv2.LUT(self.grey, _LINEAR)
 
 
-def read(photo: str | os.PathLike | Photograph) -> Photograph:
+Photo = str | os.PathLike | Photograph
+
+
+def read(photo: Photo) -> Photograph:
     """The photograph in a file; one that has been read is handed back.
 
     Raises InputError where there is none, or as `decode` does.
@@ -127,13 +130,15 @@ def _grey(content: bytes) -> np.ndarray:
         return cv2.cvtColor(np.asarray(picture.convert("RGB")), cv2.COLOR_RGB2GRAY)
 
 
-def same_size(first: Photograph, second: Photograph) -> None:
-    """Raises InputError where two photographs do not have one size."""
+def read_two(first: Photo, second: Photo) -> tuple[Photograph, Photograph]:
+    """Two photographs of one camera. Raises InputError as `read`, or where their sizes differ."""
+    first, second = read(first), read(second)
     if first.grey.shape != second.grey.shape:
         raise InputError(
             f"{first.name} has {first.width} x {first.height} pixels and {second.name} "
             f"{second.width} x {second.height}: give two photographs of one camera and size"
         )
+    return first, second
 
 
 def _facts(content: bytes, path: Path) -> Metadata:

@@ -4,51 +4,27 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from corridor.brief import brief
-from corridor.readout.photograph import CannotMeasure
+from corridor.photographs import compared
+from corridor.readout.photograph import CannotMeasure, Photograph
 from corridor.report import check_folder, listed_in, whole_folder, write_json
 
 _RESULT = "readout.json"
-SENSES = ("cw", "ccw")
-
-
-@dataclass(frozen=True, eq=False)
-class TurningDrawing:
-    """How a turn during the readout was measured.
-
-    photos: name and grey values of two. axis: of the rows. curves: for either photograph lines
-    (m, 2) px, as fitted. points: (n, 2) px, measured; which: (n,) photograph, 0 or 1; used: (n,)
-    no outlier; moving: (n,) on the turning target; residuals: (n,) px. row: (n,) px from the
-    target's axis; turned_deg: (n,) turn seen there; rate_deg: degrees a row, as fitted.
-    """
-
-    photos: tuple[tuple[str, np.ndarray], ...]
-    axis: str
-    curves: tuple[Sequence[np.ndarray], ...]
-    points: np.ndarray
-    which: np.ndarray
-    moving: np.ndarray
-    used: np.ndarray
-    residuals: np.ndarray
-    row: np.ndarray
-    turned_deg: np.ndarray
-    rate_deg: float
 
 
 @dataclass(frozen=True, eq=False)
 class StripesDrawing:
-    """How stripes were measured: photo (name, grey values), axis of the rows, and the rows' light
-    (rows,), measured and fitted, 0 to 1."""
+    """How stripes were measured: the photograph, and the light (rows,) of its rows, measured and
+    fitted, 0 to 1."""
 
-    photo: tuple[str, np.ndarray]
-    axis: str
+    photo: Photograph
     signal: np.ndarray
     model: np.ndarray
 
@@ -62,7 +38,8 @@ class Readout:
     row_axis: "y" where rows follow each other along y, else "x". row_direction and
     rotation_sense ("cw" or "ccw" in the stored picture) are None where the pictures do not tell.
     rotation_deg: turn of the target during the readout; frequency_hz: of the LED.
-    drawing: what `corridor.figures.readout_picture` shows; not saved.
+    drawing: what `corridor.figures.readout_picture` shows, a `turning.Turning` or a
+    `StripesDrawing`; not saved.
     """
 
     target: str
@@ -78,13 +55,22 @@ class Readout:
     frequency_hz: float | None = None
     warnings: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
-    drawing: TurningDrawing | StripesDrawing | None = field(default=None, repr=False, compare=False)
+    drawing: Any = field(default=None, repr=False, compare=False)
 
     def __post_init__(self):
         if not (math.isfinite(self.readout_ms) and self.readout_ms > 0):
             raise CannotMeasure("no readout time that makes sense follows from these pictures")
         if not (math.isfinite(self.sigma_ms) and self.sigma_ms < self.readout_ms):
             raise CannotMeasure("the readout time is less certain than it is long")
+
+    def beside_published(self, photo: Photograph) -> Readout:
+        """The result with what others have published of the camera, as far as EXIF names it."""
+        found, warning = compared(photo.make, photo.model, self.readout_ms)
+        if not found:
+            return self
+        published = sorted({row.readout_ms for row in found})
+        warnings = (*self.warnings, warning) if warning else self.warnings
+        return replace(self, warnings=warnings, extra={**self.extra, "published_ms": published})
 
     def as_dict(self) -> dict[str, Any]:
         """The content of readout.json without its pictures."""

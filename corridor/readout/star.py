@@ -25,8 +25,8 @@ import numpy as np
 
 from corridor.geometry import robust_scale
 from corridor.readout.fitting import Fitted, fit
-from corridor.readout.lens import lens_for
-from corridor.readout.photograph import CannotMeasure, Photograph, same_size
+from corridor.readout.lens import Calibration, lens_for
+from corridor.readout.photograph import CannotMeasure, Photo, read_two
 from corridor.readout.result import Readout
 from corridor.readout.turning import Known, Turning, bent
 from corridor.threads import one_thread
@@ -62,25 +62,26 @@ class _Seen:
 
 @one_thread()
 def measure_star(
-    static: Photograph,
-    rotating: Photograph,
+    static: Photo,
+    rotating: Photo,
     turns_per_second: float,
     *,
     speed_sigma_percent: float = 0.0,
     sense: str | None = None,
     row_direction: str | None = None,
     sectors: int | None = None,
-    camera=None,
+    camera: Calibration = None,
 ) -> Readout:
-    """Readout time from a star at rest and the same star turning.
+    """Readout time from two photographs of a Siemens star, at rest and turning.
 
-    turns_per_second: speed of the star, its standard error in per cent beside it.
-    sense, row_direction: what is known of them in the stored picture. sectors: black and white
-    ones together, None: counted. camera: a calibrated `corridor.camera.Camera` or None.
+    static, rotating: files, or photographs that have been read. turns_per_second: speed of the
+    star, its standard error in per cent beside it. sense, row_direction: what is known of them in
+    the stored picture. sectors: black and white ones together, None: counted. camera: a calibrated
+    `corridor.camera.Camera`, a TOML file with one, or None.
     Raises InputError where the pictures do not fit each other or what is given, CannotMeasure
     where they show no star, or one that does not turn.
     """
-    same_size(static, rotating)
+    static, rotating = read_two(static, rotating)
     lens = lens_for(static, camera)
     centre, count, reach = _find(static, sectors)
     if count < _FEWEST_SECTORS:
@@ -93,12 +94,12 @@ def measure_star(
     row, start = _start(rotating, lights[1], lens, still, count, reach)
     stars = _Stars.measured(lights, lens, [still, start], count, reach, row)
     rate, sigma = stars.rate((static, rotating))
+    residuals = stars.fitted.residuals
     turning = Turning(
-        "star", (static, rotating), row, rate, sigma, stars.fitted, stars.points, stars.which,
-        stars.which == 1, stars.seen[1].centre, stars.curves(reach),
+        "star", (static, rotating), row, rate, sigma, stars.points, residuals, stars.fitted.used,
+        stars.which, stars.which == 1, stars.seen[1].centre, stars.curves(reach),
     )  # fmt: skip
     turning.check_turns(0.15)
-    residuals = stars.fitted.residuals
     extra = {
         "sectors": count,
         "residual_px": [robust_scale(residuals[stars.which == k]) for k in range(2)],
@@ -602,7 +603,7 @@ class _Stars:
         rows = photos[0].grey.shape[1 - self.row]
         cluster = self.number + self.count * self.which
         rate, sigma = float(self.fitted.values[12]), self.fitted.sigma(12, cluster)
-        kept = [float((self.fitted.weights[self.which == k] > 0.1).mean()) for k in range(2)]
+        kept = [float(self.fitted.used[self.which == k].mean()) for k in range(2)]
         if min(kept) < 0.6:
             raise CannotMeasure(
                 f"the edges in {photos[int(np.argmin(kept))].name} do not follow one turning star"

@@ -14,41 +14,40 @@ from typing import Any
 import numpy as np
 
 from corridor.errors import InputError
-from corridor.readout.fitting import Fitted
 from corridor.readout.photograph import CannotMeasure, Photograph
-from corridor.readout.result import Readout, TurningDrawing, sigma_with_speed
-
-_USED = 0.1  # weight of a point that counts
+from corridor.readout.result import Readout, sigma_with_speed
 
 
 @dataclass(frozen=True)
 class Known:
     """What is known beside the pictures: the speed, its standard error in per cent, and perhaps
-    sense and row direction as in the stored picture."""
+    sense and row direction as in the stored picture; warnings: what is to be said of the speed."""
 
     turns_per_second: float
     speed_sigma_percent: float = 0.0
     sense: str | None = None
     row_direction: str | None = None
+    warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Turning:
-    """A pattern fitted to two photographs.
+    """A pattern fitted to two photographs, and how its turn was measured, for a drawing.
 
-    row: 1 where rows follow each other along y, 0 along x. rate, sigma: radians from a row to the
-    next, clockwise positive. fitted: the fit to the pixels (n, 2), which (n,) tells 0 or 1 for the
-    picture of the drawing they belong to; moving (n,): those on the turning target. centre (2,):
-    its axis. curves: for either picture lines (m, 2), pixels, as fitted.
+    along: 1 where rows follow each other along y, 0 along x. rate, sigma: radians from a row to the
+    next, clockwise positive. points (n, 2) px, measured, with their residuals (n,) px; used (n,):
+    no outliers; which (n,): 0 or 1 for the photograph; moving (n,): those on the turning target.
+    centre (2,): its axis. curves: for either photograph lines (m, 2) px, as fitted.
     """
 
     target: str
     photos: tuple[Photograph, Photograph]
-    row: int
+    along: int
     rate: float
     sigma: float
-    fitted: Fitted
-    pixels: np.ndarray
+    points: np.ndarray
+    residuals: np.ndarray
+    used: np.ndarray
     which: np.ndarray
     moving: np.ndarray
     centre: np.ndarray
@@ -57,13 +56,23 @@ class Turning:
     @property
     def rows(self) -> int:
         """Rows of the sensor."""
-        return self.photos[0].grey.shape[1 - self.row]
+        return self.photos[0].grey.shape[1 - self.along]
 
     @property
-    def kept(self) -> list[float]:
-        """Share of the points of either picture that are no outliers."""
-        used = self.fitted.weights > _USED
-        return [float(used[self.which == k].mean()) for k in range(2)]
+    def row(self) -> np.ndarray:
+        """Rows (n,) px of the points from the target's axis."""
+        return self.points[:, self.along] - self.centre[self.along]
+
+    @property
+    def rate_deg(self) -> float:
+        """Degrees from a row to the next, as fitted."""
+        return math.degrees(self.rate)
+
+    @property
+    def turned_deg(self) -> np.ndarray:
+        """Turn (n,) in degrees seen at the points."""
+        far = np.maximum(np.hypot(*(self.points - self.centre).T), 1.0)
+        return np.degrees(self.rate * self.row + self.residuals / far)
 
     def check_turns(self, least_deg: float) -> None:
         """Raises CannotMeasure where the turn during the readout is below a limit or five sigmas,
@@ -85,12 +94,12 @@ class Turning:
         self, known: Known, method: str, extra: dict[str, Any], warnings: tuple[str, ...] = ()
     ) -> Readout:
         """The result; the speed goes into it one to one. Raises as `directions` and `Readout`."""
-        axis = "y" if self.row else "x"
+        axis = "y" if self.along else "x"
         direction, sense, look_alike = directions(axis, self.rate, known)
         omega = 2 * math.pi * known.turns_per_second
         per_rate = 1e3 * (self.rows - 1) / omega
         readout = abs(self.rate) * per_rate
-        return Readout(
+        found = Readout(
             target=self.target,
             method=method,
             readout_ms=readout,
@@ -100,28 +109,12 @@ class Turning:
             rows=self.rows,
             rotation_sense=sense,
             angular_velocity_deg_s=math.degrees(omega),
-            rotation_deg=math.degrees(abs(self.rate)) * (self.rows - 1),
-            warnings=(*warnings, *look_alike),
+            rotation_deg=abs(self.rate_deg) * (self.rows - 1),
+            warnings=(*known.warnings, *warnings, *look_alike),
             extra=extra,
-            drawing=self._drawing(axis),
+            drawing=self,
         )
-
-    def _drawing(self, axis):
-        ahead = self.pixels[:, self.row] - self.centre[self.row]
-        far = np.maximum(np.hypot(*(self.pixels - self.centre).T), 1.0)
-        return TurningDrawing(
-            photos=tuple((photo.name, photo.grey) for photo in self.photos),
-            axis=axis,
-            curves=tuple(self.curves),
-            points=self.pixels,
-            which=self.which,
-            moving=self.moving,
-            used=self.fitted.weights > _USED,
-            residuals=self.fitted.residuals,
-            row=ahead,
-            turned_deg=np.degrees(self.rate * ahead + self.fitted.residuals / far),
-            rate_deg=math.degrees(self.rate),
-        )
+        return found.beside_published(self.photos[1])
 
 
 def bent(

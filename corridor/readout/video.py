@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -18,10 +18,12 @@ import numpy as np
 
 from corridor.errors import InputError
 from corridor.geometry import robust_scale
+from corridor.readout.fitting import vertex
 from corridor.readout.lens import Unknown
 from corridor.readout.photograph import CannotMeasure
 from corridor.readout.star import meeting_points
-from corridor.readout.wheel_view import on_picture, poses_of, rim_about
+from corridor.readout.turning import Known
+from corridor.readout.wheel_view import directions, poses_of, rim_about
 from corridor.threads import one_thread
 
 _SMALL = 640  # px
@@ -42,6 +44,29 @@ class Speed:
     sense: str
     time_s: float
     warnings: tuple[str, ...] = ()
+
+
+def known_from_video(
+    known: Known, path: str | os.PathLike, fps: float | None, photo_time: float | None
+) -> Known:
+    """What is known, with the speed and the sense of a film.
+
+    Raises InputError where the film contradicts the sense, and as `speed_from_video`.
+    """
+    speed = speed_from_video(path, fps=fps, photo_time=photo_time)
+    if known.sense not in (None, speed.sense):
+        raise InputError(
+            f"sense {known.sense} contradicts {path}, in which the wheel turns {speed.sense}: "
+            "correct one of the two, or film from the side the photograph was taken from"
+        )
+    own = 100 * speed.sigma / speed.turns_per_second
+    return replace(
+        known,
+        turns_per_second=speed.turns_per_second,
+        speed_sigma_percent=math.hypot(known.speed_sigma_percent, own),
+        sense=speed.sense,
+        warnings=speed.warnings,
+    )
 
 
 @one_thread()
@@ -146,31 +171,24 @@ def _rings(frames, name):
     # A circle seen as an ellipse has two tilts; about the right axis the light only turns.
     for pose in poses_of(best[1], lens):
         for focal in (0.7, 1.0, 1.6, 8.0):
-            one = _tilted(pose, focal, best[1], lens)
-            rings = _sampled(frames[:: max(1, len(frames) // 40)], one, lens)
+            one = _tilted(pose, focal, best[1])
+            rings = _sampled(frames[:: max(1, len(frames) // 40)], one)
             tried.append((_turning(rings), one))
     _, pose = max(tried, key=lambda one: one[0])
-    return _sampled(frames, pose, lens)
+    return _sampled(frames, pose)
 
 
-def _tilted(pose, focal, points, lens):
+def _tilted(pose, focal, points):
     """The pose that goes with another focal length, its tilt kept near."""
-    other = Unknown(*lens.size, focal * lens.focal)
-    found = poses_of(points, other)
-    return max(found, key=lambda one: float(np.dot(one.tilt, pose.tilt)))
+    other = Unknown(*pose.lens.size, focal * pose.lens.focal)
+    return max(poses_of(points, other), key=lambda one: float(np.dot(one.tilt, pose.tilt)))
 
 
-def _sampled(frames, pose, lens):
-    phi = np.arange(_SAMPLES) * 2 * np.pi / _SAMPLES
-    x, y = (_RINGS[:, None] * np.cos(phi)).ravel(), (_RINGS[:, None] * np.sin(phi)).ravel()
-    at = on_picture(pose, lens, np.zeros(4), x, y).astype(np.float32)
-    at = at.reshape(len(_RINGS), _SAMPLES, 2)
-    rings = np.stack(
-        [
-            cv2.remap(f, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            for f in frames
-        ]
-    ).astype(np.float32)
+def _sampled(frames, pose):
+    at = pose.on_circles(_RINGS[:, None], directions(_SAMPLES)).astype(np.float32)
+    edge = cv2.BORDER_REPLICATE
+    rings = np.stack([cv2.remap(f, at, None, cv2.INTER_LINEAR, borderMode=edge) for f in frames])
+    rings = rings.astype(np.float32)
     return rings - rings.mean(axis=0)
 
 
@@ -205,10 +223,7 @@ def _angles(waves, order, step, weight):
     def best(cross, about):
         score = (shift @ (cross * np.exp(1j * order * about)).sum(axis=0)).real
         k = int(np.clip(np.argmax(score), 1, len(fine) - 2))
-        a, b, c = score[k - 1 : k + 2]
-        bend = a - 2 * b + c
-        part = 0.5 * (a - c) / bend if bend < 0 else 0.0
-        return about + (fine[k] + part * (fine[1] - fine[0]))
+        return about + fine[k] + float(vertex(*score[k - 1 : k + 2])) * (fine[1] - fine[0])
 
     angles = np.zeros(len(waves))
     recent = [step] * 5

@@ -17,19 +17,22 @@ Source: Zhou 2019, section 7.4.2.2.
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
+from corridor.errors import InputError
 from corridor.geometry import robust_scale
 from corridor.readout import wheel_view
 from corridor.readout.bar import find_bar, measure_bar
-from corridor.readout.fitting import Fitted, fit
-from corridor.readout.lens import lens_for
-from corridor.readout.photograph import CannotMeasure, Photograph, same_size
+from corridor.readout.fitting import Fitted, fit, vertex
+from corridor.readout.lens import Calibration, lens_for
+from corridor.readout.photograph import CannotMeasure, Photo, read_two
 from corridor.readout.result import Readout
 from corridor.readout.turning import Known, Turning, bent
+from corridor.readout.video import known_from_video
 from corridor.readout.wheel_view import NoWheel, Pose
 from corridor.threads import one_thread
 
@@ -75,32 +78,15 @@ class _View:
 
     light: np.ndarray
     pose: Pose
-    lens: object
     row: int = 1
     reference: float = 0.0
     turn: float = 0.0
     rate: float = 0.0
-    given: np.ndarray | None = None
 
-    @property
-    def bend(self):
-        """The numbers of the lens; zeros as long as nothing is known of them."""
-        return np.zeros(len(self.lens.sigmas)) if self.given is None else self.given
-
-    def pixels(self, x, y, z=0.0):
-        """Pixels (..., 2) of places in the wheel's frame."""
-        x, y, z = np.broadcast_arrays(x, y, z)
-        flat = (part.ravel() for part in (x, y, z))
-        return wheel_view.on_picture(self.pose, self.lens, self.bend, *flat).reshape(*x.shape, 2)
-
-    def on_circles(self, radii, angles):
-        """Pixels at angles (circles, ...), told as the wheel stood on the row `reference`."""
-        r = radii.reshape(-1, *[1] * (np.ndim(angles) - 1))
-
-        def place(at):
-            return self.pixels(r * np.cos(at), r * np.sin(at))
-
-        return bent(place, angles, self.rate, self.row, self.reference, 8)[0]
+    def seen(self, place, angles, rounds):
+        """Pixels at which angles, told as the wheel stood on the row `reference`, are seen, and
+        how far it had turned there; place: angles -> pixels."""
+        return bent(place, angles, self.rate, self.row, self.reference, rounds)
 
     def profiles(self, radii, angles, half, samples):
         """Light across spokes (circles, spokes, 2 samples + 1), NaN outside, and its pixels.
@@ -108,13 +94,14 @@ class _View:
         angles: (circles, spokes) expected. half: (circles,) half width of the profiles in radians.
         """
         offset = np.linspace(-1, 1, 2 * samples + 1)
-        at = self.on_circles(radii, angles[:, :, None] + half[:, None, None] * offset)
+        angles = angles[:, :, None] + half[:, None, None] * offset
+        at, _ = self.seen(lambda at: self.pose.on_circles(radii[:, None, None], at), angles, 8)
         flat = at.reshape(len(at), -1, 2)
         return wheel_view.sample(self.light, flat).reshape(at.shape[:-1]), at
 
     def expected(self, lacing, radii):
         """Angles (circles, spokes) in the rim's plane at which spokes out of it are seen."""
-        origin, axes = self.pose.frame(self.lens.middle(self.bend))
+        origin, axes = self.pose.frame()
         camera = -axes.T @ origin
         away = lacing.spokes[:, 1]
         along = np.sqrt(np.maximum(radii[:, None] ** 2 - away**2, 1e-6))
@@ -131,12 +118,10 @@ class _View:
             lean = np.arcsin(np.clip(away / seen, -0.99, 0.99))
             return np.arctan2(py, px) + leaning - lean
 
-        def place(at):
-            seen = seen_at(at)
-            return self.pixels(radii[:, None] * np.cos(seen), radii[:, None] * np.sin(seen))
-
         angle = np.broadcast_to(lacing.spokes[:, 0] + self.turn, along.shape)
-        turned = bent(place, angle, self.rate, self.row, self.reference, 6)[1]
+        _, turned = self.seen(
+            lambda at: self.pose.on_circles(radii[:, None], seen_at(at)), angle, 6
+        )
         return seen_at(angle + turned) - turned
 
     def half_width(self, radii, angles, polarity, most):
@@ -152,30 +137,35 @@ class _View:
         below = np.flatnonzero(mean[60:] < 0.5 * mean[58:63].mean())
         return most * (below[0] if len(below) else 60) / 60
 
-    def rim_edge(self, sign):
-        """Points (n, 2) px on the edge of the rim."""
-        return wheel_view.rim_edge(self.light, self.pose, self.lens, self.bend, sign)
-
 
 @one_thread()
 def measure_wheel(
-    static: Photograph,
-    rotating: Photograph,
-    turns_per_second: float,
+    static: Photo,
+    rotating: Photo,
+    turns_per_second: float | None = None,
     *,
+    video: str | os.PathLike | None = None,
+    video_fps: float | None = None,
+    photo_time: float | None = None,
     speed_sigma_percent: float = 0.0,
     sense: str | None = None,
     row_direction: str | None = None,
-    camera=None,
+    camera: Calibration = None,
 ) -> Readout:
     """Readout time from a wheel at rest and the same wheel turning, or from two turning bars.
 
-    Arguments and errors as `measure_star`. Where no wheel is seen at rest and both pictures show
-    one bar smeared by its rotation, `measure_bar` takes over.
+    turns_per_second or video: the speed, or a film of the wheel from the same side that gives
+    speed and sense; video_fps, photo_time: see `speed_from_video`. Other arguments and errors as
+    `measure_star`. Where no wheel is seen at rest and both pictures show one bar smeared by its
+    rotation, `measure_bar` takes over.
     """
-    same_size(static, rotating)
+    if (turns_per_second is None) == (video is None):
+        raise InputError("give either the turns a second or a video of the turning wheel")
+    static, rotating = read_two(static, rotating)
     lens = lens_for(static, camera)
     known = Known(turns_per_second, speed_sigma_percent, sense, row_direction)
+    if video is not None:
+        known = known_from_video(known, video, video_fps, photo_time)
     try:
         rim = wheel_view.find_rim(static.grey, static.name)
         return _measure(static, rotating, rim, lens, known)
@@ -192,19 +182,17 @@ def _measure(static, rotating, rim, lens, known):
     tries, most = [], 0
     for pose in wheel_view.poses_of(rim, lens):
         count = int(2 ** np.clip(math.ceil(math.log2(5.5 * pose.size)), 10, 13))
-        light, _ = wheel_view.polar(lights[0], pose, lens, radii, count, 1)
+        light, _ = wheel_view.polar(lights[0], pose, radii, count, 1)
         spokes, looks = _spokes(light, radii, pose.size)
         most = max(most, len(spokes))
         if len(spokes) < _FEWEST:
             continue
-        looks = replace(looks, rim_sign=wheel_view.rim_sign(lights[0], pose, lens))
-        second = wheel_view.moved(*lights, pose, lens)
-        for match, row, rate, turn in _hypotheses(
-            lights[1], light, second, lens, radii, looks.wide
-        ):
+        looks = replace(looks, rim_sign=wheel_view.rim_sign(lights[0], pose))
+        second = wheel_view.moved(*lights, pose)
+        for match, row, rate, turn in _hypotheses(lights[1], light, second, radii, looks.wide):
             views = (
-                _View(lights[0], pose, lens, row=row, reference=second.axis[row]),
-                _View(lights[1], second, lens, row, second.axis[row], turn, rate),
+                _View(lights[0], pose, row, second.axis[row]),
+                _View(lights[1], second, row, second.axis[row], turn, rate),
             )
             tries.append(_Try(match, views, _Lacing(spokes, np.zeros(len(spokes))), looks, radii))
     if most < _FEWEST:
@@ -349,13 +337,13 @@ class _Scan:
     by_turn: np.ndarray = field(repr=False)
 
 
-def _hypotheses(light, still, pose, lens, radii, wide, samples=2048):
+def _hypotheses(light, still, pose, radii, wide, samples=2048):
     """Match, row, rate and turn: the best, and those with the wheel some spokes on."""
     circles = np.arange(0, len(radii), 3)
     phi = np.arange(samples) * 2 * np.pi / samples
     found = []
     for row in (1, 0):
-        values, rows = wheel_view.polar(light, pose, lens, radii[circles], samples, row)
+        values, rows = wheel_view.polar(light, pose, radii[circles], samples, row)
         limit = math.radians(200) / light.shape[1 - row]
         for broad in (0.016, 0.035):
             broad = max(broad, 1.2 * wide)
@@ -443,11 +431,8 @@ def _points(profile, at, polarity):
         ok = (top > 0) & (top < len(lags) - 1)
         best = np.clip(top, 1, len(lags) - 2)
         a, b, c = (score[best + d, np.arange(len(own))] for d in (-1, 0, 1))
-        curve = a - 2 * b + c
-        ok &= (b > 0.3 * np.median(b)) & (curve < 0)
-        fine = lags[best] + 0.5 * (a - c) / np.where(curve < 0, curve, -1)
-        fine = np.clip(fine, lags[0], lags[-1])
-        position = half + fine
+        ok &= (b > 0.3 * np.median(b)) & (a - 2 * b + c < 0)
+        position = half + lags[best] + vertex(a, b, c)
         low = np.clip(np.floor(position).astype(int), 0, length - 2)
         share = (position - low)[:, None]
         place = at[k, own, low] * (1 - share) + at[k, own, low + 1] * share
@@ -476,7 +461,9 @@ class _Try:
     def follow(self):
         """Points on spokes where they are expected, and a fit to them; whether there are enough."""
         found = [self._on_spokes(k, half) for k, half in enumerate(self._half_widths())]
-        rims = [view.rim_edge(self.looks.rim_sign) for view in self.views]
+        rims = [
+            wheel_view.rim_edge(view.light, view.pose, self.looks.rim_sign) for view in self.views
+        ]
         if min(len(place) for place, _ in found) < 6 * len(self.lacing.spokes):
             return False
         if min(len(rim) for rim in rims) < 60:
@@ -488,7 +475,7 @@ class _Try:
         self.views = joint.views(fitted.values)
         groups = [joint.kind == k for k in (0, 1)]
         self.scales = [robust_scale(fitted.residuals[own]) for own in groups]
-        self.kept = [float((fitted.weights[own] > 0.1).mean()) for own in groups]
+        self.kept = [float(fitted.used[own].mean()) for own in groups]
         return 0.5 < self.views[0].pose.size / self.size < 2
 
     def _half_widths(self):
@@ -532,9 +519,10 @@ class _Try:
         sigma = math.hypot(sigma, _SYSTEMATIC * view.rate)
         shown = np.flatnonzero(joint.member >= 0)
         turning = Turning(
-            "wheel", photos, view.row, view.rate, sigma, joint.fitted.of(shown),
-            joint.pixels[shown], joint.kind[shown], joint.kind[shown] == 1,
-            np.asarray(view.pose.axis), [_curves(one, self.lacing) for one in self.views],
+            "wheel", photos, view.row, view.rate, sigma, joint.pixels[shown],
+            joint.fitted.residuals[shown], joint.fitted.used[shown], joint.kind[shown],
+            joint.kind[shown] == 1, np.asarray(view.pose.axis),
+            [_curves(one, self.lacing) for one in self.views],
         )  # fmt: skip
         turning.check_turns(0.5)
         extra = {"spokes": len(self.lacing.spokes), "residual_px": self.scales}
@@ -578,7 +566,8 @@ class _Joint:
         self.kind = np.repeat(np.arange(4), [len(part) for part in parts])
         on_rims = np.full(len(rims[0]) + len(rims[1]), -1)
         self.member = np.concatenate([found[0][1], found[1][1], on_rims])
-        self.first = _SHARED + len(views[0].lens.sigmas)
+        self.lens = views[0].pose.lens
+        self.first = _SHARED + len(self.lens.sigmas)
         self.kinds = [self.first + k * self.number + np.arange(self.number) for k in range(3)]
         # A first fit, to points not yet well placed, leaves the lens alone.
         self.loose = lacing.rim_height is not None
@@ -592,12 +581,12 @@ class _Joint:
     def views(self, v):
         """Both photographs as the parameters have them."""
         first, second = self._views
-        focal, bend = first.lens.focal * math.exp(v[5]), v[_SHARED : self.first]
-        one = Pose((v[0], v[1]), (v[2], v[3]), math.exp(v[4]), focal)
+        seen = self.lens.focal * math.exp(v[5]), self.lens, v[_SHARED : self.first]
+        one = Pose((v[0], v[1]), (v[2], v[3]), math.exp(v[4]), *seen)
         tilt, axis = (v[0] + v[6], v[1] + v[7]), (v[2] + v[8], v[3] + v[9])
-        two = Pose(tilt, axis, math.exp(v[4] + v[10]), focal)
+        two = Pose(tilt, axis, math.exp(v[4] + v[10]), *seen)
         turned = {"turn": float(v[11]), "rate": float(v[_RATE])}
-        return replace(first, pose=one, given=bend), replace(second, pose=two, given=bend, **turned)
+        return replace(first, pose=one), replace(second, pose=two, **turned)
 
     def lacing(self, v):
         """The lacing as the parameters have it."""
@@ -615,7 +604,7 @@ class _Joint:
         out = np.empty(len(self.pixels))
         for view, own in zip(self.views(v), (self.kind % 2 == 0, self.kind % 2 == 1), strict=True):
             pixels, member = self.pixels[own], self.member[own]
-            camera, direction, depth = wheel_view.rays(view.pose, view.lens, view.bend, pixels)
+            camera, direction, depth = view.pose.rays(pixels)
             scale = view.pose.focal / depth
             hit = camera[:2] + depth[:, None] * direction[:, :2]
             result = (np.hypot(*hit.T) - 1) * scale
@@ -634,7 +623,7 @@ class _Joint:
 
     def prior(self, v):
         """What is known beforehand, in sigmas: camera hardly moved, ordinary lens and flanges."""
-        lens = self._views[0].lens
+        lens = self.lens
         focal = lens.focal_sigma if self.loose and lens.focal_sigma else 1e-9
         sigmas = lens.sigmas if self.loose else 1e-9 * lens.sigmas
         return np.concatenate(
@@ -666,19 +655,19 @@ class _Joint:
         """The fit that begins with a tilt (2,) of the wheel, radians."""
         first, second = self._views
         one, two = first.pose, second.pose
-        focal = math.log(one.focal / first.lens.focal)
+        focal = math.log(one.focal / self.lens.focal)
         start = np.concatenate(
             [
                 [*tilt, *one.axis, math.log(one.size), focal],
                 np.subtract(two.tilt, one.tilt),
                 np.subtract(two.axis, one.axis),
                 [math.log(two.size / one.size), second.turn, second.rate, lacing.rim_height or 0.0],
-                first.bend,
+                one.bent,
                 *lacing.spokes.T,
                 lacing.height,
             ]
         )
-        each = np.repeat([1e-4, 1e-5, 1e-5, 1e-3], [len(first.bend), *[self.number] * 3])
+        each = np.repeat([1e-4, 1e-5, 1e-5, 1e-3], [len(one.bent), *[self.number] * 3])
         return fit(
             self.residuals,
             start,
@@ -699,7 +688,7 @@ def _curves(view, lacing):
 
     def place(at):
         c, s = np.cos(at), np.sin(at)
-        return view.pixels(along * c - away * s, along * s + away * c, z)
+        return view.pose.pixels(along * c - away * s, along * s + away * c, z)
 
     angle = np.broadcast_to(angle + view.turn, along.shape)
-    return list(bent(place, angle, view.rate, view.row, view.reference)[0])
+    return list(view.seen(place, angle, 12)[0])

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from corridor.geometry import rotation_from_vector
-from corridor.readout.fitting import fit
+from corridor.readout.fitting import fit, vertex
+from corridor.readout.lens import Calibrated, Unknown
 from corridor.readout.photograph import CannotMeasure
 from corridor.readout.star import meeting_points
 
@@ -24,41 +25,53 @@ _COVER = 0.6  # share of the directions in which the rim is seen
 
 @dataclass(frozen=True)
 class Pose:
-    """How the wheel is seen in ideal pixels: tilt (rotation vector), axis, size in px, focal."""
+    """How the wheel is seen in ideal pixels: tilt (rotation vector), axis, size in px, focal.
+
+    lens, bend: what takes stored pixels to ideal ones; bend None: as long as nothing is known.
+    """
 
     tilt: tuple[float, float]
     axis: tuple[float, float]
     size: float
     focal: float
+    lens: Calibrated | Unknown
+    bend: np.ndarray | None = None
 
-    def frame(self, principal):
+    @property
+    def bent(self) -> np.ndarray:
+        """The numbers of the lens."""
+        return np.zeros(len(self.lens.sigmas)) if self.bend is None else self.bend
+
+    def frame(self) -> tuple[np.ndarray, np.ndarray]:
         """Origin (3,) and axes (3, 3) of the wheel in the camera frame; radius 1."""
         depth = self.focal / self.size
-        ray = (np.asarray(self.axis) - principal) / self.focal
+        ray = (np.asarray(self.axis) - self.lens.middle(self.bent)) / self.focal
         return depth * np.append(ray, 1.0), rotation_from_vector([*self.tilt, 0.0])
 
+    def pixels(self, x, y, z=0.0) -> np.ndarray:
+        """Stored pixels (..., 2) of places in the wheel's frame."""
+        places = np.broadcast_arrays(x, y, z)
+        origin, axes = self.frame()
+        x, y, z = (part.reshape(-1, 1) for part in places)
+        seen = origin + x * axes[:, 0] + y * axes[:, 1] + z * axes[:, 2]
+        ideal = self.lens.middle(self.bent) + self.focal * seen[:, :2] / seen[:, 2:]
+        return self.lens.stored(ideal, self.bent).reshape(*places[0].shape, 2)
 
-def on_picture(pose, lens, bend, x, y, z=0.0):
-    """Stored pixels (n, 2) of points in the wheel's frame."""
-    middle = lens.middle(bend)
-    origin, axes = pose.frame(middle)
-    seen = (
-        origin + np.asarray(x)[:, None] * axes[:, 0] + np.asarray(y)[:, None] * axes[:, 1]
-    ) + np.broadcast_to(z, np.shape(x))[:, None] * axes[:, 2]
-    return lens.stored(middle + pose.focal * seen[:, :2] / seen[:, 2:], bend)
+    def on_circles(self, radii, phi) -> np.ndarray:
+        """Stored pixels (..., 2) of radii and angles that broadcast against each other."""
+        return self.pixels(radii * np.cos(phi), radii * np.sin(phi))
 
-
-def rays(pose, lens, bend, pixels):
-    """Camera (3,), directions (n, 3) of pixels in the wheel's frame, depths (n,) of its plane."""
-    middle = lens.middle(bend)
-    origin, axes = pose.frame(middle)
-    ideal = lens.ideal(pixels, bend)
-    ahead = np.empty((len(pixels), 3))
-    ahead[:, :2] = (ideal - middle) / pose.focal
-    ahead[:, 2] = 1.0
-    camera = -axes.T @ origin
-    direction = ahead @ axes
-    return camera, direction, -camera[2] / direction[:, 2]
+    def rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Camera (3,), directions (n, 3) of pixels in the wheel's frame, depths (n,) of its
+        plane."""
+        origin, axes = self.frame()
+        ahead = np.empty((len(pixels), 3))
+        ideal = self.lens.ideal(pixels, self.bent)
+        ahead[:, :2] = (ideal - self.lens.middle(self.bent)) / self.focal
+        ahead[:, 2] = 1.0
+        camera = -axes.T @ origin
+        direction = ahead @ axes
+        return camera, direction, -camera[2] / direction[:, 2]
 
 
 class NoWheel(CannotMeasure):
@@ -180,10 +193,9 @@ def _settled(strength, radii, phi, shape):
     return float(score[0]), float(cover[0]), radii[top[hit]], phi[hit]
 
 
-def poses_of(points: np.ndarray, lens) -> list[Pose]:
+def poses_of(points: np.ndarray, lens: Calibrated | Unknown) -> list[Pose]:
     """The poses, one or two, in which a circle is seen as the points (n, 2) of its rim."""
-    bend = np.zeros(len(lens.sigmas))
-    ideal = lens.ideal(points, bend)
+    ideal = lens.ideal(points, np.zeros(len(lens.sigmas)))
     middle = ideal.mean(axis=0)
     away = ideal - middle
     (_, (long, short), angle) = cv2.fitEllipse(ideal.astype(np.float32))
@@ -191,63 +203,54 @@ def poses_of(points: np.ndarray, lens) -> list[Pose]:
         long, short, angle = short, long, angle + 90
     tilt = math.acos(min(1.0, short / long))
     hinge = math.radians(angle)
+
+    def pose_of(values):
+        return Pose(tuple(values[:2]), tuple(values[2:4]), math.exp(values[4]), lens.focal, lens)
+
+    def off_the_rim(values):
+        pose = pose_of(values)
+        camera, direction, depth = pose.rays(points)
+        hit = camera[:2] + depth[:, None] * direction[:, :2]
+        return (np.hypot(*hit.T) - 1) * pose.size
+
     found = []
     for sign in (1, -1):
-        start = np.array(
-            [
-                sign * tilt * math.cos(hinge),
-                sign * tilt * math.sin(hinge),
-                *middle,
-                math.log(np.hypot(*away.T).max()),
-            ]
-        )
-
-        def model(values):
-            pose = Pose(tuple(values[:2]), tuple(values[2:4]), math.exp(values[4]), lens.focal)
-            camera, direction, depth = rays(pose, lens, bend, points)
-            hit = camera[:2] + depth[:, None] * direction[:, :2]
-            return (np.hypot(*hit.T) - 1) * pose.size
-
-        values = fit(model, start, np.array([1e-4, 1e-4, 0.1, 0.1, 1e-4])).values
-        found.append(Pose(tuple(values[:2]), tuple(values[2:4]), math.exp(values[4]), lens.focal))
+        leaning = sign * tilt * math.cos(hinge), sign * tilt * math.sin(hinge)
+        start = np.array([*leaning, *middle, math.log(np.hypot(*away.T).max())])
+        steps = np.array([1e-4, 1e-4, 0.1, 0.1, 1e-4])
+        found.append(pose_of(fit(off_the_rim, start, steps).values))
     return found
 
 
-def polar(light, pose, lens, radii, count, row):
+def directions(count: int) -> np.ndarray:
+    """Angles (count,) all around, radians."""
+    return np.arange(count) * 2 * np.pi / count
+
+
+def polar(light, pose, radii, count, row):
     """Light (circles, count) on circles of the wheel and the stored rows it was read at."""
-    phi = np.arange(count) * 2 * np.pi / count
-    x, y = (radii[:, None] * np.cos(phi)).ravel(), (radii[:, None] * np.sin(phi)).ravel()
-    bend = np.zeros(len(lens.sigmas))
-    at = on_picture(pose, lens, bend, x, y).reshape(len(radii), count, 2)
+    at = pose.on_circles(radii[:, None], directions(count))
     return sample(light, at), at[..., row]
 
 
 def sample(light, at):
     """Values of a picture at pixels (m, n, 2); NaN outside."""
-    values = cv2.remap(
-        light,
-        at[..., 0].astype(np.float32),
-        at[..., 1].astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT,
+    return cv2.remap(
+        light, at.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
         borderValue=float("nan"),
-    )
-    return values
+    )  # fmt: skip
 
 
-def rim_edge(light, pose, lens, bend, sign, reach=0.03, angles=180) -> np.ndarray:
+def rim_edge(light, pose, sign, reach=0.03, angles=180) -> np.ndarray:
     """Points (n, 2) px at which the rim's edge is seen near a pose, to a fraction of a pixel.
 
     sign: +1 where light grows outwards across the edge. Directions in which a spoke or something
     else hides the edge are left out as far as they stand out.
     """
-    phi = np.arange(angles) * 2 * np.pi / angles
+    phi = directions(angles)
     half = int(math.ceil(2 * reach * pose.size))
-    offset = np.arange(-half - 2, half + 3) / (2.0 * pose.size)  # half pixels
-    radii = 1 + offset
-    x, y = (radii * np.cos(phi)[:, None]).ravel(), (radii * np.sin(phi)[:, None]).ravel()
-    at = on_picture(pose, lens, bend, x, y).reshape(angles, len(radii), 2)
-    slope = sign * np.gradient(sample(light, at), axis=1)
+    radii = 1 + np.arange(-half - 2, half + 3) / (2.0 * pose.size)  # half pixels
+    slope = sign * np.gradient(sample(light, pose.on_circles(radii, phi[:, None])), axis=1)
     slope = np.where(np.isfinite(slope), slope, 0.0)
     slope = cv2.GaussianBlur(slope, (0, 0), sigmaX=1.5, sigmaY=1e-3)
     typical = np.median(slope.max(axis=1))
@@ -256,28 +259,24 @@ def rim_edge(light, pose, lens, bend, sign, reach=0.03, angles=180) -> np.ndarra
     good = (top > 0) & (top < inner.shape[1] - 1)
     top = np.clip(top, 1, inner.shape[1] - 2)
     a, b, c = (inner[np.arange(angles), top + d] for d in (-1, 0, 1))
-    bend_ = a - 2 * b + c
-    good &= (b > 0.4 * typical) & (bend_ < 0)
-    place = top + 0.5 * (a - c) / np.where(bend_ < 0, bend_, -1.0)
-    r = np.interp(place + 2, np.arange(len(radii)), radii)[good]
-    return on_picture(pose, lens, bend, r * np.cos(phi[good]), r * np.sin(phi[good]))
+    good &= (b > 0.4 * typical) & (a - 2 * b + c < 0)
+    r = np.interp(top + vertex(a, b, c) + 2, np.arange(len(radii)), radii)[good]
+    return pose.on_circles(r, phi[good])
 
 
-def rim_sign(light, pose, lens) -> int:
+def rim_sign(light, pose) -> int:
     """+1 where the light grows outwards across the rim's edge, -1 where it falls."""
     step = 1.5 / pose.size
-    values, _ = polar(light, pose, lens, np.array([1 - step, 1 + step]), 360, 1)
+    values, _ = polar(light, pose, np.array([1 - step, 1 + step]), 360, 1)
     return 1 if np.nanmedian(values[1] - values[0]) > 0 else -1
 
 
-def moved(static, rotating, pose, lens) -> Pose:
+def moved(static, rotating, pose) -> Pose:
     """The pose in the second picture, from the rim, which turning does not change."""
-    phi = np.arange(180) * 2 * np.pi / 180
+    phi = directions(180)
     reach = np.linspace(0.75, 1.25, int(np.clip(0.5 * pose.size, 60, 500)))
     step = reach[1] - reach[0]
-    bend = np.zeros(len(lens.sigmas))
-    x, y = (reach * np.cos(phi)[:, None]).ravel(), (reach * np.sin(phi)[:, None]).ravel()
-    at = on_picture(pose, lens, bend, x, y).reshape(180, -1, 2)
+    at = pose.on_circles(reach, phi[:, None])
     first, second = (np.gradient(np.nan_to_num(sample(p, at)), axis=1) for p in (static, rotating))
     middle = slice(int(0.15 / step), int(0.35 / step))  # 0.9 to 1.1
     most = int(0.1 / step)
@@ -303,7 +302,7 @@ def moved(static, rotating, pose, lens) -> Pose:
                 if score > best[0]:
                     best = (score, grow, dx, dy)
     values = np.array(best[1:])
-    design = np.stack([np.ones(180), np.cos(phi), np.sin(phi)], axis=1)
+    design = _waves(phi)[:, :3]
     for width in (0.02, 0.01, 0.006):
         want = design @ values
         near = np.abs(limit[:, None] - want) < width
@@ -313,7 +312,7 @@ def moved(static, rotating, pose, lens) -> Pose:
         if good.sum() < 40:
             break
         values, *_ = np.linalg.lstsq(design[good], limit[top[good]], rcond=None)
-    _, axes = pose.frame(lens.principal)
+    _, axes = pose.frame()
     shift = pose.size * (values[1] * axes[:2, 0] + values[2] * axes[:2, 1])
     return replace(
         pose,

@@ -22,7 +22,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 from corridor import figures
 from corridor.errors import InputError
-from corridor.readout.result import Readout
+from corridor.readout import Readout
 from kit import lesson
 
 PAGE = Path(__file__).with_name("wheel.html")

@@ -16,10 +16,8 @@ import numpy as np
 from corridor import figures
 from corridor.camera import Camera
 from corridor.errors import AdjustmentFailed, InputError
-from corridor.readout import render
-from corridor.readout.measure import readout_from_wheel
-from corridor.readout.photograph import Photograph, decode
-from corridor.readout.result import Readout
+from corridor.readout import Photograph, Readout, readout_from_wheel, render
+from corridor.readout.photograph import decode
 
 SIZE = 480, 360  # px: as many as can be drawn ten times a second
 _CAMERA = Camera.from_table("lesson", {"width": SIZE[0], "height": SIZE[1], "f": 480.0})

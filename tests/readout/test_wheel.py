@@ -60,9 +60,7 @@ def test_a_turn_that_is_badly_known_is_not_called_none():
     photos = (Photograph("a", np.zeros((480, 640), np.uint8)),) * 2
     nothing = np.zeros((0, 2))
     rate, sigma = np.radians([31.12, 7.0]) / 479
-    turning = Turning(
-        "wheel", photos, 1, rate, sigma, None, nothing, nothing, nothing, np.zeros(2), []
-    )
+    turning = Turning("wheel", photos, 1, rate, sigma, *[nothing] * 5, np.zeros(2), [])
     with pytest.raises(CannotMeasure, match=r"31\.12 degrees .* sigma of 7\.00") as refused:
         turning.check_turns(0.5)
     assert "does not turn" not in str(refused.value)
