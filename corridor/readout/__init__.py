@@ -32,8 +32,9 @@ _OFFERED = {
     "corridor.readout.result": ("Readout", "save_readout", "can_save_readout"),
     "corridor.readout.examples": ("EXAMPLES", "write_examples"),
     "corridor.readout.flight": ("FlightReadout", "readout_from_flight"),
-    "corridor.readout.flight_value": ("published_value", "use"),
-    "corridor.readout.flight_report": ("can_save_flight", "save_flight"),
+    "corridor.readout.flight_report": (
+        "can_save_flight", "published_value", "save_flight", "use",
+    ),
     "corridor.photographs": ("published_readouts",),
     "corridor.preparation": (
         "Velocities", "velocities", "rates_from_gyro", "rates_from_neighbours",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,8 +18,7 @@ from corridor.photographs import PublishedReadout, of_picture, published_readout
 from corridor.preparation import strips_of
 from corridor.readout.motion import Motion, motion_of, with_velocities
 from corridor.readout.next_photographs import Advice, advice
-from corridor.readout.roles import late_clock, shutter
-from corridor.readout.row_motion import RowMotions
+from corridor.readout.row_motion import RowMotions, late_clock, shutter
 
 # A readout is told where its sigma is below this share of it, or below so many seconds: then a
 # shutter that is nearly global is told as well.
@@ -207,55 +206,62 @@ def _settled(found: least_squares.Adjustment) -> bool:
 
 def judged(found: FlightReadout, in_camera: np.ndarray) -> FlightReadout:
     """The result with the reasons why the flight does not tell; in_camera (m, 3): velocities."""
-    reasons = [
-        sentence
-        for sentence in (
-            _too_few(found),
-            _uncertain(found, in_camera) or _swamped(found, in_camera),
-            _negative(found),
-            _disagree(found),
-            _stood(found),
-        )
-        if sentence
-    ]
-    return replace(found, reasons=tuple(reasons))
+    return replace(found, reasons=tuple(_reasons(found, in_camera)))
 
 
-def _too_few(found: FlightReadout) -> str:
+def _reasons(found: FlightReadout, in_camera: np.ndarray) -> Iterator[str]:
     images = len(found.names)
-    if images >= LEAST_IMAGES and len(found.left) >= LEAST_GROUPS:
-        return ""
-    return (
-        f"{images} images in {len(found.left)} strips are too few to tell an error of the flight "
-        "from a readout time."
-    )
+    if images < LEAST_IMAGES or len(found.left) < LEAST_GROUPS:
+        yield (
+            f"{images} images in {len(found.left)} strips are too few to tell an error of the "
+            "flight from a readout time."
+        )
+    swamped = _swamped(found, in_camera)
+    if found.sigma > max(POOR_SHARE * abs(found.readout), SHORT_S):
+        why = _why_uncertain(found, in_camera, swamped)
+        yield f"The readout time is known to {1000 * found.sigma:.1f} ms only: {why}"
+    elif swamped:
+        yield swamped
+    if found.readout < -CONTRADICTS * found.sigma:
+        yield (
+            f"The readout time comes out negative ({1000 * found.readout:.1f} ms): rows are read "
+            "the other way than row_direction of block.toml says, the pictures were turned, or the "
+            "velocities are wrong."
+        )
+    if abs(found.eight - found.readout) > CONTRADICTS * found.sigma:
+        yield (
+            f"Eight and ten camera parameters disagree: {1000 * found.eight:.1f} and "
+            f"{1000 * found.readout:.1f} ms, so that what looks like a shutter may be the lens."
+        )
+    if abs(found.readout) <= CONTRADICTS * found.sigma and not found.motion.measured:
+        yield (
+            "No motion of the rows is seen, and the velocities were derived from where the "
+            "photographs were taken: the shutter is global, or the drone stood still at each "
+            "exposure."
+        )
 
 
-def _uncertain(found: FlightReadout, in_camera: np.ndarray) -> str:
-    if found.sigma <= max(POOR_SHARE * abs(found.readout), SHORT_S):
-        return ""
+def _why_uncertain(found: FlightReadout, in_camera: np.ndarray, swamped: str) -> str:
     speed = float(np.median(np.linalg.norm(in_camera, axis=1)))
     spread = _spread(in_camera)
-    head = f"The readout time is known to {1000 * found.sigma:.1f} ms only: "
     if speed < STANDING_M_S:
-        return head + (
+        return (
             f"the drone stood still at most exposures, say its velocities ({found.motion.source})."
         )
     if spread < ONE_SPEED * speed:
-        return head + (
+        return (
             f"all images were taken at one speed in the camera's frame ({speed:.1f} m/s, differing "
             f"by {spread:.2g} m/s), and then poses, ground and lens do what a shutter does."
         )
-    swamped = _swamped(found, in_camera)
     if swamped:
-        return head + swamped[0].lower() + swamped[1:]
+        return swamped[0].lower() + swamped[1:]
     if found.jackknife > 2 * found.formal:
         low, high = (f(found.left, key=lambda one: one.readout) for f in (min, max))
-        return head + (
+        return (
             f"it depends on single strips ({1000 * low.readout:.1f} ms without {low.strip}, "
             f"{1000 * high.readout:.1f} ms without {high.strip})."
         )
-    return head + (
+    return (
         "too few images differ in their velocity for what their points can tell "
         f"(velocities differ by {spread:.1f} m/s)."
     )
@@ -279,31 +285,3 @@ def _swamped(found: FlightReadout, in_camera: np.ndarray) -> str:
 def _spread(in_camera: np.ndarray) -> float:
     """Standard deviation of the velocities (m, 3) between the images, m/s."""
     return float(np.sqrt(np.var(in_camera, axis=0).sum()))
-
-
-def _negative(found: FlightReadout) -> str:
-    if found.readout >= -CONTRADICTS * found.sigma:
-        return ""
-    return (
-        f"The readout time comes out negative ({1000 * found.readout:.1f} ms): rows are read the "
-        "other way than row_direction of block.toml says, the pictures were turned, or the "
-        "velocities are wrong."
-    )
-
-
-def _disagree(found: FlightReadout) -> str:
-    if abs(found.eight - found.readout) <= CONTRADICTS * found.sigma:
-        return ""
-    return (
-        f"Eight and ten camera parameters disagree: {1000 * found.eight:.1f} and "
-        f"{1000 * found.readout:.1f} ms, so that what looks like a shutter may be the lens."
-    )
-
-
-def _stood(found: FlightReadout) -> str:
-    if abs(found.readout) > CONTRADICTS * found.sigma or found.motion.measured:
-        return ""
-    return (
-        "No motion of the rows is seen, and the velocities were derived from where the photographs "
-        "were taken: the shutter is global, or the drone stood still at each exposure."
-    )

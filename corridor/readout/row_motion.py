@@ -14,16 +14,17 @@ a regressor); Efron and Tibshirani 1993, chapter 11 (jackknife).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.sparse import csc_array, diags_array, eye_array, hstack
 from scipy.sparse.linalg import splu
 
 from corridor.adjustment import Adjustment, LinearSystem, Loss
+from corridor.block import Block
 from corridor.brief import brief
+from corridor.effects import Effect, every_effect
 from corridor.readout.motion import Motion
-from corridor.readout.roles import free_motion, shutter
 
 # Below this a readout scales no error of a velocity any more: a global shutter.
 LEAST_S = 0.002
@@ -33,6 +34,31 @@ _UNSTATED_M_S = (0.02, 0.06, 0.2, 0.6, 2.0)
 _SAME = 0.1
 # Weight of what the equations leave open, relative to the largest of their diagonal.
 _OPEN = 1e-13
+
+
+# Which effects of the catalogue tell a readout: by what they act on and need, not by name.
+
+
+@cache
+def shutter() -> Effect:
+    """What moves the camera during the readout as its velocity says."""
+    return next(one for one in _at("motion") if "images.vx" in one.needs)
+
+
+def free_motion(block: Block) -> Effect:
+    """What moves and turns every image on its own during the readout: the freest of its kind."""
+    free = [one for one in _at("motion") if one.group == "image" and one.generic]
+    return max(free, key=lambda one: len(one.parameters(block)))
+
+
+@cache
+def late_clock() -> Effect:
+    """What moves antenna positions as the velocity says: they are late."""
+    return next(one for one in _at("antenna") if "images.vx" in one.needs and one.group == "block")
+
+
+def _at(place: str) -> list[Effect]:
+    return [one for one in every_effect() if one.place == place]
 
 
 @dataclass(frozen=True)

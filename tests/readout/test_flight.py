@@ -14,7 +14,7 @@ from corridor.geometry import by_contrasts, honest, jackknife
 from corridor.preparation import strips_of
 from corridor.readout import published_value, readout_from_flight, save_flight, use
 from corridor.readout.flight import judged
-from corridor.readout.stamps import unrounded
+from corridor.readout.motion import unrounded
 
 DIKE = "data_synthetic/dike"
 
