@@ -5,7 +5,6 @@ import random
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 
 import corridor
 from benchmarks.guarantees import (
@@ -19,7 +18,8 @@ from benchmarks.guarantees import (
     table,
     verbs,
 )
-from corridor import cli
+from corridor import cli, figures
+from corridor.report import files
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -101,7 +101,8 @@ def test_errors_are_no_larger_than_stated(kind):
 @pytest.fixture
 def put_back(monkeypatch):
     """What trials change in this process to be quick is as it was for other tests."""
-    for owner, name in ((corridor, "adjust"), (cli, "_parser"), (Figure, "savefig")):
+    changed = (corridor, "adjust"), (cli, "_parser"), (files, "png"), (figures, "png")
+    for owner, name in changed:
         monkeypatch.setattr(owner, name, getattr(owner, name))
     yield
     malformed._without_waste.cache_clear()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -126,6 +125,8 @@ def _led(readout):
 
 def _photo(axes: Axes, grey, pale=True):
     """The photograph; pale where something is drawn over it that dark parts would hide."""
+    import cv2  # a twentieth of a second, for other pictures too
+
     height, width = grey.shape
     factor = max(1.0, max(height, width) / _LONG)
     small = cv2.resize(

@@ -161,11 +161,25 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
 
 def png(figure, dpi: float = 144) -> bytes:
     """A matplotlib figure as the bytes of a PNG file, without date or program version."""
-    stream = io.BytesIO()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    canvas = figure.canvas
+    if not isinstance(canvas, FigureCanvasAgg):
+        canvas = FigureCanvasAgg(figure)
+    before, stream = figure.dpi, io.BytesIO()
+    # `savefig` would draw twice what matplotlib lays out, and pack an opacity that is one.
     with warnings.catch_warnings():
         # A name in letters that the font lacks shows as boxes; a warning tells nobody more.
         warnings.filterwarnings("ignore", message=r"Glyph \d+ .*missing from")
-        figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
+        try:
+            figure.dpi = dpi
+            canvas.draw()
+            size, pixels = canvas.get_width_height(), canvas.buffer_rgba()
+            picture = Image.frombuffer("RGBA", size, pixels, "raw", "RGBA", 0, 1)
+            picture.convert("RGB").save(stream, format="png", compress_level=3)
+        finally:
+            figure.dpi = before
     return stream.getvalue()
 
 

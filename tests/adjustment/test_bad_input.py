@@ -338,7 +338,7 @@ class TestTheCommand:
         def stop(*_, **__):
             raise ending
 
-        monkeypatch.setattr("matplotlib.figure.Figure.savefig", stop)
+        monkeypatch.setattr("matplotlib.figure.Figure.draw", stop)
         assert main([*words, "--camera", "fixed"]) == (1 if isinstance(ending, OSError) else 130)
         assert "nothing was written" in capsys.readouterr().err.splitlines()[-1]
         after = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}

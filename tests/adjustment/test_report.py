@@ -432,7 +432,7 @@ class TestSave:
         if step == "block":
             monkeypatch.setattr(type(block), "write", fail)
         elif step == "picture":
-            figure.savefig = fail
+            figure.draw = fail
         else:
             monkeypatch.setattr(json, "dumps", fail)
         with pytest.raises(type(error)):

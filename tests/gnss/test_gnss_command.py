@@ -91,7 +91,7 @@ class TestWhatItWrites:
         def full(*arguments, **named):
             raise OSError(28, "No space left on device", "gnss.png")
 
-        monkeypatch.setattr("matplotlib.figure.Figure.savefig", full)
+        monkeypatch.setattr("matplotlib.figure.Figure.draw", full)
         assert run(block, out=tmp_path / "new" / "gnss.csv") == 1
         assert not (tmp_path / "new").exists()
 
