@@ -2,9 +2,10 @@
 
 A verb is a file of this folder, found by looking; a name that begins with an underscore is none.
 It has a docstring (the verb's help: first line in the list of verbs, the rest under `corridor VERB
---help`), `configure(parser)` for its options, and `run(options)`, which makes one call of the
-package and prints what came of it. MARK, where there is one, is the file by which the folder that
-it writes is known: another folder is refused before any work.
+--help`), OPTIONS (a table for `_options.add`; a verb of several kinds has `configure(parser)`), and
+`run(options)`, which makes one call of the package and prints what came of it. MARK, where there
+is one, is the file by which the folder that it writes is known: another folder is refused before
+any work.
 """
 
 import _thread
@@ -21,6 +22,7 @@ from contextlib import contextmanager
 
 from corridor import __version__
 from corridor.cli._help import Parser
+from corridor.cli._options import add
 from corridor.cli._streams import unread
 from corridor.errors import AdjustmentFailed, InputError
 
@@ -175,6 +177,9 @@ def _parser(word: str = ""):
             description=f"{first}\n",
             epilog=rest.strip(),
         )
-        verb.configure(below)
+        if hasattr(verb, "OPTIONS"):
+            add(below, verb.OPTIONS)
+        else:
+            verb.configure(below)
         below.set_defaults(run=verb.run)
     return parser

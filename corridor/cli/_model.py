@@ -3,49 +3,33 @@
 import argparse
 import re
 
-from corridor.cli._options import SHARED, add, flag, option
+from corridor.cli._options import SHARED, flag, option
 
 _PRIOR = re.compile(r"(?P<name>[^=\s]+)=(?P<value>[^=]+?)(?:\+-|\+/-|±)(?P<sigma>[^=]+)")
 
-_BLOCKS = option("folders of blocks, or folders that hold such folders", nargs="+")
-_CAMPAIGN = option("folder for table, page and results", required=True)
 
-
-def configure(
-    parser: argparse.ArgumentParser,
-    camera: str,
-    effect: str,
-    prior: str,
-    threads: int,
-    block: str | None = None,
-    many: bool = False,
-) -> None:
+def table(camera: str, effect: str, prior: str, threads: int = 1) -> dict[str, dict]:
     """Options of the block and of the model; the texts say what differs between the verbs.
 
-    camera: the default of --camera. effect, prior, block: help of these. threads: default.
-    many: blocks are named, and a folder for all of them.
+    camera: the default of --camera. effect, prior: help of these. threads: default.
     """
     default = f"(default: {camera}, fixed where block.toml says calibrated = true)"
-    add(
-        parser,
-        {
-            "block": _BLOCKS if many else {} if block is None else option(block),
-            "--output": option("folder for the results (none: print only)")
-            | (_CAMPAIGN if many else {}),
-            "--camera": option(f"{SHARED['--camera']['help']} {default}"),
-            "--effect": option(effect),
-            "--control": {},
-            "--check": {},
-            "--prior": option(prior, "NAME=VALUE+-SIGMA", _prior, action="append", default=[]),
-            "--threads": {"default": threads},
-            "--iterations": {},
-            "--required": {},
-            "--strict": flag(
-                "refuse wild cells, points seen in one image only, images with fewer than 3 points "
-                "(default: leave them out and say so)"
-            ),
-        },
-    )
+    return {
+        "block": {},
+        "--output": option("folder for the results (none: print only)"),
+        "--camera": option(f"{SHARED['--camera']['help']} {default}"),
+        "--effect": option(effect),
+        "--control": {},
+        "--check": {},
+        "--prior": option(prior, "NAME=VALUE+-SIGMA", _prior, action="append", default=[]),
+        "--threads": {"default": threads},
+        "--iterations": {},
+        "--required": {},
+        "--strict": flag(
+            "refuse wild cells, points seen in one image only, images with fewer than 3 points "
+            "(default: leave them out and say so)"
+        ),
+    }
 
 
 def of_options(options: argparse.Namespace):

@@ -179,28 +179,41 @@ SHARED = {
 _OTHER = {"--output": "-o", "--verbose": "-v", "--cluster": "--scheduler"}
 
 
-def below(parsers, verb: str, name: str, text: str, examples: str):
-    """A parser of one kind of a verb, with examples of its own below its options.
+def kinds(parser, verb: str, title: str, word: str, table: Mapping[str, tuple]) -> list:
+    """The parsers of the kinds of a verb, which have options and examples of their own.
 
-    text: what it is or does. examples: arguments, without the verb, a line each.
+    word: the option that says which. table: name -> what it is or does, options as of `add`,
+    examples (arguments, without the verb, a line each).
     """
-    lines = (f"  corridor {verb} {name} {line}" for line in examples.strip().splitlines())
-    return parsers.add_parser(
-        name,
-        help=text,
-        description=f"{text[:1].upper()}{text[1:]}.",
-        epilog="\n".join(["examples:", *lines, "", f"`corridor {verb} --help` says more."]),
-    )
+    made = parser.add_subparsers(title=title, metavar=word.upper(), dest=word, required=True)
+    out = []
+    for name, (text, options, examples) in table.items():
+        lines = (f"  corridor {verb} {name} {line}" for line in examples.strip().splitlines())
+        below = made.add_parser(
+            name,
+            help=text,
+            description=f"{text[:1].upper()}{text[1:]}.",
+            epilog="\n".join(["examples:", *lines, "", f"`corridor {verb} --help` says more."]),
+        )
+        add(below, options)
+        out.append(below)
+    return out
 
 
 def add(parser, options: Mapping[str, Mapping]) -> None:
     """Adds options; what is the same for every verb comes from `SHARED`, by its name.
 
-    options: name -> what differs from `SHARED`, or all that argparse is told of it.
+    options: name -> what differs from `SHARED`, or all that argparse is told of it; with `one_of`,
+    "at most" or "exactly", where only one of those that have it can be given.
     """
+    group = None
     for name, own in options.items():
         flags = (_OTHER[name], name) if name in _OTHER else (name,)
-        parser.add_argument(*flags, **{**SHARED.get(name, {}), **own})
+        told, place = {**SHARED.get(name, {}), **own}, parser
+        if "one_of" in told:
+            needed = told.pop("one_of") == "exactly"
+            place = group = group or parser.add_mutually_exclusive_group(required=needed)
+        place.add_argument(*flags, **told)
 
 
 def say(what: object) -> None:
@@ -278,20 +291,18 @@ class Line:
 class BlockBar:
     """A bar of blocks with the time left, and what became of the one that was done last."""
 
-    def __init__(self, total: int):
-        self.total = total
-
     def __enter__(self):
         from tqdm import tqdm
 
-        self.bar = tqdm(total=self.total, unit="block", file=sys.stderr, mininterval=1.0)
+        self.bar = tqdm(total=0, unit="block", file=sys.stderr, mininterval=1.0)
         return self
 
     def __exit__(self, *_):
         self.bar.close()
 
-    def __call__(self, name: str, what: str, done: int) -> None:
-        """Name of a block, what became of it, and how many are done."""
+    def __call__(self, name: str, what: str, done: int, of: int) -> None:
+        """Name of a block, what became of it, and how many of how many are done."""
+        self.bar.total = of
         self.bar.set_postfix_str(f"{name}: {what}", refresh=False)
         self.bar.update(done - self.bar.n)
 

@@ -27,7 +27,7 @@ is none: status 1, nothing written, and what lies far from the start values is p
 import argparse
 
 from corridor.cli import _model
-from corridor.cli._options import Line, add, announce_compilation, flag, option, say, wrote
+from corridor.cli._options import Line, announce_compilation, flag, option, say, wrote
 
 _COLUMNS = """\
 cost: half the sum of squared residuals over their sigmas; damping: 0 is a full Gauss-Newton step;
@@ -35,7 +35,11 @@ step: how far the unknowns moved (RMS, in their sigmas)
 iteration          cost  damping     step"""
 
 MARK = "adjustment.json"
-_OPTIONS = {
+OPTIONS = _model.table(
+    camera="fraser8",
+    effect="estimate this effect too (commas, may be repeated; `corridor effects` lists them)",
+    prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
+) | {
     "--loss": option(
         "squares (default), huber:2 or cauchy:2: from how many sigmas on residuals weigh less",
         "LOSS",
@@ -46,21 +50,8 @@ _OPTIONS = {
         "leave out antenna positions beyond five sigmas (false fixes) and adjust again"
     ),
     "--gis": {},
+    "--verbose": flag("print every iteration"),
 }
-_ALONE = {"--verbose": flag("print every iteration")}
-
-
-def configure(parser: argparse.ArgumentParser, many: bool = False) -> None:
-    """Options of `corridor adjust`; many: of several blocks."""
-    _model.configure(
-        parser,
-        camera="fraser8",
-        effect="estimate this effect too (commas, may be repeated; `corridor effects` lists them)",
-        prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
-        threads=1,
-        many=many,
-    )
-    add(parser, _OPTIONS if many else _OPTIONS | _ALONE)
 
 
 def keywords(options: argparse.Namespace) -> dict:

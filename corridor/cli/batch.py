@@ -26,11 +26,21 @@ import sys
 from pathlib import Path
 
 from corridor.cli import adjust, diagnose
-from corridor.cli._options import BlockBar, add, announce_compilation, below, number, option, wrote
+from corridor.cli._options import BlockBar, add, announce_compilation, kinds, number, option, wrote
 from corridor.errors import AdjustmentFailed
 
 MARK = "batch.json"
-_OPTIONS = {
+
+
+def _of_many(options):
+    """Options of a verb for one block, as they are for many."""
+    return {name: told for name, told in options.items() if name != "--verbose"} | {
+        "block": option("folders of blocks, or folders that hold such folders", nargs="+"),
+        "--output": option("folder for table, page and results", required=True),
+    }
+
+
+_SHARED_OUT = {
     "--jobs": option("processes (default: as many as there are cores for)", default=None),
     "--cluster": {},
     "--memory": option(
@@ -42,16 +52,16 @@ _OPTIONS = {
 }
 _VERBS = {
     "adjust": (
-        adjust,
         "adjust every block",
+        _of_many(adjust.OPTIONS),
         """
 campaign/* -o out/campaign --required 0.02
 campaign/* -o out/campaign --camera fixed --effect rolling_shutter --jobs 4
 """,
     ),
     "diagnose": (
-        diagnose,
         "diagnose every block",
+        _of_many(diagnose.OPTIONS),
         """
 campaign/* -o out/missing
 campaign/* -o out/missing --scheduler tcp://host:8786 --only rolling_shutter,clock_offset
@@ -62,11 +72,8 @@ campaign/* -o out/missing --scheduler tcp://host:8786 --only rolling_shutter,clo
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor batch`: those of the verb, and how it is shared out."""
-    verbs = parser.add_subparsers(title="what", metavar="VERB", dest="verb", required=True)
-    for name, (verb, text, examples) in _VERBS.items():
-        one = below(verbs, "batch", name, text, examples)
-        verb.configure(one, many=True)
-        add(one.add_argument_group("how it is shared out"), _OPTIONS)
+    for one in kinds(parser, "batch", "what", "verb", _VERBS):
+        add(one.add_argument_group("how it is shared out"), _SHARED_OUT)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -74,12 +81,14 @@ def run(options: argparse.Namespace) -> None:
     import corridor
 
     announce_compilation("half a minute, and once in each new worker", "assemble")
-    more = {"counterparts": options.counterparts} if options.verb == "diagnose" else {}
-    with BlockBar(0) as bar:
+    if options.verb == "diagnose":
+        keywords = diagnose.keywords(options) | {"counterparts": options.counterparts}
+    else:
+        keywords = adjust.keywords(options)
+    with BlockBar() as bar:
 
         def progress(row, done: int, of: int) -> None:
-            bar.bar.total = of
-            bar(row.block, row.verdict, done)
+            bar(row.block, row.verdict, done, of)
 
         try:
             campaign = corridor.batch(
@@ -93,8 +102,7 @@ def run(options: argparse.Namespace) -> None:
                 required=options.required,
                 gis=options.gis,
                 command=_command(options.block),
-                **_VERBS[options.verb][0].keywords(options),
-                **more,
+                **keywords,
             )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(

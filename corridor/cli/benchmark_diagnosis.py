@@ -23,7 +23,7 @@ for each block, blocks/NAME.json, written as soon as it is done.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import BlockBar, add, flag, number, option, say, several, whole, wrote
+from corridor.cli._options import BlockBar, flag, number, option, say, several, whole, wrote
 from corridor.errors import InputError
 
 # A block of 40 images, its diagnosis and the baselines on one idle core: 7 to 14 s.
@@ -37,11 +37,11 @@ def _kind(text):
     return text
 
 
-_SOURCES = {
-    "--blocks": option("folder of blocks and truths", "FOLDER", Path),
-    "--cases": option(f"made on demand: {', '.join(KINDS)}; or A,B", "KIND", several(_kind)),
-}
-_OPTIONS = {
+OPTIONS = {
+    "--blocks": option("folder of blocks and truths", "FOLDER", Path, one_of="exactly"),
+    "--cases": option(
+        f"made on demand: {', '.join(KINDS)}; or A,B", "KIND", several(_kind), one_of="exactly"
+    ),
     "--output": option("folder to write", required=True),
     "--count": option("blocks of each kind (default: its cases)", "N", whole("whole number", 1)),
     "--short": flag("blocks of 40 images in place of 80"),
@@ -55,12 +55,6 @@ _OPTIONS = {
     "--without-baselines": flag("leave out what others would say"),
     "--again": flag("diagnose blocks anew that are done already"),
 }
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor benchmark-diagnosis`."""
-    add(parser.add_mutually_exclusive_group(required=True), _SOURCES)
-    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -78,7 +72,7 @@ def run(options: argparse.Namespace) -> None:
         trials = benchmark.of_generator(options.cases, options.count, options.seed, options.short)
     say(_how_long(trials, options))
     try:
-        with BlockBar(len(trials)) as bar:
+        with BlockBar() as bar:
             rows = benchmark.run(
                 trials,
                 options.output,
@@ -86,7 +80,7 @@ def run(options: argparse.Namespace) -> None:
                 options.cluster,
                 options.again,
                 not options.without_baselines,
-                lambda row, done, of: bar(row["name"], row.get("verdict") or "failed", done),
+                lambda row, done, of: bar(row["name"], row.get("verdict") or "failed", done, of),
                 level=options.level,
             )
     except KeyboardInterrupt:

@@ -26,7 +26,6 @@ from pathlib import Path
 
 from corridor.cli import _model
 from corridor.cli._options import (
-    add,
     announce_compilation,
     flag,
     names,
@@ -39,7 +38,12 @@ from corridor.cli._options import (
 )
 
 _POSITIVE = number("is not a number of metres above 0", above=0.0)
-_OPTIONS = {
+OPTIONS = _model.table(
+    camera="fraser8",
+    effect="estimate this effect in both dates (commas, may be repeated)",
+    prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
+) | {
+    "block": option("folder of the block of the first date, or a plan"),
     "after": option("folder of the block of the second date", "AFTER", Path, nargs="?"),
     "--dates": option(
         "BLOCK holds both dates, matched with each other: what the names of the images of each "
@@ -96,19 +100,6 @@ _OPTIONS = {
                       number("is no probability between 0 and 1", above=0.0, below=1.0),
                       default=0.01),
 }  # fmt: skip
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor change`."""
-    _model.configure(
-        parser,
-        camera="fraser8",
-        effect="estimate this effect in both dates (commas, may be repeated)",
-        prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
-        threads=1,
-        block="folder of the block of the first date, or a plan",
-    )
-    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

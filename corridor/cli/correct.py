@@ -20,10 +20,10 @@ and velocities, and what was wrong with the time stamps.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import add, effect, option, warn, wrote
+from corridor.cli._options import effect, option, warn, wrote
 
 MARK = "block.toml"
-_OPTIONS = {
+OPTIONS = {
     "block": {},
     "--effect": option(
         "take out this effect of `corridor effects`; without values, those that the block "
@@ -53,11 +53,6 @@ _OPTIONS = {
     ),
     "--output": option("folder to write", "BLOCK2", required=True),
 }
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor correct`."""
-    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

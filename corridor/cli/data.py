@@ -17,20 +17,15 @@ one may do with it.
 import argparse
 import textwrap
 
-from corridor.cli._options import add, option, say, wrote
+from corridor.cli._options import option, say, wrote
 from corridor.errors import InputError
 
-_OPTIONS = {
+OPTIONS = {
     "what": option("list, or fetch", choices=("list", "fetch")),
     "name": option("of a set, for fetch", "NAME", nargs="?"),
     "--output": option("folder to write, for fetch (default: NAME)", "OUT"),
     "--mirror": option("an address that has the files of the set by their names", "URL", str),
 }
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor data`."""
-    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

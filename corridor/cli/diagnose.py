@@ -24,10 +24,17 @@ import shlex
 import sys
 
 from corridor.cli import _model
-from corridor.cli._options import add, announce_compilation, names, option, say, whole, wrote
+from corridor.cli._options import announce_compilation, names, option, say, whole, wrote
 
 _SLUGS = {"metavar": "SLUG", "action": "extend", "type": names("slug"), "default": []}
-_OPTIONS = {
+OPTIONS = _model.table(
+    camera="fraser10",
+    effect="part of the model that is believed in (commas, may be repeated; "
+    "`corridor effects` lists them)",
+    prior="what is known of camera.NAME.f, of SLUG.parameter, or of a candidate SLUG by its "
+    "first parameter (may be repeated)",
+    threads=min(2, os.cpu_count() or 1),
+) | {
     "--only": _SLUGS | option("test these candidates alone (commas, may be repeated)"),
     "--without": _SLUGS | option("leave these candidates out (commas, may be repeated)"),
     "--level": {},
@@ -40,21 +47,6 @@ _OPTIONS = {
     ),
     "--gis": {},
 }
-
-
-def configure(parser: argparse.ArgumentParser, many: bool = False) -> None:
-    """Options of `corridor diagnose`; many: of several blocks."""
-    _model.configure(
-        parser,
-        camera="fraser10",
-        effect="part of the model that is believed in (commas, may be repeated; "
-        "`corridor effects` lists them)",
-        prior="what is known of camera.NAME.f, of SLUG.parameter, or of a candidate SLUG by its "
-        "first parameter (may be repeated)",
-        threads=min(2, os.cpu_count() or 1),
-        many=many,
-    )
-    add(parser, _OPTIONS)
 
 
 def keywords(options: argparse.Namespace) -> dict:

@@ -10,10 +10,9 @@ examples:
 import argparse
 import textwrap
 
+from corridor.cli._options import option
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor effects`."""
-    parser.add_argument("slug", metavar="SLUG", nargs="?", help="name of one effect")
+OPTIONS = {"slug": option("name of one effect", "SLUG", nargs="?")}
 
 
 def run(options: argparse.Namespace) -> None:

@@ -19,10 +19,10 @@ it first, and export the result.
 
 import argparse
 
-from corridor.cli._options import add, flag, option, say, valued_effect, wrote
+from corridor.cli._options import flag, option, say, valued_effect, wrote
 
 MARK = "exported_by_corridor.txt"
-_OPTIONS = {
+OPTIONS = {
     "form": option("name of a format that is written", "FORMAT"),
     "block": option("a block, or the result of `corridor adjust`"),
     "--output": option("folder to write", "PROJECT", required=True),
@@ -32,17 +32,9 @@ _OPTIONS = {
         valued_effect,
         action="append",
     ),
+    "--corrected": flag("correct the measurements to what the target holds", one_of="at most"),
+    "--lossy": flag("drop what the target cannot hold, and say so", one_of="at most"),
 }
-_LOSSES = {
-    "--corrected": flag("correct the measurements to what the target holds"),
-    "--lossy": flag("drop what the target cannot hold, and say so"),
-}
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor export`."""
-    add(parser, _OPTIONS)
-    add(parser.add_mutually_exclusive_group(), _LOSSES)
 
 
 def run(options: argparse.Namespace) -> None:

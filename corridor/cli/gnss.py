@@ -21,9 +21,9 @@ whose sigma is above --max-sigma are refused and named.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import add, announce_compilation, flag, number, option, warn, wrote
+from corridor.cli._options import announce_compilation, flag, number, option, warn, wrote
 
-_OPTIONS = {
+OPTIONS = {
     "track": option("file with the antenna's track", "TRACK", Path),
     "--images": option("when the images were taken", "IMAGES", Path, required=True),
     "--output": option("table to write, a .csv", "GNSS", required=True),
@@ -57,11 +57,6 @@ _OPTIONS = {
     "--track-system": {},
     "--images-system": {},
 }
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor gnss`."""
-    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

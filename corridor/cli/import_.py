@@ -25,7 +25,7 @@ import argparse
 import re
 from pathlib import Path
 
-from corridor.cli._options import add, flag, option, say, whole, wrote
+from corridor.cli._options import flag, option, say, whole, wrote
 from corridor.errors import InputError
 
 
@@ -41,7 +41,7 @@ def _size(text):
     return int(match[1]), int(match[2])
 
 
-_OPTIONS = {
+OPTIONS = {
     "form": option("auto, photos, or the name of a format", "FORMAT"),
     "project": option("its file or folder", "PROJECT", Path),
     "--output": option("folder to write", "BLOCK", required=True),
@@ -70,11 +70,6 @@ _OPTIONS = {
     ),
     "--force": flag("write the block although the proof refuses it"),
 }
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor import`."""
-    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

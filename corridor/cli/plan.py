@@ -24,7 +24,7 @@ holds advice.txt, control.csv and control.png (where control is to be), plan.csv
 
 import argparse
 
-from corridor.cli._options import add, flag, number, option, say, several, whole, wrote
+from corridor.cli._options import flag, number, option, say, several, whole, wrote
 
 MARK = "plan.json"
 
@@ -55,7 +55,7 @@ def _pair(text):
     return here, there
 
 
-_FLIGHTS = {
+OPTIONS = {
     "plans": option("a .toml file, or names of plans joined by +", "PLAN", nargs="+"),
     "--output": {},
     "--control": option(
@@ -77,12 +77,12 @@ _FLIGHTS = {
         action="extend",
         default=None,
     ),
-}
-_SETS = {
-    "--combine": flag("compare every combination of the flights", dest="combined", default=None),
-    "--as-given": option("compare the plans as they are", dest="combined", action="store_false"),
-}
-_MODEL = {
+    "--combine": flag(
+        "compare every combination of the flights", dest="combined", default=None, one_of="at most"
+    ),
+    "--as-given": option(
+        "compare the plans as they are", dest="combined", action="store_false", one_of="at most"
+    ),
     "--change": flag("also: where would two such flights show which change of the ground?"),
     "--camera": option(
         "free camera parameters, as of `corridor adjust`: "
@@ -134,13 +134,6 @@ _MODEL = {
     "--cluster": {},
     "--seed": option("of the ground and the flight (default 0)"),
 }
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor plan`."""
-    add(parser, _FLIGHTS)
-    add(parser.add_mutually_exclusive_group(), _SETS)
-    add(parser, _MODEL)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -29,7 +29,7 @@ would tell.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import Bars, add, below, number, option, say, whole, wrote
+from corridor.cli._options import Bars, kinds, number, option, say, whole, wrote
 
 
 def _sectors(text):
@@ -80,10 +80,10 @@ _WHEEL = {
         "T",
         number("is not a number"),
     ),
-}
-_SPEED = {
-    "--turns-per-second": _TURNS | option("speed of the wheel"),
-    "--video": option("film of the turning wheel from the same side", "VIDEO", Path),
+    "--turns-per-second": _TURNS | option("speed of the wheel", one_of="exactly"),
+    "--video": option(
+        "film of the turning wheel from the same side", "VIDEO", Path, one_of="exactly"
+    ),
 }
 _LED = {
     "photo": option("the photograph", "PHOTO", Path),
@@ -91,26 +91,6 @@ _LED = {
     **_COMMON,
 }
 _MADE = {"--output": option("folder for the photographs", "FOLDER", required=True)}
-_EXAMPLES = {
-    "star": """
-STILL.jpg TURNING.jpg --turns-per-second 2.2 -o out/star
-STILL.jpg TURNING.jpg --turns-per-second 2.2 --speed-sigma 0.1 --camera block.toml -o out/star
-""",
-    "wheel": """
-STILL.jpg TURNING.jpg --turns-per-second 1.5 --sense cw -o out/wheel
-STILL.jpg TURNING.jpg --video FILM.mp4 -o out/wheel
-""",
-    "led": """
-PHOTO.jpg --frequency 1000 -o out/led
-""",
-    "flight": """
-BLOCK -o out/flight
-PHOTOS --size 1200 -o out/flight
-""",
-    "examples": """
--o out/photos
-""",
-}
 _FLIGHT = {
     "source": option("a block, or a folder of photographs", "BLOCK_OR_PHOTOS", Path),
     "--model": option(
@@ -128,20 +108,43 @@ _FLIGHT = {
 }
 
 
+_TARGETS = {
+    "flight": (
+        "an ordinary survey: a block, or its photographs",
+        _FLIGHT,
+        """
+BLOCK -o out/flight
+PHOTOS --size 1200 -o out/flight
+""",
+    ),
+    "star": (
+        "a Siemens star, at rest and turning",
+        _STAR,
+        """
+STILL.jpg TURNING.jpg --turns-per-second 2.2 -o out/star
+STILL.jpg TURNING.jpg --turns-per-second 2.2 --speed-sigma 0.1 --camera block.toml -o out/star
+""",
+    ),
+    "wheel": (
+        "a bicycle wheel, or a bar smeared by its rotation",
+        _WHEEL,
+        """
+STILL.jpg TURNING.jpg --turns-per-second 1.5 --sense cw -o out/wheel
+STILL.jpg TURNING.jpg --video FILM.mp4 -o out/wheel
+""",
+    ),
+    "led": (
+        "something lit by a LED blinking at a known frequency",
+        _LED,
+        "PHOTO.jpg --frequency 1000 -o out/led",
+    ),
+    "examples": ("make photographs to try the others with", _MADE, "-o out/photos"),
+}
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor readout`, one set for each target."""
-    targets = parser.add_subparsers(title="targets", metavar="TARGET", dest="target", required=True)
-
-    def target(name, text):
-        return below(targets, "readout", name, text, _EXAMPLES[name])
-
-    add(target("flight", "an ordinary survey: a block, or its photographs"), _FLIGHT)
-    add(target("star", "a Siemens star, at rest and turning"), _STAR)
-    wheel = target("wheel", "a bicycle wheel, or a bar smeared by its rotation")
-    add(wheel, _WHEEL)
-    add(wheel.add_mutually_exclusive_group(required=True), _SPEED)
-    add(target("led", "something lit by a LED blinking at a known frequency"), _LED)
-    add(target("examples", "make photographs to try the others with"), _MADE)
+    kinds(parser, "readout", "targets", "target", _TARGETS)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -46,10 +46,10 @@ that the residuals show.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import Bars, add, effect, flag, option, wrote
+from corridor.cli._options import Bars, effect, flag, option, wrote
 
 MARK = "block.toml"
-_OPTIONS = {
+OPTIONS = {
     "plan": option("a .toml file, or names of plans joined by +", "PLAN", nargs="?"),
     "--like": option(
         "in place of a plan: the simulated counterpart of this measured block", "BLOCK", Path
@@ -73,11 +73,6 @@ _OPTIONS = {
     "--show": flag("print the plan, as a file to start from"),
     "--seed": {},
 }
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor simulate`."""
-    add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -9,12 +9,9 @@ examples:
 
 import argparse
 
-from corridor.cli._options import add, option, wrote
+from corridor.cli._options import option, wrote
 
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `corridor summary`."""
-    add(parser, {"block": {}, "--output": option("folder for the first-look picture")})
+OPTIONS = {"block": {}, "--output": option("folder for the first-look picture")}
 
 
 def run(options: argparse.Namespace) -> None:

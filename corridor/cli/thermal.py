@@ -20,7 +20,7 @@ Beside MAPS.npz and MODEL.json lies a picture of the same name. A block is corre
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import Bars, add, below, flag, number, option, warn, wrote
+from corridor.cli._options import Bars, flag, kinds, number, option, warn, wrote
 
 _MAPS = {"metavar": "MAPS.npz", "type": Path}
 _MODEL = {"metavar": "MODEL.json", "type": Path}
@@ -32,6 +32,7 @@ _STEPS = {
             "folder": option("pictures and series.csv", "FOLDER", Path),
             "--output": _FILE | {"metavar": "MAPS.npz"},
         },
+        "data_synthetic/wall -o out/maps.npz",
     ),
     "fit": (
         "the thermal model from maps",
@@ -39,6 +40,7 @@ _STEPS = {
             "maps": _MAPS | option("what `map` wrote"),
             "--output": _FILE | {"metavar": "MODEL.json"},
         },
+        "out/maps.npz -o out/heat.json",
     ),
     "apply": (
         "shifts of points from the model",
@@ -58,28 +60,22 @@ _STEPS = {
             ),
             "--output": _FILE | {"metavar": "OUT.csv"},
         },
+        """
+out/heat.json --points POINTS.csv --temperature 41.5 -o out/moved.csv
+out/heat.json --points POINTS.csv --temperature 41.5 --inverse -o out/back.csv
+""",
     ),
     "prior": (
         "print what the model says of a block's effect, as options of `adjust`",
         {"model": _MODEL | option("what `fit` wrote"), "block": {}},
+        "out/heat.json BLOCK",
     ),
-}
-_EXAMPLES = {
-    "map": "data_synthetic/wall -o out/maps.npz",
-    "fit": "out/maps.npz -o out/heat.json",
-    "apply": """
-out/heat.json --points POINTS.csv --temperature 41.5 -o out/moved.csv
-out/heat.json --points POINTS.csv --temperature 41.5 --inverse -o out/back.csv
-""",
-    "prior": "out/heat.json BLOCK",
 }
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `corridor thermal`, one set for each step."""
-    steps = parser.add_subparsers(title="steps", metavar="STEP", dest="step", required=True)
-    for name, (text, options) in _STEPS.items():
-        add(below(steps, "thermal", name, text, _EXAMPLES[name]), options)
+    kinds(parser, "thermal", "steps", "step", _STEPS)
 
 
 def run(options: argparse.Namespace) -> None:
