@@ -77,7 +77,7 @@ def change(
         run.stable = _stable_names(compared, asked.stable)
         notes.append(_told(run.stable, asked.same_camera))
         apart, compared = compared, run.together()
-        if apart.surface is not None and len(apart.surface):
+        if apart.surface is not None:
             gained = float(np.median(apart.surface.sigma)), float(np.median(compared.surface.sigma))
     remaining, explanation = None, None
     if asked.camera and (compared.points is not None or compared.surface is not None):
@@ -223,7 +223,7 @@ class _Run:
 def _evidence(compared: Compared) -> Evidence | None:
     """What is tested of a comparison; None where that is nothing."""
     held = compared.points is None or compared.points.held.all()
-    if held and (compared.surface is None or not len(compared.surface)):
+    if held and compared.surface is None:
         return None
     signatures = tuple(Signatures(epoch) for epoch in compared.joint.epochs)
     return gathered(compared.joint, compared.points, compared.surface, signatures)

@@ -97,7 +97,7 @@ def gathered(
         at = np.flatnonzero(np.repeat(~points.held, 3))
         places = np.repeat(points.xyz[:, :2], 3, axis=0)[at]
         parts.append((points.functions[at], points.shift.ravel()[at], places, False))
-    if surface is not None and len(surface):
+    if surface is not None:
         mean = _cells(surface)
         means = mean @ surface.distance, mean @ surface.cores.xyz[:, :2]
         parts.append((surface.sums(mean), *means, True))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,7 +49,7 @@ def of_change(change) -> Report:
     tables = []
     if change.points is not None:
         tables.append(_points(change.points))
-    if change.surface is not None and len(change.surface):
+    if change.surface is not None:
         tables.append(_surface(change.surface))
     if change.explanation is not None and len(change.explanation.table):
         tables.append(_effects(change.explanation))
@@ -79,7 +79,7 @@ def to_dict(change) -> dict:
     if points is not None:
         out["points"] = points.frame.to_dict("records")
         out["congruency"] = vars(points.overall)
-    if surface is not None and len(surface):
+    if surface is not None:
         out["surface"] = {
             "core_points": len(surface),
             "significant": int(surface.moved.sum()),
@@ -119,7 +119,7 @@ def save(change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
         (part / "report.html").write_text(page, encoding="utf-8", newline="\n")
         if change.points is not None:
             write_csv(change.points.frame, part / "points.csv")
-        if change.surface is not None and len(change.surface):
+        if change.surface is not None:
             write_csv(change.surface.frame, part / "surface.csv")
         missing = _write_gis(change, part) if gis else []
         write_json(to_dict(change) | {"not_written": missing}, part / RESULT)
@@ -134,19 +134,12 @@ def _write_gis(change, folder: Path) -> list[str]:
     layers, missing = {}, []
     if points is not None:
         layers["points"] = Layer(points.frame, points=points.xyz + block.offset)
-    shown = surface is not None and len(surface)
-    if shown:
+    if surface is not None:
         # The square around each core point, closed, at its height.
         plan = surface.cores.cells[:, [0, 1, 2, 3, 0]]
         height = np.broadcast_to(surface.cores.xyz[:, None, 2:], (len(plan), 5, 1))
         corners = np.concatenate([plan, height], axis=2) + block.offset
         layers["cells"] = Layer(surface.frame, polygons=list(corners))
-    if layers:
-        try:
-            write_geopackage(folder / "change.gpkg", layers, block.crs)
-        except InputError as error:
-            missing.append(str(error))
-    if shown:
         fields = {
             "change": surface.distance,
             "sigma": surface.sigma,
@@ -154,22 +147,34 @@ def _write_gis(change, folder: Path) -> list[str]:
             "detection_95": surface.detection,
             "significant": surface.moved.astype(np.int32),
         }
-        try:
-            write_las(folder / "change.las", surface.cores.xyz + block.offset, fields, block.crs)
-        except InputError as error:
-            missing.append(str(error))
+        places = surface.cores.xyz + block.offset
+        missing += _tried(write_las, folder / "change.las", places, fields, block.crs)
+    if layers:
+        missing += _tried(write_geopackage, folder / "change.gpkg", layers, block.crs)
     return missing
 
 
+def _tried(write: Callable, *arguments) -> list[str]:
+    """A sentence where it could not be written."""
+    try:
+        write(*arguments)
+    except InputError as error:
+        return [str(error)]
+    return []
+
+
 def _points(points: PointChanges) -> Table:
-    rows = []
-    for row in points.frame.itertuples():
-        numbers = [
-            millimetres(v, s) for v, s in ((row.dx, row.sx), (row.dy, row.sy), (row.dz, row.sz))
-        ]
-        probability = "" if np.isnan(row.probability) else _chance(row.probability)
-        rows.append((str(row.point), *numbers, probability, row.verdict))
-    frame = pd.DataFrame(rows, columns=["point", "dx", "dy", "dz", "probability", "verdict"])
+    rows = [
+        {
+            "point": str(row.point),
+            "dx": millimetres(row.dx, row.sx),
+            "dy": millimetres(row.dy, row.sy),
+            "dz": millimetres(row.dz, row.sz),
+            "probability": "" if np.isnan(row.probability) else _chance(row.probability),
+            "verdict": row.verdict,
+        }
+        for row in points.frame.itertuples()
+    ]
     overall = points.overall
     notes = [
         f"All together: {overall.statistic:.1f} with {overall.freedom} independent numbers, "
@@ -180,7 +185,7 @@ def _points(points: PointChanges) -> Table:
             "undecided: beyond its own noise, but among all points and the whole surface one so "
             "large comes by chance, or effects of camera and flight can make it."
         )
-    return Table.of(frame, "Points, second date minus first", notes)
+    return Table.of(pd.DataFrame(rows), "Points, second date minus first", notes)
 
 
 def _surface(surface: SurfaceChange) -> Table:
@@ -209,74 +214,63 @@ def _accuracy(surface: SurfaceChange) -> list[tuple[str, str]]:
 def _effects(told: Explanation, most: int = 8) -> Table:
     table = told.table.sort_values(["hides", "explained"], ascending=False, kind="stable")
     rows = [
-        (
-            row.epoch,
-            row.effect,
-            "yes" if row.log_evidence > SHOWN else "no",
-            f"{100 * row.shape_share:.0f} %",
-            f"{100 * row.explained:.0f} %",
-            _chance(row.probability),
-            "yes" if row.hides else "no",
-        )
+        {
+            "epoch": row.epoch,
+            "effect": row.effect,
+            "shown": "yes" if row.log_evidence > SHOWN else "no",
+            "shape": f"{100 * row.shape_share:.0f} %",
+            "explains": f"{100 * row.explained:.0f} %",
+            "likely": _chance(row.probability),
+            "could hide it": "yes" if row.hides else "no",
+        }
         for row in table.head(most).itertuples()
     ]
-    header = ["epoch", "effect", "shown", "shape", "explains", "likely", "could hide it"]
     notes = [
         "shown: by the measurements of that epoch alone. shape: share of the change that has the "
         "effect's shape on the ground, whatever its size. explains: with the size that the epoch "
         "says. likely: probability against motion of the ground in patches."
     ]
-    return Table.of(
-        pd.DataFrame(rows, columns=header), "What effects could do to the ground", notes
-    )
+    return Table.of(pd.DataFrame(rows), "What effects could do to the ground", notes)
 
 
 def _volumes(volumes: Mapping[str, Volume]) -> Table:
     rows = [
-        (
-            name,
-            f"{one.value:.2f} \u00b1 {one.total:.2f} m\u00b3",
-            f"{one.sigma:.2f} m\u00b3",
-            f"{one.independent:.2f} m\u00b3",
-            f"{one.area:.0f} m\u00b2",
-            f"{100 * one.share:.0f} %",
-        )
+        {
+            "polygon": name,
+            "volume": f"{one.value:.2f} \u00b1 {one.total:.2f} m\u00b3",
+            "of it measurements": f"{one.sigma:.2f} m\u00b3",
+            "were cells independent": f"{one.independent:.2f} m\u00b3",
+            "area": f"{one.area:.0f} m\u00b2",
+            "covered": f"{100 * one.share:.0f} %",
+        }
         for name, one in volumes.items()
     ]
-    header = [
-        "polygon",
-        "volume",
-        "of it measurements",
-        "were cells independent",
-        "area",
-        "covered",
-    ]
-    return Table.of(pd.DataFrame(rows, columns=header), "Volumes, second date minus first")
+    return Table.of(pd.DataFrame(rows), "Volumes, second date minus first")
 
 
 def _datum(change) -> list[str]:
-    out = []
-    if change.asked.datum == "stable":
-        surface = change.surface
-        carried = ""
-        if surface is not None and surface.laying is not None:
-            carried = f" ({100 * surface.laying.stable.mean():.0f} % of the surface)"
+    out, asked, surface = [], change.asked, change.surface
+    if asked.datum == "stable":
+        laying = None if surface is None else surface.laying
+        carried = "" if laying is None else f" ({100 * laying.stable.mean():.0f} % of the surface)"
         out.append(
             f"Both dates are laid together on what stands still{carried} by a "
-            f"{change.asked.motion} motion: a motion of the whole block cannot be seen."
+            f"{asked.motion} motion: a motion of the whole block cannot be seen."
         )
-        if surface is not None and surface.laying is not None and surface.laying.scale >= 1.05:
+        if laying is not None and laying.scale >= 1.05:
+            one = "One adjustment of both dates with one camera (--together --same-camera), or "
+            less = "Control" if asked.together and asked.same_camera else f"{one}control,"
             out.append(
-                f"What stands still scatters {times(surface.laying.scale)} times as much as its "
-                "standard deviations say, by errors that the adjustments do not know; those of the "
-                f"surface are multiplied by it. {_lessened(change)} would lessen them."
+                f"What stands still scatters {times(laying.scale)} times as much as its standard "
+                "deviations say, by errors that the adjustments do not know; those of the surface "
+                f"are multiplied by it. {less} would lessen them."
             )
         limit = 0.0 if surface is None else float(np.median(surface.detection / surface.total))
         if limit > FEW:
             out.append(
                 "How far to trust the standard deviations is told by what stands still, and few "
-                "parts of it are independent: a change counts (95 %) from "
-                f"{times(limit)} times its sigma on."
+                f"parts of it are independent: a change counts (95 %) from {times(limit)} times "
+                "its sigma on."
             )
     if change.gained is not None:
         apart, one = (1000 * g for g in change.gained)
@@ -287,13 +281,6 @@ def _datum(change) -> list[str]:
     return out
 
 
-def _lessened(change) -> str:
-    """What has not been done against errors that the adjustments do not know."""
-    if change.asked.together and change.asked.same_camera:
-        return "Control"
-    return "One adjustment of both dates with one camera (--together --same-camera), or control,"
-
-
 def _adjusted(change, most: int = 3) -> list[str]:
     """What is doubtful about the adjustments that the change rests on, the gravest of each."""
     found: dict[str, list[str]] = {}
@@ -301,9 +288,8 @@ def _adjusted(change, most: int = 3) -> list[str]:
     for date, one in zip(dates, change.final.adjustments, strict=False):
         for sentence in grave(one)[:most]:
             found.setdefault(sentence, []).append(date)
-    return [
-        f"{'Both dates' if len(of) == 2 else of[0]}: {sentence}" for sentence, of in found.items()
-    ]
+    both = {2: "Both dates"}
+    return [f"{both.get(len(of), of[0])}: {sentence}" for sentence, of in found.items()]
 
 
 def detection_report(surface: SurfaceChange) -> Report:

@@ -37,7 +37,7 @@ def verdict_sentence(change) -> str:
     if change.verdict == "undecided":
         return _undecided(told, _size(change.compared.surface))
     said = f"No change is significant at the level of {100 * change.asked.level:g} %"
-    if surface is None or not len(surface):
+    if surface is None:
         return f"{said}."
     seen = 1000 * np.median(surface.detection)
     return f"{said}; half of the surface would show {seen:.0f} mm (95 %)."

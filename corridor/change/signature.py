@@ -26,6 +26,8 @@ from corridor.effects import Effect, candidates
 PLACES = ("camera", "image", "motion", "antenna")
 # Share of an effect's own information that must be left, or rounding would speak.
 LEFT = 1e-9
+# m: what moves nothing by more has no shape on the ground, but that of rounding.
+NOTHING_M = 1e-9
 # Log evidence from which on the measurements of an epoch show an effect: one in a hundred blocks
 # without any would show one of some twenty candidates.
 SHOWN = 7.6
@@ -90,7 +92,8 @@ class Signatures:
         gains = point_gains(self._tested, spread.points)
         direct = spread.rows @ gains.gain[self._at].T.toarray()
         through = spread.through @ self._followed
-        return (direct + through) * self.scale
+        moved = (direct + through) * self.scale
+        return np.where(np.abs(moved).max(axis=0, initial=0.0) > NOTHING_M, moved, 0.0)
 
     def estimate(self, some: np.ndarray, free: bool = False) -> Estimate:
         """The parameters some (k,) from the measurements of the epoch, in prior sigmas.
