@@ -15,7 +15,7 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.campaign.memory import limited
+from corridor.campaign.work import limited
 from corridor.cli import main
 from corridor.effects import LinearEffect, Parameter
 from corridor.report import sole

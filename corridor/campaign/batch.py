@@ -15,9 +15,8 @@ import joblib
 from corridor.adjustment import Model
 from corridor.block import is_block
 from corridor.campaign.campaign import Campaign
-from corridor.campaign.memory import share_of_machine
 from corridor.campaign.row import NOT_RUN, Row
-from corridor.campaign.work import MARK, RESULTS, Asked, Task, call_of, work
+from corridor.campaign.work import MARK, RESULTS, Asked, Task, call_of, share_of_machine, work
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.parallel import WorkerDied, parallel
 from corridor.report import check_folder, check_gis, sole

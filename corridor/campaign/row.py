@@ -61,47 +61,33 @@ class Row:
     @classmethod
     def of_adjustment(cls, block: str, folder: str, adjustment: Adjustment) -> Row:
         """The row of an adjustment that converged."""
-        required, tested = adjustment.required, len(adjustment.check_points) > 0
-        missed = tested and required is not None and adjustment.check_rms.d3 > required
-        if missed:
+        known, tested = _measured(adjustment, adjustment.required), len(adjustment.check_points) > 0
+        if known["missed"]:
             verdict = MISSED
-        elif required is not None and tested:
+        elif adjustment.required is not None and tested:
             verdict = "good enough"
         elif doubted(adjustment):
             verdict = IN_DOUBT
         else:
             verdict = "fits" if tested else NOT_TESTED
         good = verdict in ("fits", "good enough") and not doubted(adjustment)
-        todo = [] if good else steps(adjustment)
+        todo = "" if good else next(iter(steps(adjustment)), "")
         return cls(
-            block,
-            folder,
-            verdict,
-            missed=missed,
-            attention=todo[0] if todo else "",
-            seconds=adjustment.seconds,
-            **_measured(adjustment),
-        )
+            block, folder, verdict, attention=todo, seconds=adjustment.seconds, **known
+        )  # fmt: skip
 
     @classmethod
     def of_diagnosis(cls, block: str, folder: str, diagnosis: Diagnosis) -> Row:
         """The row of a diagnosis: its verdict, and the block with what was found."""
-        after, required = diagnosis.after, diagnosis.required
-        tested = len(after.check_points) > 0
-        missed = tested and required is not None and after.check_rms.d3 > required
+        known, verdict = _measured(diagnosis.after, diagnosis.required), diagnosis.verdict
         slugs = [one.slug for one in diagnosis.findings.effects]
         slugs += [one.group for one in diagnosis.findings.unknown]
-        needed = missed or diagnosis.verdict != "nothing"
+        needed = known["missed"] or verdict != "nothing"
+        todo = next(iter(diagnosis.actions), "") if needed else ""
+        found = ", ".join(dict.fromkeys(slugs))
         return cls(
-            block,
-            folder,
-            diagnosis.verdict,
-            found=", ".join(dict.fromkeys(slugs)),
-            missed=missed,
-            attention=diagnosis.actions[0] if needed and diagnosis.actions else "",
-            seconds=diagnosis.seconds,
-            **_measured(after),
-        )
+            block, folder, verdict, found, attention=todo, seconds=diagnosis.seconds, **known
+        )  # fmt: skip
 
     @classmethod
     def of_json(cls, content: dict[str, Any]) -> Row:
@@ -124,12 +110,14 @@ class Row:
         return rank, -_known(self.check_rms_3d_m), -_known(self.sigma0), self.block
 
 
-def _measured(adjustment: Adjustment) -> dict[str, Any]:
-    rms = adjustment.check_rms
+def _measured(adjustment: Adjustment, required: float | None) -> dict[str, Any]:
+    """What a row has of an adjustment; missed: check points are further off than required, m."""
+    rms, checked = adjustment.check_rms, len(adjustment.check_points)
     return {
+        "missed": bool(checked and required is not None and rms.d3 > required),
         "images": len(adjustment.block.images),
         "sigma0": float(adjustment.sigma0),
-        "check_points": len(adjustment.check_points),
+        "check_points": checked,
         "check_rms_xy_m": float(rms.xy),
         "check_rms_z_m": float(rms.z),
         "check_rms_3d_m": float(rms.d3),

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import socket
+import sys
 import threading
 import time
 import traceback
@@ -20,7 +21,6 @@ from corridor import __version__
 from corridor import adjustment as least_squares
 from corridor.adjustment import Model, not_converged
 from corridor.block import read
-from corridor.campaign.memory import limited
 from corridor.campaign.row import FAILED, Row
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.figures import of_adjustment
@@ -29,6 +29,9 @@ from corridor.report import forget_parts, sole, whole_file, write_json
 MARK = "batch.json"
 # The file by which the result of a verb is known.
 RESULTS = {"adjust": "adjustment.json", "diagnose": "diagnosis.json"}
+_GROUP = Path("/sys/fs/cgroup/memory.max")
+# Of what the machine has, what is left to the system and to the process that shares out.
+_LEFT = 0.1
 # A Dask worker may have several threads; a process has one block, and its memory, at a time.
 _ONE_BLOCK = threading.Lock()
 
@@ -211,3 +214,38 @@ def _diagnosed(task: Task) -> Row:
     command = asked.command.replace("BLOCKS", os.fspath(task.folder), 1)
     found.save(task.target, asked.counterparts, threads, command=command, gis=asked.gis)
     return Row.of_diagnosis(task.name, str(task.folder), found)
+
+
+def share_of_machine(jobs: int) -> float | None:
+    """Memory (GB) for each of so many workers of this machine; None where it cannot be held."""
+    if not sys.platform.startswith("linux"):
+        return None
+    total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        total = min(total, int(_GROUP.read_text()))  # of a container
+    except (OSError, ValueError):
+        pass
+    return (1 - _LEFT) * total / 1e9 / jobs
+
+
+@contextmanager
+def limited(gb: float | None) -> Iterator[None]:
+    """Within the `with` the process has at most so much memory of its own; beyond, MemoryError.
+
+    gb: None for any. Raises InputError where the system cannot do it (all but Linux).
+    """
+    if gb is None:
+        yield
+        return
+    if not sys.platform.startswith("linux"):
+        raise InputError("memory can be limited on Linux only: leave --memory out, lower --jobs")
+    import resource
+
+    before, most = resource.getrlimit(resource.RLIMIT_DATA)
+    wanted = int(gb * 1e9)
+    wanted = wanted if most == resource.RLIM_INFINITY else min(wanted, most)
+    resource.setrlimit(resource.RLIMIT_DATA, (wanted, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (before, most))
