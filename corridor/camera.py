@@ -291,15 +291,10 @@ def interior_change(ray, f, radials, change, row):
     )
 
 
-@compiled()
-def radials_in_use(interior):
+def radials_in_use(interior: np.ndarray) -> int:
     """How many radial coefficients of the vectors (n, 15) are needed: up to the last non-zero."""
-    most = 0
-    for row in range(interior.shape[0]):
-        for n in range(8):
-            if interior[row, 7 + n] != 0.0 and n + 1 > most:
-                most = n + 1
-    return most
+    used = np.flatnonzero(interior[:, _FIRST_RADIAL:].any(axis=0))
+    return int(used[-1]) + 1 if len(used) else 0
 
 
 @compiled()

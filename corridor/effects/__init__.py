@@ -13,6 +13,7 @@ from corridor.effects.contract import (
     Parameter,
     Variant,
     along_both,
+    along_each,
     edge_of,
     of_interior,
 )
@@ -46,6 +47,7 @@ __all__ = [
     "Variant",
     "add",
     "along_both",
+    "along_each",
     "every_effect",
     "candidates",
     "check_needs",

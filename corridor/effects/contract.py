@@ -230,12 +230,18 @@ def of_interior(context: Context, **factors: float | np.ndarray) -> np.ndarray:
     return np.concatenate(parts, axis=2)
 
 
+def along_each(terms: np.ndarray, axes: int = 3) -> np.ndarray:
+    """Derivative (rows, axes, axes * k) of an effect that moves each axis by k terms (rows, k)."""
+    rows, count = terms.shape
+    derivative = np.zeros((rows, axes, axes * count))
+    for axis in range(axes):
+        derivative[:, axis, axis * count : (axis + 1) * count] = terms
+    return derivative
+
+
 def along_both(terms: np.ndarray) -> np.ndarray:
     """Derivative (rows, 2, 2 k) of an effect that shifts x by k terms (rows, k), and y alike."""
-    rows, count = terms.shape
-    derivative = np.zeros((rows, 2, 2 * count))
-    derivative[:, 0, :count] = derivative[:, 1, count:] = terms
-    return derivative
+    return along_each(terms, 2)
 
 
 def edge_of(block: Block) -> tuple[float, float]:

@@ -90,7 +90,7 @@ class Network:
         interior = np.array([c.interior for c in flown.cameras])
         limit = [(c.width - 1 - border_px, c.height - 1 - border_px) for c in flown.cameras]
         self._pictures = _Pictures(
-            flown.centre, flown.rotation, flown.camera, interior, int(radials_in_use(interior)),
+            flown.centre, flown.rotation, flown.camera, interior, radials_in_use(interior),
             np.array(limit, dtype=float), float(border_px),
         )  # fmt: skip
 

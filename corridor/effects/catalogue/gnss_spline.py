@@ -6,7 +6,7 @@ Source: this project (a shape for what no named effect explains).
 import numpy as np
 
 from corridor.effects.context import Images
-from corridor.effects.contract import LinearEffect, Parameter
+from corridor.effects.contract import LinearEffect, Parameter, along_each
 from corridor.effects.splines import coefficients, curve
 
 _MOST = 6
@@ -35,11 +35,7 @@ class GnssSpline(LinearEffect):
         for flight in range(len(images.flight_names)):
             mine = images.flight == flight
             curves[mine] = curve(images.time[mine], images.time[mine], count)
-        derivative = np.zeros((len(context), 3, 3 * (count - 1)))
-        for axis in range(3):
-            columns = slice(axis * (count - 1), (axis + 1) * (count - 1))
-            derivative[:, axis, columns] = curves[context.image]
-        return derivative
+        return along_each(curves[context.image])
 
     @staticmethod
     def _count(images):

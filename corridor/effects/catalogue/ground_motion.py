@@ -6,7 +6,7 @@ Source: this project (a shape for what no named effect explains).
 import numpy as np
 
 from corridor.effects.context import Images
-from corridor.effects.contract import Effect, Parameter, linear
+from corridor.effects.contract import Effect, Parameter, along_each, linear
 from corridor.effects.splines import coefficients, curve
 
 _MOST = 6
@@ -32,10 +32,7 @@ class GroundMotion(Effect):
         # The control of the block, which this may be some of, says how many there are.
         count = values.shape[-1] // 3 + 1
         at = (context.position - context.images.middle) @ axis
-        curves = curve(at, stations, count)
-        derivative = np.zeros((len(context), 3, 3 * (count - 1)))
-        for n in range(3):
-            derivative[:, n, n * (count - 1) : (n + 1) * (count - 1)] = curves
+        derivative = along_each(curve(at, stations, count))
         return linear(derivative, values), derivative
 
     @staticmethod

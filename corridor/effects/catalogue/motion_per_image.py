@@ -34,7 +34,4 @@ class MotionPerImage(LinearEffect):
 
     def derivative(self, context):
         """Centre (world) and rotation (camera frame) by values s; the row s from -1/2 to 1/2."""
-        derivative = np.zeros((len(context), 6, 6))
-        for axis in range(6):
-            derivative[:, axis, axis] = context.row
-        return derivative
+        return context.row[:, None, None] * np.eye(6)

@@ -11,7 +11,7 @@ data/sequoia, whose gyroscope comes 43 ms late.
 
 import numpy as np
 
-from corridor.effects.contract import Effect, Parameter
+from corridor.effects.contract import Effect, Parameter, linear
 
 # Rates of a rocking wing or a gimbal change a few times within one readout.
 _CURVE_DEGREE = 8
@@ -68,12 +68,8 @@ class RollingShutterRotation(Effect):
         """
         if self.measured:
             return self._by_curve(context, values)
-        derivative = np.zeros((len(context), 6, 3))
-        for axis in range(3):
-            derivative[:, 3 + axis, axis] = context.row
-        shift = np.zeros((len(context), 6))
-        shift[:, 3:] = context.row[:, None] * values
-        return shift, derivative
+        derivative = context.row[:, None, None] * np.eye(6, 3, -3)
+        return linear(derivative, values), derivative
 
     def _by_curve(self, context, values):
         readout, delay = np.broadcast_to(values, (len(context), 2)).T
