@@ -68,8 +68,7 @@ def _outside(out: Block, block: Block, table: str, notes: list[str]) -> Block:
     if not len(rows) or len(rows) > 0.02 * len(frame):
         return out
     shown = [
-        f"{block.where(table, k)}: point {frame['point'].iloc[k]} in image "
-        f"{frame['image'].iloc[k]} at {frame['x'].iloc[k]:g}, {frame['y'].iloc[k]:g}"
+        f"{block.named(table, k)} at {frame['x'].iloc[k]:g}, {frame['y'].iloc[k]:g}"
         for k in rows[:_NAMED]
     ]
     notes.append(_told(rows, "image observation", "far outside the picture", shown))
@@ -108,10 +107,7 @@ def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block
     rows, far = _far(given - pose[block.image_rows("gnss"), :3], _height(block, pose))
     if not len(rows):
         return out
-    shown = [
-        f"{block.where('gnss', k)}: image {block.gnss['image'].iloc[k]}, {_metres(far[k])} off"
-        for k in rows[:_NAMED]
-    ]
+    shown = [f"{block.named('gnss', k)}, {_metres(far[k])} off" for k in rows[:_NAMED]]
     notes.append(_told(rows, "GNSS position", "far from where the others put the image", shown))
     out = _own(out, block)
     out.gnss = block.gnss.drop(index=block.gnss.index[rows]).reset_index(drop=True)

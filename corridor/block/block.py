@@ -199,19 +199,21 @@ class Block:
         path = self._files.get(table, Path(f"{table}.csv"))
         return place(path, int(row))
 
-    def image_at(self, row: int) -> str:
-        """`images.csv, row 3: image A17` for row 1 (from 0), to begin a sentence on one image."""
-        return f"{self.where('images', row)}: image {self.images['image'].iloc[row]}"
+    def named(self, table: str, row: int) -> str:
+        """`marks.csv, row 3: point G1 in image A17` for row 1 (from 0), to begin a sentence."""
+        cells = getattr(self, table).iloc[int(row)]
+        names = [f"{name} {cells[name]}" for name in ("point", "image") if name in cells]
+        return f"{self.where(table, row)}: {' in '.join(names)}"
 
-    def demand(self, there: np.ndarray, fault: str, remedy: str) -> None:
-        """Raise InputError for the first image where a mask (images,), or (images, n), is False.
+    def demand(self, table: str, there: np.ndarray, fault: str, remedy: str) -> None:
+        """Raise InputError for the first row where a mask (rows,), or (rows, n), is not True.
 
         fault: what is to be said of it: `has no time_s`. The sentence tells of how many it is true.
         """
         wrong = np.flatnonzero(~there.reshape(len(there), -1).all(axis=1))
         if len(wrong):
-            many = f"{len(wrong)} of {len(there)} images"
-            raise InputError(f"{self.image_at(wrong[0])} {fault} ({many}): {remedy}")
+            many = f"{len(wrong)} of {len(there)} {'images' if table == 'images' else 'rows'}"
+            raise InputError(f"{self.named(table, wrong[0])} {fault} ({many}): {remedy}")
 
     # --- standard deviations -----------------------------------------------------------------
 

@@ -10,7 +10,6 @@ import numpy as np
 from corridor.block import Block, read, record_correction
 from corridor.effects.forward import predict, take_out
 from corridor.effects.values import EffectValues, Values, effect_of
-from corridor.errors import InputError
 from corridor.preparation import rates_from_neighbours, velocities
 
 
@@ -46,17 +45,15 @@ def correct(
     given = Values.of(block, {name: mine or None for name, mine in given.items()})
     out = block.copy()
     record_correction(out, given.plain(), [*found, *notes])
-    _refuse_incomplete(block)
+    remedy = "run `corridor adjust` first and correct OUT/block"
+    block.demand("images", np.isfinite(block.poses), "has no pose", remedy)
+    for table in ("tie_points", "marks"):
+        place = block.positions(table)[getattr(block, table)["point"].array.codes]
+        block.demand(table, np.isfinite(place), "has no coordinates", remedy)
     seen = predict(block, given)
     for table, modelled in (("tie_points", seen.tie), ("marks", seen.mark)):
-        lost = np.flatnonzero(~np.isfinite(modelled).all(axis=1))
-        if len(lost):
-            row, rows = int(lost[0]), getattr(block, table)
-            raise InputError(
-                f"{block.where(table, row)}: point {rows['point'].iloc[row]} does not lie in front "
-                f"of image {rows['image'].iloc[row]} ({len(lost)} rows are so): run `corridor "
-                "adjust` first and correct OUT/block, or remove the rows"
-            )
+        fault = "does not lie in front of it"
+        block.demand(table, np.isfinite(modelled), fault, f"{remedy}, or remove the rows")
     return take_out(out, given)
 
 
@@ -87,19 +84,3 @@ def _with_motion(
         if "images.wx" in looked_at and not block.has("images.wx"):
             notes.append("No angular rates are known: the camera is taken not to have turned.")
     return block, notes
-
-
-def _refuse_incomplete(block: Block) -> None:
-    """Refuse a block without the poses and points at which an effect is worked out."""
-    remedy = "run `corridor adjust` first and correct OUT/block"
-    block.demand(np.isfinite(block.poses), "has no pose", remedy)
-    for table in ("tie_points", "marks"):
-        rows = getattr(block, table)
-        known = np.isfinite(block.positions(table)).all(axis=1)
-        lost = np.flatnonzero(~known[rows["point"].array.codes])
-        if len(lost):
-            raise InputError(
-                f"{block.where(table, lost[0])}: point {rows['point'].iloc[lost[0]]} has no "
-                f"coordinates ({len(lost)} of {len(rows)} rows have none): run `corridor adjust` "
-                "first and correct OUT/block"
-            )

@@ -27,7 +27,7 @@ def rates_from_neighbours(block: Block) -> Block:
     """
     pose = block.poses
     fault = "has no pose, from which angular rates follow"
-    block.demand(np.isfinite(pose), fault, "run `corridor adjust` first")
+    block.demand("images", np.isfinite(pose), fault, "run `corridor adjust` first")
     time = times(block)
     rotation = rotation_from_quaternion(pose[:, 3:])
     rate = np.full((len(pose), 3), np.nan)

@@ -20,6 +20,7 @@ from corridor.geometry import (
     rotation_from_quaternion,
 )
 from corridor.preparation.slips_of_motion import motion_doubts
+from corridor.report import counted
 
 # Readouts of frame sensors end at a quarter of a second.
 SLOWEST_READOUT_S = 0.5
@@ -201,9 +202,9 @@ def _outside(block, camera, mine, pixels) -> str:
     table, row = at
     there = getattr(block, table).iloc[row]
     return (
-        f"{count} observation{'s' * (count > 1)} outside the picture of camera {camera.name} "
-        f"({camera.width} x {camera.height} px), the farthest in {block.where(table, row)}: point "
-        f"{there['point']} in image {there['image']} at {there['x']:g}, {there['y']:g}."
+        f"{counted(count, 'observation')} outside the picture of camera {camera.name} "
+        f"({camera.width} x {camera.height} px), the farthest in {block.named(table, row)} at "
+        f"{there['x']:g}, {there['y']:g}."
     )
 
 

@@ -87,7 +87,7 @@ def velocities(block: Block, method: str = "auto") -> Velocities:
         method = _best(block, given)
     if method == "metadata":
         remedy = "fill them in, or take velocities from neighbours, strip or gnss"
-        block.demand(np.isfinite(given), "lacks vx, vy or vz", remedy)
+        block.demand("images", np.isfinite(given), "lacks vx, vy or vz", remedy)
         found = Velocities(given, np.full(len(given), np.nan), "metadata")
     elif method == "gnss":
         found = _from_antennas(block)
@@ -116,7 +116,7 @@ def _from_antennas(block: Block) -> Velocities:
     else:
         fault = "has no position in gnss.csv, or none near it"
         remedy = "take velocities from neighbours or strip"
-    block.demand(np.isfinite(table), fault, remedy)
+    block.demand("images", np.isfinite(table), fault, remedy)
     velocity, sigma = table[:, :3], table[:, 3:]
     speed = np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-9)
     along = np.sqrt(np.sum((sigma * velocity / speed) ** 2, axis=1))
@@ -127,7 +127,9 @@ def _from_antennas(block: Block) -> Velocities:
 def _from_positions(block: Block, method: str) -> Velocities:
     position, time = block.numbers("images", *"xyz"), times(block)
     remedy = "run `corridor adjust` first and take the adjusted block"
-    block.demand(np.isfinite(position), "has no position, from which velocities follow", remedy)
+    block.demand(
+        "images", np.isfinite(position), "has no position, from which velocities follow", remedy
+    )
     step = rounding(time)
     notes: list[str] = []
     runs = list(track_runs(block, time, position, notes))
@@ -159,7 +161,7 @@ def _from_positions(block: Block, method: str) -> Velocities:
             "are taken."
         )
     fault = "has no neighbour in its strip with another time stamp"
-    block.demand(np.isfinite(velocity), fault, "correct time_s, or give vx, vy, vz")
+    block.demand("images", np.isfinite(velocity), fault, "correct time_s, or give vx, vy, vz")
     speed = np.linalg.norm(velocity, axis=1)
     sigma = speed * np.sqrt(2) * sigma_t / span
     return Velocities(velocity, sigma, method, step, sigma_t, notes)
@@ -258,7 +260,7 @@ def times(block: Block) -> np.ndarray:
     """Seconds (images,). Raises InputError where an image has none."""
     time = block.column("images", "time_s")
     remedy = "fill it in, or give vx, vy, vz"
-    block.demand(~np.isnan(time), "has no time_s, from which velocities follow", remedy)
+    block.demand("images", ~np.isnan(time), "has no time_s, from which velocities follow", remedy)
     return time
 
 
@@ -269,7 +271,7 @@ def _checked(block: Block, found: Velocities) -> Velocities:
         time = block.column("images", "time_s")[worst]
         many = int(np.sum(found.speed > FASTEST_M_S))
         raise InputError(
-            f"{block.image_at(worst)} would fly "
+            f"{block.named('images', worst)} would fly "
             f"{found.speed[worst]:.0f} m/s at time_s = {time:g} ({many} of {len(found.speed)} "
             f"images faster than {FASTEST_M_S:g} m/s): its time stamp or its flight and strip are "
             "wrong, correct them or give vx, vy, vz"

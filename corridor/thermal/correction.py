@@ -134,7 +134,7 @@ def _moved(
         unknown = np.flatnonzero(used & ~np.isfinite(warm))
         if len(unknown):
             raise InputError(
-                f"{block.image_at(unknown[0])} has no temperature_c"
+                f"{block.named('images', unknown[0])} has no temperature_c"
                 + (f" (nor have {len(unknown) - 1} more)" if len(unknown) > 1 else "")
                 + ": fill the cell or leave the image out"
             )
