@@ -29,7 +29,6 @@ from corridor.report import with_units
 
 HIGH = 0.95
 _IN_PIXELS = ("f", "cx", "cy")
-_CHECKED = "dx dy dz sx sy sz"
 _PART = 1 << 20  # observations that are looked at together
 
 
@@ -188,10 +187,19 @@ class Tables(Checked):
     def statistics(self) -> dict[str, dict]:
         """`observations` as adjustment.json has them: rms in px, or three in metres."""
         out = {}
-        for kind in ("tie", "mark"):
-            frame = self.residuals[kind]
+        for kind, frame in self.residuals.items():
+            out[kind] = {}
             if not len(frame):
-                out[kind] = {}
+                continue
+            if kind in ("gnss", "control"):
+                v = frame[["vx", "vy", "vz"]].to_numpy()
+                s = frame[["sx", "sy", "sz"]].to_numpy()
+                out[kind] = {
+                    "count": len(frame),
+                    "rms": np.sqrt(np.mean(v**2, axis=0)).tolist(),
+                    "sigma0": float(np.sqrt(np.mean((v / s) ** 2))),
+                    "outliers": int(frame["outlier"].sum()),
+                }
                 continue
             gross, sigma = frame["gross"].to_numpy(), frame["sigma"].to_numpy()
             # Where the sigmas of the other kind are absurd all of a kind stand out: none is left.
@@ -205,19 +213,6 @@ class Tables(Checked):
                 "sigma0": float(np.sqrt(np.mean([_mean_square(v, sigma, kept) for v in axes]))),
                 "outliers": int(frame["outlier"].sum()),
                 "gross": int(gross.sum()),
-            }
-        for kind in ("gnss", "control"):
-            frame = self.residuals[kind]
-            if not len(frame):
-                out[kind] = {}
-                continue
-            v = frame[["vx", "vy", "vz"]].to_numpy()
-            s = frame[["sx", "sy", "sz"]].to_numpy()
-            out[kind] = {
-                "count": len(frame),
-                "rms": np.sqrt(np.mean(v**2, axis=0)).tolist(),
-                "sigma0": float(np.sqrt(np.mean((v / s) ** 2))),
-                "outliers": int(frame["outlier"].sum()),
             }
         return out
 
@@ -443,18 +438,14 @@ class Tables(Checked):
         marks = np.flatnonzero(p.point_kinds)
         at = {name: n for n, name in zip(marks, p.point_index[marks], strict=True)}
         seen = np.array([name in at for name in names], dtype=bool)
-        columns, units = ["point", "dx", "dy", "dz", "sx", "sy", "sz", "rays"], {"m": _CHECKED}
-        if not seen.any():
-            empty = pd.DataFrame(columns=columns).astype(dict.fromkeys(columns[1:], float))
-            return with_units(empty, units)
-        index = np.array([at[name] for name in names[seen]])
-        difference = self.state.points[index] - given[seen]
+        index = np.array([at[name] for name in names[seen]], dtype=int)
         table = pd.DataFrame({"point": names[seen]})
-        table[["dx", "dy", "dz"]] = difference
-        variance = self.covariance.points(index)[:, [0, 2, 5]]
+        table[["dx", "dy", "dz"]] = self.state.points[index] - given[seen]
+        # Of no point the covariances need not be worked out.
+        variance = self.covariance.points(index)[:, [0, 2, 5]] if len(index) else np.zeros((0, 3))
         table[["sx", "sy", "sz"]] = self.sigma0 * np.sqrt(variance)
         table["rays"] = np.diff(p.ptr)[index]
-        return with_units(table, units)
+        return with_units(table, {"m": "dx dy dz sx sy sz"})
 
 
 def _mean_square(v: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> float:

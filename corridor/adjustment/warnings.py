@@ -15,8 +15,8 @@ INSEPARABLE = 0.995
 # Residuals that follow the rows of single images: share of their squares, and length in sigmas.
 ROW_SHARE, ROW_SIGMAS = 0.15, 0.5
 _ROW_DEGREE = 4
-# An estimated readout this far from the stated one, in sigmas and as a share, is told.
-FAR_SIGMAS, FAR_SHARE = 3.0, 0.15
+# An estimate this far from what is stated beforehand is told.
+FAR_SIGMAS = 3.0
 # A stated shutter that is left out and moves the rows of a picture by more than this (px).
 MOVED_PX = 1.0
 # Pixels of sensors are square to a few parts in ten thousand, and their axes perpendicular.
@@ -45,7 +45,7 @@ def grave(adjustment: Tables) -> list[str]:
         *implausible(adjustment),
         *_inseparable(adjustment),
         *_motion(adjustment),
-        *_readout(adjustment),
+        *_doubtful_effects(adjustment),
         *_unmodelled(adjustment),
         *_priors(adjustment),
         *_pixels(adjustment),
@@ -217,28 +217,10 @@ def _motion(a):
         )
 
 
-def _readout(a):
-    """A readout that no shutter has, or that is far from the stated one."""
-    table, cameras = a.effects, a.problem.block.cameras
-    for row in table[table["parameter"] == "readout"].itertuples(index=False):
-        found = f"{1000 * row.value:.1f} +- {1000 * row.sigma:.1f} ms"
-        mine = [cameras[row.group]] if row.group in cameras else cameras.values()
-        stated = {camera.readout_s for camera in mine} - {None}
-        if row.value < 0:
-            yield (
-                f"A readout of {found} is negative: the rows run the other way (row_direction in "
-                "block.toml), or this is no measurement, because speed and flight direction vary "
-                "too little in the pictures."
-            )
-        elif len(stated) == 1 and row.sigma > 0:
-            (known,) = stated
-            off = abs(row.value - known)
-            if off > FAR_SIGMAS * row.sigma and off > FAR_SHARE * known:
-                yield (
-                    f"A readout of {found} was estimated where block.toml states "
-                    f"{1000 * known:.1f} ms: the velocities are wrong, the flight does not tell "
-                    "the readout, or the camera was in another mode."
-                )
+def _doubtful_effects(a):
+    """Values of effects that contradict what is known of such an effect, or of the block."""
+    for slug, one in a.values.items():
+        yield from one.effect.doubts(a.problem.block, a.effects[a.effects["slug"] == slug])
 
 
 def _unmodelled(a):

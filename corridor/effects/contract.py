@@ -12,6 +12,7 @@ from copy import copy
 from dataclasses import asdict, dataclass
 
 import numpy as np
+import pandas as pd
 
 from corridor.block import Block
 from corridor.camera import INTERIOR
@@ -150,6 +151,13 @@ class Effect(ABC):
         They are taken where somebody corrects the effect without giving values.
         """
         return None
+
+    def doubts(self, block: Block, found: pd.DataFrame) -> list[str]:
+        """Sentences on values that no such effect has, or that contradict what the block states.
+
+        found: parameter, group, value and sigma of each, as an adjustment has them.
+        """
+        return []
 
     def missing(self, block: Block) -> list[str]:
         """Those of `needs` that the block does not have."""

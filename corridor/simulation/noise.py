@@ -7,6 +7,7 @@ import numpy as np
 from corridor.block import Block
 from corridor.errors import InputError
 from corridor.gnss import SlowNoise
+from corridor.simulation.plan import Noise
 
 _OUTLIER_PX = (5.0, 50.0)
 
@@ -35,19 +36,11 @@ def add_noise(
     time constant gnss_slow_s, seconds; each flight on its own.
     The default sigmas of the block become the ones drawn, wherever those are not zero.
     Each kind of measurement has its own stream of the seed: adding one does not change another.
-    Raises InputError for negative sigmas and a share outside 0 to 1.
+    Raises InputError for negative sigmas and a share outside 0 to 1, as `Noise` does.
     """
+    Noise(tie_px, mark_px, gnss_m, control_m, outliers, rounding_px, gnss_slow, gnss_slow_s)
     gnss = np.broadcast_to(np.asarray(gnss_m, dtype=float), 3)
     control = np.broadcast_to(np.asarray(control_m, dtype=float), 3)
-    if min(tie_px, mark_px, gnss.min(), control.min(), rounding_px) < 0:
-        raise InputError("noise has a negative standard deviation: give sigmas of 0 or more")
-    if not 0 <= outliers <= 1:
-        raise InputError(f"a share of outliers of {outliers:g} is impossible: give 0 to 1")
-    if not 0 <= gnss_slow <= 1 or not gnss_slow_s > 0:
-        raise InputError(
-            f"gnss_slow = {gnss_slow:g} is a share, 0 to 1, and gnss_slow_s = {gnss_slow_s:g} a "
-            "time above 0"
-        )
     block = block.copy()
     draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(6)]
 

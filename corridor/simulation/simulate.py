@@ -107,7 +107,7 @@ def simulate(
     added = {**plan.effects, **(effects or {})}
     if not isinstance(seed, numbers.Integral) or seed < 0:
         raise InputError(f"seed = {seed!r} is not a whole number from 0")
-    noise = _settings(_noise_called(noise), plan.noise, Noise)
+    noise = _settings(noise, plan.noise, Noise)
     start = _settings(start, plan.start, Start)
     _check_camera(start)
     _check_effects(plan, added)
@@ -272,27 +272,21 @@ def _check_points(
     return fit[evenly(seen.station[fit], seen.across[fit], ground.check_from_ties, draw)]
 
 
-def _noise_called(noise):
-    """The noise that goes by a name; anything else as it is."""
-    if not isinstance(noise, str):
-        return noise
-    known = {"ordinary": ORDINARY_NOISE, "none": Noise()}
-    if noise not in known:
-        raise InputError(f"noise {noise!r} is unknown: use ordinary, none, or a table of sigmas")
-    return known[noise]
-
-
 def _settings(given, plans, kind):
-    if given is None:
-        return plans
-    if isinstance(given, kind):
-        return given
+    """Settings in place of the plan's: a table, all of them, or noise by its name."""
+    if given is None or isinstance(given, kind):
+        return plans if given is None else given
     where = kind.__name__.lower()
+    if isinstance(given, str) and kind is Noise:
+        known = {"ordinary": ORDINARY_NOISE, "none": Noise()}
+        if given not in known:
+            raise InputError(
+                f"noise {given!r} is unknown: use ordinary, none, or a table of sigmas"
+            )
+        return known[given]
     if not isinstance(given, Mapping):
         raise InputError(f"{where} is a table, not {given!r}")
-    return build(
-        kind, {**{key: getattr(plans, key) for key in kind.__dataclass_fields__}, **given}, where
-    )
+    return build(kind, {**vars(plans), **given}, where)
 
 
 def _check_camera(start: Start) -> None:

@@ -11,6 +11,9 @@ import numpy as np
 from corridor.effects.contract import LinearEffect, Parameter
 from corridor.errors import InputError
 
+# An estimated readout this far from the stated one, in sigmas and as a share, is told.
+_FAR_SIGMAS, _FAR_SHARE = 3.0, 0.15
+
 
 class RollingShutter(LinearEffect):
     slug = "rolling_shutter"
@@ -42,6 +45,9 @@ class RollingShutter(LinearEffect):
             )
         return {"readout": next(iter(given.values()))}
 
+    def doubts(self, block, found):
+        return readout_doubts(block, found)
+
     def derivative(self, context):
         """Centre v t and rotation w t, with t = readout (row - middle row) / (rows - 1)."""
         derivative = np.zeros((len(context), 6, 1))
@@ -51,3 +57,28 @@ class RollingShutter(LinearEffect):
             # An unknown rate leaves the translation, which matters more.
             np.multiply(np.nan_to_num(context.angular_rate), row, out=derivative[:, 3:, 0])
         return derivative
+
+
+def readout_doubts(block, found):
+    """Sentences on a readout that no shutter has, or that is far from the stated one."""
+    out = []
+    for row in found[found["parameter"] == "readout"].itertuples(index=False):
+        value = f"{1000 * row.value:.1f} +- {1000 * row.sigma:.1f} ms"
+        cameras = block.cameras
+        mine = [cameras[row.group]] if row.group in cameras else cameras.values()
+        stated = {camera.readout_s for camera in mine} - {None}
+        known = stated.pop() if len(stated) == 1 else None
+        off = abs(row.value - (known or 0.0))
+        if row.value < 0:
+            out.append(
+                f"A readout of {value} is negative: the rows run the other way (row_direction in "
+                "block.toml), or this is no measurement, because speed and flight direction vary "
+                "too little in the pictures."
+            )
+        elif known and row.sigma > 0 and off > max(_FAR_SIGMAS * row.sigma, _FAR_SHARE * known):
+            out.append(
+                f"A readout of {value} was estimated where block.toml states {1000 * known:.1f} "
+                "ms: the velocities are wrong, the flight does not tell the readout, or the camera "
+                "was in another mode."
+            )
+    return out

@@ -11,6 +11,7 @@ data/sequoia, whose gyroscope comes 43 ms late.
 
 import numpy as np
 
+from corridor.effects.catalogue.rolling_shutter import readout_doubts
 from corridor.effects.contract import Effect, Parameter, linear
 
 # Rates of a rocking wing or a gimbal change a few times within one readout.
@@ -59,6 +60,9 @@ class RollingShutterRotation(Effect):
         if not self.measured or len(given) != 1 or None in given:
             return None
         return {"readout": given.pop(), "delay": 0.0}
+
+    def doubts(self, block, found):
+        return readout_doubts(block, found)
 
     def shift(self, context, values):
         """Turn from the middle row to this one.
