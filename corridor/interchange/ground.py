@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.block import LAYOUTS, Block, Layout, place, read_columns
+from corridor.block import LAYOUTS, SIGMAS, Block, Layout, place, read_columns
 from corridor.errors import InputError
 from corridor.gnss import GEOGRAPHIC, convert
 from corridor.interchange.faults import blaming
@@ -22,6 +22,7 @@ from corridor.interchange.pieces import Views, apart
 from corridor.interchange.project import Project, ground_table, local_of
 from corridor.textfile import Line, filled, opening
 
+_XYZ = ["x", "y", "z"]
 _UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
 
 
@@ -29,28 +30,14 @@ _UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
 class Ground:
     """Ground points of a file.
 
-    crs: of the coordinates; None: those of the block. names, places (n, 3), sigmas, roles: as
-    ground.csv. marks: point, image, x, y (px).
+    crs: of the coordinates; None: those of the block. table: as ground.csv; None: marks only.
+    marks: point, image, x, y (px).
     """
 
     path: Path
     crs: str | None
-    names: list[str]
-    places: np.ndarray
-    sigmas: np.ndarray | None = None
-    roles: list[str] | None = None
+    table: pd.DataFrame | None
     marks: list[tuple[str, str, float, float]] = field(default_factory=list)
-
-    @classmethod
-    def of_tables(
-        cls, path: Path, crs: str | None, ground: pd.DataFrame | None, marks: list[tuple]
-    ) -> Ground:
-        """Of ground.csv (None: marks only) and marks."""
-        if ground is None:
-            return cls(path, crs, [], np.zeros((0, 3)), marks=marks)
-        sigmas = ground[["sx", "sy", "sz"]].to_numpy() if "sx" in ground else None
-        places = ground[["x", "y", "z"]].to_numpy()
-        return cls(path, crs, list(ground["point"]), places, sigmas, list(ground["role"]), marks)
 
 
 def read_ground(path: Path, block: Block) -> Ground:
@@ -127,7 +114,7 @@ def read_gcp_list(path: Path) -> Ground:
                 f"{path.name}: ground point {name!r} has two different positions; correct one"
             )
         marks.append((name, image, *pixel))
-    return Ground(path, crs, list(places), np.array(list(places.values())), marks=marks)
+    return Ground(path, crs, ground_table(list(places), list(places.values())), marks)
 
 
 def _known_system(line: Line) -> str:
@@ -162,31 +149,31 @@ def _xml(path):
     micmac = formats()["micmac"]
     ground, marks = micmac.ground_of(path), micmac.marks_of(path)
     if ground is not None or marks is not None:
-        return Ground.of_tables(path, None, ground, marks or [])
+        return Ground(path, None, ground, marks or [])
     other = formats()["metashape"].read(path).block
     local, ground = local_of(other), other.ground
-    places = ground[["x", "y", "z"]].to_numpy() + other.offset
+    places = ground[_XYZ].to_numpy() + other.offset
     if local and len(places):
         places = local.to_geographic(places)
-    marks = other.marks[["point", "image", "x", "y"]].astype({"point": str, "image": str})
-    return Ground.of_tables(
-        path,
-        GEOGRAPHIC if local else None,
-        ground.assign(**dict(zip("xyz", places.T, strict=True))),
-        list(marks.itertuples(index=False, name=None)),
-    )
+    ground = ground.assign(**dict(zip("xyz", places.T, strict=True)))
+    return Ground(path, GEOGRAPHIC if local else None, ground, _marks_of(other.marks))
 
 
 def _block_table(path):
-    needed, sigmas = ("point", "x", "y", "z"), ("sx", "sy", "sz")
-    table = _columns(path, Layout(needed, optional=(*sigmas, "role")))
-    table[[name for name in sigmas if name not in table]] = np.nan
-    roles = table["role"].fillna("").replace("", "control") if "role" in table else "control"
-    beside, marks = path.with_name("marks.csv"), []
-    if beside.is_file():
-        found = _columns(beside, LAYOUTS["marks"])[["point", "image", "x", "y"]]
-        marks = list(found.astype({"point": str, "image": str}).itertuples(index=False, name=None))
-    return Ground.of_tables(path, None, table.assign(role=roles), marks)
+    table = _columns(path, Layout(("point", *_XYZ), optional=(*SIGMAS, "role")))
+    sigmas = None
+    if set(SIGMAS) & set(table):
+        sigmas = table.reindex(columns=SIGMAS).to_numpy(float)
+    roles = table["role"].fillna("").replace("", "control") if "role" in table else None
+    table = ground_table(list(table["point"]), table[_XYZ].to_numpy(), sigmas, roles)
+    beside = path.with_name("marks.csv")
+    marks = _marks_of(_columns(beside, LAYOUTS["marks"])) if beside.is_file() else []
+    return Ground(path, None, table, marks)
+
+
+def _marks_of(table):
+    named = table[["point", "image", "x", "y"]].astype({"point": str, "image": str})
+    return list(named.itertuples(index=False, name=None))
 
 
 def _columns(path, layout):
@@ -213,7 +200,7 @@ def _plain(path):
         places.append(line.numbers(words[1:4], "a coordinate"))
     if not names:
         raise InputError(f"{path.name} holds no ground point; write name, x, y, z a line")
-    return Ground(path, None, names, np.array(places))
+    return Ground(path, None, ground_table(names, places))
 
 
 def in_frame(block: Block, places: np.ndarray, crs: str | None, what: str) -> np.ndarray:
@@ -250,15 +237,16 @@ def _metres(places, crs):
 def add_to(project: Project, ground: Ground) -> Project:
     """The project with these ground points and marks in the place of those of the same names."""
     block, notes, warnings = project.block, [], []
-    places = in_frame(block, ground.places, ground.crs, ground.path.name)
-    if len(set(ground.names)) < len(ground.names):
-        twice = next(name for name in ground.names if ground.names.count(name) > 1)
+    new = block.ground[:0] if ground.table is None else ground.table
+    if new["point"].duplicated().any():
+        twice = new["point"][new["point"].duplicated()].iloc[0]
         raise InputError(f"{ground.path.name}: ground point {twice!r} stands there twice")
-    block = apart(block, notes, [*ground.names, *(mark[0] for mark in ground.marks)])
+    block = apart(block, notes, [*new["point"], *(mark[0] for mark in ground.marks)])
     tables = {"tie_points": block.tie_points, "points": block.points}
-    if ground.names:
-        old = block.ground[~block.ground["point"].isin(ground.names)]
-        new = ground_table(ground.names, places, ground.sigmas, ground.roles)
+    if len(new):
+        places = in_frame(block, new[_XYZ].to_numpy(), ground.crs, ground.path.name)
+        new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
+        old = block.ground[~block.ground["point"].isin(new["point"])]
         tables["ground"] = pd.concat([old, new], ignore_index=True) if len(old) else new
     images = list(block.images["image"])
     row_of = rows_by_name(images)
@@ -297,8 +285,9 @@ def add_ground(project: Project, path: Path) -> Project:
     with blaming(path, "a file of ground points"):
         ground = read_ground(path, project.block)
         project = add_to(project, ground)
-    notes = [f"{path.name}: {len(ground.names)} ground points, {len(ground.marks)} marks"]
-    unseen = set(ground.names) - set(project.block.marks["point"].cat.categories)
+    names = [] if ground.table is None else list(ground.table["point"])
+    notes = [f"{path.name}: {len(names)} ground points, {len(ground.marks)} marks"]
+    unseen = set(names) - set(project.block.marks["point"].cat.categories)
     if unseen:
         notes.append(f"{len(unseen)} ground points are measured in no image")
     return project.having(notes=notes)

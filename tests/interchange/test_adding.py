@@ -204,14 +204,14 @@ def test_lists_of_ground_points_count_as_expected(name, real_data):
     ground = read_gcp_list(home / name)
     assert len(ground.marks) == known["observations"]
     if "points" in known:
-        assert len(ground.names) == known["points"]
+        assert len(ground.table) == known["points"]
     if "name" in known:
-        assert ground.names == [known["name"]]
+        assert list(ground.table["point"]) == [known["name"]]
     if known["crs"].startswith("EPSG:") and "feet" not in known["crs"]:
         assert ground.crs == known["crs"]
     if "first" in known:
         first = known["first"]
-        assert ground.places[0].tolist() == [first[axis] for axis in "xyz"]
+        assert ground.table.loc[0, list("xyz")].tolist() == [first[axis] for axis in "xyz"]
         assert ground.marks[0][1:] == (first["image"], *first["pixel_as_written"])
 
 
@@ -222,10 +222,11 @@ def test_feet_become_metres_in_plan_and_height(real_data):
 
     home = real_data / "interchange" / "odm_gcp_lists"
     ground = read_gcp_list(home / "gcp_michigan_feet_valid.txt")
+    places = ground.table[["x", "y", "z"]].to_numpy()
     block = Block("x", {}, pd.DataFrame({"image": ["a"], "camera": ["b"]}))
-    lon, lat, _ = convert(ground.places, "EPSG:2251", "EPSG:4979")[0]
+    lon, lat, _ = convert(places, "EPSG:2251", "EPSG:4979")[0]
     block.extra["local_frame"] = {"lat_deg": lat, "lon_deg": lon, "height": 0.0}
-    place = in_frame(block, ground.places, ground.crs, "points")[0]
+    place = in_frame(block, places, ground.crs, "points")[0]
     assert np.abs(place[:2]).max() < 0.01
     assert place[2] == pytest.approx(563.1987598425 * 0.3048, abs=0.01)
 

@@ -135,8 +135,7 @@ class _Model:
         return cameras
 
     def _images(self):
-        self.ids, self.names, self.used, self.places = [], [], [], []
-        poses, pixels, points, count, known, loose = [], [], [], [], set(), 0
+        found, seen, loose = {}, [], 0
         for record in self._file("images").records(split=9):
             number, *pose, camera = record.take(records.IMAGE)
             name = record.name().strip()
@@ -145,27 +144,22 @@ class _Model:
                 raise record.wrong(
                     f"camera {camera} is not in {file}; take both files from one model"
                 )
-            if number in known:
+            if number in found:
                 raise record.wrong(f"image {number} stands there twice; delete one")
-            known.add(number)
-            place = record.place
+            found[number] = name, camera, record.place, pose
             xy, ids = record.image_points()
-            seen = ids >= 0
-            if not np.isfinite(xy[seen]).all():
+            known = ids >= 0
+            if not np.isfinite(xy[known]).all():
                 raise record.wrong("an image point is not finite; export the project again")
-            pixels.append(xy[seen])
-            points.append(ids[seen])
-            count.append(int(seen.sum()))
-            loose += len(ids) - count[-1]
-            poses.append(pose)
-            self.ids.append(number)
-            self.used.append(camera)
-            self.names.append(name)
-            self.places.append(place)
-        if not poses:
+            seen.append((xy[known], ids[known]))
+            loose += int((~known).sum())
+        if not found:
             raise InputError(f"{self.folder} holds no image; name a model with registered images")
+        self.ids = list(found)
+        self.names, self.used, self.places, poses = map(list, zip(*found.values(), strict=True))
         self.pose = np.array(poses)
-        self.xy, self.point = np.concatenate(pixels), np.concatenate(points)
+        self.xy, self.point = map(np.concatenate, zip(*seen, strict=True))
+        count = [len(ids) for _, ids in seen]
         self.image = np.repeat(np.arange(len(count), dtype=np.int32), count)
         if loose:
             self.notes.append(f"{loose} measured image points belong to no point and were left out")
@@ -177,14 +171,12 @@ class _Model:
             rig, sensors = record.take(records.RIG)
             members = rigs.setdefault(rig, {})
             for k in range(sensors):
-                pose = None
-                if k == 0:
-                    kind, number = record.take(records.SENSOR)
-                else:
-                    kind, number, has = record.take(records.OTHER_SENSOR)
-                    if has not in (0, 1):
-                        raise record.wrong("HAS_POSE is neither 0 nor 1; export it again")
-                    pose = _pose(record) if has else np.full(7, np.nan)
+                kind, number, *has = record.take(records.OTHER_SENSOR if k else records.SENSOR)
+                if has and has[0] not in (0, 1):
+                    raise record.wrong("HAS_POSE is neither 0 nor 1; export it again")
+                pose = np.full(7, np.nan) if has else None
+                if has == [1]:
+                    pose = _with_length(np.array(record.take(records.POSE)), record)
                 if kind == 0:
                     members[number] = pose
         if any(pose is not None for rig in rigs.values() for pose in rig.values()):
@@ -282,22 +274,19 @@ class _Model:
         return own @ turn, own @ shift + sensor[4:]
 
     def _ties(self):
-        order = np.argsort(self.point_ids, kind="stable")
-        ids = self.point_ids[order]
-        twice = np.flatnonzero(ids[1:] == ids[:-1])
-        if len(twice):
+        ids = pd.Index(self.point_ids)
+        twice = ids.duplicated()
+        if twice.any():
             raise InputError(
-                f"{self.folder}: point {ids[twice[0]]} stands twice in the points; export it again"
+                f"{self.folder}: point {ids[twice][0]} stands twice in the points; export it again"
             )
-        at = np.searchsorted(ids, self.point)
-        found = np.zeros(len(at), bool)
-        if len(ids):
-            found = (at < len(ids)) & (ids[np.minimum(at, len(ids) - 1)] == self.point)
-        if not found.all():
-            row = int(np.argmax(~found))
+        at = ids.get_indexer(self.point)
+        lost = at < 0
+        if lost.any():
+            row = int(np.argmax(lost))
             raise InputError(
                 f"{self.folder}: image {self.names[self.image[row]]!r} sees point "
-                f"{self.point[row]}, which the points do not have ({int((~found).sum())} such "
+                f"{self.point[row]}, which the points do not have ({int(lost.sum())} such "
                 "observations); the points are cut off or belong to another model"
             )
         if self.tracked is not None and self.tracked != len(self.point):
@@ -305,12 +294,7 @@ class _Model:
                 f"the tracks of the points count {self.tracked} observations, the images "
                 f"{len(self.point)}; those of the images were taken"
             )
-        names = pd.Index(self.point_ids).astype("str")
-        return Views(order[at], names, self.image, self.xy - HALF)
-
-
-def _pose(record):
-    return _with_length(np.array(record.take(records.SENSOR_POSE)), record)
+        return Views(at, ids.astype("str"), self.image, self.xy - HALF)
 
 
 def _with_length(pose, record):

@@ -33,8 +33,8 @@ from corridor.textfile import Following, Line, lines, missing
 
 # Kind and name of each field. m, s: a word in text, a number (i) in binary; d: a float64.
 CAMERA = (("I", "CAMERA_ID"), ("m", "MODEL"), ("Q", "WIDTH"), ("Q", "HEIGHT"))
-_POSE = tuple(("d", name) for name in ("QW", "QX", "QY", "QZ", "TX", "TY", "TZ"))
-IMAGE = (("I", "IMAGE_ID"), *_POSE, ("I", "CAMERA_ID"))
+POSE = tuple(("d", name) for name in ("QW", "QX", "QY", "QZ", "TX", "TY", "TZ"))
+IMAGE = (("I", "IMAGE_ID"), *POSE, ("I", "CAMERA_ID"))
 POINT = (
     ("Q", "POINT3D_ID"), ("d", "X"), ("d", "Y"), ("d", "Z"),
     ("B", "R"), ("B", "G"), ("B", "B"), ("d", "ERROR"),
@@ -42,8 +42,7 @@ POINT = (
 RIG = (("I", "RIG_ID"), ("I", "NUM_SENSORS"))
 SENSOR = (("s", "SENSOR_TYPE"), ("I", "SENSOR_ID"))
 OTHER_SENSOR = (*SENSOR, ("B", "HAS_POSE"))
-SENSOR_POSE = _POSE
-FRAME = (("I", "FRAME_ID"), ("I", "RIG_ID"), *_POSE, ("I", "NUM_DATA_IDS"))
+FRAME = (("I", "FRAME_ID"), ("I", "RIG_ID"), *POSE, ("I", "NUM_DATA_IDS"))
 DATA = (*SENSOR, ("Q", "DATA_ID"))
 Layout = tuple[tuple[str, str], ...]
 

@@ -24,7 +24,7 @@ from corridor.interchange.cameras import Held, NoModel, in_the_middle, opencv_ca
 from corridor.interchange.formats.opensfm.writing import HEADER, MAIN, WIDTH, losses, write
 from corridor.interchange.ground import Ground, add_to
 from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import Project
+from corridor.interchange.project import Project, ground_table
 from corridor.textfile import Json, lines, opening
 
 NAME = "opensfm"
@@ -333,5 +333,7 @@ def read_ground(path: Path, block: Block, local: Local | None) -> Ground:
                 xy = entry.numbers("projection", 2)
                 pixel = xy * sizes[shot].max() + (sizes[shot] - 1) / 2
                 marks.append((name, shot, *pixel))
-    places = local.from_geographic(np.array(places)) if names else np.zeros((0, 3))
-    return Ground(path, None, names, places, None, roles, marks)
+    if not names:
+        return Ground(path, None, None, marks)
+    places = local.from_geographic(np.array(places))
+    return Ground(path, None, ground_table(names, places, None, roles), marks)
