@@ -18,8 +18,7 @@ from corridor.block import LAYOUTS, SIGMAS, Block, Layout, place, read_columns
 from corridor.errors import InputError
 from corridor.gnss import GEOGRAPHIC, convert
 from corridor.interchange.faults import blaming
-from corridor.interchange.pieces import Views, apart
-from corridor.interchange.project import Project, ground_table, local_of
+from corridor.interchange.project import Project, Views, apart, ground_table, local_of
 from corridor.textfile import Line, filled, opening
 
 _XYZ = ["x", "y", "z"]

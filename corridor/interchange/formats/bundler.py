@@ -25,12 +25,11 @@ from corridor.interchange.columns import (
     in_parts,
     in_rows,
     numbered,
+    points_with_views,
     text_of,
     write_rows,
 )
-from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.point_views import points_with_views
-from corridor.interchange.project import Project
+from corridor.interchange.project import Pieces, Project, Views
 from corridor.interchange.rows import rows_of
 from corridor.textfile import Following, beginning, filled
 

@@ -17,9 +17,8 @@ import pandas as pd
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion
 from corridor.interchange.cameras import camera_from, from_image_formula, in_the_middle
-from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.point_views import points_with_views
-from corridor.interchange.project import Project
+from corridor.interchange.columns import points_with_views
+from corridor.interchange.project import Pieces, Project, Views
 from corridor.textfile import Following, beginning
 
 NAME = "nvm"

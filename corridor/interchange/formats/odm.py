@@ -12,8 +12,7 @@ import numpy as np
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.interchange.formats.opensfm import camera_of
-from corridor.interchange.pieces import Pieces
-from corridor.interchange.project import Project
+from corridor.interchange.project import Pieces, Project
 from corridor.textfile import Json, filled, opening
 
 NAME = "odm"

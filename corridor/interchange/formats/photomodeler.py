@@ -16,8 +16,7 @@ import numpy as np
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_angles
 from corridor.interchange.cameras import camera_from, from_image_formula, turned_note
-from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import Project, ground_table
+from corridor.interchange.project import Pieces, Project, Views, ground_table
 from corridor.textfile import Line, lines, opening
 
 NAME = "photomodeler"

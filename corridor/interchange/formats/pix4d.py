@@ -18,8 +18,7 @@ import pandas as pd
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation, rotation_from_angles
 from corridor.interchange.cameras import camera_from, in_the_middle
-from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import Project, ground_table
+from corridor.interchange.project import Pieces, Project, Views, ground_table
 from corridor.textfile import Line, filled, opening
 
 NAME = "pix4d"

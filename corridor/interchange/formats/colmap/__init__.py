@@ -28,8 +28,7 @@ from corridor.interchange.formats.colmap.cameras import (
     params_of,
 )
 from corridor.interchange.formats.colmap.ground import read_ground, write_ground
-from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import Project, ground_table, matrices_of
+from corridor.interchange.project import Pieces, Project, Views, ground_table, matrices_of
 from corridor.interchange.rows import Rows, camera_positions, rows_of
 
 NAME = "colmap"

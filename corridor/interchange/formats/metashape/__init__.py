@@ -25,8 +25,14 @@ from corridor.errors import InputError
 from corridor.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert
 from corridor.interchange.cameras import Held, NoModel, camera_from, in_the_middle, standing_for
 from corridor.interchange.formats.metashape.writing import losses, write
-from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import Project, ground_table, points_table, rotations_to_columns
+from corridor.interchange.project import (
+    Pieces,
+    Project,
+    Views,
+    ground_table,
+    points_table,
+    rotations_to_columns,
+)
 from corridor.textfile import Xml, missing, opening
 
 NAME = "metashape"

@@ -31,8 +31,7 @@ from corridor.interchange.cameras import (
 )
 from corridor.interchange.columns import NumberLines, plain_numbers
 from corridor.interchange.formats.micmac.writing import M2C, RADIAL, losses, write
-from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import Project, ground_table, rotations_to_columns
+from corridor.interchange.project import Pieces, Project, Views, ground_table, rotations_to_columns
 from corridor.textfile import Following, Xml, missing, opening
 
 NAME = "micmac"

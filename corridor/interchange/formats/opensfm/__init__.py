@@ -23,8 +23,7 @@ from corridor.gnss import Local
 from corridor.interchange.cameras import Held, NoModel, in_the_middle, opencv_camera
 from corridor.interchange.formats.opensfm.writing import HEADER, MAIN, WIDTH, losses, write
 from corridor.interchange.ground import Ground, add_to
-from corridor.interchange.pieces import Pieces, Views
-from corridor.interchange.project import Project, ground_table
+from corridor.interchange.project import Pieces, Project, Views, ground_table
 from corridor.textfile import Json, lines, opening
 
 NAME = "opensfm"
