@@ -43,16 +43,10 @@ _METHOD = (
 
 def find_bar(first, second):
     """Axis (2,) px and length in px of a bar in two smeared photographs, or None."""
-    factor = max(1.0, max(first.grey.shape) / _SMALL)
-    size = (round(first.width / factor), round(first.height / factor))
-    small = [
-        cv2.GaussianBlur(
-            cv2.resize(p.grey, size, interpolation=cv2.INTER_AREA).astype(np.float32), (0, 0), 2.0
-        )
-        for p in (first, second)
-    ]
-    factor = first.width / size[0]
-    change = np.clip(small[0] - small[1], -25, 25)
+    (one, factor), (two, _) = (photo.shrunk(_SMALL) for photo in (first, second))
+    size = one.shape[::-1]
+    change = cv2.GaussianBlur(one, (0, 0), 2.0) - cv2.GaussianBlur(two, (0, 0), 2.0)
+    change = np.clip(change, -25, 25)
     noise = robust_scale(change, centred=True) + 0.1
     change[np.abs(change) < 2 * noise] = 0
     # Both wings of either fan: the picture is its own image under half a turn about the axis.

@@ -236,19 +236,11 @@ def _line(power, low, high):
     shape = np.log(power[low:high] + 1e-12)
     # The window spreads a line over 8 bins to either side; what lies beyond is its surroundings.
     nodes = np.unique(np.geomspace(low, high - 1, 60).astype(int))
-    around = [
-        np.median(
-            np.concatenate(
-                [
-                    shape[max(int(n / 1.7) - low, 0) : max(n - 10 - low, 1)],
-                    shape[
-                        min(n + 10 - low, len(shape) - 1) : max(int(1.7 * n) - low, n + 12 - low)
-                    ],
-                ]
-            )
-        )
-        for n in nodes
-    ]
+    around = []
+    for n in nodes - low:
+        below = shape[max(int((n + low) / 1.7) - low, 0) : max(n - 10, 1)]
+        above = shape[min(n + 10, len(shape) - 1) : max(int(1.7 * (n + low)) - low, n + 12)]
+        around.append(np.median(np.concatenate([below, above])))
     over = shape - np.interp(index, nodes, around)
     strongest = shape.max()
     # A line in the noise may stand out of nothing: it must carry some of the light as well.

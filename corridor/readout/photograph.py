@@ -55,6 +55,14 @@ class Photograph:
         """Rows of the stored picture."""
         return self.grey.shape[0]
 
+    def shrunk(self, long_side: int) -> tuple[np.ndarray, float]:
+        """The picture (float32) with a long side of so many pixels at most, and the size of its
+        pixels: (x + 0.5) size - 0.5 is x of it in the photograph."""
+        factor = max(1.0, max(self.grey.shape) / long_side)
+        size = round(self.width / factor), round(self.height / factor)
+        small = cv2.resize(self.grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        return small, self.width / size[0]
+
     def light(self) -> np.ndarray:
         """Linear light (height, width) float32, 0 to 1, by the sRGB curve (IEC 61966-2-1)."""
         return cv2.LUT(self.grey, _LINEAR)

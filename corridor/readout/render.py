@@ -20,12 +20,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from corridor.camera import ROW_DIRECTIONS, Camera, project_rays, undistort
+from corridor.camera import ROW_DIRECTIONS, Camera, undistort
 from corridor.compiled import compiled
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 
-_GRID = 16  # px between the nodes at which the distortion is inverted
 _FINEST = math.radians(0.25)  # turn of the wheel within which a spoke moves on a straight line
 
 
@@ -283,30 +282,11 @@ def _key(camera):
 def _rays(key):
     """Rays u, v, each (height, width), of all pixels."""
     width, height, interior = key[0], key[1], np.frombuffer(key[2])
-    columns, rows = np.arange(width, dtype=float), np.arange(height, dtype=float)
-    if not np.any(interior[3:]):
-        u = np.broadcast_to((columns - interior[1]) / interior[0], (height, width))
-        v = np.broadcast_to(((rows - interior[2]) / interior[0])[:, None], (height, width))
-        return np.ascontiguousarray(u), np.ascontiguousarray(v)
-    # Inverted on a grid and refined once at every pixel: one Newton step from there is exact.
-    across, down = (np.arange(-1, size // _GRID + 3) * _GRID for size in (width, height))
-    nodes = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2).astype(float)
-    known = undistort(nodes, interior).reshape(down.size, across.size, 2)
-    if not np.all(np.isfinite(known)):
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
+    rays = undistort(pixels, interior)
+    if not np.all(np.isfinite(rays)):
         raise InputError("the distortion of the camera folds inside the picture")
-    at = np.meshgrid((columns / _GRID + 1), (rows / _GRID + 1))
-    at = [a.astype(np.float32) for a in at]
-    guess = np.stack(
-        [
-            cv2.remap(known[..., k].astype(np.float64), *at, cv2.INTER_LINEAR).ravel()
-            for k in range(2)
-        ],
-        axis=1,
-    )
-    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    for _ in range(2):
-        guess += (pixels - project_rays(guess, interior)) / interior[0]
-    return guess[:, 0].reshape(height, width).copy(), guess[:, 1].reshape(height, width).copy()
+    return tuple(np.ascontiguousarray(part.reshape(height, width)) for part in rays.T)
 
 
 class _Seen(NamedTuple):

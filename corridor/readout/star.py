@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -117,13 +118,6 @@ def measure_star(
 # --- finding the star --------------------------------------------------------------------------
 
 
-def _shrunk(grey):
-    factor = min(1.0, _SMALL / max(grey.shape))
-    size = (round(grey.shape[1] * factor), round(grey.shape[0] * factor))
-    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    return small, grey.shape[1] / size[0]
-
-
 def meeting_points(small: np.ndarray, most: int = 6, seed: int = 0) -> list[np.ndarray]:
     """Points (2,) at which many edges of a picture would meet, best first.
 
@@ -182,7 +176,7 @@ def _circle_samples(small, centre, radii, angles):
 
 def _find(photo, sectors):
     """Centre in px, number of sectors, innermost and outermost radius in px of a star at rest."""
-    small, factor = _shrunk(photo.grey)
+    small, factor = photo.shrunk(_SMALL)
     if np.ptp(small) < 20:
         raise CannotMeasure(f"{photo.name} shows no star: it has no contrast")
     found = [_star_about(small, centre, sectors) for centre in meeting_points(small)]
@@ -335,12 +329,10 @@ def _start(photo, light, lens, still, count, reach):
     step = 0.5 / (count / 2 * reach[1])
     rates = np.arange(-math.ceil(limit / step), math.ceil(limit / step) + 1) * step
     # A hand-held camera moves between two photographs; near its centre a star is hardly bent.
-    small, factor = _shrunk(photo.grey)
-    centres = [still.centre] + [
-        centre
-        for centre in ((c + 0.5) * factor - 0.5 for c in meeting_points(small, 3))
-        if np.hypot(*(centre - still.centre)) < 0.25 * reach[1]
-    ][:1]
+    small, factor = photo.shrunk(_SMALL)
+    near = ((centre + 0.5) * factor - 0.5 for centre in meeting_points(small, 3))
+    near = (one for one in near if np.hypot(*(one - still.centre)) < 0.25 * reach[1])
+    centres = [still.centre, *islice(near, 1)]
     tried = []
     for centre in centres:
         circles = _Circles(light, lens, centre, count, reach)

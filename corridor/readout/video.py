@@ -30,7 +30,7 @@ _SMALL = 640  # px
 _FRAMES = 900  # at most, from the start
 _RINGS = np.linspace(0.3, 0.97, 12)
 _SAMPLES = 720
-_HARMONICS = 150
+_ORDER = np.arange(1, 151)  # of the harmonics of a ring
 _ENOUGH = 1.5  # turns: fewer hardly tell the speed from errors that repeat with every turn
 _REPEATS = math.radians(1.5), math.radians(0.5)  # their usual size, once and twice a turn
 
@@ -87,11 +87,10 @@ def speed_from_video(
             f"photo time {photo_time:g} s is outside {path.name}, which lasts {times[-1]:.2f} s"
         )
     rings = _rings(frames, path.name)
-    waves = np.fft.rfft(rings, axis=2)[:, :, 1 : _HARMONICS + 1]
-    order = np.arange(1, _HARMONICS + 1)
-    step, weight = _step(waves, order, path.name)
-    angles = _angles(waves, order, step, weight)
-    angles, warnings = _which_spoke(waves, order, angles, path.name)
+    waves = _waves(rings)
+    step, weight = _step(waves, path.name)
+    angles = _angles(waves, step, weight)
+    angles, warnings = _which_spoke(waves, angles, path.name)
     time = photo_time if photo_time is not None else times[-1] / 2
     omega, sigma = _slope(times, angles, time)
     turned = abs(angles[-1] - angles[0])
@@ -192,16 +191,24 @@ def _sampled(frames, pose):
     return rings - rings.mean(axis=0)
 
 
+def _waves(rings):
+    """Harmonics (frames, rings, orders) of the light on circles."""
+    return np.fft.rfft(rings, axis=2)[:, :, _ORDER]
+
+
+def _turns(angles):
+    """What turns by angles (n,) do to harmonics (n, orders)."""
+    return np.exp(1j * np.outer(angles, _ORDER))
+
+
 def _turning(rings):
     """Share of the changes of light that one turn from frame to frame explains."""
-    waves = np.fft.rfft(rings, axis=2)[:, :, 1 : _HARMONICS + 1]
+    waves = _waves(rings)
     cross = (waves[1:] * np.conj(waves[:-1])).sum(axis=(0, 1))
-    angle = np.arange(4096) * 2 * np.pi / 4096
-    score = np.exp(1j * np.outer(angle, np.arange(1, _HARMONICS + 1))) @ cross
-    return float(score.real.max() / (np.abs(waves) ** 2).sum())
+    return float((_turns(directions(4096)) @ cross).real.max() / (np.abs(waves) ** 2).sum())
 
 
-def _step(waves, order, name):
+def _step(waves, name):
     """Angle from a frame to the next, radians, but for some spokes; weights (rings, harmonics)."""
     cross = (waves[1:] * np.conj(waves[:-1])).sum(axis=0)
     power = (np.abs(waves) ** 2).sum(axis=0) + 1e-9
@@ -210,18 +217,18 @@ def _step(waves, order, name):
     share = np.where(share > 3 / math.sqrt(len(waves)), share, 0)
     if not np.any(share):
         raise CannotMeasure(f"the frames of {name} do not show one turning wheel")
-    angle = np.arange(8192) * 2 * np.pi / 8192 - np.pi
-    score = np.exp(1j * np.outer(angle, order)) @ (share * np.exp(1j * np.angle(cross))).sum(axis=0)
+    angle = directions(8192) - np.pi
+    score = _turns(angle) @ (share * np.exp(1j * np.angle(cross))).sum(axis=0)
     return float(angle[np.argmax(score.real)]), share / (power / len(waves))
 
 
-def _angles(waves, order, step, weight):
+def _angles(waves, step, weight):
     """Angle (frames,) of the wheel against the first frame, by steps and then as one."""
     fine = np.linspace(-1, 1, 201) * 0.05
-    shift = np.exp(1j * np.outer(fine, order))
+    turns = _turns(fine)
 
     def best(cross, about):
-        score = (shift @ (cross * np.exp(1j * order * about)).sum(axis=0)).real
+        score = (turns @ (cross * np.exp(1j * _ORDER * about)).sum(axis=0)).real
         k = int(np.clip(np.argmax(score), 1, len(fine) - 2))
         return about + fine[k] + float(vertex(*score[k - 1 : k + 2])) * (fine[1] - fine[0])
 
@@ -233,7 +240,7 @@ def _angles(waves, order, step, weight):
         recent = [*recent[1:], found]
         angles[k] = angles[k - 1] + found
     for _ in range(3):
-        mean = (waves * np.exp(1j * order * angles[:, None, None])).mean(axis=0)
+        mean = (waves * np.exp(1j * _ORDER * angles[:, None, None])).mean(axis=0)
         against = np.conj(mean) * weight
         new = np.array([best(w * against, a) for w, a in zip(waves, angles, strict=True)])
         change, angles = np.max(np.abs(new - angles)), new
@@ -242,14 +249,14 @@ def _angles(waves, order, step, weight):
     return angles
 
 
-def _which_spoke(waves, order, angles, name):
+def _which_spoke(waves, angles, name):
     """The angles with the right number of spokes a frame, and warnings.
 
     Spokes are alike; a valve, a reflector or a spoke that is not quite like the others is in its
     place after every turn only if the right number is taken.
     """
-    count, length = len(waves), 8192
-    turns = np.exp(1j * order * angles[:, None])
+    count, length, order = len(waves), 8192, _ORDER
+    turns = _turns(angles)
     together = np.abs((waves * turns[:, None, :]).mean(axis=0)) ** 2
     strength = together.sum(axis=0)
     strong = order[np.argsort(-strength)[: count // 3]]

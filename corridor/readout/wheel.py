@@ -167,7 +167,7 @@ def measure_wheel(
     if video is not None:
         known = known_from_video(known, video, video_fps, photo_time)
     try:
-        rim = wheel_view.find_rim(static.grey, static.name)
+        rim = wheel_view.find_rim(static)
         return _measure(static, rotating, rim, lens, known)
     except NoWheel:
         bar = find_bar(static, rotating)
@@ -404,7 +404,7 @@ def _points(profile, at, polarity):
     level = np.nanmedian(profile, axis=2, keepdims=True)
     clean = polarity * (profile - level)
     whole = np.isfinite(clean).all(axis=2)
-    out = [], [], []
+    found = [(np.zeros((0, 2)), np.zeros(0, int), np.zeros(0, int))]
     lags = np.arange(-half // 2, half // 2 + 1)
     for k in range(circles):
         near = slice(max(k - 1, 0), k + 2)
@@ -419,14 +419,11 @@ def _points(profile, at, polarity):
         shape = shape - shape.mean()
         lines = clean[k, own]
         # A straight background beside the spoke says nothing about its place.
-        score = np.empty((len(lags), len(own)))
         inner = np.arange(half // 2, length - half // 2)
         cut = shape[inner] - shape[inner].mean()
         slope = inner - inner.mean()
         cut = cut - slope * (cut @ slope) / (slope @ slope)
-        for n, lag in enumerate(lags):
-            part = lines[:, inner + lag]
-            score[n] = part @ cut
+        score = np.stack([lines[:, inner + lag] @ cut for lag in lags])
         top = np.argmax(score, axis=0)
         ok = (top > 0) & (top < len(lags) - 1)
         best = np.clip(top, 1, len(lags) - 2)
@@ -436,12 +433,8 @@ def _points(profile, at, polarity):
         low = np.clip(np.floor(position).astype(int), 0, length - 2)
         share = (position - low)[:, None]
         place = at[k, own, low] * (1 - share) + at[k, own, low + 1] * share
-        out[0].append(place[ok])
-        out[1].append(own[ok])
-        out[2].append(np.full(int(ok.sum()), k))
-    if not out[0]:
-        return np.zeros((0, 2)), np.zeros(0, int), np.zeros(0, int)
-    return tuple(np.concatenate(part) for part in out)
+        found.append((place[ok], own[ok], np.full(int(ok.sum()), k)))
+    return tuple(np.concatenate(part) for part in zip(*found, strict=True))
 
 
 # --- everything at once --------------------------------------------------------------------------
@@ -531,13 +524,9 @@ class _Try:
 
 def _spacing(angles):
     """Distance (circles, spokes) of each spoke from its nearest neighbour, radians."""
-    order = np.argsort(angles % (2 * np.pi), axis=1)
-    sorted_ = np.take_along_axis(angles % (2 * np.pi), order, 1)
-    gap = np.diff(np.concatenate([sorted_, sorted_[:, :1] + 2 * np.pi], axis=1), axis=1)
-    nearest = np.minimum(gap, np.roll(gap, 1, axis=1))
-    out = np.empty_like(angles)
-    np.put_along_axis(out, order, nearest, 1)
-    return out
+    apart = np.abs((angles[:, :, None] - angles[:, None] + np.pi) % (2 * np.pi) - np.pi)
+    apart[:, np.eye(angles.shape[1], dtype=bool)] = np.inf
+    return apart.min(axis=2)
 
 
 _RATE = 12  # place of the rotation per row among the parameters

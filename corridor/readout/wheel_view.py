@@ -16,7 +16,7 @@ import numpy as np
 from corridor.geometry import rotation_from_vector
 from corridor.readout.fitting import fit, vertex
 from corridor.readout.lens import Calibrated, Unknown
-from corridor.readout.photograph import CannotMeasure
+from corridor.readout.photograph import CannotMeasure, Photograph
 from corridor.readout.star import meeting_points
 
 _SMALL = 1000  # px, long side of the picture in which the wheel is looked for
@@ -78,20 +78,14 @@ class NoWheel(CannotMeasure):
     """A photograph shows no wheel at rest."""
 
 
-def find_rim(grey: np.ndarray, name: str) -> np.ndarray:
+def find_rim(photo: Photograph) -> np.ndarray:
     """Points (n, 2) on the rim of a wheel, px. Raises NoWheel where there is none."""
-    factor = max(1.0, max(grey.shape) / _SMALL)
-    size = (round(grey.shape[1] / factor), round(grey.shape[0] / factor))
-    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    factor = grey.shape[1] / size[0]
-    best = None
-    for centre in meeting_points(small, 8):
-        found = rim_about(small, centre)
-        if found is not None and (best is None or found[0] > best[0]):
-            best = found
+    small, factor = photo.shrunk(_SMALL)
+    found = [rim_about(small, centre) for centre in meeting_points(small, 8)]
+    best = max((one for one in found if one), key=lambda one: one[0], default=None)
     if best is None or best[1] < _COVER:
         raise NoWheel(
-            f"{name} shows no wheel: no rim around a point at which spokes meet was found"
+            f"{photo.name} shows no wheel: no rim around a point at which spokes meet was found"
         )
     return (best[2] + 0.5) * factor - 0.5
 

@@ -23,6 +23,7 @@ from numpy.polynomial import polynomial
 from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.report import whole_file
+from corridor.thermal.shapes import terms_of
 
 KINDS = ("similarity", "radial", "decentring", "polynomial")
 _ROUNDS = 60
@@ -312,26 +313,18 @@ def simple_model(
     1/C^2. radial: px/C at the corner that grow with the cube of the radius. decentring: px/C at
     the right edge. shift: x, y px/C of the whole picture. rotation: radians/C from x to y.
     """
-    unit = math.hypot(width, height) / 2
+    unit, half = math.hypot(width, height) / 2, (width - 1) / math.hypot(width, height)
     powers = max(1, *(len(part) for part in (scale, radial, decentring, shift, rotation)))
-    dx, dy = np.zeros((2, powers, 4, 4))
-    half = (width - 1) / 2 / unit
-    for m in range(powers):
-        factor = 10.0 ** (m + 1)
-
-        def of(part, m=m):
-            return part[m] if m < len(part) else 0.0
-
-        grow, bend, turn = of(scale) * unit, of(radial), of(rotation) * unit
-        dx[m, 1, 0], dy[m, 0, 1] = grow, grow
-        dx[m, 0, 1], dy[m, 1, 0] = -turn, turn
-        dx[m, 3, 0] = dx[m, 1, 2] = dy[m, 0, 3] = dy[m, 2, 1] = bend
-        side = of(decentring) / (3 * half**2)
-        dx[m, 2, 0], dx[m, 0, 2], dy[m, 1, 1] = 3 * side, side, 2 * side
-        if m < len(shift):
-            dx[m, 0, 0], dy[m, 0, 0] = shift[m]
-        dx[m] *= factor
-        dy[m] *= factor
+    # Amplitudes of the terms of `decentring`, px for each power of ten degrees.
+    amplitude = np.zeros((powers, 7))
+    amplitude[: len(shift), :2] = np.reshape(shift, (-1, 2))
+    amplitude[: len(scale), 2] = np.multiply(scale, unit)
+    amplitude[: len(rotation), 3] = np.multiply(rotation, unit)
+    amplitude[: len(radial), 4] = radial
+    amplitude[: len(decentring), 5] = np.divide(decentring, 3 * half**2)
+    amplitude *= 10.0 ** np.arange(1, powers + 1)[:, None]
+    terms = terms_of("decentring").reshape(7, 2, 4, 4)
+    dx, dy = np.einsum("mk,kxij->xmij", amplitude, terms)
     return ThermalModel(
         kind="decentring" if decentring else "radial" if radial else "similarity",
         width=width, height=height, t0_c=t0_c, range_c=tuple(range_c), dx=dx, dy=dy,

@@ -8,13 +8,17 @@ follow the thermometer through a first-order lag:
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
 from scipy.interpolate import PchipInterpolator, make_smoothing_spline
 from scipy.optimize import minimize_scalar
+from scipy.signal import find_peaks
 
 _FINE = 8  # pieces of the thermometer's curve from one picture to the next
 _LEAST_TO_SMOOTH = 8
+_WANDERS = 0.1  # of the range: a move of the temperature that is none
 _SLACK = 1.1  # of the variance of rounding, which few temperatures miss by chance
 
 
@@ -177,27 +181,12 @@ def turns(time_s: np.ndarray, temperature_c: np.ndarray) -> float:
     if span == 0:
         return 0.0
     place = (warm - warm.min()) / span
-    levels = np.linspace(0, 1, 201)
-    # A level counts when it is crossed by a move that goes a tenth of the range or more: noise and
-    # rounding wander less.
-    up, down = np.zeros(len(levels), bool), np.zeros(len(levels), bool)
-    low = high = turn = place[0]
-    rising = None
-    for value in place[1:]:
-        if rising is None:
-            low, high = min(low, value), max(high, value)
-            if high - low >= 0.1:
-                rising = value == high
-                turn = low if rising else high
-                edge = value
-            continue
-        if (value > edge) == rising:
-            edge = value
-        elif abs(value - edge) >= 0.1:
-            side = up if rising else down
-            side |= (levels >= min(turn, edge)) & (levels <= max(turn, edge))
-            turn, edge, rising = edge, value, not rising
-    if rising is not None:
-        side = up if rising else down
-        side |= (levels >= min(turn, edge)) & (levels <= max(turn, edge))
-    return float(np.mean(up & down))
+    # What goes back by less than a tenth of the range is noise or rounding.
+    ends = [find_peaks(side * place, prominence=_WANDERS)[0] for side in (1.0, -1.0)]
+    extremes = place[np.unique([0, *np.concatenate(ends), len(place) - 1])]
+    levels, met = np.linspace(0, 1, 201), {True: False, False: False}
+    for start, end in pairwise(extremes):
+        if abs(end - start) >= _WANDERS:
+            inside = (levels >= min(start, end)) & (levels <= max(start, end))
+            met[bool(end > start)] |= inside
+    return float(np.mean(met[True] & met[False]))
