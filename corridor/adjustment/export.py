@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import pandas as pd
 
 from corridor.adjustment.tables import Tables
 from corridor.block import footprints
-from corridor.report import Layer, write_geopackage, write_las
+from corridor.report import Layer, nice, write_geopackage, write_las
 
 _SIGMAS = ["sx", "sy", "sz"]
 # The largest vector is drawn about so long, as a share of the block.
@@ -29,17 +28,17 @@ def write_gis(adjustment: Tables, stem: Path) -> None:
     points = adjustment.points.copy()
     points[_SIGMAS] = adjustment.point_sigma
     xyz = points[["x", "y", "z"]].to_numpy() + block.offset
-    layers = {"points": Layer(points.drop(columns=["x", "y", "z"]), points=xyz)}
+    layers = {"points": Layer(points.drop(columns=["x", "y", "z"]), xyz)}
     if len(adjustment.check_points):
         layers["check_vectors"] = _vectors(adjustment)
     poses, images = adjustment.poses, block.images
     kept = [name for name in ("camera", "flight", "strip", "time_s") if name in images]
     cameras = pd.concat([poses.drop(columns=["x", "y", "z"]), images[kept]], axis=1)
-    layers["cameras"] = Layer(cameras, points=poses[["x", "y", "z"]].to_numpy() + block.offset)
+    layers["cameras"] = Layer(cameras, poses[["x", "y", "z"]].to_numpy() + block.offset)
     corners = footprints(block, _level(adjustment))
     whole = np.isfinite(corners).all(axis=(1, 2))
     rings = [*(corners[whole] + block.offset)]
-    layers["footprints"] = Layer(images.loc[whole, ["image", *kept]], polygons=rings)
+    layers["footprints"] = Layer(images.loc[whole, ["image", *kept]], rings, "Polygon Z")
     write_geopackage(stem.with_suffix(".gpkg"), layers, block.crs)
     fields = {name: points[name].to_numpy() for name in (*_SIGMAS, "rays")}
     fields["mark"] = (points["kind"] == "mark").to_numpy().astype(np.int32)
@@ -51,24 +50,17 @@ def _vectors(adjustment: Tables) -> Layer:
     block, table = adjustment.block, adjustment.check_points
     ground = block.ground.set_index("point").loc[table["point"], ["x", "y", "z"]].to_numpy(float)
     off = table[["dx", "dy", "dz"]].to_numpy(float)
-    times = _round(_DRAWN * _extent(block), float(np.linalg.norm(off, axis=1).max()))
+    # By how much they are drawn longer than they are.
+    largest = float(np.linalg.norm(off, axis=1).max())
+    times = max(nice(_DRAWN * _extent(block) / largest), 1.0) if largest > 0 else 1.0
     begin = ground + block.offset
     lines = [*np.stack([begin, begin + times * off], axis=1)]
-    return Layer(table.assign(times=times), lines=lines)
+    return Layer(table.assign(times=times), lines, "LineString Z")
 
 
 def _extent(block) -> float:
     centres = block.poses[:, :2]
     return float(np.linalg.norm(np.nanmax(centres, axis=0) - np.nanmin(centres, axis=0)))
-
-
-def _round(wanted: float, largest: float) -> float:
-    """1, 2 or 5 times a power of ten: by how much vectors are drawn longer than they are."""
-    if not (wanted > 0 and largest > 0):
-        return 1.0
-    power = math.floor(math.log10(wanted / largest))
-    lead = wanted / largest / 10**power
-    return max(10.0**power * (5 if lead >= 5 else 2 if lead >= 2 else 1), 1.0)
 
 
 def _level(adjustment: Tables) -> np.ndarray:

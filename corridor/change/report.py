@@ -133,13 +133,13 @@ def _write_gis(change, folder: Path) -> list[str]:
     block, points, surface = change.compared.adjustments[0].block, change.points, change.surface
     layers, missing = {}, []
     if points is not None:
-        layers["points"] = Layer(points.frame, points=points.xyz + block.offset)
+        layers["points"] = Layer(points.frame, points.xyz + block.offset)
     if surface is not None:
         # The square around each core point, closed, at its height.
         plan = surface.cores.cells[:, [0, 1, 2, 3, 0]]
         height = np.broadcast_to(surface.cores.xyz[:, None, 2:], (len(plan), 5, 1))
         corners = np.concatenate([plan, height], axis=2) + block.offset
-        layers["cells"] = Layer(surface.frame, polygons=list(corners))
+        layers["cells"] = Layer(surface.frame, list(corners), "Polygon Z")
         fields = {
             "change": surface.distance,
             "sigma": surface.sigma,

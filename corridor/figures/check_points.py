@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from corridor.figures import maps, style
 from corridor.figures.residual_vectors import arrows, stated_arrow
-from corridor.report import Adjusted, counted, millimetres, readable, short
+from corridor.report import Adjusted, counted, millimetres, nice, readable, short
 
 NONE = "No check points: nothing independent of the adjustment tests it."
 MOST_NAMES = 40
@@ -60,7 +60,7 @@ def _maps(results: list[Adjusted], labels: list[str], title: str, one_map: bool 
         float(np.nanmax(np.abs(t[["px", "py", "dz"]].to_numpy()), initial=0.0)) for t in tables
     )
     metres_per_inch = (inner[1] - inner[0]) / width
-    exaggeration = style.nice(1.1 * metres_per_inch / max(longest, 1e-9))
+    exaggeration = nice(1.1 * metres_per_inch / max(longest, 1e-9))
     tips = [t[["x", "y"]].to_numpy() + exaggeration * t[["px", "py"]].to_numpy() for t in tables]
     bars = [np.column_stack([t["x"], t["y"] + exaggeration * t["dz"]]) for t in tables]
     limits = maps.extent(np.array(inner).reshape(2, 2).T, *tips, *bars, margin=0.02)
@@ -90,7 +90,7 @@ def _maps(results: list[Adjusted], labels: list[str], title: str, one_map: bool 
         text = ": ".join(part for part in (short(label, 30), _numbers(result, beside)) if part)
         style.caption(axes, text)
     span = np.ptp(axes.get_xlim())
-    length = style.nice(1.0 * span / width / exaggeration)
+    length = nice(1.0 * span / width / exaggeration)
     style.legend(figure, 0.87, keys)
     inches = length * exaggeration * width / span
     stated_arrow(figure, 9.7 - inches - 0.75, 0.52, inches, f"{readable(length)} m")

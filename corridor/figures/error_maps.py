@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from corridor.figures import maps, style
 from corridor.figures.residual_vectors import arrows, stated_arrow
-from corridor.report import readable
+from corridor.report import nice, readable
 
 MOST_ARROWS = 160
 
@@ -75,7 +75,7 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
             axes.plot(*places.T, ls="", marker=".", ms=1.5, color=style.QUIET, zorder=3)
             for colour, some in ((style.DARK, up > 0), (style.LIGHT, up <= 0)):
                 arrows(axes, *places[some].T, 0 * up[some], up[some], scale, colour)
-        length = style.nice(0.5 * metres_per_inch / scale)
+        length = nice(0.5 * metres_per_inch / scale)
         stated_arrow(
             figure, 0.65 + 2 * width - 0.75, top - 0.12, length * scale / metres_per_inch,
             _length(length, unit),

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from corridor.figures import style
 from corridor.figures.residual_vectors import arrows, stated_arrow
-from corridor.report import readable
+from corridor.report import nice, readable
 
 
 def image_shift(
@@ -33,6 +33,6 @@ def image_shift(
     exaggeration = 0.45 / (per_px * longest)
     arrows(axes, *(shifts[c].to_numpy() for c in ("x", "y", "dx", "dy")), exaggeration, style.DARK)
     axes.plot(shifts["x"], shifts["y"], **style.dot("o", style.QUIET, 1.5))
-    length = style.nice(longest)
+    length = nice(longest)
     stated_arrow(figure, 0.8, 0.9, length * exaggeration * per_px, f"{readable(length)} px")
     return figure

@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 
 from corridor.figures import style
 from corridor.figures.first_look import camera_of, cells, in_cells
-from corridor.report import Adjusted, readable, short
+from corridor.report import Adjusted, nice, readable, short
 
 MOST_CAMERAS = 4
 ROOM = 1.08  # the panel over the image, for arrows that leave it
@@ -45,7 +45,7 @@ def residual_vectors(adjustment: Adjusted, camera: str | None = None) -> Figure:
     box = (8.1, 5.6) if across == 1 else (3.95, 3.4)
     inch_per_px = min(_scale(block.cameras[name], *box) for name in shown)
     fields = [_Field(block.cameras[name], table, mine[name], inch_per_px) for name in shown]
-    exaggeration = style.nice(min(field.step for field in fields) / max(_longest(fields), 1e-12))
+    exaggeration = nice(min(field.step for field in fields) / max(_longest(fields), 1e-12))
 
     sizes = [(inch_per_px * field.width, inch_per_px * field.height) for field in fields]
     row_height = max(height for _, height in sizes) + 0.85
@@ -148,7 +148,7 @@ def _longest(fields: list[_Field]) -> float:
 
 
 def _key(figure: Figure, left: float, inch_per_px: float, exaggeration: float) -> None:
-    length = style.nice(1.2 / (inch_per_px * exaggeration))
+    length = nice(1.2 / (inch_per_px * exaggeration))
     inches = length * exaggeration * inch_per_px
     stated_arrow(figure, left, 0.83, inches, f"{readable(length)} px")
 

@@ -10,7 +10,6 @@ because its lightness is graded, in grey print. A marker or a line style always 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -199,37 +198,20 @@ def legend(figure: Figure, top: float, handles: Sequence, left: float = 0.25) ->
     if not handles:
         return
     width, height = figure.get_size_inches()
-    made = figure.legend(
-        handles=list(handles),
-        loc="center left",
-        bbox_to_anchor=(left / width, 1 - top / height),
-        ncols=len(handles),
-        frameon=False,
-        fontsize=TEXT,
-        labelcolor=INK,
-        borderpad=0,
-        borderaxespad=0,
-        columnspacing=1.6,
-        handletextpad=0.5,
-    )
-    for text in made.get_texts():
-        text.set_parse_math(False)
+    place = {"loc": "center left", "bbox_to_anchor": (left / width, 1 - top / height)}
+    room = {"borderpad": 0, "borderaxespad": 0, "columnspacing": 1.6, "handletextpad": 0.5}
+    _one_row(figure, handles, **place, **room)
 
 
 def own_legend(axes: Axes, handles: Sequence) -> None:
     """Keys of one panel, in one row above its right corner."""
-    made = axes.legend(
-        handles=list(handles),
-        loc="lower right",
-        bbox_to_anchor=(1, 1),
-        ncols=len(handles),
-        frameon=False,
-        fontsize=TEXT,
-        labelcolor=INK,
-        borderaxespad=0.2,
-        handletextpad=0.3,
-    )
-    for text in made.get_texts():
+    room = {"borderaxespad": 0.2, "handletextpad": 0.3}
+    _one_row(axes, handles, loc="lower right", bbox_to_anchor=(1, 1), **room)
+
+
+def _one_row(owner: Figure | Axes, handles: Sequence, **place) -> None:
+    look = {"ncols": len(handles), "frameon": False, "fontsize": TEXT, "labelcolor": INK}
+    for text in owner.legend(handles=list(handles), **look, **place).get_texts():
         text.set_parse_math(False)
 
 
@@ -251,14 +233,6 @@ def sentence(text: str, title: str) -> Picture:
     figure = sheet(1.1, title)
     write(figure, 0.25, 0.72, text, colour=QUIET)
     return figure
-
-
-def nice(value: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above `value` (1 for zero)."""
-    if not (value > 0 and math.isfinite(value)):
-        return 1.0
-    power = 10.0 ** math.floor(math.log10(value) + 1e-12)
-    return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= value * (1 + 1e-9))
 
 
 def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=None) -> None:

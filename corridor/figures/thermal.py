@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from corridor.figures import style
 from corridor.figures.residual_vectors import arrows, stated_arrow
-from corridor.report import readable, short
+from corridor.report import nice, readable, short
 
 if TYPE_CHECKING:
     from corridor.thermal import CameraDifference, Fit, Maps
@@ -151,12 +151,12 @@ def camera_difference(difference: CameraDifference, title: str = "Two cameras") 
     pick[step // 2 :: step, step // 2 :: step] = True
     pick = pick.ravel()
     space = step * (x[1] - x[0])
-    exaggeration = style.nice(space / max(difference.largest, 1e-12))
+    exaggeration = nice(space / max(difference.largest, 1e-12))
     shown = (getattr(difference, name)[pick] for name in ("x", "y", "dx", "dy"))
     arrows(axes, *shown, exaggeration, style.INK)
     _frame(axes, difference, True)
     style.shade_bar(figure, image, _LEFT + wide + 0.2, 1.2, tall, "distance (px)")
-    size = style.nice(0.8 / (wide / difference.width * exaggeration))
+    size = nice(0.8 / (wide / difference.width * exaggeration))
     inches = size * exaggeration * wide / difference.width
     stated_arrow(figure, _LEFT, 0.93, inches, f"{readable(size)} px")
     return figure
@@ -211,12 +211,12 @@ def _vectors(figure, axes, maps, picture, left, top, wide):
     pick = (place % columns % step == inner) & (place // columns % step == inner)
     pick &= np.isfinite(dx)
     longest = max(float(np.nanmax(np.hypot(dx, dy))), 1e-12)
-    exaggeration = style.nice(0.75 * step * maps.width / columns / longest)
+    exaggeration = nice(0.75 * step * maps.width / columns / longest)
     style.caption(axes, "dx and dy")
     arrows(axes, maps.x[pick], maps.y[pick], dx[pick], dy[pick], exaggeration, style.DARK)
     _frame(axes, maps, False)
     inch = wide / maps.width
-    size = style.nice(longest)
+    size = nice(longest)
     length = size * exaggeration * inch
     stated_arrow(figure, left + wide - length - 0.5, top - 0.13, length, f"{readable(size)} px")
 

@@ -14,7 +14,7 @@ from corridor.change import SurfaceChange
 from corridor.planning.advice import advice, cheapest
 from corridor.planning.detection import detectable
 from corridor.planning.planner import Control
-from corridor.planning.report import as_html, as_text, save
+from corridor.planning.report import report_of, save
 from corridor.planning.sweep import flight_sets, swept
 from corridor.report import with_units
 from corridor.simulation import ORDINARY_NOISE, Noise, Plan
@@ -72,8 +72,11 @@ class Planned:
         sets, first = len(self.flown), self.advice.partition("; ")[0].partition(". ")[0]
         return f"Plan of {sets} flight set{'s' * (sets > 1)}: {first.rstrip('.')}"
 
-    __str__ = as_text
-    _repr_html_ = as_html
+    def __str__(self) -> str:
+        return str(report_of(self))
+
+    def _repr_html_(self) -> str:
+        return report_of(self).html()
 
     def save(self, folder: str | os.PathLike) -> list[Path]:
         """Writes plan.csv, plan.json, control.csv, advice.txt, accuracy.png and control.png.

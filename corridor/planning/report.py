@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -24,9 +23,6 @@ from corridor.report import (
     write_json,
     write_picture,
 )
-
-if TYPE_CHECKING:
-    from corridor.planning.plan import Planned
 
 RESULT = "plan.json"
 _FILES = (
@@ -50,8 +46,11 @@ _KNOWN = (
 )
 
 
-def report_of(planned: Planned) -> Report:
-    """The advice, where control goes, the accuracies, and what can be told apart."""
+def report_of(planned) -> Report:
+    """The advice, where control goes, the accuracies, and what can be told apart.
+
+    planned: `corridor.planning.Planned`.
+    """
     table = planned.table.assign(
         transfer_xy=np.maximum(planned.table["transfer_x"], planned.table["transfer_y"])
     )
@@ -79,17 +78,7 @@ def report_of(planned: Planned) -> Report:
     )
 
 
-def as_text(planned: Planned) -> str:
-    """The report for a terminal."""
-    return str(report_of(planned))
-
-
-def as_html(planned: Planned) -> str:
-    """The same report, for a notebook."""
-    return report_of(planned).html()
-
-
-def save(planned: Planned, folder: str | os.PathLike) -> list[Path]:
+def save(planned, folder: str | os.PathLike) -> list[Path]:
     """Writes a plan's report into a folder: see `Planned.save`."""
     folder, table = Path(folder), planned.table
     with whole_folder(folder, RESULT, lambda name: name in _FILES) as part:
@@ -130,7 +119,7 @@ def _picture(table: pd.DataFrame) -> Figure:
     return accuracy_by_control({name: series[name] for name in table["flights"].unique()})
 
 
-def _control(planned: Planned) -> Table | None:
+def _control(planned) -> Table | None:
     """Where the control points of the advice are to be."""
     points = planned.control
     if not len(points):

@@ -31,10 +31,8 @@ from corridor.report.files import (
     write_json,
     write_picture,
 )
-from corridor.report.geopackage import Layer, write_geopackage
-from corridor.report.gis import check_gis
+from corridor.report.gis import Layer, check_gis, write_geopackage, write_las
 from corridor.report.json import json_text, plain
-from corridor.report.las import write_las
 from corridor.report.numbers import (
     DASH,
     coefficient,
@@ -42,6 +40,7 @@ from corridor.report.numbers import (
     fixed,
     metre_digits,
     millimetres,
+    nice,
     readable,
     rounded,
     scaled,
@@ -79,6 +78,7 @@ __all__ = [
     "metre_digits",
     "millimetres",
     "named_with_units",
+    "nice",
     "numbered",
     "of_adjustment",
     "page",

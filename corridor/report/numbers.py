@@ -89,6 +89,14 @@ def millimetres(value: float) -> str:
     return f"{significant(1e3 * size)} mm"
 
 
+def nice(value: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above `value` (1 for zero)."""
+    if not (value > 0 and math.isfinite(value)):
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value) + 1e-12)
+    return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= value * (1 + 1e-9))
+
+
 def counted(number: int, noun: str, plural: str | None = None) -> str:
     """A number with its noun: 1 image, 1,200 images."""
     return f"{number:,} {noun if number == 1 else plural or noun + 's'}"

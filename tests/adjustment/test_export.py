@@ -137,7 +137,7 @@ def test_a_disk_that_is_full_at_the_end_leaves_no_geopackage(tmp_path):
     pytest.importorskip("pyogrio")
     import resource
 
-    layer = {"points": Layer(pd.DataFrame({"point": ["a", "b"]}), points=np.ones((2, 3)))}
+    layer = {"points": Layer(pd.DataFrame({"point": ["a", "b"]}), np.ones((2, 3)))}
     write_geopackage(tmp_path / "whole.gpkg", layer)
     most = (tmp_path / "whole.gpkg").stat().st_size - 100
     before = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
-from corridor import figures
+from corridor import figures, report
 from corridor.camera import Camera
 from corridor.figures import maps, style
 
@@ -197,7 +197,7 @@ class TestStyle:
         ("value", "nice"), [(1.0, 1), (1.99, 1), (2.0, 2), (4.9, 2), (0.06, 0.05), (730, 500)]
     )
     def test_scales_are_one_two_or_five(self, value, nice):
-        assert style.nice(value) == pytest.approx(nice)
+        assert report.nice(value) == pytest.approx(nice)
 
     def test_a_name_with_dollars_is_not_read_as_a_formula(self):
         block = dataclasses.replace(thin(), name="cost $x_1$ and $y")
