@@ -8,6 +8,7 @@ import textwrap
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 # So many files are named one by one; what somebody is to read is named last.
@@ -15,50 +16,50 @@ _MOST_FILES = 6
 _REPORT = "report.html"
 
 
+def checked(of: Callable, holds: Callable[..., bool], wrong: str) -> Callable[[str], object]:
+    """A type of option: what `of` makes of a text, where that holds; wrong: said of any other."""
+
+    def value(text: str):
+        with suppress(ValueError):
+            found = of(text)
+            if holds(found):
+                return found
+        raise argparse.ArgumentTypeError(f"{text!r} {wrong}")
+
+    return value
+
+
+def digits(text: str) -> int:
+    """The number that digits alone say."""
+    if not text.isdecimal():
+        raise ValueError
+    return int(text)
+
+
 def number(
     wrong: str, least: float = -math.inf, above: float = -math.inf, below: float = math.inf
 ) -> Callable[[str], float]:
     """A type of option: a finite number in a range; wrong: what is said of any other text."""
-
-    def of(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not (math.isfinite(value) and value >= least and above < value < below):
-            raise argparse.ArgumentTypeError(f"{text!r} {wrong}")
-        return value
-
-    return of
+    return checked(float, lambda v: math.isfinite(v) and v >= least and above < v < below, wrong)
 
 
 def whole(what: str, least: int) -> Callable[[str], int]:
     """A type of option: a whole number of at least so much."""
-
-    def of(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"{text!r} is no {what}: a whole number from {least}")
-        return int(text)
-
-    return of
+    return checked(digits, lambda v: v >= least, f"is no {what}: a whole number from {least}")
 
 
-def several(of: Callable, wrong: str = "", counts: Iterable[int] = ()) -> Callable[[str], list]:
-    """A type of option: values with commas between them.
+def several(of: Callable, wrong: str, counts: Iterable[int] = ()) -> Callable[[str], list]:
+    """A type of option: values with commas between them, as many as one of the counts.
 
-    wrong: what is said of any other text (default: what `of` says). counts: how many there may be.
+    wrong: what is said of any other text.
     """
 
     def values(text: str) -> list:
-        try:
+        with suppress(argparse.ArgumentTypeError):
             found = [of(word.strip()) for word in text.split(",")]
-        except argparse.ArgumentTypeError:
-            if not wrong:
-                raise
-            found = []
-        if not found or (counts and len(found) not in counts):
-            raise argparse.ArgumentTypeError(f"{text!r} {wrong}")
-        return found
+            if not counts or len(found) in counts:
+                return found
+        raise argparse.ArgumentTypeError(f"{text!r} {wrong}")
 
     return values
 

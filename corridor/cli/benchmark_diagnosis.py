@@ -23,7 +23,17 @@ for each block, blocks/NAME.json, written as soon as it is done.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import BlockBar, flag, number, option, say, several, whole, wrote
+from corridor.cli._options import (
+    BlockBar,
+    checked,
+    flag,
+    number,
+    option,
+    say,
+    several,
+    whole,
+    wrote,
+)
 from corridor.errors import InputError
 
 # A block of 40 images, its diagnosis and the baselines on one idle core: 7 to 14 s.
@@ -31,16 +41,13 @@ _SECONDS = 10.0
 KINDS = ("null", "single", "lookalike", "together", "unknown", "perfect", "all")
 
 
-def _kind(text):
-    if text not in KINDS:
-        raise argparse.ArgumentTypeError(f"{text!r} is unknown: use {', '.join(KINDS)}")
-    return text
-
-
+_KINDS = several(
+    checked(str, KINDS.__contains__, ""), f"names an unknown kind: use {', '.join(KINDS)}"
+)
 OPTIONS = {
     "--blocks": option("folder of blocks and truths", "FOLDER", Path, one_of="exactly"),
     "--cases": option(
-        f"made on demand: {', '.join(KINDS)}; or A,B", "KIND", several(_kind), one_of="exactly"
+        f"made on demand: {', '.join(KINDS)}; or A,B", "KIND", _KINDS, one_of="exactly"
     ),
     "--output": option("folder to write", required=True),
     "--count": option("blocks of each kind (default: its cases)", "N", whole("whole number", 1)),

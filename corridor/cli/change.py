@@ -60,7 +60,9 @@ OPTIONS = _model.table(
     "--gnss-bias": option(
         "standard deviation (m) of a constant error of the GNSS: one number, or three",
         "S or X,Y,Z",
-        several(number("is no number of metres from 0", least=0.0), counts=(1, 3)),
+        several(
+            number("", least=0.0), "is not one number of metres from 0, or three", counts=(1, 3)
+        ),
     ),
     "--datum": option(
         "as control and GNSS of each date state it, or laid together on what stands still "

@@ -24,7 +24,7 @@ holds advice.txt, control.csv and control.png (where control is to be), plan.csv
 
 import argparse
 
-from corridor.cli._options import flag, number, option, say, several, whole, wrote
+from corridor.cli._options import checked, flag, number, option, say, several, whole, wrote
 
 MARK = "plan.json"
 
@@ -48,13 +48,11 @@ def _prior(text):
     return name, of(sigma if name else "")
 
 
-def _pair(text):
-    here, equals, there = text.partition("=")
-    if not (here and equals and there):
-        raise argparse.ArgumentTypeError(f"{text!r} is not FLIGHT=FLIGHT, here = there")
-    return here, there
-
-
+_pair = checked(
+    lambda text: text.split("=", 1),
+    lambda pair: len(pair) == 2 and all(pair),
+    "is not FLIGHT=FLIGHT, here = there",
+)
 OPTIONS = {
     "plans": option("a .toml file, or names of plans joined by +", "PLAN", nargs="+"),
     "--output": {},

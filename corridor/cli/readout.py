@@ -29,15 +29,11 @@ would tell.
 import argparse
 from pathlib import Path
 
-from corridor.cli._options import Bars, kinds, number, option, say, whole, wrote
+from corridor.cli._options import Bars, checked, digits, kinds, number, option, say, whole, wrote
 
-
-def _sectors(text):
-    if not text.isdecimal() or int(text) < 6 or int(text) % 2:
-        raise argparse.ArgumentTypeError(f"{text!r} is not an even number of sectors, 6 or more")
-    return int(text)
-
-
+_sectors = checked(
+    digits, lambda v: v >= 6 and v % 2 == 0, "is not an even number of sectors, 6 or more"
+)
 _positive = number("is not a number greater than 0", above=0.0)
 _TURNS = {"metavar": "N", "type": _positive}
 _COMMON = {

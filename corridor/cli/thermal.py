@@ -100,9 +100,8 @@ def _map(options):
                 options.folder, keep, lambda done, of, _: bars("matching", done / of)
             )
         warn(maps.warnings)
-        drawn = figures.png(figures.deformation_maps(maps))
         with report.whole_file(picture) as part:
-            part.write_bytes(drawn)
+            report.write_picture(figures.deformation_maps(maps), part)
             maps.write(options.output)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
@@ -124,9 +123,8 @@ def _fit(options):
     fit = thermal.fit(thermal.read_maps(options.maps))
     model = fit.model
     warn(model.warnings)
-    drawn = figures.png(figures.thermal_parameters(fit))
     with report.whole_file(picture) as part:
-        part.write_bytes(drawn)
+        report.write_picture(figures.thermal_parameters(fit), part)
         model.write(options.output)
     low, high = model.range_c
     print(

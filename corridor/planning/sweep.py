@@ -61,21 +61,17 @@ def sweep(
     plans: Sequence[Plan | str],
     control: Sequence[Control] = (0, 1, 3, 5),
     place: str = "spread",
-    jobs: int = 1,
-    cluster: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
     **options,
 ) -> pd.DataFrame:
     """Expected accuracy of each plan with each set of control points: a row each.
 
     plans: flight sets, each with its own name; those over one axis are compared at the same points.
     control: as of `Planner.expect`; place: numbers of points are `spread` or at the `best` places.
-    jobs: processes; cluster: address of a Dask scheduler (extra `cluster`) whose workers have
-    corridor, used in their place.
-    progress: called with the flight sets done and all of them.
-    options: of `Planner`. Columns: see `Expected.summary`.
+    options: of `Planner`, and jobs: processes; cluster: address of a Dask scheduler (extra
+    `cluster`) whose workers have corridor, used in their place; progress: called with the flight
+    sets done and all of them. Columns: see `Expected.summary`.
     """
-    return swept(plans, control, place, jobs, cluster, progress, **options)[0]
+    return swept(plans, control, place, **options)[0]
 
 
 def swept(
