@@ -17,7 +17,7 @@ MOST_CORES = 20_000
 @dataclass(frozen=True)
 class Cores:
     """xyz (k, 3), m; normal (k, 3), upwards. station, across (k,): along the corridor, m.
-    along (2,): the direction of the stations in plan.
+    axes (2, 2): the directions of both in plan, across to the left.
 
     spacing: of the grid, m. radius: of the cylinder along the normal in which points count
     (Lague's d / 2), reach: its half length, m.
@@ -27,7 +27,7 @@ class Cores:
     normal: np.ndarray
     station: np.ndarray
     across: np.ndarray
-    along: np.ndarray
+    axes: np.ndarray
     spacing: float
     radius: float
     reach: float
@@ -38,42 +38,13 @@ class Cores:
     @property
     def cells(self) -> np.ndarray:
         """Corners (k, 4, 2) in plan, m, of the square around each core point, as the grid lies."""
-        turn = np.array([self.along, [-self.along[1], self.along[0]]])
-        corners = 0.5 * self.spacing * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ turn
+        corners = 0.5 * self.spacing * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ self.axes
         return self.xyz[:, None, :2] + corners
 
     def only(self, rows: np.ndarray) -> Cores:
         """Some of the core points."""
         parts = {name: getattr(self, name)[rows] for name in ("xyz", "normal", "station", "across")}
         return replace(self, **parts)
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A corridor's axis in plan: origin (2,), along and across (2,), unit vectors."""
-
-    origin: np.ndarray
-    along: np.ndarray
-    across: np.ndarray
-
-    @classmethod
-    def of(cls, xyz: np.ndarray) -> Frame:
-        """The frame in which points (n, 3) are longest; the first of them in x lies at zero."""
-        middle = np.median(xyz[:, :2], axis=0)
-        _, _, axes = np.linalg.svd(xyz[:, :2] - middle, full_matrices=False)
-        along = axes[0] * (1.0 if axes[0][np.argmax(np.abs(axes[0]))] > 0 else -1.0)
-        station = (xyz[:, :2] - middle) @ along
-        origin = middle + np.percentile(station, 0.5) * along
-        return cls(origin, along, np.array([-along[1], along[0]]))
-
-    def of_points(self, xyz: np.ndarray) -> np.ndarray:
-        """Station and across (n, 2), m; across to the left."""
-        away = xyz[:, :2] - self.origin
-        return np.column_stack([away @ self.along, away @ self.across])
-
-    def place(self, station: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """Positions (n, 2), m."""
-        return self.origin + np.outer(station, self.along) + np.outer(across, self.across)
 
 
 def usual_radius(*clouds: np.ndarray) -> float:
@@ -106,7 +77,7 @@ def make_cores(
     `vertical`. Raises InputError where no place has points of both clouds within the radius.
     """
     radius = radius or usual_radius(before, after)
-    frame = Frame.of(before)
+    origin, axes = _frame(before[:, :2])
     trees = cKDTree(before[:, :2]), cKDTree(after[:, :2])
     if at is not None:
         places = np.asarray(at, float)[:, :2]
@@ -115,7 +86,9 @@ def make_cores(
         spacing = spacing or 0.5 * radius
         places = _along(np.asarray(profile, float)[:, :2], spacing)
     else:
-        places, spacing = _grid(frame, before, spacing or 0.5 * radius)
+        where = (before[:, :2] - origin) @ axes.T
+        grid, spacing = _grid(where, spacing or 0.5 * radius)
+        places = origin + grid @ axes
     near = [tree.query(places, 1)[0] < radius for tree in trees]
     places = places[near[0] & near[1]]
     if not len(places):
@@ -129,8 +102,8 @@ def make_cores(
         normals = np.tile([0.0, 0.0, 1.0], (len(xyz), 1))
     else:
         normals = fitted_normals(before, xyz, 1.5 * radius)
-    station, across = frame.of_points(xyz).T
-    return Cores(xyz, normals, station, across, frame.along, spacing, radius, reach=3.0 * radius)
+    station, across = axes @ (places - origin).T
+    return Cores(xyz, normals, station, across, axes, spacing, radius, reach=3.0 * radius)
 
 
 def fitted_normals(cloud: np.ndarray, places: np.ndarray, radius: float) -> np.ndarray:
@@ -148,15 +121,25 @@ def fitted_normals(cloud: np.ndarray, places: np.ndarray, radius: float) -> np.n
     return out
 
 
-def _grid(frame: Frame, before: np.ndarray, spacing: float) -> tuple[np.ndarray, float]:
-    """Places (k, 2) over a cloud, and their spacing."""
-    where = frame.of_points(before)
+def _frame(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Origin (2,) and axes (2, 2), along and across to the left, of a corridor of places (n, 2).
+
+    They are longest along it; the first of them lies at station zero.
+    """
+    middle = np.median(xy, axis=0)
+    along = np.linalg.svd(xy - middle, full_matrices=False)[2][0]
+    along = along * (1.0 if along[np.argmax(np.abs(along))] > 0 else -1.0)
+    origin = middle + np.percentile((xy - middle) @ along, 0.5) * along
+    return origin, np.array([along, [-along[1], along[0]]])
+
+
+def _grid(where: np.ndarray, spacing: float) -> tuple[np.ndarray, float]:
+    """Places (k, 2) by station and across over others (n, 2), and their spacing."""
     low, high = np.percentile(where, [0.5, 99.5], axis=0)
     area = np.prod(np.maximum(high - low, spacing))
     spacing = max(spacing, float(np.sqrt(area / MOST_CORES)))
     grid = [np.arange(a, b + 0.5 * spacing, spacing) for a, b in zip(low, high, strict=True)]
-    station, across = (g.ravel() for g in np.meshgrid(*grid, indexing="ij"))
-    return frame.place(station, across), spacing
+    return np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 2), spacing
 
 
 def _along(line: np.ndarray, spacing: float) -> np.ndarray:

@@ -267,12 +267,11 @@ class _Shares:
 
     @classmethod
     def of(cls, evidence: Evidence, significant: bool) -> _Shares:
-        weight = np.linalg.pinv(evidence.covariance, rcond=1e-10, hermitian=True)
-        value, vector = np.linalg.eigh(weight)
-        root = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T
+        value, vector = np.linalg.eigh(evidence.covariance)
+        kept = value > 1e-10 * value[-1]
+        root = vector[:, kept].T / np.sqrt(value[kept])[:, None]
         whole = float(np.sum((root @ evidence.value) ** 2))
-        kept = value > 1e-10 * value[-1] if len(value) else value
-        return cls(root, whole, float(np.sum(kept)) if significant else np.inf)
+        return cls(root, whole, float(kept.sum()) if significant else np.inf)
 
     def of_values(self, left: np.ndarray) -> float:
         """The share that is gone where these changes are left."""
