@@ -204,14 +204,8 @@ def sound(xyz: np.ndarray) -> np.ndarray:
     return np.abs(away) <= WILD * usual
 
 
-def points_as_rows(
-    cloud: Cloud, row: np.ndarray, point: np.ndarray, value: np.ndarray, count: int
-) -> csr_array:
-    """Functions (count, 3 n) of the points of a cloud's epoch.
-
-    row, point (m,): function and position of the point of each entry; value (m, 3): its
-    derivative by the coordinates.
-    """
-    column = 3 * point[:, None] + np.arange(3)
-    entries = (value.ravel(), (np.repeat(row, 3), column.ravel()))
-    return csr_array(entries, shape=(count, 3 * len(cloud.epoch.names)))
+def coordinates(epoch: Epoch, points: np.ndarray) -> csr_array:
+    """The coordinates of points (k,) as functions (3k, 3n) of those of all."""
+    column = (3 * points[:, None] + np.arange(3)).ravel()
+    entries = (np.ones(len(column)), (np.arange(len(column)), column))
+    return csr_array(entries, shape=(len(column), 3 * len(epoch.names)))

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array, hstack, vstack
+from scipy.sparse import block_diag, csr_array, hstack, vstack
 
-from corridor.change.epoch import Cloud, Epoch, Spread, points_as_rows
+from corridor.change.epoch import Cloud, Epoch, Spread, coordinates
 from corridor.compiled import compiled
 from corridor.errors import InputError
 
@@ -132,32 +132,31 @@ class Joint:
 
 def displacements(before: Cloud, after: Cloud, names: list[str]) -> csr_array:
     """After minus before (3k,) of points by name (k,), as functions of the points."""
-    row = np.arange(3 * len(names))
-    sides = []
-    for cloud, sign in ((before, -1.0), (after, 1.0)):
-        point = np.repeat(np.array([cloud.named[name] for name in names], dtype=np.int64), 3)
-        axes = sign * np.tile(np.eye(3), (len(names), 1))
-        sides.append(points_as_rows(cloud, row, point, axes, len(row)))
-    return hstack(sides, format="csr")
+    first, second = (
+        coordinates(cloud.epoch, np.array([cloud.named[name] for name in names], dtype=np.int64))
+        for cloud in (before, after)
+    )
+    return hstack([-first, second], format="csr")
 
 
 @dataclass(frozen=True)
 class Side:
-    """What errors (c,) do to one epoch: to its unknowns, solved (n, c), and to points at given
-    unknowns, direct: point -> (first column, derivative (3, 3))."""
+    """What errors (c,) do to one epoch: to its unknowns, solved (n, c), and to its points at given
+    unknowns, direct (3 n, c)."""
 
     solved: np.ndarray
-    direct: dict[int, tuple[int, np.ndarray]]
+    direct: csr_array
+
+    @classmethod
+    def of(cls, epoch: Epoch, right: np.ndarray, direct: csr_array | None = None) -> Side:
+        """By way of the right side (n, c) of the equations, and at given unknowns."""
+        nothing = csr_array((3 * len(epoch.names), right.shape[1]))
+        return cls(epoch.solve(right), nothing if direct is None else direct)
 
     def response(self, spread: Spread) -> np.ndarray:
         """R (r, c): what a unit of each error does to functions."""
-        out = np.asarray(spread.through @ self.solved)
-        places = {point: k for k, point in enumerate(spread.points.tolist())}
-        for point, (column, moved) in self.direct.items():
-            if point in places:
-                at = 3 * places[point] + np.arange(3)
-                out[:, column : column + 3] += spread.rows[:, at] @ moved
-        return out
+        at = (3 * spread.points[:, None] + np.arange(3)).ravel()
+        return np.asarray(spread.through @ self.solved + spread.rows @ self.direct[at])
 
 
 @dataclass(frozen=True)
@@ -230,12 +229,11 @@ def _control(epochs: list[Epoch]) -> list[Common]:
         points = np.array([point[name] for name in names])
         gains, number = epoch.gains(points)
         weight = control.sigma[rows] ** -2.0
+        own = block_diag(list(gains.own[number] * weight[:, None, :]))
+        direct = csr_array(coordinates(epoch, points).T @ own)
         columns = (3 * number[:, None] + np.arange(3)).ravel()
         right = -gains.gain[:, columns].toarray() * weight.ravel()
-        direct = {
-            p: (3 * k, gains.own[number[k]] * weight[k]) for k, p in enumerate(points.tolist())
-        }
-        sides.append(Side(epoch.solve(right), direct))
+        sides.append(Side.of(epoch, right, direct))
         sigma.append(epoch.sigma0 * control.sigma[rows].ravel())
     return [Common(tuple(sides), np.diag(sigma[0] * sigma[1]))]
 
@@ -254,7 +252,7 @@ def _priors(epochs: list[Epoch]) -> list[Common]:
     for epoch, mine in zip(epochs, known, strict=True):
         right = np.zeros((len(epoch.system.columns), len(both)))
         right[[mine[name][0] for name in both], np.arange(len(both))] = weight
-        sides.append(Side(epoch.solve(right), {}))
+        sides.append(Side.of(epoch, right))
     scale = epochs[0].sigma0 * epochs[1].sigma0
     return [Common(tuple(sides), scale * np.diag(1.0 / weight))]
 
@@ -274,7 +272,7 @@ def _antennas(epoch: Epoch) -> Side:
     """A metre of constant error on every antenna position, by axis."""
     gnss = epoch.system.gnss
     moved = np.tile(np.eye(3), (len(gnss.names), 1)) / gnss.sigma.reshape(-1, 1) ** 2
-    return Side(epoch.solve(np.asarray(gnss.jacobian.T @ moved)), {})
+    return Side.of(epoch, np.asarray(gnss.jacobian.T @ moved))
 
 
 @compiled(nogil=True, error_model="numpy", fastmath={"contract"})

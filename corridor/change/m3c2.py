@@ -21,7 +21,7 @@ from scipy.sparse import csr_array, hstack
 from scipy.spatial import cKDTree
 
 from corridor.change.cores import Cores
-from corridor.change.epoch import Cloud, points_as_rows
+from corridor.change.epoch import Cloud
 
 # Fewer points than this are no surface.
 LEAST = 5
@@ -144,7 +144,9 @@ def distance_functions(
     sides = []
     for cloud, one, sign in zip(clouds, found, (-1.0, 1.0), strict=True):
         value = sign * cores.normal[one.core] * one.weight[:, None]
-        sides.append(points_as_rows(cloud, one.core, one.point, value, len(cores)))
+        column = 3 * one.point[:, None] + np.arange(3)
+        entries = (value.ravel(), (np.repeat(one.core, 3), column.ravel()))
+        sides.append(csr_array(entries, shape=(len(cores), 3 * len(cloud.epoch.names))))
     return hstack(sides, format="csr")
 
 
