@@ -17,6 +17,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from corridor.adjustment.kernels import (
     SEEN,
@@ -46,7 +47,7 @@ class _Out(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """Rows of the observations of some points, two an observation, as kernels take them.
+    """Rays of the observations of some points, two an observation, as kernels make them.
 
     image (n,); start (points + 1,): where the rays of each point begin. own (2 n, d): by the
     image's unknowns; point (2 n, 3): by the point. root (points, 6): L^-1 of V = L L', as of
@@ -61,12 +62,45 @@ class Rays(NamedTuple):
 
 
 class Part(NamedTuple):
-    """points, rows: which of the problem's are in rays; shared (2 n, q): by what images share."""
+    """Rows of some points: points, rows, own_at: which of the problem's, and of images' unknowns.
+
+    own (2 n, of own_at), point (2 n, 3 points); shared (2 n, q): by what images share. root
+    (points, 3, 3): L^-1 of V = L L'.
+    """
 
     points: slice
     rows: slice
-    rays: Rays
+    own_at: slice
+    own: csr_array
+    point: csr_array
     shared: np.ndarray
+    root: np.ndarray
+
+    @classmethod
+    def of(cls, points: slice, rows: slice, rays: Rays, shared: np.ndarray) -> Part:
+        """The rows of rays, as matrices."""
+        d, count = rays.own.shape[1], len(rays.root)
+        low, high = int(rays.image.min()), int(rays.image.max()) + 1
+        of_point = np.repeat(np.arange(count), 2 * np.diff(rays.start))
+        root = np.zeros((count, 3, 3))
+        root[:, [0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]] = rays.root
+        return cls(
+            points,
+            rows,
+            slice(low * d, high * d),
+            _blocks(rays.own, np.repeat(rays.image - low, 2), high - low),
+            _blocks(rays.point, of_point, count),
+            shared,
+            root,
+        )
+
+
+def _blocks(values: np.ndarray, block: np.ndarray, count: int) -> csr_array:
+    """Sparse matrix (n, count * width) of rows (n, width), each in its block of columns (n,)."""
+    rows, width = values.shape
+    column = (block[:, None] * width + np.arange(width)).ravel()
+    begin = np.arange(0, rows * width + 1, width)
+    return csr_array((values.ravel(), column, begin), shape=(rows, count * width))
 
 
 class Sets(NamedTuple):
@@ -132,7 +166,7 @@ class Design:
                 root,
             )
             shared = shared.reshape(n, p.wide)[:, : p.shared_count]
-            yield Part(slice(first, last), rows, rays, shared)
+            yield Part.of(slice(first, last), rows, rays, shared)
             first = last
 
     def right(self, sets: Sets) -> np.ndarray:
@@ -142,8 +176,9 @@ class Design:
         shared = np.zeros((p.shared_count, k))
         heavy, moved = self._heavy(sets.control), np.zeros((self._numbered, 3, k))
         for part in self._parts():
-            left = sets.image[part.rows].copy()
-            _eliminate(part.rays, self._row[part.points], heavy, left, moved, own, np.zeros((6, k)))
+            left = sets.image[part.rows]
+            left = left - self._followed_by(part, left, heavy, moved)
+            own[part.own_at] += part.own.T @ left
             shared += part.shared.T @ left
         out = np.concatenate([own, shared, np.zeros((len(self.system.columns), k))])
         out = out[: len(self.system.columns)]
@@ -159,16 +194,30 @@ class Design:
         """
         p, k = self._problem, step.shape[1]
         n = p.image_count * p.d
-        own, shared = np.ascontiguousarray(step[:n]), step[n : n + p.shared_count]
+        own, shared = step[:n], step[n : n + p.shared_count]
         control = sets.control - self._control.jacobian @ step
         heavy, moved = self._heavy(control), np.zeros((self._numbered, 3, k))
         image = np.empty_like(sets.image)
         for part in self._parts():
-            left = sets.image[part.rows] - part.shared @ shared
-            _follow(part.rays, self._row[part.points], heavy, left, moved, own, np.zeros((6, k)))
-            image[part.rows] = left
+            left = sets.image[part.rows] - part.shared @ shared - part.own @ own[part.own_at]
+            image[part.rows] = left - self._followed_by(part, left, heavy, moved)
         control = control - moved[: len(self._control.names)].reshape(-1, k)
         return Sets(image, control), moved[self._followed]
+
+    def _followed_by(
+        self, part: Part, left: np.ndarray, heavy: np.ndarray, moved: np.ndarray
+    ) -> np.ndarray:
+        """What of residuals left (2 n, k) their points follow: P V^-1 (P' left + heavy).
+
+        moved (numbered, 3, k): gets how far points with a row of their own go.
+        """
+        row, k = self._row[part.points], left.shape[1]
+        numbered = np.flatnonzero(row >= 0)
+        right = (part.point.T @ left).reshape(-1, 3, k)
+        right[numbered] += heavy[row[numbered]]
+        step = part.root.transpose(0, 2, 1) @ (part.root @ right)
+        moved[row[numbered]] = step[numbered]
+        return part.point @ step.reshape(-1, k)
 
     def _heavy(self, control: np.ndarray) -> np.ndarray:
         """Weighted residuals (numbered, 3, k) of the points with a row of their own."""
@@ -228,77 +277,3 @@ def rows_for(d: int, sighted: bool):
             to.root[p - first, 3], to.root[p - first, 4], to.root[p - first, 5] = i3, i4, i5
 
     return core
-
-
-@compiled(**KERNEL)
-def _moves(rays, p, row, heavy, left, moved, work):
-    """V^-1 (P' left + heavy) of a point, into the first three rows of work (6, k).
-
-    Kept in its row of moved, if it has one.
-    """
-    k = left.shape[1]
-    for c in range(3):
-        for s in range(k):
-            work[3 + c, s] = heavy[row, c, s] if row >= 0 else 0.0
-    for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
-        for c in range(3):
-            f = rays.point[n, c]
-            for s in range(k):
-                work[3 + c, s] += f * left[n, s]
-    i0, i1, i2 = rays.root[p, 0], rays.root[p, 1], rays.root[p, 2]
-    i3, i4, i5 = rays.root[p, 3], rays.root[p, 4], rays.root[p, 5]
-    for s in range(k):
-        a, b, c = work[3, s], work[4, s], work[5, s]
-        a, b, c = i0 * a, i1 * a + i2 * b, i3 * a + i4 * b + i5 * c
-        work[0, s] = i0 * a + i1 * b + i3 * c
-        work[1, s] = i2 * b + i4 * c
-        work[2, s] = i5 * c
-        if row >= 0:
-            moved[row, 0, s], moved[row, 1, s], moved[row, 2, s] = (
-                work[0, s],
-                work[1, s],
-                work[2, s],
-            )
-
-
-@compiled(vectorised=True, **KERNEL)
-def _eliminate(rays, numbered, heavy, left, moved, own, work):
-    """Take from residuals left (2 n, k) what their points follow; add A' of the rest to own.
-
-    numbered (points,): row in heavy and moved (f, 3, k), or -1: what is known of points beside, and
-    by how much they follow. work: (6, k).
-    """
-    d, k = rays.own.shape[1], left.shape[1]
-    for p in range(len(rays.start) - 1):
-        _moves(rays, p, numbered[p], heavy, left, moved, work)
-        for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
-            to = rays.image[n // 2] * d
-            a, b, c = rays.point[n, 0], rays.point[n, 1], rays.point[n, 2]
-            for s in range(k):
-                left[n, s] -= a * work[0, s] + b * work[1, s] + c * work[2, s]
-            for r in range(d):
-                f = rays.own[n, r]
-                for s in range(k):
-                    own[to + r, s] += f * left[n, s]
-
-
-@compiled(vectorised=True, **KERNEL)
-def _follow(rays, numbered, heavy, left, moved, own, work):
-    """Take from residuals left (2 n, k) a step own (m d, k) of the images, and what points follow.
-
-    Other arguments as of `_eliminate`.
-    """
-    d, k = rays.own.shape[1], left.shape[1]
-    for p in range(len(rays.start) - 1):
-        row = numbered[p]
-        for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
-            to = rays.image[n // 2] * d
-            for r in range(d):
-                f = rays.own[n, r]
-                for s in range(k):
-                    left[n, s] -= f * own[to + r, s]
-        _moves(rays, p, row, heavy, left, moved, work)
-        for n in range(2 * rays.start[p], 2 * rays.start[p + 1]):
-            a, b, c = rays.point[n, 0], rays.point[n, 1], rays.point[n, 2]
-            for s in range(k):
-                left[n, s] -= a * work[0, s] + b * work[1, s] + c * work[2, s]
