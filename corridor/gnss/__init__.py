@@ -6,6 +6,7 @@ from corridor.gnss.coordinates import (
     Local,
     convert,
     geographic_positions,
+    known_crs,
     to_local,
 )
 from corridor.gnss.exposures import Exposures
@@ -44,6 +45,7 @@ __all__ = [
     "frame_of_block",
     "geographic_positions",
     "interpolate",
+    "known_crs",
     "of_block",
     "read_exposures",
     "read_track",

@@ -164,6 +164,17 @@ def convert(points: np.ndarray, source: str, target: str) -> np.ndarray:
         ) from None
 
 
+@lru_cache(maxsize=32)
+def known_crs(name: str) -> pyproj.CRS:
+    """The coordinate reference system of a code or text. Raises InputError where it is none."""
+    import pyproj
+
+    try:
+        return pyproj.CRS.from_user_input(name)
+    except pyproj.exceptions.CRSError:
+        raise InputError(f"crs {name[:60]!r} is not known; give a code, as EPSG:32647") from None
+
+
 def _turned(table, rotation: np.ndarray):
     """Covariances and velocities of the columns, turned by a rotation (3, 3)."""
     table = table.copy()
@@ -207,22 +218,12 @@ def _topocentric(lat_deg: float, lon_deg: float, height: float) -> pyproj.Transf
 
 
 @lru_cache(maxsize=32)
-def _crs(name: str) -> pyproj.CRS:
-    import pyproj
-
-    try:
-        return pyproj.CRS.from_user_input(name)
-    except pyproj.exceptions.CRSError:
-        raise InputError(f"crs {name!r} is not known; give a code, as EPSG:32647") from None
-
-
-@lru_cache(maxsize=32)
 def _between(source: str, target: str) -> pyproj.Transformer:
     import pyproj
 
     # Without these two a height system whose geoid is missing would pass silently unconverted.
     return pyproj.Transformer.from_crs(
-        _crs(source), _crs(target), always_xy=True, allow_ballpark=False, only_best=True
+        known_crs(source), known_crs(target), always_xy=True, allow_ballpark=False, only_best=True
     )
 
 

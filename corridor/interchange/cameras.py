@@ -5,7 +5,7 @@ another formula says something else, the parameters are fitted over the picture 
 difference is told, never passed over.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +77,32 @@ def camera_from(
             )
     table = {"width": width, "height": height, "f": f, "cx": cx, "cy": cy, **more}
     return Camera.from_table(name, {key: float(value) for key, value in table.items()})
+
+
+def where_known(names: Iterable[str], make: Callable[[str], Camera]) -> dict[str, Camera | NoModel]:
+    """Cameras by name; where there is no model for one, the NoModel that says so."""
+    cameras: dict[str, Camera | NoModel] = {}
+    for name in dict.fromkeys(names):
+        try:
+            cameras[name] = make(name)
+        except NoModel as error:
+            cameras[name] = error
+    return cameras
+
+
+def shared(
+    interiors: Sequence[tuple[float, ...]],
+    name: Callable[[int], str],
+    make: Callable[..., Camera],
+) -> tuple[dict[str, Camera], list[str]]:
+    """The different cameras of images by name, and that of each image.
+
+    interiors: what tells the cameras of images apart; name: of the n-th different one; make: its
+    camera of name and interior.
+    """
+    names: dict[tuple[float, ...], str] = {}
+    used = [names.setdefault(inner, name(len(names))) for inner in interiors]
+    return {each: make(each, *inner) for inner, each in names.items()}, used
 
 
 def opencv_camera(

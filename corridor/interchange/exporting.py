@@ -24,6 +24,16 @@ from corridor.report import whole_folder
 
 _MARK = "exported_by_corridor.txt"
 _RESULT = "adjustment.json"
+# What a block may have that a format cannot hold: the keys of its LOSSES.
+_HAS: dict[str, Callable[[Block], bool]] = {
+    "tie points": lambda block: bool(len(block.tie_points)),
+    "sigmas": lambda block: "sigma" in block.tie_points,
+    "marks": lambda block: bool(len(block.marks)),
+    "GNSS": lambda block: bool(len(block.gnss)),
+    "ground without place": lambda block: len(block.ground) and "local_frame" not in block.extra,
+    "offset": lambda block: bool(block.offset.any()),
+    "names": lambda block: True,
+}
 
 
 @brief
@@ -104,7 +114,9 @@ def export_project(
         sentences.append(f"lost: {stated}")
     if unheld:
         exported = _to_held_cameras(exported, target, unheld, corrected, sentences)
-    sentences += [f"{form} holds no {what}" for what in target.losses(exported)]
+    sentences += [
+        f"{form} holds no {said}" for has, said in target.LOSSES.items() if _HAS[has](exported)
+    ]
     found = Residuals.of(np.linalg.norm(rows_of(exported).residuals(), axis=1))
     sentences.append(f"what is written reprojects with {found}")
     if found.median > MEDIAN_PX:

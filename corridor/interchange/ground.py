@@ -16,7 +16,7 @@ import pandas as pd
 
 from corridor.block import LAYOUTS, SIGMAS, Block, Layout, place, read_columns
 from corridor.errors import InputError
-from corridor.gnss import GEOGRAPHIC, convert
+from corridor.gnss import GEOGRAPHIC, convert, known_crs
 from corridor.interchange.faults import blaming
 from corridor.interchange.project import Project, Views, apart, ground_table, local_of
 from corridor.textfile import Line, filled, opening
@@ -117,8 +117,6 @@ def read_gcp_list(path: Path) -> Ground:
 
 
 def _known_system(line: Line) -> str:
-    import pyproj
-
     crs = crs_of_line(line.text)
     if crs is None:
         raise line.wrong(
@@ -126,11 +124,9 @@ def _known_system(line: Line) -> str:
             "or WGS84 UTM 16N"
         )
     try:
-        pyproj.CRS.from_user_input(crs)
-    except pyproj.exceptions.CRSError:
-        raise line.wrong(
-            f"the coordinate system {crs[:60]!r} is not known; give a code, as EPSG:32616"
-        ) from None
+        known_crs(crs)
+    except InputError as error:
+        raise line.wrong(str(error)) from None
     return crs
 
 
@@ -223,9 +219,7 @@ def in_frame(block: Block, places: np.ndarray, crs: str | None, what: str) -> np
 
 def _metres(places, crs):
     """Longitude, latitude, height; a height in feet of a system in feet becomes metres."""
-    import pyproj
-
-    system = pyproj.CRS.from_user_input(crs)
+    system = known_crs(crs)
     unit = system.axis_info[0].unit_conversion_factor if system.is_projected else 1.0
     geographic = convert(places, crs, GEOGRAPHIC)
     if unit != 1.0 and len(system.axis_info) == 2:

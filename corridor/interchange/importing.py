@@ -9,6 +9,7 @@ from pathlib import Path
 from corridor.block import Block
 from corridor.brief import brief
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.gnss import known_crs
 from corridor.interchange.faults import blaming
 from corridor.interchange.ground import add_ground
 from corridor.interchange.joining import bent
@@ -166,7 +167,10 @@ def complete(
             raise InputError(
                 f"the project is in {project.block.crs[:60]}; --crs {added.crs} contradicts it"
             )
-        _known_system(added.crs)
+        if not known_crs(added.crs).is_projected:
+            raise InputError(
+                f"crs {added.crs} is not in metres of a grid; give one that is, as EPSG:32647"
+            )
         project = project.having(crs=added.crs, placed=True)
     exposures = None
     if added.photos is not None:
@@ -179,14 +183,3 @@ def complete(
         with blaming(added.track, "a track"):
             project = add_track(project, exposures, track)
     return project if added.ground is None else add_ground(project, added.ground)
-
-
-def _known_system(crs):
-    import pyproj
-
-    try:
-        system = pyproj.CRS.from_user_input(crs)
-    except pyproj.exceptions.CRSError:
-        raise InputError(f"crs {crs!r} is not known; give a code, as EPSG:32647") from None
-    if not system.is_projected:
-        raise InputError(f"crs {crs} is not in metres of a grid; give one that is, as EPSG:32647")

@@ -182,11 +182,17 @@ def _with_resized_named(project, photos):
     )
 
 
-def _with_temperatures(project, photos):
-    values = np.full(len(project.block.images), np.nan)
+def _per_image(project, photos, fact, *shape):
+    """A field of the photographs by rows of images.csv; NaN where unknown."""
+    values = np.full((len(project.block.images), *shape), np.nan)
     for row, photo in photos.items():
-        if photo.temperature_c is not None:
-            values[row] = photo.temperature_c
+        if getattr(photo, fact) is not None:
+            values[row] = getattr(photo, fact)
+    return values
+
+
+def _with_temperatures(project, photos):
+    values = _per_image(project, photos, "temperature_c")
     if not np.isfinite(values).any():
         return project
     kinds = sorted({photo.temperature_of for photo in photos.values() if photo.temperature_of})
@@ -199,10 +205,7 @@ def _with_temperatures(project, photos):
 def _with_motion(project, photos):
     """Velocities, and the gyroscope's samples."""
     block = project.block
-    velocity = np.full((len(block.images), 3), np.nan)
-    for row, photo in photos.items():
-        if photo.velocity is not None:
-            velocity[row] = photo.velocity
+    velocity = _per_image(project, photos, "velocity", 3)
     if np.isfinite(velocity).all(axis=1).any():
         said = sorted({photo.velocity_of for photo in photos.values() if photo.velocity_of})
         project = project.having(
@@ -248,20 +251,23 @@ def gyro_rates(photo: Metadata, time_s: float | None) -> pd.DataFrame | None:
     return pd.DataFrame({"time_s": sample + shift, "wx": y, "wy": -x, "wz": z, "image": photo.name})
 
 
+def _by_camera(project, photos):
+    """Each camera with its first photograph."""
+    names = project.block.images["camera"]
+    first = {names.iloc[row]: photo for row, photo in reversed(photos.items())}
+    return [
+        (camera, first[name]) for name, camera in project.block.cameras.items() if name in first
+    ]
+
+
 def _with_readout(project, photos):
-    block, notes = project.block, []
-    cameras = dict(block.cameras)
-    for name, camera in block.cameras.items():
-        mine = [
-            photo
-            for row, photo in photos.items()
-            if block.images["camera"].iloc[row] == name and photo.model
-        ]
-        if not mine or camera.readout_s is not None:
+    cameras, notes = dict(project.block.cameras), []
+    for camera, photo in _by_camera(project, photos):
+        if not photo.model or camera.readout_s is not None:
             continue
-        readout, source = readout_of(mine[0], camera.height)
+        name, (readout, source) = camera.name, readout_of(photo, camera.height)
         if readout is None:
-            notes += [f"camera {name} ({mine[0].model}): {source}"] if source else []
+            notes += [f"camera {name} ({photo.model}): {source}"] if source else []
             continue
         extra = {**camera.extra, "readout_from": source}
         cameras[name] = replace(camera, readout_s=readout, extra=extra)
@@ -273,22 +279,17 @@ def _with_readout(project, photos):
 
 def _with_focal(project, photos):
     """Writes the focal length that photographs state, with its sigma: a prior of an adjustment."""
-    block = project.block
-    cameras, notes = dict(block.cameras), []
-    for name, camera in block.cameras.items():
-        mine = [photo for row, photo in photos.items() if block.images["camera"].iloc[row] == name]
-        if not mine or camera.calibrated:
-            continue
-        photo = mine[0]
+    cameras, notes = dict(project.block.cameras), []
+    for camera, photo in _by_camera(project, photos):
         same = abs(photo.width * camera.height / (photo.height_px * camera.width) - 1) < 0.01
         stated = stated_focal(photo, max(camera.width, camera.height)) if same else None
-        if stated is None:
+        if camera.calibrated or stated is None:
             continue
         prior = [round(stated.px, 2), round(stated.sigma_px, 2)]
-        cameras[name] = replace(camera, extra={**camera.extra, "f_stated": prior})
+        cameras[camera.name] = replace(camera, extra={**camera.extra, "f_stated": prior})
         notes.append(
-            f"camera {name}: f stated {stated.px:.0f} +- {stated.sigma_px:.0f} px ({stated.of}), "
-            "a prior where f is estimated (f_stated in block.toml)"
+            f"camera {camera.name}: f stated {stated.px:.0f} +- {stated.sigma_px:.0f} px "
+            f"({stated.of}), a prior where f is estimated (f_stated in block.toml)"
         )
     return project.having(notes=notes, cameras=cameras)
 

@@ -1,8 +1,8 @@
 """Formats of other programs, one module or folder each, found by looking in this folder.
 
 A format has NAME, TITLE, `recognise(path)`, `read(path, size)`; one that writes has WRITES (the
-names it is exported by), HOLDS (the camera it holds), `losses(block)` and
-`write(block, folder, name)`.
+names it is exported by), HOLDS (the camera it holds), LOSSES (what else it cannot hold, and where
+that went instead, by what a block has: the names of `exporting`) and `write(block, folder, name)`.
 """
 
 import importlib

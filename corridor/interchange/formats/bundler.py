@@ -18,7 +18,7 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.errors import InputError
-from corridor.interchange.cameras import Held, camera_from, in_the_middle
+from corridor.interchange.cameras import Held, camera_from, in_the_middle, shared
 from corridor.interchange.columns import (
     grouped,
     in_groups,
@@ -37,6 +37,11 @@ NAME = "bundler"
 TITLE = "Bundler .out"
 WRITES = ("bundler",)
 HOLDS = Held(("f", "k1", "k2"), centred=True)
+LOSSES = {
+    "marks": "ground points: their marks go as points, their coordinates and names do not",
+    "GNSS": "GNSS",
+    "names": "picture sizes, and names of cameras and points",
+}
 
 HEADER = "# Bundle file v0.3"
 _FILE = ("*.out", "# Bundle file")
@@ -88,7 +93,13 @@ class BundlerArrays:
         xy = self.xy[keep]
         width, height = size or _made_up(file, xy, self.image[keep], notes)
         kept = np.flatnonzero(oriented)
-        cameras, used = _cameras(self.interior[kept], width, height)
+        interiors, middle = list(map(tuple, self.interior[kept])), in_the_middle(width, height)
+        one = len(set(interiors)) == 1
+        cameras, used = shared(
+            interiors,
+            lambda k: "camera" if one else f"camera_{k}",
+            lambda name, f, k1, k2: camera_from(name, width, height, f, *middle, k1=k1, k2=k2),
+        )
         rotation = self.rotation[kept]
         names = pd.Index(np.arange(len(self.places))).astype("str")
         notes.append("the frame and its scale are those of the reconstruction, not metres")
@@ -103,7 +114,7 @@ class BundlerArrays:
                 self.point[keep],
                 names,
                 (np.cumsum(oriented) - 1)[self.image[keep]],
-                xy * [1.0, -1.0] + in_the_middle(width, height),
+                xy * [1.0, -1.0] + middle,
             ),
             points=(names, self.places),
             notes=notes,
@@ -170,31 +181,7 @@ def _made_up(file, xy, image, notes):
     return width, height
 
 
-def _cameras(interior, width, height):
-    """The different cameras by name, in the order of their images, and that of each image."""
-    rows, which = np.unique(interior, axis=0, return_inverse=True)
-    order = pd.unique(which.ravel())
-    names = {old: "camera" if len(rows) == 1 else f"camera_{new}" for new, old in enumerate(order)}
-    middle = in_the_middle(width, height)
-    cameras = {
-        names[k]: camera_from(names[k], width, height, f, *middle, k1=k1, k2=k2)
-        for k, (f, k1, k2) in ((k, rows[k]) for k in order)
-    }
-    return cameras, [names[k] for k in which.ravel()]
-
-
 # --- out -------------------------------------------------------------------------------------
-
-
-def losses(block: Block) -> list[str]:
-    """What else Bundler cannot hold."""
-    lost = []
-    if len(block.marks):
-        lost.append("ground points: their marks go as points, their coordinates and names do not")
-    if len(block.gnss):
-        lost.append("GNSS")
-    lost.append("picture sizes, and names of cameras and points")
-    return lost
 
 
 def write(block: Block, folder: Path, name: str) -> None:

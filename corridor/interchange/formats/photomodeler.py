@@ -15,7 +15,7 @@ import numpy as np
 
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_angles
-from corridor.interchange.cameras import camera_from, from_image_formula, turned_note
+from corridor.interchange.cameras import camera_from, from_image_formula, shared, turned_note
 from corridor.interchange.project import Pieces, Project, Views, ground_table
 from corridor.textfile import Line, lines, opening
 
@@ -65,7 +65,11 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     photos, rest = _photos(head[4], head[5:], rest, common)
     control, points, marks = _tables(file, rest)
     notes: list[str] = []
-    cameras, used = _cameras(photos, size, notes)
+    cameras, used = shared(
+        [tuple(photo.inner) for photo in photos],
+        lambda k: f"camera_{k}" if k else "camera",
+        lambda name, *inner: _camera(name, inner, *size, notes),
+    )
     turned = np.array([rotation_from_angles(*photo.angles[::-1]) for photo in photos])
     row_of = {photo.number: k for k, photo in enumerate(photos)}
     unknown = [photo for photo, *_ in marks if photo not in row_of]
@@ -171,17 +175,6 @@ def _tables(file, rest):
     if not marks:
         raise InputError(f"{file.name} holds no marks; export the project again")
     return control, points, [row[:4] for row in marks]
-
-
-def _cameras(photos, size, notes):
-    cameras, used, known = {}, [], {}
-    for photo in photos:
-        key = tuple(photo.inner)
-        if key not in known:
-            known[key] = name = "camera" if not known else f"camera_{len(known)}"
-            cameras[name] = _camera(name, photo.inner, *size, notes)
-        used.append(known[key])
-    return cameras, used
 
 
 def _camera(name, inner, width, height, notes):

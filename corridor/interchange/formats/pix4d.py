@@ -17,7 +17,7 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation, rotation_from_angles
-from corridor.interchange.cameras import camera_from, in_the_middle
+from corridor.interchange.cameras import camera_from, in_the_middle, shared
 from corridor.interchange.project import Pieces, Project, Views, ground_table
 from corridor.textfile import Line, filled, opening
 
@@ -64,7 +64,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     shots = _shots(main)
     offset = _offset(folder / f"{prefix}offset.xyz", notes)
     names = [shot.name for shot in shots]
-    cameras, used = _cameras(shots)
+    cameras, used = shared([shot.interior for shot in shots], "camera_{}".format, _camera)
     centre, rotation = (
         np.array([getattr(shot, key) for shot in shots]) for key in ("centre", "rotation")
     )
@@ -90,14 +90,13 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
 
 @dataclass
 class _Shot:
-    """One image of the calibrated camera parameters, as written."""
+    """One image of the calibrated camera parameters.
+
+    interior: width, height, fx, cx, fy, cy, K1, K2, K3, T1, T2.
+    """
 
     name: str
-    width: int
-    height: int
-    matrix: np.ndarray
-    radial: np.ndarray
-    tangential: np.ndarray
+    interior: tuple[float, ...]
     centre: np.ndarray
     rotation: np.ndarray
 
@@ -146,30 +145,20 @@ def _shots(path):
                 f"the camera matrix of {name!r} has skew or another last row than 0 0 1; the lines "
                 "are out of step"
             )
-        shots[name] = _Shot(name, width, height, matrix, *rows[3:6], np.array(rows[6:]))
+        if min(matrix[0, 0], matrix[1, 1]) <= 0:
+            raise InputError(f"camera of {name!r}: its focal length is not positive")
+        inner = (width, height, *matrix[0, [0, 2]], *matrix[1, 1:], *rows[3], *rows[4])
+        shots[name] = _Shot(name, inner, rows[5], np.array(rows[6:]))
     if not shots:
         raise InputError(f"{path.name} holds no image; export the project again")
     return list(shots.values())
 
 
-def _cameras(shots):
-    cameras, used, known = {}, [], {}
-    for shot in shots:
-        inner = (
-            shot.width, shot.height, *shot.matrix.ravel(), *shot.radial, *shot.tangential
-        )  # fmt: skip
-        if inner not in known:
-            known[inner] = name = f"camera_{len(known)}"
-            (fx, _, cx), (_, fy, cy) = shot.matrix[:2]
-            if not (fx > 0 and fy > 0):
-                raise InputError(f"camera of {shot.name!r}: its focal length is not positive")
-            (k1, k2, k3), (t1, t2) = shot.radial, shot.tangential
-            cameras[name] = camera_from(
-                name, shot.width, shot.height, fy, cx - 0.5, cy - 0.5,
-                k1=k1, k2=k2, k3=k3, p1=t2, p2=t1, b1=(fx - fy) / fy,
-            )  # fmt: skip
-        used.append(known[inner])
-    return cameras, used
+def _camera(name, width, height, fx, cx, fy, cy, k1, k2, k3, t1, t2):
+    return camera_from(
+        name, width, height, fy, cx - 0.5, cy - 0.5,
+        k1=k1, k2=k2, k3=k3, p1=t2, p2=t1, b1=(fx - fy) / fy,
+    )  # fmt: skip
 
 
 def _offset(path, notes):

@@ -16,16 +16,18 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.errors import InputError
-from corridor.interchange.cameras import NoModel
+from corridor.interchange.cameras import NoModel, where_known
 from corridor.interchange.columns import grouped, numbered
 from corridor.interchange.formats.colmap import records
 from corridor.interchange.formats.colmap.cameras import (
     BY_NUMBER,
     HALF,
-    HOLDS,
     MODELS,
     camera_of,
     params_of,
+)
+from corridor.interchange.formats.colmap.cameras import (
+    HOLDS as HOLDS,
 )
 from corridor.interchange.formats.colmap.ground import read_ground, write_ground
 from corridor.interchange.project import Pieces, Project, Views, ground_table, matrices_of
@@ -34,8 +36,12 @@ from corridor.interchange.rows import Rows, camera_positions, rows_of
 NAME = "colmap"
 TITLE = "COLMAP sparse model, text or binary"
 WRITES = ("colmap", "colmap-text")
+LOSSES = {
+    "marks": "ground points: they go as points, ground_points.csv says which and where",
+    "GNSS": "GNSS: the camera centres it gives are in reference.txt",
+    "sigmas": "sigmas of single observations",
+}
 
-__all__ = ["HOLDS", "NAME", "TITLE", "WRITES", "losses", "read", "recognise", "write"]
 _FILES = ("cameras", "images", "points3D")
 
 
@@ -202,7 +208,7 @@ class _Model:
         ties = self._ties()
         pieces = Pieces(
             name=self.folder.resolve().name,
-            cameras={str(number): self._camera(number) for number in dict.fromkeys(self.used)},
+            cameras=where_known(map(str, self.used), self._camera),
             images=self.names,
             used=[str(number) for number in self.used],
             centre=-np.einsum("nji,nj->ni", rotation, translation),
@@ -215,11 +221,11 @@ class _Model:
         self.notes.append("a COLMAP model is in its own frame and scale unless it was aligned")
         return pieces.project(NAME, self.folder, placed=False)
 
-    def _camera(self, number):
+    def _camera(self, name):
         try:
-            return camera_of(str(number), *self.cameras[number], self.notes)
-        except NoModel as error:
-            return error
+            return camera_of(name, *self.cameras[int(name)], self.notes)
+        except NoModel:
+            raise
         except InputError as error:
             raise InputError(f"{self.folder}: {error}") from None
 
@@ -303,18 +309,6 @@ def _with_length(pose, record):
 
 
 # --- out -------------------------------------------------------------------------------------
-
-
-def losses(block: Block) -> list[str]:
-    """What else the format cannot hold, and where it went instead."""
-    lost = []
-    if len(block.marks):
-        lost.append("ground points: they go as points, ground_points.csv says which and where")
-    if len(block.gnss):
-        lost.append("GNSS: the camera centres it gives are in reference.txt")
-    if len(block.tie_points) and "sigma" in block.tie_points:
-        lost.append("sigmas of single observations")
-    return lost
 
 
 def write(block: Block, folder: Path, name: str) -> None:

@@ -22,9 +22,16 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from corridor.errors import InputError
-from corridor.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert
-from corridor.interchange.cameras import Held, NoModel, camera_from, in_the_middle, standing_for
-from corridor.interchange.formats.metashape.writing import losses, write
+from corridor.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, known_crs
+from corridor.interchange.cameras import (
+    Held,
+    NoModel,
+    camera_from,
+    in_the_middle,
+    standing_for,
+    where_known,
+)
+from corridor.interchange.formats.metashape.writing import write as write
 from corridor.interchange.project import (
     Pieces,
     Project,
@@ -39,8 +46,10 @@ NAME = "metashape"
 TITLE = "Metashape camera and marker XML, PhotoScan project (.psz)"
 WRITES = ("metashape",)
 HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2"), pinhole=("b1", "b2"))
-
-__all__ = ["HOLDS", "NAME", "TITLE", "WRITES", "losses", "read", "recognise", "write"]
+LOSSES = {
+    "tie points": "tie points: Metashape takes none from XML, only markers",
+    "GNSS": "lever arms: the references are the camera centres that GNSS gives",
+}
 
 _FLIP = np.diag([1.0, -1.0, -1.0])
 _UNSCALED = "chunk units: no scale, no place in the world (not metres)"
@@ -248,16 +257,6 @@ def _stated(sensor, name):
     return None if part is None else part.number("value")
 
 
-def _cameras(chunk, notes):
-    cameras = {}
-    for name, sensor in chunk.sensors.items():
-        try:
-            cameras[name] = _camera(sensor, name, notes)
-        except NoModel as error:
-            cameras[name] = error
-    return cameras
-
-
 # --- from chunk to world ---------------------------------------------------------------------
 
 
@@ -299,20 +298,12 @@ def _is_local(crs):
     return crs is None or crs.startswith("LOCAL")
 
 
-def _crs(text, chunk):
-    import pyproj
-
-    if _is_local(text):
-        return None
-    try:
-        return pyproj.CRS.from_user_input(text).to_wkt()
-    except pyproj.exceptions.CRSError:
-        name = next(iter(chunk.cameras.values())).path.name
-        raise InputError(f"{name}: the reference system {text[:60]!r} is not known") from None
+def _crs(text):
+    return None if _is_local(text) else known_crs(text).to_wkt()
 
 
 def _project(chunk, cloud, path, notes, warnings):
-    cameras = _cameras(chunk, notes)
+    cameras = where_known(chunk.sensors, lambda name: _camera(chunk.sensors[name], name, notes))
     labels = [label for label in chunk.cameras if chunk.sensor_of[label] in cameras]
     if not labels:
         raise InputError(
@@ -320,7 +311,7 @@ def _project(chunk, cloud, path, notes, warnings):
             "frame cameras"
         )
     parts = [chunk.cameras[label] for label in labels]
-    crs = _crs(chunk.crs, chunk)
+    crs = _crs(chunk.crs)
     centre, rotation, world = _poses(chunk, parts, notes)
     known = np.isfinite(centre).all(axis=1)
     measured = _Reference([part.find("reference") for part in parts])
@@ -494,7 +485,7 @@ def _ground(chunk, world):
         return None
     return ground_table(
         [_name(chunk, numbers[k]) for k in rows],
-        world.points(found.place[rows], _crs(chunk.marker_crs or chunk.crs, chunk)),
+        world.points(found.place[rows], _crs(chunk.marker_crs or chunk.crs)),
         found.sigma[rows],
         np.where(found.enabled[rows], "control", "check"),
     )

@@ -24,16 +24,6 @@ _WGS84 = (
 _LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
 
 
-def losses(block: Block) -> list[str]:
-    """What else the XML cannot hold, and where it went instead."""
-    lost = []
-    if len(block.tie_points):
-        lost.append("tie points: Metashape takes none from XML, only markers")
-    if len(block.gnss):
-        lost.append("lever arms: the references are the camera centres that GNSS gives")
-    return lost
-
-
 def write(block: Block, folder: Path, name: str) -> None:
     """Write cameras.xml (poses and references), markers.xml and calibration_NAME.xml."""
     frame = _Frame(block)

@@ -28,9 +28,11 @@ from corridor.interchange.cameras import (
     from_image_formula,
     standing_for,
     turned_note,
+    where_known,
 )
 from corridor.interchange.columns import NumberLines, plain_numbers
-from corridor.interchange.formats.micmac.writing import M2C, RADIAL, losses, write
+from corridor.interchange.formats.micmac.writing import M2C, RADIAL
+from corridor.interchange.formats.micmac.writing import write as write
 from corridor.interchange.project import Pieces, Project, Views, ground_table, rotations_to_columns
 from corridor.textfile import Following, Xml, missing, opening
 
@@ -38,19 +40,11 @@ NAME = "micmac"
 TITLE = "MicMac or MMVII orientations, calibrations, ground points, tie points"
 WRITES = ("micmac",)
 HOLDS = Held(INTERIOR)
-
-__all__ = [
-    "HOLDS",
-    "NAME",
-    "TITLE",
-    "WRITES",
-    "ground_of",
-    "losses",
-    "marks_of",
-    "read",
-    "recognise",
-    "write",
-]
+LOSSES = {
+    "GNSS": "lever arms: Centres-GNSS.xml holds the camera centres that GNSS gives",
+    "tie points": "names of tie points",
+    "offset": "the offset of the block: coordinates are those of the block",
+}
 
 _C2M = "eConvApero_DistC2M"
 
@@ -105,12 +99,8 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     home = _home(folder, path)
     shots = [_shot(file, folder, home) for file in files]
     images = [shot.name for shot in shots]
-    cameras = {}
-    for file in dict.fromkeys(shot.calibration for shot in shots):
-        try:
-            cameras[file.stem] = _calibration(file, notes)
-        except NoModel as error:
-            cameras[file.stem] = error
+    files = {shot.calibration.stem: shot.calibration for shot in shots}
+    cameras = where_known(files, lambda name: _calibration(files[name], notes))
     used = [shot.calibration.stem for shot in shots]
     ground, marks = _ground_and_marks(home, images, notes, warnings)
     project = Pieces(

@@ -21,18 +21,6 @@ M2C = "eConvApero_DistM2C"
 RADIAL = 8
 
 
-def losses(block: Block) -> list[str]:
-    """What MicMac's files cannot hold, and where it went instead."""
-    lost = []
-    if len(block.gnss):
-        lost.append("lever arms: Centres-GNSS.xml holds the camera centres that GNSS gives")
-    if len(block.tie_points):
-        lost.append("names of tie points")
-    if block.offset.any():
-        lost.append("the offset of the block: coordinates are those of the block")
-    return lost
-
-
 def write(block: Block, folder: Path, name: str) -> None:
     """Write Ori-Corridor/, Homol/ (text), and XML of ground points and marks."""
     rows = rows_of(block)

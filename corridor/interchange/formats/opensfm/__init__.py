@@ -20,8 +20,9 @@ from corridor.camera import Camera
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.gnss import Local
-from corridor.interchange.cameras import Held, NoModel, in_the_middle, opencv_camera
-from corridor.interchange.formats.opensfm.writing import HEADER, MAIN, WIDTH, losses, write
+from corridor.interchange.cameras import Held, NoModel, in_the_middle, opencv_camera, where_known
+from corridor.interchange.formats.opensfm.writing import HEADER, MAIN, WIDTH
+from corridor.interchange.formats.opensfm.writing import write as write
 from corridor.interchange.ground import Ground, add_to
 from corridor.interchange.project import Pieces, Project, Views, ground_table
 from corridor.textfile import Json, lines, opening
@@ -30,19 +31,14 @@ NAME = "opensfm"
 TITLE = "OpenSfM, or OpenDroneMap's opensfm folder"
 WRITES = ("opensfm",)
 HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"), pinhole=("b1",))
-
-__all__ = [
-    "HOLDS",
-    "NAME",
-    "TITLE",
-    "WRITES",
-    "camera_of",
-    "losses",
-    "read",
-    "read_ground",
-    "recognise",
-    "write",
-]
+LOSSES = {
+    "GNSS": "lever arms: gps_position is the camera centre that GNSS gives",
+    "ground without place": (
+        "coordinates of ground points (no latitude and longitude of the block's frame is known): "
+        "their image measurements go"
+    ),
+    "sigmas": "sigmas of single observations",
+}
 
 
 def recognise(path: Path) -> bool:
@@ -141,15 +137,10 @@ def camera_of(name: str, table: Json, notes: list[str]) -> Camera:
 def _cameras(whole, used, notes):
     """Our cameras of the shots by name; NoModel where we have none."""
     entries = whole.objects("cameras", "camera")
-    cameras = {}
-    for name in dict.fromkeys(used):
-        if name not in entries:
-            raise whole.wrong(f"has a shot of camera {name!r}, which `cameras` does not have")
-        try:
-            cameras[name] = camera_of(name, entries[name], notes)
-        except NoModel as error:
-            cameras[name] = error
-    return cameras
+    strange = [name for name in used if name not in entries]
+    if strange:
+        raise whole.wrong(f"has a shot of camera {strange[0]!r}, which `cameras` does not have")
+    return where_known(used, lambda name: camera_of(name, entries[name], notes))
 
 
 def _times(shots, notes):

@@ -23,21 +23,6 @@ HEADER = "OPENSFM_TRACKS_VERSION_v"
 WIDTH = {0: 8, 1: 9, 2: 11}
 
 
-def losses(block: Block) -> list[str]:
-    """What else OpenSfM cannot hold, and where it went instead."""
-    lost = []
-    if block.gnss is not None and len(block.gnss):
-        lost.append("lever arms: gps_position is the camera centre that GNSS gives")
-    if "local_frame" not in block.extra and len(block.ground):
-        lost.append(
-            "coordinates of ground points (no latitude and longitude of the block's frame is "
-            "known): their image measurements go"
-        )
-    if "sigma" in block.tie_points:
-        lost.append("sigmas of single observations")
-    return lost
-
-
 def write(block: Block, folder: Path, name: str) -> None:
     """Write reconstruction.json, tracks.csv, reference_lla.json, ground_control_points.json."""
     rows = rows_of(block)
