@@ -5,18 +5,18 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 
 from corridor.adjustment import Adjustment, Model, implausible, listed, sound_part
 from corridor.block import Block, read
 from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
+from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Findings
 from corridor.diagnosis.findings.verdict import detection_limits, findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.report.beside import beside
-from corridor.diagnosis.rounds import Course, run
+from corridor.diagnosis.rounds import run
 from corridor.diagnosis.verification.verification import Verification
 from corridor.effects import Effect
 from corridor.errors import InputError
@@ -25,41 +25,8 @@ from corridor.report import plain
 from corridor.threads import one_thread
 
 
-@dataclass(repr=False)
-class Diagnosis:
-    """What is missing, how sure that is, and what it does.
-
-    before, after: adjustments of the believed model and of the model with what was found (the
-    same where nothing was). course: all rounds of the search, with the reduced systems.
-    gap, detection_limits, untestable: as in diagnosis.json. alarms: variance tests. level, seed:
-    as asked for. lens: what it has beside its polynomials, px, and what that does to the ground;
-    None where nothing is seen of it, or the camera is held.
-    used: what `after` has more than `before`, by slug (`slug.point` for a control point): of
-    effects that cannot be told apart, one. rivals: error with each of the others, over that with
-    the one that was found, of `check` points and of held-out `tie` points.
-    doubts: what is probably a mistake in the block, seen at first sight; among the notes too.
-    required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
-    """
-
-    block: Block
-    believed: ReferenceModel
-    before: Adjustment
-    after: Adjustment
-    course: Course
-    findings: Findings
-    gap: dict
-    detection_limits: dict
-    untestable: list[dict]
-    alarms: list[dict]
-    lens: dict | None = None
-    notes: list[str] = field(default_factory=list)
-    doubts: list[str] = field(default_factory=list)
-    seconds: float = 0.0
-    used: list[str] = field(default_factory=list)
-    rivals: dict[str, dict[str, float]] = field(default_factory=dict)
-    level: float = 0.01
-    seed: int = 0
-    required: float | None = None
+class Diagnosis(Diagnosed):
+    __doc__ = Diagnosed.__doc__
 
     actions = property(actions, doc="At most three sentences on what to do next, with the command.")
     sentence = property(sentence, doc="What is missing, in a sentence that a surveyor understands.")
@@ -71,21 +38,6 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         return f"Diagnosis of {self.block.name}: {self.verdict}. {self.sentence}"
-
-    @property
-    def verdict(self) -> str:
-        """named, ambiguous, unknown, suspected or nothing."""
-        return self.findings.verdict
-
-    @property
-    def effects(self) -> list[dict]:
-        """Effects that were found, as in diagnosis.json."""
-        return [one.to_dict(self.used, self.rivals) for one in self.findings.effects]
-
-    @property
-    def unknown(self) -> list[dict]:
-        """What lies outside the catalogue, as in diagnosis.json."""
-        return [one.to_dict() for one in self.findings.unknown]
 
     def to_dict(self) -> dict:
         """diagnosis.json."""

@@ -193,7 +193,7 @@ class _Asked:
         }
         antennas = None if few_positions(e.system) else stated.antennas()
         return cls(
-            adjustment, e, stated.reduce(several), antennas, model, course.impossible, course.draws
+            adjustment, e, stated.reduced(several), antennas, model, course.impossible, course.draws
         )
 
     def search(self, lens: Lens | None, threshold) -> Round:
@@ -209,31 +209,29 @@ class _Asked:
         evidence = self._evidence(noise, lens)
         if not isinstance(threshold, dict):
             threshold = threshold(evidence)
-        wrong = blunders(evidence)
-        found = self._found(evidence, plain, threshold["suspected"], wrong)
+        suspected = threshold["suspected"]
+        found, wrong = self._found(evidence, plain, suspected)
         log = {"model": list(model), "sigma_px": float(np.median(e.scales.of_observation))}
         more = through_noise(noises, plain, evidence, found, threshold, model)
         if more:
             noise, _ = noises.given(more)
             evidence = self._evidence(noise, lens)
-            wrong = blunders(evidence)
-            found = self._found(evidence, plain, threshold["suspected"], wrong)
+            found, wrong = self._found(evidence, plain, suspected)
             log["through_noise"] = [plain.groups[n].key for n in more]
-        found = plausible(evidence, found, model, threshold["suspected"])
-        found = beyond_noise(noises, found, threshold["suspected"])
+        found = plausible(evidence, found, model, suspected)
+        found = beyond_noise(noises, found, suspected)
         evidence.inflation = self._inflation(noise, lens, evidence, found)
-        found = as_spread(evidence, found, threshold["suspected"])
-        log["found"] = {evidence.groups[n].key: float(v) for n, v in found.evidence.items()}
-        log["inflation"] = {
-            evidence.groups[n].key: float(evidence.inflation[n]) for n in found.chosen
-        }
-        keys = [evidence.groups[n].key for n in found.chosen]
-        out = Round(self.adjustment, e, noise, noises, evidence, threshold, found, keys, log)
-        out.wrong = wrong if found.kept else Blunders()
-        return out
+        found = as_spread(evidence, found, suspected)
+        keys = {n: evidence.groups[n].key for n in found.chosen}
+        log["found"] = {keys[n]: float(value) for n, value in found.evidence.items()}
+        log["inflation"] = {key: float(evidence.inflation[n]) for n, key in keys.items()}
+        return Round(
+            self.adjustment, e, noise, noises, evidence, threshold, found, [*keys.values()], log,
+            wrong=wrong,
+        )  # fmt: skip
 
     def _evidence(self, noise: GnssNoise, lens: Lens | None) -> Evidence:
-        reduced = Elimination(self.equations, noise).reduce()
+        reduced = Elimination(self.equations, noise).reduced()
         return Evidence(reduced if lens is None else lens.out_of(reduced), self._barred())
 
     def _inflation(
@@ -257,15 +255,15 @@ class _Asked:
         return set(self.barred) | names_of_lens(self.equations)
 
     def _found(
-        self, evidence: Evidence, plain: Evidence, threshold: float, wrong: Blunders
-    ) -> Found:
-        """What explains the data, control points that failed their test first.
+        self, evidence: Evidence, plain: Evidence, threshold: float
+    ) -> tuple[Found, Blunders]:
+        """What explains the data, control points that failed their test first, and these.
 
         Only what is clearly likelier than blunders, and needs none, takes their place.
         """
-        found = self._possible(evidence, threshold)
+        wrong, found = blunders(evidence), self._possible(evidence, threshold)
         if wrong.found is None:
-            return found
+            return found, Blunders()
         plain.widen()
         for n, names in wrong.found.of_point.items():
             evidence.narrow(n, names)
@@ -274,10 +272,10 @@ class _Asked:
         rest = {n: kappa for n, kappa in kept.chosen.items() if n not in kept.kept}
         likely = found.total - kept.total <= SETTINGS.model_log_odds
         if likely and stands(evidence, wrong.found, rest):
-            return kept
+            return kept, wrong
         evidence.widen()
         plain.widen()
-        return found
+        return found, Blunders()
 
     def _possible(self, evidence: Evidence, threshold: float, kept=()) -> Found:
         """The search without what would need an impossible size; barred grows by that."""

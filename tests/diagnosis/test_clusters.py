@@ -26,7 +26,7 @@ def asked(block):
     adjustment = believed.adjust()
     chosen = candidates(block, adjustment.system.free, [], adjustment.system.control_names, SLUGS)
     elimination = Elimination(equations(adjustment, chosen.effects, {}), None)
-    reduced = elimination.reduce()
+    reduced = elimination.reduced()
     return adjustment, elimination, reduced, Evidence(reduced)
 
 

@@ -184,7 +184,7 @@ def test_the_reduced_system_is_that_of_dense_algebra(tiny, derivatives, coloured
         for rows, f, axis in noise.blocks():
             white, slow = noise.parts(rows, f, axis)
             covariance[np.ix_(rows, rows)] = white + slow
-    M, g = whole(e, Elimination(e, noise).reduce())
+    M, g = whole(e, Elimination(e, noise).reduced())
     expected, right, keys = dense(tiny, derivatives, covariance)
     size = np.sqrt(np.abs(np.diag(expected)))
     scale = np.maximum(size[:, None] * size, 1e-6)
@@ -197,7 +197,7 @@ def test_the_reduced_system_is_that_of_dense_algebra(tiny, derivatives, coloured
 def test_the_reduced_matrix_has_no_negative_direction(tiny):
     """It is a variance."""
     e = tiny[1]
-    M, _ = whole(e, Elimination(e, None).reduce())
+    M, _ = whole(e, Elimination(e, None).reduced())
     values = np.linalg.eigvalsh(M)
     assert values.min() > -1e-8 * values.max()
 

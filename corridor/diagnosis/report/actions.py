@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from corridor.diagnosis.report.diagnosed import Diagnosed
+from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.report.tables import by_remedy
 from corridor.diagnosis.report.wording import effects_by_slug, listed
 

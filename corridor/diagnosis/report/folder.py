@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from corridor.adjustment import Adjustment
+from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.replicates.comparison import Comparison
 from corridor.diagnosis.report.beside import COUNT, beside
 from corridor.diagnosis.report.corrected import corrected
-from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.page import make_page
 from corridor.effects import Values
 from corridor.errors import AdjustmentFailed, InputError

@@ -11,9 +11,11 @@ from pathlib import Path
 import pandas as pd
 
 from corridor import report
+from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.report import tables
+from corridor.diagnosis.report.actions import actions
 from corridor.diagnosis.report.beside import Beside
-from corridor.diagnosis.report.diagnosed import Diagnosed
+from corridor.diagnosis.report.sentence import sentence
 from corridor.diagnosis.report.text import judged
 
 _STYLE = """
@@ -138,8 +140,8 @@ def make_page(
     body = [
         f"<h1>What is missing from the model of {escape(name)}?</h1>",
         *(f'<p class="judged">{_text(said)}</p>' for said in judged(diagnosis)),
-        f'<p class="sentence">{_text(diagnosis.sentence)}</p>',
-        report.numbered(diagnosis.actions),
+        f'<p class="sentence">{_text(sentence(diagnosis))}</p>',
+        report.numbered(actions(diagnosis)),
         *(f'<p class="notice">{_text(note)}</p>' for note in notes),
     ]
     nothing = diagnosis.verdict == "nothing"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate
-from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.wording import (
     amount,
     effects_by_slug,

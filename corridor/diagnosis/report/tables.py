@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from corridor import __version__
+from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate
 from corridor.diagnosis.replicates.comparison import Comparison
-from corridor.diagnosis.report.diagnosed import Diagnosed
 from corridor.diagnosis.report.wording import (
     effects_by_slug,
     listed,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.report import tables
-from corridor.diagnosis.report.diagnosed import Diagnosed
+from corridor.diagnosis.report.actions import actions
+from corridor.diagnosis.report.sentence import sentence
 from corridor.report import Report, Table, millimetres
 
 
@@ -23,10 +25,10 @@ def report_of(diagnosis: Diagnosed) -> Report:
     ]
     return Report(
         title=f"Diagnosis of {diagnosis.block.name}",
-        opening=" ".join([*judged(diagnosis), diagnosis.sentence]),
+        opening=" ".join([*judged(diagnosis), sentence(diagnosis)]),
         warnings=diagnosis.notes,
         tables=[table for table in made if table.rows or table.notes],
-        actions=diagnosis.actions,
+        actions=actions(diagnosis),
     )
 
 

@@ -302,7 +302,7 @@ class Elimination:
         for at in pieces_of(len(block.value)):
             yield at, self._chain.near(rows[:, at])
 
-    def reduce(self, but: Container[int] = ()) -> Reduced:
+    def reduced(self, but: Container[int] = ()) -> Reduced:
         """M and g of all candidates, but for some of the blocks of per-image columns."""
         e = self.equations
         M, g, core = self.core()
@@ -327,7 +327,7 @@ class Elimination:
 
     def shared(self) -> Reduced:
         """M and g of what images share alone, where no values of single images are asked for."""
-        return self.reduce(range(len(self.equations.own)))
+        return self.reduced(range(len(self.equations.own)))
 
     def _reduce_own(self, out: Reduced, n: int, followed: list[np.ndarray]) -> None:
         """Put M and g of a block of per-image columns in their place.
@@ -378,7 +378,7 @@ class Elimination:
         return out
 
     def antennas(self) -> Antennas:
-        """M and g of the antenna positions; like those of `reduce` they are of no effect at all."""
+        """M and g of the antenna positions, like those of `reduced` of no effect at all."""
         e = self.equations
         left = e.residual - e.jacobian @ self.solve(self.right[:, None])[:, 0]
         rho = self.weigh(left)

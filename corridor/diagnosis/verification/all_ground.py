@@ -58,7 +58,7 @@ class AllGround:
         result = replace(believed, model=named).adjust(model)
         shapes = [] if last.lens is None else [last.lens.group.effect]
         e = equations(result, [blunder, *shapes], {})
-        reduced = Elimination(e, last.noise).reduce()
+        reduced = Elimination(e, last.noise).reduced()
         group = lens_group(e)
         if last.lens is not None and group is not None:
             reduced = replace(last.lens, group=group).out_of(reduced)

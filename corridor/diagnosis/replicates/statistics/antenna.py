@@ -6,8 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from corridor.diagnosis.replicates.statistics.bins import Curve, corridor_frame
-from corridor.diagnosis.replicates.statistics.statistic import Form, Statistic, named
+from corridor.diagnosis.replicates.statistics.statistic import (
+    Curve,
+    Form,
+    Statistic,
+    corridor_frame,
+    named,
+)
 
 # Antenna positions that a bin must have, and those of a flight that has a spectrum.
 FEWEST_EPOCHS, FEWEST_OF_SPECTRUM = 3, 16

@@ -1,4 +1,4 @@
-"""One statistic, and the fit that it is formed of."""
+"""One statistic, the fit that it is formed of, and the bins and cells in which it is formed."""
 
 from __future__ import annotations
 
@@ -56,3 +56,147 @@ class Form(NamedTuple):
 def named(name: str, kind: str, unit: str, axis: str, labels) -> Statistic:
     """A statistic whose values have names and no places."""
     return Statistic(name, kind, unit, axis, np.arange(len(labels), dtype=float), tuple(labels))
+
+
+# Observations that a bin must have.
+FEWEST = 30
+SECTORS = 8
+COMPASS = ("E", "NE", "N", "NW", "W", "SW", "S", "SE")
+
+
+class Curve:
+    """Bins along one axis. code: (n,) bin of each row, -1 for none; at: (bins,)."""
+
+    def __init__(self, code, at, weight, labels=()):
+        self.rows = np.flatnonzero(code >= 0)
+        # All rows in order is the usual case and needs no copies.
+        self.all = len(self.rows) == len(code)
+        self.code, self.at, self.labels = code[self.rows], at, tuple(labels)
+        self.weight = weight[self.rows]
+        self.total = np.bincount(self.code, self.weight, len(at))
+
+    @classmethod
+    def of(cls, code, values, weight, least=FEWEST, labels=()):
+        """Bins with at least so many rows, each at the mean of its values."""
+        number, full, count = _kept(np.where(np.isfinite(values), code, -1), least)
+        inside = number >= 0
+        at = np.bincount(number[inside], values[inside], len(full)) / count
+        return cls(number, at, weight, tuple(labels[k] for k in full) if labels else ())
+
+    @classmethod
+    def even(cls, values, bins, weight, least=FEWEST):
+        """Bins of one width, between the first and the last per cent."""
+        low, high = np.nanpercentile(values, [1, 99])
+        share = (np.nan_to_num(values, nan=low) - low) / max(high - low, 1e-12)
+        code = np.clip((share * bins).astype(int), 0, bins - 1)
+        return cls.of(code, values, weight, least)
+
+    @classmethod
+    def equal(cls, values, bins, weight, least=FEWEST):
+        """Bins of one count; few different values are bins of their own."""
+        known = np.isfinite(values)
+        different = np.unique(values[known])
+        if len(different) <= bins:
+            code = np.searchsorted(different, np.nan_to_num(values))
+            return cls.of(np.minimum(code, len(different) - 1), values, weight, least)
+        edges = np.unique(np.quantile(values[known], np.linspace(0, 1, bins + 1)[1:-1]))
+        return cls.of(np.searchsorted(edges, values), values, weight, least)
+
+    @classmethod
+    def codes(cls, code, weight, labels, least=FEWEST):
+        """One bin for each name."""
+        return cls.of(code.astype(int), code, weight, least, labels)
+
+    @classmethod
+    def sectors(cls, velocity, moving, image, weight, least=FEWEST):
+        """Eight directions of the velocity of each row's image, from east anticlockwise."""
+        angle = np.arctan2(velocity[:, 1], velocity[:, 0])
+        sector = np.where(moving, np.round(np.nan_to_num(angle) / (np.pi / 4)) % SECTORS, np.nan)
+        code = np.nan_to_num(sector[image]).astype(int)
+        return cls.of(code, sector[image], weight, least, COMPASS)
+
+    def _sum(self, values):
+        return np.bincount(self.code, values if self.all else values[self.rows], len(self.at))
+
+    def mean(self, values):
+        """Weighted mean of each bin."""
+        mine = values if self.all else values[self.rows]
+        return np.bincount(self.code, self.weight * mine, len(self.at)) / self.total
+
+    def size(self, squares):
+        """Root of the weighted mean square of each bin."""
+        return np.sqrt(self.mean(squares))
+
+    def ratio(self, numerator, denominator):
+        """Sum over sum of each bin."""
+        return self._sum(numerator) / np.maximum(self._sum(denominator), 1e-12)
+
+    def statistic(self, name, kind, unit, axis) -> Statistic:
+        """What the values of this curve are."""
+        return Statistic(name, kind, unit, axis, self.at, self.labels)
+
+
+class Grid(Curve):
+    """Cells of a map. share: (n, 2) in 0..1; size: what 1 means; shape: columns, rows."""
+
+    def __init__(self, share, shape, weight, size, known=None, least=FEWEST, origin=(0.0, 0.0)):
+        cell = np.clip((share * shape).astype(int), 0, np.array(shape) - 1)
+        code = cell[:, 1] * shape[0] + cell[:, 0]
+        if known is not None:
+            code = np.where(known, code, -1)
+        number, full, _ = _kept(code, least)
+        middle = np.column_stack([full % shape[0] + 0.5, full // shape[0] + 0.5]) / shape
+        super().__init__(number, middle * size + np.asarray(origin), weight)
+        self.shape, self.cells = tuple(shape), full
+
+    @classmethod
+    def of_places(cls, place, weight):
+        """Cells on the ground along and across the corridor, about as long as wide."""
+        low, high = np.percentile(place, [1, 99], axis=0)
+        span = np.maximum(high - low, 1e-6)
+        side = max(span[0] / 16, np.sqrt(np.prod(span) / 60))
+        shape = tuple(int(n) for n in np.clip(np.round(span / side), 1, 40))
+        return cls((place - low) / span, shape, weight, span, origin=low)
+
+    def statistic(self, name, kind, unit, axis) -> Statistic:
+        """What the values of this map are."""
+        return Statistic(name, kind, unit, axis, self.at, (), self.shape, self.cells)
+
+
+class Slopes(Grid):
+    """Cells of a map in which values are regressed: their mean is the slope in each."""
+
+    @classmethod
+    def of(cls, share, shape, weight, size, values):
+        """Slopes by standard deviation of values (n,); None where they hardly differ."""
+        known = np.isfinite(values)
+        spread = float(np.std(values[known])) if known.any() else 0.0
+        middle = float(np.mean(values[known])) if known.any() else 0.0
+        if spread <= 1e-3 * max(abs(middle), 1e-9):
+            return None
+        regressor = np.where(known, (values - middle) / spread, 0.0)
+        out = cls(share, shape, weight * regressor**2, size, known)
+        out.weighted = weight * regressor
+        return out
+
+    def mean(self, values):
+        """Weighted least-squares slope (cells,)."""
+        return self._sum(self.weighted * values) / self.total
+
+
+def _kept(code, least):
+    """Codes (n,) numbered anew, -1 outside bins of `least` rows; which are kept, and their rows."""
+    count = np.bincount(code[code >= 0], minlength=code.max(initial=-1) + 1)
+    full = np.flatnonzero(count >= least)
+    renumber = np.full(len(count) + 1, -1)
+    renumber[full] = np.arange(len(full))
+    return renumber[code], full, count[full]
+
+
+def corridor_frame(centre: np.ndarray):
+    """Origin (2,) and axes (2, 2), along and across, of the line of the camera centres."""
+    middle = centre[:, :2].mean(axis=0)
+    _, _, axes = np.linalg.svd(centre[:, :2] - middle, full_matrices=False)
+    first = axes[0] if axes[0][np.argmax(np.abs(axes[0]))] > 0 else -axes[0]
+    frame = np.array([first, [-first[1], first[0]]])
+    return middle + ((centre[:, :2] - middle) @ first).min() * first, frame

@@ -9,8 +9,13 @@ import numpy as np
 
 from corridor.diagnosis.replicates.signatures import Signatures
 from corridor.diagnosis.replicates.statistics.antenna import gnss_forms
-from corridor.diagnosis.replicates.statistics.bins import Curve, corridor_frame
-from corridor.diagnosis.replicates.statistics.statistic import Fit, Form, named
+from corridor.diagnosis.replicates.statistics.statistic import (
+    Curve,
+    Fit,
+    Form,
+    corridor_frame,
+    named,
+)
 from corridor.diagnosis.replicates.statistics.ties import (
     MANY_POINTS,
     PLACES,

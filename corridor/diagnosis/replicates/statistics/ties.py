@@ -9,14 +9,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from corridor.diagnosis.replicates.statistics.bins import (
+from corridor.diagnosis.replicates.statistics.statistic import (
     FEWEST,
     Curve,
+    Form,
     Grid,
     Slopes,
     corridor_frame,
 )
-from corridor.diagnosis.replicates.statistics.statistic import Form
 from corridor.geometry import CLIPPED, robust_scale_of_lengths
 
 ROWS, TIMES, PLACES = 12, 12, 14
