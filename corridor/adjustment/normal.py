@@ -533,7 +533,7 @@ class Normal:
         residual = p.gnss_given - predicted
         weight = p.gnss_weight
         weighted = own * weight[:, :, None]
-        heavy = (shared * weight[:, :, None]).reshape(-1, q)
+        heavy = (shared * weight[:, :, None]).reshape(weight.size, q)
         self.gradient[image] += np.einsum("nki,nk->ni", weighted, residual)
         self.shared_gradient += heavy.T @ residual.ravel()
         if matrix:
@@ -541,7 +541,7 @@ class Normal:
             self.blocks.add_blocks(image, blocks)
             self.reference[image] += np.einsum("nii->ni", blocks)
             self.cross[image, :, :q] += np.einsum("nki,nkj->nij", weighted, shared)
-            block = heavy.T @ shared.reshape(-1, q)
+            block = heavy.T @ shared.reshape(weight.size, q)
             self.shared_block += np.tril(block)
             self.shared_reference += np.diag(block)
         return float(np.sum(weight * residual**2))
