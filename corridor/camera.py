@@ -211,6 +211,17 @@ def distort_normalised(u, v, interior, row, radials):
     radial = radial * r2 + 1.0
     p1, p2 = interior[row, np.uint64(3)], interior[row, np.uint64(4)]
     b1, b2 = interior[row, np.uint64(5)], interior[row, np.uint64(6)]
+    return distorted(u, v, radial, slope, (p1, p2, b1, b2))
+
+
+@njit(**SCALAR)
+def distorted(u, v, radial, slope, flat):
+    """As `distort_normalised`: numbers, or panels of them.
+
+    radial: the polynomial, 1 included, slope: its derivative by r2; flat: p1, p2, b1, b2.
+    """
+    p1, p2, b1, b2 = flat
+    r2 = u * u + v * v
     # p1 (r2 + 2 u u) + 2 p2 u v = u (2 p1 u + 2 p2 v) + p1 r2
     along, across = 2.0 * p1 * u, 2.0 * p2 * v
     stretch = radial + (along + across)
@@ -241,53 +252,22 @@ def distort(u, v, interior, row, radials):
 
 
 @njit(**SCALAR)
-def interior_derivatives_at(u, v, a, b, f, radials, out, at):
-    """Derivative of x and y of the ray (u, v) by each interior parameter, into out from `at` on.
+def interior_columns(u, v, a, b, f, one, zero):
+    """Derivative (x, y) of the pixel of the ray (u, v) by each of f, cx, cy, p1, p2, b1, b2.
 
-    a, b: the ray distorted (`distort_normalised`), f: the focal length. out: flat; the derivative
-    of x by parameter k of `INTERIOR` at 2 k, of y behind it, for the first 7 + radials of them.
+    a, b: the ray distorted (`distort_normalised`), f: the focal length; one, zero: of the same
+    kind, numbers or panels. By the radial coefficient n: f r2^n (u, v).
     """
     r2 = u * u + v * v
-    mixed = f * 2.0 * u * v
-    derivatives = (
+    mixed = 2.0 * f * u * v
+    return (
         (a, b),
-        (1.0, 0.0),
-        (0.0, 1.0),
+        (one, zero),
+        (zero, one),
         (f * (r2 + 2.0 * u * u), mixed),
         (mixed, f * (r2 + 2.0 * v * v)),
-        (f * u, 0.0),
-        (f * v, 0.0),
-    )
-    for k in range(7):
-        out[at + np.uint64(2 * k)], out[at + np.uint64(2 * k + 1)] = derivatives[k]
-    power = f
-    for n in range(radials):
-        power *= r2
-        out[at + np.uint64(14 + 2 * n)], out[at + np.uint64(15 + 2 * n)] = power * u, power * v
-
-
-@njit(**SCALAR)
-def interior_change(ray, f, radials, change, row):
-    """How far the pixel of a ray moves, to first order, with its interior vector.
-
-    ray: u, v and the same distorted (`distort_normalised`), f: the focal length. change: (m, 15),
-    of which `row` counts. Returns dx, dy: the sum of `interior_derivatives_at` times the change,
-    in a third of the time.
-    """
-    u, v, a, b = ray
-    r2 = u * u + v * v
-    radial = 0.0
-    for k in range(6 + radials, 6, -1):
-        radial = (radial + change[row, np.uint64(k)]) * r2
-    p1, p2 = change[row, np.uint64(3)], change[row, np.uint64(4)]
-    b1, b2 = change[row, np.uint64(5)], change[row, np.uint64(6)]
-    stretch = radial + 2.0 * (p1 * u + p2 * v)
-    dx = u * stretch + p1 * r2 + (b1 * u + b2 * v)
-    dy = v * stretch + p2 * r2
-    df = change[row, np.uint64(0)]
-    return (
-        change[row, np.uint64(1)] + df * a + f * dx,
-        change[row, np.uint64(2)] + df * b + f * dy,
+        (f * u, zero),
+        (f * v, zero),
     )
 
 
@@ -455,7 +435,13 @@ def _derivatives(rays, interior, row):
         u, v, f = rays[n, 0], rays[n, 1], interior[i, 0]
         a, b, au, av, bu, bv = distort_normalised(u, v, interior, i, 8)
         out[n, 30], out[n, 31], out[n, 32], out[n, 33] = f * au, f * av, f * bu, f * bv
-        interior_derivatives_at(u, v, a, b, f, 8, out[n], np.uint64(0))
+        columns = interior_columns(u, v, a, b, f, 1.0, 0.0)
+        for k in range(7):
+            out[n, 2 * k], out[n, 2 * k + 1] = columns[k]
+        power = f
+        for k in range(7, 15):
+            power *= u * u + v * v
+            out[n, 2 * k], out[n, 2 * k + 1] = power * u, power * v
     return out
 
 

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from numba import config, njit
-from numba.core.compiler_lock import global_compiler_lock
+from numba import njit
 from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
 
 # For small functions inside a loop. LLVM inlines them: inlined by numba, every argument would be
 # a new name that holds a reference to its array. And `_nrt` off leaves the counting of references
@@ -29,33 +29,18 @@ SCALAR = {
 KERNEL = {key: SCALAR[key] for key in ("_nrt", "error_model", "fastmath")} | {"nogil": True}
 
 
-def compiled(vectorised: bool = False, **options) -> Callable:
+def compiled(**options) -> Callable:
     """Decorator: `numba.njit(cache=True)` whose cache holds as long as no source has changed.
 
-    vectorised: straight-line code too is vectorised, which numba leaves out unless told otherwise
-    for all that the process compiles. options: those of `numba.njit`.
+    options: those of `numba.njit`.
     """
 
     def make(function: Callable) -> Dispatcher:
         made = njit(cache=True, **options)(function)
         made._cache._cache_file._source_stamp = _stamp(function)
-        if vectorised:
-            made.compile = _vectorising(made.compile)
         return made
 
     return make
-
-
-def _vectorising(compile_one: Callable) -> Callable:
-    @global_compiler_lock
-    def compile_vectorised(*arguments, **options):
-        before, config.SLP_VECTORIZE = config.SLP_VECTORIZE, 1
-        try:
-            return compile_one(*arguments, **options)
-        finally:
-            config.SLP_VECTORIZE = before
-
-    return compile_vectorised
 
 
 def _stamp(function: Callable) -> str:
@@ -69,6 +54,8 @@ def _stamp(function: Callable) -> str:
         for value in one.__globals__.values():
             if isinstance(value, Dispatcher):
                 visit(value.py_func)
+            elif isinstance(value, _Intrinsic):
+                visit(value._defn)
 
     visit(function)
     return " ".join(_digest(file) for file in sorted(files))

@@ -19,18 +19,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from corridor.adjustment.kernels import (
-    SEEN,
-    Rows,
-    U,
-    invert_cholesky,
-    jacobian_rows,
-    point_rows,
-    see,
-)
+from corridor.adjustment.kernels import invert_cholesky
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.normal import Loss, Normal
+from corridor.adjustment.rays import U, fill_rows, make_room, row_length, three
 from corridor.compiled import KERNEL, compiled
+from corridor.panels import PANEL
 
 # Observations whose rows are made together.
 CHUNK = 8192
@@ -146,7 +140,7 @@ class Design:
         ptr, kernel = p.ptr, rows_for(p.d, normal.sighted)
         weight = np.zeros((self._numbered + 1, 3))
         weight[: len(p.control_rows)] = p.control_weight
-        seen = np.zeros(normal.longest * SEEN)
+        room = make_room(normal.longest, p.d, p.wide)
         first, count = 0, len(ptr) - 1
         while first < count:
             upto = int(np.searchsorted(ptr, ptr[first] + CHUNK, side="right")) - 1
@@ -157,7 +151,7 @@ class Design:
             root = np.zeros((last - first, 6))
             scene = normal.scene(self._view, modelled, first, last)
             to = _Out(own, point, shared, root)
-            kernel(first, last, scene, weight[self._row[first:last]], to, seen)
+            kernel(first, last, scene, weight[self._row[first:last]], to, room)
             rays = Rays(
                 p.img[rows.start // 2 : rows.stop // 2],
                 ptr[first : last + 1] - ptr[first],
@@ -234,44 +228,31 @@ def rows_for(d: int, sighted: bool):
     It gets the weight (points, 3) of control, where rows go (`_Out`), and room for a point's rays.
     """
 
-    @compiled(vectorised=True, **KERNEL)
-    def core(first, last, scene, weight, to, seen):
-        observations, wide = scene.observations, scene.columns.wide
-        q = U(wide)
+    row = row_length(d)
+
+    @compiled(**KERNEL)
+    def core(first, last, scene, weight, to, room):
+        start, wide = scene.observations.start, scene.columns.wide
+        # Rows by the point, negative.
+        by_point, apart = (room.point, PANEL) if sighted else (room.own, row)
         for p in range(first, last):
-            point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
-            start = observations.start[p]
-            m = observations.start[p + 1] - start
-            see(start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen)
+            fill_rows(p, p + 1, scene, room, (0, wide), d)
             v0, v2, v5 = weight[p - first, 0], weight[p - first, 1], weight[p - first, 2]
             v1, v3, v4 = 0.0, 0.0, 0.0
-            for k in range(m):
-                o, at = U(start + k), U(k * SEEN)
-                i, e = U(observations.image[o]), U(o - U(scene.looked.base))
-                n = U(o - U(observations.start[first]))
-                j0, b0, p0 = n * U(2 * d), n * q * U(2), n * U(6)
-                j1 = j0 + U(d)
-                jacobian_rows(
-                    i, e, seen, at, scene, (0, wide), d,
-                    Rows(to.own, j0, j1, to.shared, b0, b0 + q),
-                )  # fmt: skip
-                if sighted:
-                    a, b = point_rows(i, e, seen, at, scene)
-                elif seen[at + U(2)] > 0.0:
-                    # By the point as by the centre, negative.
-                    a = -to.own[j0], -to.own[j0 + U(1)], -to.own[j0 + U(2)]
-                    b = -to.own[j1], -to.own[j1 + U(1)], -to.own[j1 + U(2)]
-                else:
-                    a = b = (0.0, 0.0, 0.0)
-                for c in range(3):
-                    to.point[p0 + U(c)] = a[c]
-                    to.point[p0 + U(3 + c)] = b[c]
-                v0 += a[0] * a[0] + b[0] * b[0]
-                v1 += a[1] * a[0] + b[1] * b[0]
-                v2 += a[1] * a[1] + b[1] * b[1]
-                v3 += a[2] * a[0] + b[2] * b[0]
-                v4 += a[2] * a[1] + b[2] * b[1]
-                v5 += a[2] * a[2] + b[2] * b[2]
+            for k in range(2 * (start[p + 1] - start[p])):
+                n = 2 * (start[p] - start[first]) + k
+                for c in range(d):
+                    to.own[n * d + c] = room.own[k * row + c]
+                for c in range(wide):
+                    to.shared[n * wide + c] = room.shared[k * wide + c]
+                a0, a1, a2 = three(by_point, U(k * apart))
+                to.point[3 * n], to.point[3 * n + 1], to.point[3 * n + 2] = -a0, -a1, -a2
+                v0 += a0 * a0
+                v1 += a1 * a0
+                v2 += a1 * a1
+                v3 += a2 * a0
+                v4 += a2 * a1
+                v5 += a2 * a2
             i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v0, v1, v2, v3, v4, v5))
             to.root[p - first, 0], to.root[p - first, 1], to.root[p - first, 2] = i0, i1, i2
             to.root[p - first, 3], to.root[p - first, 4], to.root[p - first, 5] = i3, i4, i5

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from corridor.adjustment import kernels
+from corridor.adjustment import rays
 from corridor.block import Block
 from corridor.camera import INTERIOR, parameters_named
 from corridor.effects import Effect, find
@@ -22,7 +22,7 @@ DEFAULT_CAMERA = "fraser8"
 # A diagnosis tests. Affinity is a candidate only where the camera is held, so beside a free camera
 # it is free as well: what a camera can take must not be told as an effect.
 REFERENCE_CAMERA = "fraser10"
-LOSSES = {"squares": kernels.SQUARES, "huber": kernels.HUBER, "cauchy": kernels.CAUCHY}
+LOSSES = {"squares": rays.SQUARES, "huber": rays.HUBER, "cauchy": rays.CAUCHY}
 # What is not an effect: interior parameters of a camera, the antenna's place in a flight.
 CAMERA, LEVER_ARM, EFFECT = "camera", "lever_arm", "effect"
 # Key of a camera in block.toml: what its photographs state of f, value and standard deviation, px.
@@ -35,7 +35,7 @@ SEES_ARM_M = 0.2
 class Loss(NamedTuple):
     """A loss function on the length of an image residual in sigmas."""
 
-    kind: int = kernels.SQUARES
+    kind: int = rays.SQUARES
     width: float = 2.0
 
     @classmethod

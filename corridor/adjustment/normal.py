@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from corridor.adjustment import kernels
+from corridor.adjustment import kernels, rays
 from corridor.adjustment.matrix import Band, Bordered, Sparse
 from corridor.adjustment.model import Loss
 from corridor.adjustment.problem import Problem, State
@@ -17,6 +17,7 @@ from corridor.adjustment.unknowns import is_per_image, per_image_code
 from corridor.camera import INTERIOR, radials_in_use
 from corridor.effects import ROW_REACH, Context, Images
 from corridor.geometry import rotation_from_vector
+from corridor.panels import PANEL
 
 # Observations that effects look at in one go: small enough for the cache.
 CHUNK = 16_384
@@ -63,14 +64,14 @@ class Modelled:
 class View:
     """A state as the kernels take it.
 
-    cameras: poses, interiors and motion; d_interior (m, 15, k), d_motion
-    (m, parameters, 6 (degree + 1)) as in `_for_kernels` and d_ground (c, 3, k): derivatives by the
-    effects; control_residual (c, 3): given minus modelled, m.
+    cameras: poses, interiors and motion; d_interior (m, k, 16), d_motion
+    (m, k, degree + 1, 8) as in `_for_kernels` and d_ground (c, 3, k): derivatives by the effects;
+    control_residual (c, 3): given minus modelled, m.
     """
 
     state: State
     images: Images
-    cameras: kernels.Cameras
+    cameras: rays.Cameras
     d_interior: np.ndarray
     d_motion: np.ndarray
     control_residual: np.ndarray
@@ -119,8 +120,16 @@ class Normal:
         self.has_image_effects = bool(p.stack.at("image"))
         self.sighted = p.stack.sees_points
         self.has_motion = bool(p.stack.at("motion"))
-        self.columns = kernels.Columns(
-            p.camera_column, p.slot_column, p.ground_column, p.low, p.high, p.wide
+        touched = (p.camera_column, p.slot_column, p.ground_column)
+        self.columns = rays.Columns(
+            _sources(p),
+            p.images.camera,
+            p.slot_column,
+            p.ground_column,
+            p.low,
+            p.high,
+            p.wide,
+            used=1 + max(int(some.max(initial=-1)) for some in touched),
         )
         self.assembled: View | None = None
         self.held = np.zeros((0, 2), dtype=np.int64)
@@ -150,21 +159,23 @@ class Normal:
         else:
             residual, d_ground = np.zeros((0, 3)), np.zeros((0, 3, 0))
         # An effect's derivative may be a read-only view, which kernels would be compiled anew for.
-        d_interior, d_ground = np.array(d_interior, order="C"), np.array(d_ground, order="C")
+        d_ground = np.array(d_ground, order="C")
         radials = int(radials_in_use(interior))
         for name in {name for free in p.free.values() for name in free}:
             radials = max(radials, INTERIOR.index(name) - _FIRST_RADIAL + 1)
         row_of = images.row_of.copy()
         row_of[:, 1:] /= ROW_REACH
-        pose = np.concatenate([state.centre, state.rotation.reshape(-1, 9)], axis=1)
-        interior = np.ascontiguousarray(interior)
-        turns = any(by.reshape(-1, 2, 3)[:, 1].any() for by in (motion, d_motion))
-        cameras = kernels.Cameras(pose, interior, radials, row_of, motion, turns)
+        pose = [state.centre, state.rotation.reshape(-1, 9), row_of, np.zeros((len(row_of), 1))]
+        turns = any(by[..., 3:6].any() for by in (motion, d_motion))
+        cameras = rays.Cameras(
+            np.concatenate(pose, axis=1), _widened(interior, rays.INNER), radials, motion, turns
+        )
+        d_interior = _widened(d_interior.transpose(0, 2, 1), rays.INNER)
         return View(state, images, cameras, d_interior, d_motion, residual, d_ground)
 
     def scene(
         self, view: View, modelled: Modelled, first: int, last: int, anew: bool = True
-    ) -> kernels.Scene:
+    ) -> rays.Scene:
         """What kernels need to know of points first..last.
 
         modelled: moved on by whoever goes over the points. anew: find the slope of image effects,
@@ -183,20 +194,20 @@ class Normal:
 
     def _scene(
         self, view, modelled, first, shift, d_image=_NO_DERIVATIVE, within=NEAR, sight=_NO_SIGHT
-    ) -> kernels.Scene:
+    ) -> rays.Scene:
         p = self.problem
-        straight = view.cameras.motion.shape[2] <= 12
+        straight = view.cameras.motion.shape[1] <= 2
         near = NEAR_STRAIGHT if straight else NEAR_ROW
         if within < NEAR:
             near = ROW_AT_REST
-        return kernels.Scene(
+        return rays.Scene(
             view.state.points,
-            kernels.Observations(p.ptr, p.img, p.xy, p.weight),
+            rays.Observations(p.ptr, p.img, p.xy, p.weight),
             view.cameras,
-            kernels.Looked(int(p.ptr[first]), shift, modelled.row, modelled.pixel, near),
-            kernels.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground, sight),
+            rays.Looked(int(p.ptr[first]), shift, modelled.row, modelled.pixel, near),
+            rays.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground, sight),
             self.columns,
-            kernels.Control(p.control, p.control_weight, view.control_residual),
+            rays.Control(p.control, p.control_weight, view.control_residual),
             self.loss,
         )
 
@@ -232,8 +243,8 @@ class Normal:
         """Object point (n, 3) of each observation of points first..last, where effects see it."""
         if not self.sighted:
             return None
-        rays = np.diff(self.problem.ptr[first : last + 1])
-        return np.repeat(view.state.points[first:last], rays, axis=0)
+        count = np.diff(self.problem.ptr[first : last + 1])
+        return np.repeat(view.state.points[first:last], count, axis=0)
 
     def _find_slope(self, view: View, modelled: Modelled, first: int, last: int) -> None:
         """Derivative of the pixel by the pixel before image effects, which look at it.
@@ -372,14 +383,14 @@ class Normal:
             totals = np.zeros((self.threads, 2))
 
             def work(thread: int, start: int, stop: int, totals=totals) -> None:
-                seen = np.zeros(self.longest * kernels.SEEN)
+                room = rays.make_room(kernels.BLOCK + self.longest, 6, 0)
                 for first, last in self.chunks(start, stop):
                     shift = self._shift(view, modelled, first, last)
                     scene = self._scene(view, modelled, first, shift, within=within)
                     if plain:
                         unweighted = scene.observations._replace(weight=np.ones(1))
                         scene = scene._replace(observations=unweighted, loss=Loss())
-                    totals[thread] += kernels.look(first, last, scene, out, seen)
+                    totals[thread] += kernels.look(first, last, scene, out, room)
 
             self.run(work)
             moved = np.abs(modelled.pixel[:, :2] - before)
@@ -440,7 +451,9 @@ class Normal:
         self.run(work)
         if self.threads > 1:
             n, s, k = p.image_count, self.split, self.spare
-            for array in (self.gradient, self.reference, self.cross) if matrix else (self.gradient,):
+            for array in (
+                (self.gradient, self.reference, self.cross) if matrix else (self.gradient,)
+            ):
                 array[s : s + k] += array[n : n + k]
         self.shared_gradient = shared[:, 0].sum(axis=0)[:q]
         if matrix:
@@ -614,26 +627,44 @@ class Normal:
         slots = np.where(p.slot_column >= 0, shared[np.maximum(p.slot_column, 0)], 0.0)
         image, slot = np.nonzero(is_per_image(p.slot_column))
         slots[image, slot] = step[image, per_image_code(p.slot_column[image, slot])]
-        first = view.d_interior.shape[2]
+        first = view.d_interior.shape[1]
         last = slots.shape[1] - view.d_motion.shape[1]
+        interior = np.einsum("ink,in->ik", view.d_interior, slots[:, :first])
         return kernels.Step(
-            step.ravel(),
+            np.concatenate([step.ravel(), np.zeros(PANEL)]),
             shared,
-            camera + np.einsum("ikn,in->ik", view.d_interior, slots[:, :first]),
+            interior + _widened(camera, rays.INNER),
             np.ascontiguousarray(slots[:, first:last]),
-            np.einsum("ink,in->ik", view.d_motion, slots[:, last:])[:, None],
+            np.einsum("in...,in->i...", view.d_motion, slots[:, last:]),
         )
 
 
+def _sources(p: Problem) -> np.ndarray:
+    """`Columns.source`: where the derivative behind each shared unknown of an image stands."""
+    source = np.full((p.image_count, p.wide + 1), rays.INNER - 1)
+    image = np.arange(p.image_count)
+    for parameter in range(p.camera_column.shape[1]):
+        column = p.camera_column[:, parameter]
+        source[image, np.where(column >= 0, column, p.wide)] = parameter
+    return 2 * PANEL * np.ascontiguousarray(source[:, : p.wide])
+
+
+def _widened(values: np.ndarray, width: int) -> np.ndarray:
+    """The same with rows of whole panels: zeros behind."""
+    out = np.zeros((*values.shape[:-1], width))
+    out[..., : values.shape[-1]] = values
+    return out
+
+
 def _for_kernels(rotation: np.ndarray, motion: np.ndarray, d_motion: np.ndarray):
-    """Motion (m, 1, 6 (degree + 1)), its derivative (m, k, 6 (degree + 1)) as the kernels take it.
+    """Motion (m, degree + 1, 8) and its derivative (m, k, degree + 1, 8), as the kernels take them.
 
     The centre moves in the camera frame. Arguments as of `Stack.motion_by_row`.
     """
     both = np.concatenate([motion[..., None], d_motion], axis=3)
     both[:, :, :3] = rotation[:, None] @ both[:, :, :3]
-    both = both.transpose(0, 3, 1, 2).reshape(len(both), both.shape[3], -1)
-    return np.ascontiguousarray(both[:, :1]), np.ascontiguousarray(both[:, 1:])
+    both = _widened(both.transpose(0, 3, 1, 2), PANEL)
+    return np.ascontiguousarray(both[:, 0]), np.ascontiguousarray(both[:, 1:])
 
 
 def _cross(vector: np.ndarray) -> np.ndarray:

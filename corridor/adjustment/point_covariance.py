@@ -6,26 +6,17 @@ import numpy as np
 from numba import njit
 
 from corridor.adjustment.kernels import (
-    PANEL,
-    SEEN,
-    Rows,
     Storage,
-    U,
     block_offset,
     invert_cholesky,
-    jacobian_rows,
-    panel,
-    plus,
-    point_rows,
-    put,
     same_images,
-    see,
-    zeros,
 )
+from corridor.adjustment.rays import U, fill_rows, make_room, three
 from corridor.compiled import SCALAR, compiled
+from corridor.panels import PANEL, panel, plus, put, zeros
 
-# Points seen by the same images that are gone over together: three panels of four numbers.
-GROUP = 4
+# Points seen by the same images that are gone over together: two panels.
+GROUP = 5
 LANES = -(-3 * GROUP // PANEL) * PANEL
 
 
@@ -43,17 +34,6 @@ class Gain(NamedTuple):
 
     own: np.ndarray
     shared: np.ndarray
-
-
-class Work(NamedTuple):
-    """Room for the rays of one point: what is seen, their derivatives, also by the point, and these
-    times V^-1."""
-
-    seen: np.ndarray
-    by_image: np.ndarray
-    by_shared: np.ndarray
-    by_point: np.ndarray
-    part: np.ndarray
 
 
 class Asked(NamedTuple):
@@ -81,44 +61,32 @@ class Together(NamedTuple):
 # Of the module and not of a maker's: a function that a maker's holds is compiled in each process.
 # Number by number: a line on whole arrays takes seconds to compile.
 @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
-def gain(p, scene, d, work, out):
+def gain(p, scene, d, room, out):
     """Fills K of point p; returns the lower half of V^-1, m^2. d: unknowns of an image."""
-    observations, columns, control = scene.observations, scene.columns, scene.control
-    img, low, high, wide = observations.image, columns.low, columns.high, columns.wide
+    columns, control = scene.columns, scene.control
+    img, low, high, wide = scene.observations.image, columns.low, columns.high, columns.wide
     d_ground = scene.derivatives.ground
-    seen, jc, jb, part = work.seen, work.by_image, work.by_shared, work.part
-    jp, sighted = work.by_point, scene.derivatives.sight.shape[0] > 0
+    sighted = scene.derivatives.sight.shape[0] > 0
     kc, kb = out.own, out.shared
     q = len(kb)
-    start = observations.start[p]
-    m = observations.start[p + 1] - start
-    v0, v1, v2, v3, v4, v5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    start = scene.observations.start[p]
+    m = scene.observations.start[p + 1] - start
     for c in range(q):
         for x in range(3):
             kb[c, x] = 0.0
-    point = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
-    see(start, m, point, observations, scene.cameras, scene.looked, scene.loss, seen)
-    for k in range(m):
-        i = U(img[start + k])
-        j0, b0 = U(k * 2 * d), U(k * 2 * wide)
-        to = Rows(jc, j0, j0 + U(d), jb, b0, b0 + U(wide))
-        e, at = U(start + k - scene.looked.base), U(k * SEEN)
-        jacobian_rows(i, e, seen, at, scene, (low[i], high[i]), d, to)
-        if sighted:
-            a, b = point_rows(i, e, seen, at, scene)
-            jp[k, 0, 0], jp[k, 0, 1], jp[k, 0, 2] = a
-            jp[k, 1, 0], jp[k, 1, 1], jp[k, 1, 2] = b
-        for row in range(2):
-            if not sighted:
-                for x in range(3):
-                    jp[k, row, x] = -jc[k * 2 * d + row * d + x]
-            a0, a1, a2 = jp[k, row, 0], jp[k, row, 1], jp[k, row, 2]
-            v0 += a0 * a0
-            v1 += a1 * a0
-            v2 += a1 * a1
-            v3 += a2 * a0
-            v4 += a2 * a1
-            v5 += a2 * a2
+    fill_rows(p, p + 1, scene, room, (0, wide), d)
+    jc, jb, row = room.own, room.shared, (d + PANEL) // PANEL * PANEL
+    # Rows by the point, negative.
+    jp, apart = (room.point, PANEL) if sighted else (jc, row)
+    v0, v1, v2, v3, v4, v5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(2 * m):
+        a0, a1, a2 = three(jp, U(k * apart))
+        v0 += a0 * a0
+        v1 += a1 * a0
+        v2 += a1 * a1
+        v3 += a2 * a0
+        v4 += a2 * a1
+        v5 += a2 * a2
     r = control.row[p]
     if r >= 0:
         v0 += control.weight[r, 0]
@@ -133,20 +101,22 @@ def gain(p, scene, d, work, out):
     n22 = i5 * i5
     for k in range(m):
         i = img[start + k]
-        for row in range(2):
-            a0, a1, a2 = jp[k, row, 0], jp[k, row, 1], jp[k, row, 2]
-            part[k, row, 0] = n00 * a0 + n10 * a1 + n20 * a2
-            part[k, row, 1] = n10 * a0 + n11 * a1 + n21 * a2
-            part[k, row, 2] = n20 * a0 + n21 * a1 + n22 * a2
-            bt = (2 * k + row) * wide
-            for c in range(low[i], min(high[i], q)):
-                for x in range(3):
-                    kb[c, x] += jb[bt + c] * part[k, row, x]
         for c in range(d):
             for x in range(3):
-                kc[k, c, x] = (
-                    jc[k * 2 * d + c] * part[k, 0, x] + jc[k * 2 * d + d + c] * part[k, 1, x]
-                )
+                kc[k, c, x] = 0.0
+        for half in range(2):
+            a0, a1, a2 = three(jp, U((2 * k + half) * apart))
+            part = (
+                -(n00 * a0 + n10 * a1 + n20 * a2),
+                -(n10 * a0 + n11 * a1 + n21 * a2),
+                -(n20 * a0 + n21 * a1 + n22 * a2),
+            )
+            bt, jt = (2 * k + half) * wide, (2 * k + half) * row
+            for x in range(3):
+                for c in range(low[i], min(high[i], q)):
+                    kb[c, x] += jb[bt + c] * part[x]
+                for c in range(d):
+                    kc[k, c, x] += jc[jt + c] * part[x]
     if r >= 0:
         for s in range(d_ground.shape[2]):
             c = columns.ground[r, s]
@@ -160,35 +130,21 @@ def gain(p, scene, d, work, out):
     return n00, n10, n11, n20, n21, n22
 
 
-@compiled(nogil=True, error_model="numpy")
-def make_room(longest, d, wide, q):
-    """Room for points of so many rays, and for their gain."""
-    work = Work(
-        np.zeros(longest * SEEN),
-        np.zeros(longest * 2 * d),
-        np.zeros(longest * 2 * wide),
-        np.zeros((longest, 2, 3)),
-        np.zeros((longest, 2, 3)),
-    )
-    return work, Gain(np.zeros((longest, d, 3)), np.zeros((q, 3)))
-
-
 def make_point_gains(d):
     """Gains of points for images with `d` unknowns."""
 
     @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
-    def point_gains(wanted, first, last, scene, longest, inverse, own, shared):
+    def core(wanted, first, last, scene, room, out, inverse, own, shared):
         """V^-1 and K of the points first..last whose number in wanted is not -1.
 
         inverse (k, 6): lower halves; shared (k, q, 3), by number. own (observations, d, 3).
         """
         observations = scene.observations
-        work, out = make_room(longest, d, scene.columns.wide, shared.shape[1])
         for p in range(first, last):
             number = wanted[p]
             if number < 0:
                 continue
-            found = gain(p, scene, d, work, out)
+            found = gain(p, scene, d, room, out)
             for n in range(6):
                 inverse[number, n] = found[n]
             for c in range(shared.shape[1]):
@@ -200,17 +156,23 @@ def make_point_gains(d):
                     for x in range(3):
                         own[start + k, c, x] = out.own[k, c, x]
 
+    def point_gains(wanted, first, last, scene, longest, inverse, own, shared):
+        """As `core`; longest: the most rays of a point."""
+        room = make_room(longest, d, scene.columns.wide)
+        out = Gain(np.zeros((longest, d, 3)), np.zeros((shared.shape[1], 3)))
+        core(wanted, first, last, scene, room, out, inverse, own, shared)
+
     return point_gains
 
 
 def make_point_covariance(d):
     """Covariances of points for images with `d` unknowns."""
 
-    @compiled(vectorised=True, nogil=True, error_model="numpy", fastmath={"contract"})
-    def point_covariance(first, last, scene, known, longest, asked):
+    @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
+    def core(first, last, scene, known, asked, room, gained, together):
         """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and shared.
 
-        longest: the most rays of a point. asked: `Asked`, which receives them.
+        asked: `Asked`, which receives them. room, gained: for a point's rays and what they gain.
 
         Points that the same images see need the same part of Q: up to `GROUP` of them go together,
         a panel of numbers at a time.
@@ -220,10 +182,8 @@ def make_point_covariance(d):
         shared, poses_shared = known.shared, known.poses_shared
         wanted, columns, out, cross = asked.number, asked.columns, asked.out, asked.cross
         q = shared.shape[0]
-        work, gained = make_room(longest, d, scene.columns.wide, q)
         kc, kb = gained.own, gained.shared
-        gains, sums = np.zeros(longest * d * LANES), np.zeros((GROUP, 6))
-        together = Together(gains, np.zeros(d * LANES), np.zeros(longest, dtype=np.int64), sums)
+        gains, sums = together.gains, together.sums
         own, whole = np.zeros((3, q)), np.zeros((3, q))
         p = first
         while p < last:
@@ -235,9 +195,10 @@ def make_point_covariance(d):
                 and p + count < last
                 and same_images(
                     img,
-                    start + (count - 1) * m,
+                    start,
                     m,
-                    observations.start[p + count + 1] - observations.start[p + count],
+                    observations.start[p + count],
+                    observations.start[p + count + 1],
                 )
             ):
                 count += 1
@@ -249,7 +210,7 @@ def make_point_covariance(d):
                 number = wanted[p + j]
                 if number < 0 and out.shape[0] == 0:
                     continue
-                inverse = gain(p + j, scene, d, work, gained)
+                inverse = gain(p + j, scene, d, room, gained)
                 # cov(P, shared) = -(K_c' Q_cs + K_b' Q_ss)
                 for x in range(3):
                     for c in range(q):
@@ -289,6 +250,18 @@ def make_point_covariance(d):
                         out[p + j, n] = sums[j, n]
             p += count
 
+    def point_covariance(first, last, scene, known, longest, asked):
+        """As `core`; longest: the most rays of a point."""
+        room = make_room(longest, d, scene.columns.wide)
+        gained = Gain(np.zeros((longest, d, 3)), np.zeros((len(known.shared), 3)))
+        together = Together(
+            np.zeros(longest * d * LANES),
+            np.zeros(d * LANES),
+            np.zeros(longest, dtype=np.int64),
+            np.zeros((GROUP, 6)),
+        )
+        core(first, last, scene, known, asked, room, gained, together)
+
     return point_covariance
 
 
@@ -324,7 +297,7 @@ def _sum_of_images(img, start, m, d, storage, used, together):
                         row = U((n * d + e) * LANES + x)
                         total = plus(total, near[column + U(e)], panel(gains, row))
                 put(moved, U(c * LANES + x), total)
-        for j in range(used // 3):
+        for j in range(min(used // 3, GROUP)):
             s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for c in range(d):
                 row = U((k * d + c) * LANES + 3 * j)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from corridor.adjustment.kernels import PANEL
 from corridor.adjustment.model import EFFECT, Model, ParameterId
 from corridor.adjustment.observations import (
     Control,
@@ -32,6 +31,7 @@ from corridor.adjustment.unknowns import (
 from corridor.block import Block
 from corridor.brief import brief
 from corridor.effects import Effect, EffectValues, Images, Stack, Values, stated_lever_arms
+from corridor.panels import PANEL
 
 
 @brief

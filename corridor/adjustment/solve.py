@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from corridor.adjustment.kernels import SQUARES
 from corridor.adjustment.matrix import Bordered, Singular
 from corridor.adjustment.normal import NEAR, Loss, Normal, moved_state
 from corridor.adjustment.problem import State
+from corridor.adjustment.rays import SQUARES
 from corridor.brief import brief
 from corridor.errors import AdjustmentFailed
 from corridor.threads import one_thread
@@ -90,7 +90,8 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
     damping, release = FIRST_DAMPING, RELEASE
     normal.assemble(state, damping)
     cost, near = normal.cost, normal.modelled
-    last, matrix = np.inf, True
+    # Of the step before: its length, and the factor, which is taken again without a new matrix.
+    last, system, matrix = np.inf, None, True
     for iteration in range(len(history) + 1, max_iterations + 1):
         raising = 4.0
         while True:

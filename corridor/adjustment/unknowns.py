@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from corridor.adjustment.kernels import PANEL
 from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId, Setting
 from corridor.brief import brief
 from corridor.camera import INTERIOR
 from corridor.effects import Arrays, Images, Member, Stack, group_of_image
 from corridor.errors import InputError
+from corridor.panels import PANEL
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from corridor.geometry.rotations import (
     rotation_from_quaternion,
     rotation_from_vector,
 )
-from corridor.geometry.vectors import cross, dot, left_jacobian, rotated, sines
+from corridor.geometry.vectors import cross, dot, few_sines, left_jacobian, rotated, sines
 
 __all__ = [
     "CLIPPED",
@@ -36,6 +36,7 @@ __all__ = [
     "closed_pose",
     "cross",
     "dot",
+    "few_sines",
     "helmert_motions",
     "honest",
     "intersect",
