@@ -13,7 +13,6 @@ from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
 from corridor.adjustment.design import Design, Sets
 from corridor.adjustment.gains import PointGains, point_gains
-from corridor.adjustment.gnss_weight import gnss_of_metres
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.adjustment.matrix import Singular
@@ -28,6 +27,7 @@ from corridor.adjustment.model import (
 )
 from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import make_problem
+from corridor.adjustment.readjusting import gnss_of_metres
 from corridor.adjustment.result import Adjustment, not_converged
 from corridor.adjustment.solve import solve
 from corridor.adjustment.warnings import grave, implausible

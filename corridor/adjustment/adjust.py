@@ -12,22 +12,25 @@ import pandas as pd
 
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import explain, free_network, helmert_onto
-from corridor.adjustment.gnss_weight import weighted_by_scatter, without_unseen_arms
 from corridor.adjustment.gross import without_exchanged
-from corridor.adjustment.held_focal import held_focal
 from corridor.adjustment.left_out import sound_part
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.model import Loss, Model
 from corridor.adjustment.normal import Normal
 from corridor.adjustment.problem import Problem, State, make_problem
+from corridor.adjustment.readjusting import (
+    weighted_by_scatter,
+    with_held_focal_asked,
+    without_false_fixes,
+    without_unseen_arms,
+)
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
 from corridor.block import Block, read
 from corridor.effects import Effect, check_needs
 from corridor.errors import AdjustmentFailed, InputError, some
 from corridor.preparation import Prepared, doubts, prepare
-from corridor.report import counted
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
 ITERATIONS = 100
@@ -113,9 +116,13 @@ def adjust(
             found.start = part
             return found
 
+    judges = (weighted_by_scatter, without_unseen_arms, with_held_focal_asked)
+
     def whole(part: Block) -> Adjustment:
-        found = _without_false_fixes(again(part), again) if reject_gnss else again(part)
-        return without_unseen_arms(weighted_by_scatter(found, again), again)
+        found = again(part)
+        for judge in (without_false_fixes, *judges) if reject_gnss else judges:
+            found = judge(found, again)
+        return found
 
     try:
         result, exchanged = _with_ground_as_seen(block, model, whole, again)
@@ -125,8 +132,6 @@ def adjust(
             raise
         # What looks wrong at first sight is the likelier cause.
         raise type(error)(f"{doubtful[0]} So: {error}") from None
-    for sentence in held_focal(result, again):
-        result.add_note(sentence)
     result.doubts = doubtful
     for note in (*_used(prepared, model.effects), *reversed(left_out), *reversed(doubtful)):
         result.add_note(note)
@@ -214,28 +219,6 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
     return Adjustment(
         start, solution, covariance, time.perf_counter() - began, [*problem.notes, *notes]
     )
-
-
-def _without_false_fixes(result: Adjustment, again: Callable[[Block], Adjustment]) -> Adjustment:
-    """Adjusted again without the outliers among the antenna positions, until none is left."""
-    rejected: dict[str, float] = {}
-    for _ in range(10):
-        table = result.residuals["gnss"]
-        gone = table[table["outlier"]]
-        if not len(gone) or len(gone) > len(table) / 2:
-            break
-        lengths = np.linalg.norm(gone[["vx", "vy", "vz"]], axis=1)
-        rejected |= dict(zip(gone["image"], lengths.tolist(), strict=True))
-        block = result.start.copy()
-        block.gnss = block.gnss[~block.gnss["image"].isin(list(rejected))].reset_index(drop=True)
-        result = again(block)
-    if rejected:
-        many = counted(len(rejected), "antenna position")
-        result.add_note(
-            f"{many} rejected as false fix{'es' * (len(rejected) > 1)}, residual up to "
-            f"{max(rejected.values()):.2f} m ({some(rejected, 5)})."
-        )
-    return result
 
 
 def complete(block: Block, progress: Callable[[str], None] | None = None) -> Block:

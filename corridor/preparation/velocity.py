@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
+from numpy.polynomial import polynomial
 
 from corridor.block import VELOCITY, Block
 from corridor.errors import InputError
@@ -226,15 +227,12 @@ def _smooth(time, position):
         return np.full((count, 3), np.nan), np.full(count, np.nan)
     degree = 2 if count >= 8 else 1
     half = np.ptp(t) / 2
-    basis = np.vander(t / half, degree + 1, increasing=True)
-    found = np.linalg.lstsq(basis, position, rcond=None)[0]
-    powers = np.arange(1, degree + 1)
-    slope = np.vander(t / half, degree, increasing=True) * powers / half
-    velocity = slope @ found[1:]
+    found = polynomial.polyfit(t / half, position, degree)
+    velocity = polynomial.polyval(t / half, polynomial.polyder(found)).T / half
     if count <= degree + 2:
         return velocity, np.full(count, np.nan)
     mean = velocity.mean(axis=0)
-    residual = basis @ found - position
+    residual = polynomial.polyval(t / half, found).T - position
     late = residual @ mean / max(mean @ mean, 1e-12)
     return velocity, late * np.sqrt(count / (count - degree - 1))
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from strips import corridor_block
 
 import corridor
-from corridor.adjustment import gnss_weight
+from corridor.adjustment import readjusting
 
 SCATTER = np.array([0.3, 0.3, 0.6])
 
@@ -90,14 +90,14 @@ class TestFocalLength:
 
         They are believed more for it, and 1,314 px ended at 42 on a real flight.
         """
-        lengths, plain = [], gnss_weight._from_where_it_ended
+        lengths, plain = [], readjusting._from_where_it_ended
 
         def watched(*given):
             found = plain(*given)
             lengths.append([camera["f"] for camera in found.block.cameras.values()])
             return found
 
-        monkeypatch.setattr(gnss_weight, "_from_where_it_ended", watched)
+        monkeypatch.setattr(readjusting, "_from_where_it_ended", watched)
         found = free(surveyed())
         assert len(lengths) >= 2
         assert all(each == lengths[0] for each in lengths[:-1])
