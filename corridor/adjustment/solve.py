@@ -136,6 +136,8 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
                         part = 0.5 * down / (normal.cost - cost + down)
                         points = state.points + part * (points - state.points)
                         trial = moved_state(p, state, part * step, part * shared, points)
+                        # Too long a step without damping: the next is held back, or all creep.
+                        relaxed = LEAST
                         normal.assemble(trial, relaxed, near)
                 reached, behind = normal.cost, normal.behind
             better = cost - reached >= -hidden or tiny
