@@ -134,7 +134,7 @@ class Block:
     @property
     def poses(self) -> np.ndarray:
         """(images, 7): x, y, z and qw, qx, qy, qz of images.csv, NaN where unknown."""
-        return self.numbers("images", *POSE)
+        return np.ascontiguousarray(self.numbers("images", *POSE))
 
     @property
     def constants(self) -> dict[str, dict]:
