@@ -179,6 +179,8 @@ class Settings:
     held_out_share: float = 0.08
     # Share of the places of each picture of which observations are held out.
     held_out_places: float = 0.15
+    # Parts of the places that are left out in turn, each about that share of them.
+    folds: int = 7
     # Rays that a point has at least of which one is held out.
     held_out_rays: int = 4
     # Factor on the sigma of a held-out observation: it has no say.

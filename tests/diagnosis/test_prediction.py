@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from benchmarks.diagnosis.generator import single
+from benchmarks.diagnosis.generator.generate import generate
+from corridor.adjustment import Model
+from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
-from corridor.diagnosis.verification.held_out import Prediction
+from corridor.diagnosis.verification.held_out import Prediction, folds_of
 from corridor.effects import find
+from corridor.preparation import prepare
 
 
 @pytest.mark.parametrize("strips", [4, 5, 8, 12])
@@ -34,6 +39,30 @@ def test_what_one_strip_alone_gains_proves_nothing():
 def test_without_two_strips_nothing_can_be_proved():
     assert not Prediction(np.array([100.0])).proved
     assert not Prediction(np.zeros(0)).proved
+
+
+def test_every_place_of_a_picture_is_left_out_once():
+    columns, rows = SETTINGS.places
+    middle = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
+    xy = np.tile(100.0 * middle + 49.5, (3, 1))
+    image, size = np.repeat(np.arange(3), len(middle)), np.array([100.0 * columns, 100.0 * rows])
+    fold = folds_of(image, xy, size, np.random.default_rng(0))
+    for n in range(3):
+        count = np.bincount(fold[image == n], minlength=SETTINGS.folds)
+        assert count.sum() == columns * rows and np.ptp(count) <= 1
+
+
+def test_turns_of_single_images_are_predicted_from_one_place_to_another_where_they_are():
+    """Three times the usual ones during 25 ms, and the same flight without."""
+    turning = find("rolling_shutter_rotation")
+    case = single("rolling_shutter_rotation", 3.0, images=40, observations=150)
+    made = generate(case, 3)
+    for block, there in ((made.block, True), (made.twin, False)):
+        believed = ReferenceModel.of(prepare(block).block, Model())
+        bare, with_it = believed.adjust(), believed.adjust([turning])
+        nothing = np.zeros(0, dtype=np.int64)
+        assert Prediction.of_folds(bare, with_it, nothing).proved == there
+        assert not Prediction.of_folds(bare, bare, nothing).gain.any()
 
 
 def test_what_a_flight_does_not_know_stays_near_zero_and_what_it_knows_where_it_is():

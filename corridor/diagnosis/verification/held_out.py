@@ -1,4 +1,4 @@
-"""Data that no fit has used: which, and what they say of one fit beside another.
+"""Data that a fit has not used: which, and what they say of one fit beside another.
 
 Some tie observations are given no weight, one of a point of four rays or more; the check points
 never have any. Whether ties are predicted better by more than chance: each observation held out has
@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from corridor.adjustment import Adjustment
+from corridor.adjustment import Adjustment, LinearSystem, Loss
 from corridor.block import Block
 from corridor.diagnosis.noise.image import places, scale_of
 from corridor.diagnosis.settings import SETTINGS
@@ -75,6 +75,17 @@ def in_places(
     return chosen[image, place]
 
 
+def folds_of(
+    image: np.ndarray, xy: np.ndarray, size: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Number (n,) of the fold of each observation: some places of every picture each.
+
+    image (n,): number; xy (n, 2), size (n, 2): px.
+    """
+    order = rng.random((int(image.max()) + 1, int(np.prod(SETTINGS.places)))).argsort(axis=1)
+    return (order % SETTINGS.folds)[image, places(xy, size)]
+
+
 @dataclass(frozen=True)
 class Prediction:
     """What a correction gains in strips: log density (strips,) of what no fit has used there."""
@@ -87,14 +98,49 @@ class Prediction:
         if not len(rows):
             return cls(np.zeros(0))
         block = without.system.block
+        before, after = (_squares(one, rows) for one in (without, with_it))
+        return cls._of(block, before, after, block.image_rows("tie_points")[rows])
+
+    @classmethod
+    def of_folds(cls, without: Adjustment, with_it: Adjustment, held: np.ndarray) -> Prediction:
+        """Of all tie observations that can be spared, some places of each picture at a time.
+
+        held (k,): rows of tie_points that neither adjustment has used; they count as the others
+        do. What a fold is predicted from is a step of least squares from either adjustment, with
+        the weights that its loss has there. It has ten times what `between` can ask.
+        """
+        systems = [
+            LinearSystem(one.problem, one.state, Loss.parse(one.problem.model.loss))
+            for one in (without, with_it)
+        ]
+        seen, rng = systems[0].image_rows, np.random.default_rng(0)
+        sigma = seen.sigma.copy()
+        sigma[seen.tie & np.isin(seen.row, held)] /= SETTINGS.held_out_sigma
+        fold = folds_of(seen.image, seen.xy, systems[0].images.size[seen.image], rng)
+        image, squares = [], []
+        for number in range(SETTINGS.folds):
+            left = spared(seen.point, 1.0, rng, seen.tie & (fold == number))
+            fewer = sigma.copy()
+            fewer[left] *= SETTINGS.held_out_sigma
+            image.append(systems[0].image_order[seen.image[left]])
+            pair = [one.measuring(sigma=fewer) for one in systems]
+            pixels = [one.at(one.step()).residuals().pixels[left] for one in pair]
+            squares.append([(v**2).sum(axis=1) / sigma[left] ** 2 for v in pixels])
+        before, after = np.concatenate(squares, axis=1)
+        return cls._of(without.system.block, before, after, np.concatenate(image))
+
+    @classmethod
+    def _of(
+        cls, block: Block, before: np.ndarray, after: np.ndarray, image: np.ndarray
+    ) -> Prediction:
+        """before, after (n,): squared residuals, in squared sigmas; image (n,): its row."""
         strip = np.zeros(len(block.images), dtype=np.int64)
         for number, (_, images) in enumerate(strips_of(block)):
             strip[images] = number
-        before, after = (_squares(one, rows) for one in (without, with_it))
         good = np.isfinite(before) & np.isfinite(after)
         scale = scale_of(before[good]) if good.any() else 1.0
         gained = _log_density(after[good] / scale**2) - _log_density(before[good] / scale**2)
-        at = strip[block.image_rows("tie_points")[rows[good]]]
+        at = strip[image[good]]
         seen = np.bincount(at) > 0
         return cls(np.bincount(at, gained)[seen])
 

@@ -213,21 +213,23 @@ class Verification:
             self._go_on(keys, fit)
 
     def _prove_images(self) -> None:
-        """Say no effect of single images for sure that predicts nothing that no fit has used.
+        """Say no effect of single images for sure that predicts nothing that was left out.
 
         Residuals of one image hang together, and values for each image follow them; what is there
-        tells of the other points of the image too, in one strip as in the next.
+        tells of the other points of the image too, in one strip as in the next. Each value rests
+        on the points of its image alone, of which the few that no fit has used say little: all
+        places are asked, in turn.
         """
         groups = {group.key: group for group in self._groups}
         for one in self.findings.effects if len(self._rows) else ():
             if one.kind == "suspected" or one.key not in self.used or groups[one.key].own is None:
                 continue
             others, bare = self._without(one.key)
-            if bare is None or Prediction.between(bare, self._now, self._rows).proved:
+            if bare is None or Prediction.of_folds(bare, self._now, self._rows).proved:
                 continue
             tie = tie_gap(bare, self._now, self._rows)
             self.notes.append(
-                f"{one.key} explains what was measured, but image points that no fit has used are "
+                f"{one.key} explains what was measured, but image points that are left out are "
                 f"predicted hardly better with it ({tie['before']:.3f} px, then "
                 f"{tie['after']:.3f}; strips differ by more): it is not taken for sure, and not "
                 "added."
