@@ -27,7 +27,10 @@ def read_track(path: str | Path) -> Track:
     """
     path = Path(path)
     if path.is_dir():
-        path = _table_in(path, "track")
+        table = _table_in(path, "track")
+        if table is None:
+            raise InputError(f"{path.name} holds no track.csv; name the file of the track")
+        path = table
     track = _read(path)
     if not isinstance(track, Track):
         raise InputError(f"{path.name} holds image times, not a track; name the file of the track")
@@ -42,10 +45,11 @@ def read_exposures(path: str | Path) -> Exposures:
     Raises InputError, one sentence naming file, row and remedy.
     """
     path = Path(path)
-    if path.is_dir() and not _has_table(path, "images"):
-        return exif.read(path)
     if path.is_dir():
-        path = _table_in(path, "images")
+        table = _table_in(path, "images")
+        if table is None:
+            return exif.read(path)
+        path = table
     exposures = _read(path)
     if not isinstance(exposures, Exposures):
         raise InputError(f"{path.name} holds a track, not image times; name the file of the images")
@@ -79,14 +83,7 @@ def _read(path: Path) -> Track | Exposures:
     )
 
 
-def _has_table(folder: Path, name: str) -> bool:
-    """Whether a folder holds that table of a block."""
-    return any((folder / f"{name}{suffix}").is_file() for suffix in (".csv", ".parquet"))
-
-
-def _table_in(folder: Path, name: str) -> Path:
-    """The file of a table in a block folder. Raises InputError where it is not there."""
-    for suffix in (".csv", ".parquet"):
-        if (folder / f"{name}{suffix}").is_file():
-            return folder / f"{name}{suffix}"
-    raise InputError(f"{folder.name} holds no {name}.csv; name the file of the {name}")
+def _table_in(folder: Path, name: str) -> Path | None:
+    """The file of a table in a block folder."""
+    files = (folder / f"{name}{suffix}" for suffix in (".csv", ".parquet"))
+    return next((file for file in files if file.is_file()), None)

@@ -14,8 +14,7 @@ from corridor.camera import INTERIOR, Camera, fitted, project_rays, undistort
 from corridor.errors import InputError
 
 _PICTURE = 41  # nodes a side over the picture
-TOLD_PX = 1e-6
-REFUSED_PX = 0.5
+TOLD_PX, _ENOUGH_PX, REFUSED_PX = 1e-6, 0.05, 0.5
 
 
 class NoModel(InputError):
@@ -144,15 +143,7 @@ def opencv_camera(
     return camera
 
 
-def grid(camera: Camera, nodes: int = _PICTURE) -> np.ndarray:
-    """Pixels (n, 2) all over the picture, its edges included."""
-    x, y = np.meshgrid(
-        np.linspace(0, camera.width - 1, nodes), np.linspace(0, camera.height - 1, nodes)
-    )
-    return np.column_stack([x.ravel(), y.ravel()])
-
-
-def rays_over_picture(camera: Camera, project: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def _rays_over_picture(camera: Camera, project: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Rays (n, 2) that `project` takes into the picture, from a little beyond its edges."""
     half = np.array([camera.width, camera.height]) / 2
     beside = np.abs(camera.interior[1:3] - half)
@@ -164,20 +155,26 @@ def rays_over_picture(camera: Camera, project: Callable[[np.ndarray], np.ndarray
     return rays[inside]
 
 
-def difference(
-    camera: Camera, project: Callable[[np.ndarray], np.ndarray], rays: np.ndarray
-) -> float:
-    """Largest distance, pixels, between a formula and our camera at rays (n, 2)."""
-    if not len(rays):
-        return np.inf
-    return float(np.linalg.norm(project(rays) - project_rays(rays, camera.interior), axis=1).max())
+def _away(camera: Camera, pixels: np.ndarray, rays: np.ndarray) -> float:
+    """Largest distance, px, between pixels of another formula and ours of the same rays (n, 2)."""
+    away = np.linalg.norm(pixels - project_rays(rays, camera.interior), axis=1)
+    return float(away.max()) if len(rays) else np.inf
+
+
+def _fitted(camera, pixels, rays, names, formula):
+    """Our camera for pixels of rays, and how far it is off. Raises InputError beyond half a px."""
+    camera = fitted(camera, pixels, rays, names)
+    far = _away(camera, pixels, rays)
+    if not far <= REFUSED_PX:
+        raise InputError(
+            f"camera {camera.name}: no camera of corridor comes nearer to its {formula} than "
+            f"{far:.2g} px; undistort its images, or leave them out"
+        )
+    return camera, far
 
 
 def standing_for(
-    camera: Camera,
-    project: Callable[[np.ndarray], np.ndarray],
-    notes: list[str],
-    enough_px: float = 0.05,
+    camera: Camera, project: Callable[[np.ndarray], np.ndarray], notes: list[str]
 ) -> Camera:
     """Our camera for another formula: as it is where that is good enough, else fitted.
 
@@ -185,18 +182,13 @@ def standing_for(
     Raises InputError where no camera of ours comes within half a pixel.
     """
     with np.errstate(all="ignore"):
-        rays = rays_over_picture(camera, project)
-        far = difference(camera, project, rays)
+        rays = _rays_over_picture(camera, project)
+        pixels = project(rays)
+        far = _away(camera, pixels, rays)
         if far <= TOLD_PX:
             return camera
-        if far > enough_px:
-            camera = fitted(camera, project(rays), rays, ALL)
-            far = difference(camera, project, rays)
-    if not far <= REFUSED_PX:
-        raise InputError(
-            f"camera {camera.name}: no camera of corridor comes nearer to its formula than "
-            f"{far:.2g} px; undistort its images, or leave them out"
-        )
+        if not far <= _ENOUGH_PX:
+            camera, far = _fitted(camera, pixels, rays, ALL, "formula")
     notes.append(
         f"camera {camera.name}: its formula is not ours; the parameters stand for it to {far:.2g} "
         "px over the picture"
@@ -214,7 +206,8 @@ def from_image_formula(
     camera: width, height, f, cx, cy as read, the rest a start. ray_of: pixels (n, 2) to rays.
     Raises InputError where the formula folds inside the picture or no camera comes near.
     """
-    pixels = grid(camera, 21)
+    x, y = np.meshgrid(np.linspace(0, camera.width - 1, 21), np.linspace(0, camera.height - 1, 21))
+    pixels = np.column_stack([x.ravel(), y.ravel()])
     with np.errstate(all="ignore"):
         rays = ray_of(pixels)
         step = 1e-3
@@ -228,14 +221,7 @@ def from_image_formula(
         )
     held = {"cx", "cy", "b1", "b2"}
     names = [name for name in (*ALL, "k6", "k7") if name not in held]
-    camera = fitted(camera, pixels, rays, names)
-    far = float(np.linalg.norm(pixels - project_rays(rays, camera.interior), axis=1).max())
-    if not far <= REFUSED_PX:
-        raise InputError(
-            f"camera {camera.name}: no camera of corridor comes nearer to its image-to-ray formula "
-            f"than {far:.2g} px; undistort its images, or leave them out"
-        )
-    return camera, far
+    return _fitted(camera, pixels, rays, names, "image-to-ray formula")
 
 
 def turned_note(camera: Camera, away: float) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from corridor.gnss import Local
 from corridor.photographs import Metadata
@@ -38,13 +39,9 @@ def rotation_of(photo: Metadata) -> np.ndarray:
     DJI's are the gimbal's, which looks forward at pitch 0; others are the body's, whose camera
     looks down.
     """
-    yaw, pitch, roll = np.radians([photo.yaw, photo.pitch, photo.roll])
-    (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (yaw, pitch, roll))
-    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1.0]])
-    about_y = np.array([[cp, 0, sp], [0, 1.0, 0], [-sp, 0, cp]])
-    about_x = np.array([[1.0, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    turned = Rotation.from_euler("ZYX", [photo.yaw, photo.pitch, photo.roll], degrees=True)
     mounted = _GIMBAL if "GimbalYawDegree" in photo.tags or "dji" in photo.make.lower() else _NADIR
-    return (_TO_ENU @ about_z @ about_y @ about_x @ mounted).T
+    return (_TO_ENU @ turned.as_matrix() @ mounted).T
 
 
 def from_attitudes(

@@ -13,20 +13,31 @@ import numpy as np
 _REACH = {"linear": 1, "parabola": 2, "pchip": 2, "spline": 6}
 
 
-def linear(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Value and rate of change, (m, k), on the straight line between the two epochs around.
+Curve = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-    time: (n,) s, rising; values: (n, k); at: (m,) s.
+
+def _of_scipy(name: str, **options) -> Curve:
+    """A curve through all epochs: value and rate of change, (m, k).
+
+    Of time (n,) s, rising, values (n, k), and the moments (m,) s.
     """
-    k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
-    slope = (values[k + 1] - values[k]) / (time[k + 1] - time[k])[:, None]
-    return values[k] + slope * (at - time[k])[:, None], slope
+
+    def curve(time, values, at):
+        from scipy import interpolate  # at first use: only a comparison needs it
+
+        made = getattr(interpolate, name)(time, values, **options)
+        return made(at), made(at, 1)
+
+    return curve
+
+
+linear = _of_scipy("make_interp_spline", k=1)
 
 
 def parabola(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Value and rate of change, (m, k), on the parabola through the three nearest epochs.
 
-    As MicMac does. Two epochs make a line. Shapes as in `linear`.
+    As MicMac does. Two epochs make a line. Shapes as in `_of_scipy`.
     """
     if len(time) < 3:
         return linear(time, values, at)
@@ -42,25 +53,13 @@ def parabola(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> tuple[np.n
     return values[centre - 1] + since * (first + past * bend), first + (since + past) * bend
 
 
-def spline(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Value and rate of change, (m, k), of the cubic spline through all epochs (not-a-knot)."""
-    from scipy.interpolate import CubicSpline  # at first use: only a comparison needs it
-
-    curve = CubicSpline(time, values)
-    return curve(at), curve(at, 1)
-
-
-def pchip(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Value and rate of change, (m, k), of the monotone cubic (Fritsch and Carlson 1980)."""
-    from scipy.interpolate import PchipInterpolator  # at first use
-
-    curve = PchipInterpolator(time, values)
-    return curve(at), curve(at, 1)
-
-
-CURVES: dict[str, Callable] = {
-    "linear": linear, "parabola": parabola, "spline": spline, "pchip": pchip,
-}  # fmt: skip
+# The spline is cubic (not-a-knot); pchip is the monotone cubic of Fritsch and Carlson 1980.
+CURVES: dict[str, Curve] = {
+    "linear": linear,
+    "parabola": parabola,
+    "spline": _of_scipy("CubicSpline"),
+    "pchip": _of_scipy("PchipInterpolator"),
+}
 
 
 def propagated(
