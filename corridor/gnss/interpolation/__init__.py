@@ -1,13 +1,12 @@
 """From a track to the antenna at the moments of exposure, with a sigma that holds."""
 
 from corridor.gnss.interpolation.interpolate import (
-    CORRELATION_S,
     MAX_SIGMA_M,
     METHODS,
     Interpolated,
     interpolate,
 )
-from corridor.gnss.interpolation.regimes import SLOW_SHARES
+from corridor.gnss.interpolation.regimes import CORRELATION_S, SLOW_SHARES
 from corridor.gnss.interpolation.segments import segments
 
 __all__ = [

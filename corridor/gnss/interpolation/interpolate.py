@@ -8,15 +8,13 @@ import pandas as pd
 from corridor.brief import brief
 from corridor.errors import InputError
 from corridor.gnss.interpolation import polynomials, regimes, smoother
-from corridor.gnss.interpolation.segments import GAP_S, segments
+from corridor.gnss.interpolation.segments import segments
 from corridor.gnss.interpolation.wild_epochs import singular_epochs, wild_epochs
 
 METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
 # A position of 10 cm beside ones of 2 cm has a twenty-fifth of their weight: it can no longer
 # help the adjustment, only mislead it.
 MAX_SIGMA_M = 0.10
-# Of multipath and atmosphere over a short base line: half a minute to some minutes.
-CORRELATION_S = 60.0
 _UNSURE = 50.0  # times the usual sigma: half a metre against a fix of 1 cm
 _MOST_LOST = 0.1  # share of the epochs of a receiver that nobody misses
 _CURVE = 2000
@@ -67,9 +65,7 @@ def interpolate(
     flight: np.ndarray | None = None,
     max_sigma: float = MAX_SIGMA_M,
     slow_share: float | None = None,
-    correlation_s: float = CORRELATION_S,
     velocities: bool = True,
-    gap_s: float = GAP_S,
 ) -> Interpolated:
     """The antenna at `times` (n,), seconds of the track's clock, with standard deviations.
 
@@ -81,8 +77,8 @@ def interpolate(
     max_sigma: m; a position is refused where the sigma of one axis is larger.
     slow_share: share of the stated variance that is slow, as errors of satellite positioning
         are: neighbouring epochs share it, and no smoothing makes it smaller. None: what the
-        epochs show, about 0.7 where they cannot tell. correlation_s: its time constant, s.
-    velocities: use vx, vy, vz where they are there. gap_s: see `segments`.
+        epochs show, about 0.7 where they cannot tell.
+    velocities: use vx, vy, vz where they are there.
     Raises InputError for a track that cannot be interpolated.
     """
     if method not in METHODS:
@@ -91,16 +87,14 @@ def interpolate(
         raise InputError(f"the largest sigma is {max_sigma:g} m; give a number above 0")
     if slow_share is not None and not 0 <= slow_share < 1:
         raise InputError(f"the slow share is {slow_share:g}; give a number from 0 up to below 1")
-    if not correlation_s > 0:
-        raise InputError(f"the correlation time is {correlation_s:g} s; give a number above 0")
     times = np.asarray(times, dtype=float).reshape(-1)
-    pieces = segments(track, gap_s)
+    pieces = segments(track)
     notes: list[str] = []
     wild = wild_epochs(track, pieces)
     if wild:
         notes.append(_of_wild(track, wild))
         track = track.drop(track.index[list(wild)]).reset_index(drop=True)
-        pieces = segments(track, gap_s)
+        pieces = segments(track)
     notes += _of_singular(track, pieces)
     notes += _of_holes(track["time_s"].to_numpy(dtype=float), pieces)
     epochs = _epochs(track, velocities and method == "smoother", notes)
@@ -117,7 +111,7 @@ def interpolate(
         dense = _along(epochs.time[part], len(pieces))
         at = np.concatenate([times[chosen], dense])
         if method == "smoother":
-            made, model, used = _smoothed(_cut(epochs, part), at, slow_share, correlation_s)
+            made, model, used = _smoothed(_cut(epochs, part), at, slow_share)
             noise += _noise_rows(number, model, used)
         else:
             made = _curve(method, epochs, part, at)
@@ -279,11 +273,11 @@ def _along(time: np.ndarray, pieces: int) -> np.ndarray:
     return np.sort(np.concatenate([middle[~wide][::every], within.ravel()]))
 
 
-def _smoothed(epochs, at, slow_share, correlation_s):
+def _smoothed(epochs, at, slow_share):
     origin = epochs.position[0]
     usual, excess = regimes.split(epochs.sigma, epochs.time)
     epochs = epochs._replace(position=epochs.position - origin, usual=usual, excess=excess)
-    model = regimes.fit(epochs, slow_share, correlation_s)
+    model = regimes.fit(epochs, slow_share)
     position, *others = smoother.smooth(epochs, at, model)
     used = np.median(epochs.sigma, axis=0) * [noise.scale for noise in model.axes]
     return (position + origin, *others), model, used

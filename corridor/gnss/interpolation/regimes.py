@@ -24,6 +24,8 @@ _COARSE = np.concatenate([[1e-6], 10.0 ** np.arange(-4.0, 3.1, 1.0)])
 _OF_AXIS = (1.0, 1.0, 10.0**-0.5)
 _DWELL_S = 5.0
 _GUST = np.concatenate([[0.0], 10.0 ** np.arange(-5.0, 1.1, 0.5)])
+# Of multipath and atmosphere over a short base line: half a minute to some minutes.
+CORRELATION_S = 60.0
 # Shares of the variance that may be slow, each equally likely beforehand.
 SLOW_SHARES = np.array([0.0, 0.5, 0.8, 0.9, 0.95, 0.98])
 _SCALE = 10.0 ** np.arange(-3.5, 1.1, 0.25)
@@ -67,7 +69,7 @@ class Model(NamedTuple):
     axes: tuple[Axis, Axis, Axis]
     gusts: np.ndarray
     jerks: np.ndarray
-    correlation_s: float
+    correlation_s: float = CORRELATION_S
 
 
 class Rows(NamedTuple):
@@ -154,7 +156,7 @@ def kept(slow: np.ndarray) -> np.ndarray:
     return np.where(high > 0, np.minimum(slow, before) / np.where(high > 0, high, 1.0), 1.0)
 
 
-def fit(epochs: Epochs, share: float | None, correlation_s: float) -> Model:
+def fit(epochs: Epochs, share: float | None) -> Model:
     """The motion and noise of one piece, by maximum likelihood.
 
     share: of the position variance, that is slow; None: its mean over what the likelihood allows,
@@ -166,27 +168,27 @@ def fit(epochs: Epochs, share: float | None, correlation_s: float) -> Model:
         unknown_velocity = epochs.velocity is not None and epochs.velocity_sigma is None
         axis = Axis(1.0, share or 0.0, 1.0, 0.1 if unknown_velocity else None)
         jerks = np.outer(np.full(n, 10.0), _OF_AXIS)
-        return Model((axis,) * 3, np.ones((n, 3)), jerks, correlation_s)
-    found = _Search(epochs, share, correlation_s).run()
+        return Model((axis,) * 3, np.ones((n, 3)), jerks)
+    found = _Search(epochs, share).run()
     axes = tuple(found[group] for group, (_, of) in enumerate(GROUPS) for _ in of)
     logs = np.zeros((n, len(_JERK)))
     for axis, noise in enumerate(axes):
-        logs += _logs(epochs, axis, noise, correlation_s, _JERK)
+        logs += _logs(epochs, axis, noise, _JERK)
         # Seen from the other end, a row tells of the step that leads on from it.
-        logs[1:] += _logs(epochs, axis, noise, correlation_s, _JERK, back=True)[:0:-1]
+        logs[1:] += _logs(epochs, axis, noise, _JERK, back=True)[:0:-1]
     # Each step was seen twice, once from each side.
     _, weights = _levels(logs / 2, np.diff(epochs.time, prepend=epochs.time[0]))
     jerks = np.outer(weights @ _JERK, _OF_AXIS)
     flying = 1 - weights[:, 0]
     gusts = np.outer(flying, [noise.gust for noise in axes])
-    return Model(axes, gusts, jerks, correlation_s)
+    return Model(axes, gusts, jerks)
 
 
-def _logs(epochs, axis, noise, correlation_s, levels, start=None, back=False):
+def _logs(epochs, axis, noise, levels, start=None, back=False):
     time = -epochs.time[::-1] if back else epochs.time
     at = rows(epochs, axis, noise, back)
     slow = bool(at.share.any())
-    matrices = steps(time, correlation_s if slow else None)
+    matrices = steps(time, CORRELATION_S if slow else None)
     if start is None:
         start = np.zeros(len(time), dtype=np.bool_)
         start[0] = True
@@ -218,9 +220,8 @@ def _levels(logs, step):
 class _Search:
     """Climbs the likelihood, one parameter after the other, on a sample of the epochs."""
 
-    def __init__(self, epochs: Epochs, share: float | None, correlation_s: float):
+    def __init__(self, epochs: Epochs, share: float | None):
         self.epochs, self.start = _sample(epochs)
-        self.correlation_s = correlation_s
         self.free = []
         if not epochs.stated:
             self.free.append("scale")
@@ -267,8 +268,7 @@ class _Search:
         key = (group, noise)
         if key not in self.known:
             self.known[key] = sum(
-                _logs(self.epochs, axis, noise, self.correlation_s, _COARSE, self.start)
-                for axis in GROUPS[group][1]
+                _logs(self.epochs, axis, noise, _COARSE, self.start) for axis in GROUPS[group][1]
             )
         return self.known[key]
 

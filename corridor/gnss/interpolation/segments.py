@@ -10,17 +10,17 @@ import pandas as pd
 
 from corridor.errors import InputError
 
-GAP_S = 10.0
-STANDING_S = 60.0
+_GAP_S = 10.0
+_STANDING_S = 60.0
 _WINDOW_S = 10.0
 _STILL_M = 0.3
 
 
-def segments(track: pd.DataFrame, gap_s: float = GAP_S) -> pd.DataFrame:
+def segments(track: pd.DataFrame) -> pd.DataFrame:
     """Pieces of a track, in the order of its rows.
 
     track: columns time_s, x, y, z (metres), optional flight; times rise within each flight.
-    gap_s: a piece ends where two epochs are further apart, and than ten usual intervals.
+    A piece ends where two epochs are further apart than 10 s, and than ten usual intervals.
     Returns first, last (rows, both included), start_s, end_s, epochs, interval_s (usual),
     flight ("" where not named) and begins: why it does ("track", "flight", "gap", "standing").
     Two pieces cut where the drone stood share the epoch of the cut.
@@ -48,7 +48,7 @@ def segments(track: pd.DataFrame, gap_s: float = GAP_S) -> pd.DataFrame:
             "time and keep one an epoch"
         )
     usual = float(np.median(step[~other])) if (~other).any() else 1.0
-    gap = (step > max(gap_s, 10 * usual)) & ~other
+    gap = (step > max(_GAP_S, 10 * usual)) & ~other
     cuts = {0: "track"}
     cuts |= dict.fromkeys((np.flatnonzero(gap) + 1).tolist(), "gap")
     cuts |= dict.fromkeys((np.flatnonzero(other) + 1).tolist(), "flight")
@@ -79,7 +79,7 @@ def segments(track: pd.DataFrame, gap_s: float = GAP_S) -> pd.DataFrame:
 def _stands(piece: pd.DataFrame) -> list[int]:
     """Middle rows of the periods in which the drone stood between two flights."""
     time = piece["time_s"].to_numpy(dtype=float)
-    if time[-1] - time[0] < STANDING_S:
+    if time[-1] - time[0] < _STANDING_S:
         return []
     place = piece[["x", "y", "z"]].to_numpy(dtype=float)
     size = max(int(round(_WINDOW_S / np.median(np.diff(time)))), 2)
@@ -96,5 +96,5 @@ def _stands(piece: pd.DataFrame) -> list[int]:
     return [
         int((a + b) // 2)
         for a, b in edges.reshape(-1, 2)
-        if a > 0 and b < len(time) and time[b - 1] - time[a] >= STANDING_S
+        if a > 0 and b < len(time) and time[b - 1] - time[a] >= _STANDING_S
     ]
