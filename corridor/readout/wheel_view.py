@@ -284,19 +284,13 @@ def moved(static, rotating, pose) -> Pose:
     scores = np.array(scores)
     # One shift and scale for all directions, by voting on a grid, then least squares.
     limit = np.arange(-most, most + 1) * step
-    best = (-1.0, 0.0, 0.0, 0.0)
     coarse = np.linspace(-0.08, 0.08, 17)
-    for grow in np.linspace(-0.02, 0.02, 5):
-        for dx in coarse:
-            for dy in coarse:
-                want = grow + dx * np.cos(phi) + dy * np.sin(phi)
-                index = np.round((want - limit[0]) / step).astype(int)
-                ok = (index >= 0) & (index < len(limit))
-                score = scores[np.clip(index, 0, len(limit) - 1), np.arange(180)][ok].sum()
-                if score > best[0]:
-                    best = (score, grow, dx, dy)
-    values = np.array(best[1:])
-    design = _waves(phi)[:, :3]
+    grid = np.meshgrid(np.linspace(-0.02, 0.02, 5), coarse, coarse, indexing="ij")
+    tried, design = np.stack(grid, axis=-1).reshape(-1, 3), _waves(phi)[:, :3]
+    index = np.round((tried @ design.T - limit[0]) / step).astype(int)
+    inside = (index >= 0) & (index < len(limit))
+    votes = scores[np.clip(index, 0, len(limit) - 1), np.arange(180)] * inside
+    values = tried[np.argmax(votes.sum(axis=1))]
     for width in (0.02, 0.01, 0.006):
         want = design @ values
         near = np.abs(limit[:, None] - want) < width

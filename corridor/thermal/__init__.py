@@ -29,32 +29,18 @@ if TYPE_CHECKING:
     from corridor.thermal.points import apply as apply
     from corridor.thermal.series import read_picture as read_picture
 
-_HOME = {
-    "CameraDifference": "corridor.thermal.comparison",
-    "calibrated_at": "corridor.thermal.comparison",
-    "camera_at": "corridor.thermal.comparison",
-    "compare_cameras": "corridor.thermal.comparison",
-    "correct": "corridor.thermal.correction",
-    "laboratory_prior": "corridor.thermal.correction",
-    "uncorrect": "corridor.thermal.correction",
-    "Fit": "corridor.thermal.fitting",
-    "fit": "corridor.thermal.fitting",
-    "Maps": "corridor.thermal.maps",
-    "forget": "corridor.thermal.maps",
-    "measure_maps": "corridor.thermal.maps",
-    "read_maps": "corridor.thermal.maps",
-    "Match": "corridor.thermal.matching",
-    "Matcher": "corridor.thermal.matching",
-    "ThermalModel": "corridor.thermal.model",
-    "read_model": "corridor.thermal.model",
-    "simple_model": "corridor.thermal.model",
-    "apply": "corridor.thermal.points",
-    "write_points": "corridor.thermal.points",
-    "read_picture": "corridor.thermal.series",
-    "degrees": "corridor.thermal.temperature",
-    "optics": "corridor.thermal.temperature",
-    "smoothed": "corridor.thermal.temperature",
+_OFFERED = {
+    "comparison": ("CameraDifference", "calibrated_at", "camera_at", "compare_cameras"),
+    "correction": ("correct", "laboratory_prior", "uncorrect"),
+    "fitting": ("Fit", "fit"),
+    "maps": ("Maps", "forget", "measure_maps", "read_maps"),
+    "matching": ("Match", "Matcher"),
+    "model": ("ThermalModel", "read_model", "simple_model"),
+    "points": ("apply", "write_points"),
+    "series": ("read_picture",),
+    "temperature": ("degrees", "optics", "smoothed"),
 }
+_HOME = {name: f"corridor.thermal.{file}" for file, names in _OFFERED.items() for name in names}
 
 __all__ = list(_HOME)
 
@@ -63,8 +49,7 @@ __all__ = list(_HOME)
 def __getattr__(name):
     if name not in _HOME:
         raise AttributeError(f"module 'corridor.thermal' has no attribute {name!r}")
-    module = import_module(_HOME[name])
-    value = getattr(module, name)
+    value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value
 

@@ -18,13 +18,17 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from corridor.compiled import compiled
 
+# beta5 and its slope at whole pixels.
+_VALUE = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120
+_SLOPE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24
 _UNKNOWNS = 8  # shift x, y; their slopes along X and Y; offset; gain
 # What smoothing leaves of the variance of white noise, in two dimensions.
-SMOOTHED_NOISE = ((2 * 1.0 + 2 * 26.0**2 + 66.0**2) / 120.0**2) ** 2
+SMOOTHED_NOISE = (_VALUE @ _VALUE) ** 2
 
 
 class Windows(NamedTuple):
@@ -70,61 +74,26 @@ def _outer(a):
     return a2 * a2 * a * np.float32(1 / 120)
 
 
-@compiled()
-def _window(picture, cx, cy, half, extra, smooth, along_x, along_y):
-    """The surface and its two slopes at the pixels of a window, `extra` px beyond it."""
-    size = 2 * (half + extra) + 1
-    value = (1 / 120, 26 / 120, 66 / 120, 26 / 120, 1 / 120)
-    slope = (-1 / 24, -10 / 24, 0.0, 10 / 24, 1 / 24)
-    left, top = cx - half - extra, cy - half - extra
-    rows = np.zeros((2, size + 4, size))
-    for r in range(size + 4):
-        for c in range(size):
-            a = 0.0
-            b = 0.0
-            for k in range(5):
-                grey = picture[top + r - 2, left + c + k - 2]
-                a += value[k] * grey
-                b += slope[k] * grey
-            rows[0, r, c] = a
-            rows[1, r, c] = b
-    for r in range(size):
-        for c in range(size):
-            a = 0.0
-            b = 0.0
-            d = 0.0
-            for k in range(5):
-                a += value[k] * rows[0, r + k, c]
-                b += value[k] * rows[1, r + k, c]
-                d += slope[k] * rows[0, r + k, c]
-            smooth[r, c] = a
-            along_x[r, c] = b
-            along_y[r, c] = d
-
-
-@compiled()
-def _smooth_again(source, target, extra):
-    """The smoothing applied once more, where the source has `extra` >= 2 px around the target."""
-    value = (1 / 120, 26 / 120, 66 / 120, 26 / 120, 1 / 120)
-    size = target.shape[0]
-    for r in range(size):
-        for c in range(size):
-            total = 0.0
-            for j in range(5):
-                part = 0.0
-                for i in range(5):
-                    part += value[i] * source[r + extra + j - 2, c + extra + i - 2]
-                total += value[j] * part
-            target[r, c] = total
-
-
 def prepare(reference, nodes, half):
     """The windows of a reference (height, width) float32, at least half + 4 px from its edge."""
     count, size = len(nodes), 2 * half + 1
     surface, slope_x, slope_y = (np.empty((count, size, size), np.float32) for _ in range(3))
     mean = np.empty(count)
-    normal, noisy = (np.zeros((count, _UNKNOWNS, _UNKNOWNS)) for _ in range(2))
-    _sampled(reference, nodes, half, surface, slope_x, slope_y, mean, normal, noisy)
+    normal, noisy = (np.empty((count, _UNKNOWNS, _UNKNOWNS)) for _ in range(2))
+    inner = np.s_[4:-4, 4:-4]
+    for n, (x, y) in enumerate(nodes):
+        patch = reference[y - half - 4 : y + half + 5, x - half - 4 : x + half + 5].astype(float)
+        smooth = _filtered(patch, _VALUE, _VALUE)
+        mean[n] = smooth[inner].mean()
+        layers = (
+            smooth - mean[n],
+            _filtered(patch, _SLOPE, _VALUE),
+            _filtered(patch, _VALUE, _SLOPE),
+        )
+        surface[n], slope_x[n], slope_y[n] = (layer[inner] for layer in layers)
+        normal[n] = _normal(*(layer[inner] for layer in layers))
+        # The noise of the picture, smoothed as its surface is, and weighed by the slopes.
+        noisy[n] = _normal(*(_filtered(layer, _VALUE, _VALUE)[inner] for layer in layers))
     scale = np.sqrt(np.einsum("nii->ni", normal))
     good = scale.min(axis=1) > 0.0
     outer = scale[:, :, None] * scale[:, None, :]
@@ -136,54 +105,20 @@ def prepare(reference, nodes, half):
     return Windows(nodes, half, surface, slope_x, slope_y, mean, inverse, spread, good)
 
 
-@compiled()
-def _sampled(reference, nodes, half, surface, slope_x, slope_y, mean, normal, noisy):
-    """Fills what `Windows` holds of the surface, its normal matrix, and that of the noise in it."""
-    size = 2 * half + 1
-    wide = size + 4
-    g, gx, gy = np.empty((wide, wide)), np.empty((wide, wide)), np.empty((wide, wide))
-    sg, sx, sy = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
-    row = np.empty(_UNKNOWNS)
-    soft = np.empty(_UNKNOWNS)
-    for n in range(len(nodes)):
-        _window(reference, nodes[n, 0], nodes[n, 1], half, 2, g, gx, gy)
-        middle = 0.0
-        for r in range(size):
-            for c in range(size):
-                middle += g[r + 2, c + 2]
-        middle /= size * size
-        for r in range(wide):
-            for c in range(wide):
-                g[r, c] -= middle
-        _smooth_again(g, sg, 2)
-        _smooth_again(gx, sx, 2)
-        _smooth_again(gy, sy, 2)
-        for r in range(size):
-            down = (r - half) / half
-            for c in range(size):
-                across = (c - half) / half
-                a, b = gx[r + 2, c + 2], gy[r + 2, c + 2]
-                _fill(row, a, b, across, down, g[r + 2, c + 2])
-                _fill(soft, sx[r, c], sy[r, c], across, down, sg[r, c])
-                for i in range(_UNKNOWNS):
-                    for j in range(i + 1):
-                        normal[n, i, j] += row[i] * row[j]
-                        noisy[n, i, j] += soft[i] * soft[j]
-                surface[n, r, c] = g[r + 2, c + 2]
-                slope_x[n, r, c], slope_y[n, r, c] = a, b
-        for i in range(_UNKNOWNS):
-            for j in range(i):
-                normal[n, j, i] = normal[n, i, j]
-                noisy[n, j, i] = noisy[n, i, j]
-        mean[n] = middle
+def _filtered(patch, along_x, along_y):
+    return cv2.sepFilter2D(patch, cv2.CV_64F, along_x, along_y)
 
 
-@compiled()
-def _fill(row, a, b, across, down, grey):
-    row[0], row[1] = a, b
-    row[2], row[3] = a * across, b * across
-    row[4], row[5] = a * down, b * down
-    row[6], row[7] = 1.0, grey
+def _normal(grey, slope_x, slope_y):
+    """J'J (8, 8) of a window, of its surface and slopes (w, w)."""
+    across = np.linspace(-1, 1, len(grey))
+    down = across[:, None]
+    columns = [
+        slope_x, slope_y, slope_x * across, slope_y * across, slope_x * down, slope_y * down,
+        np.ones_like(grey), grey,
+    ]  # fmt: skip
+    design = np.stack(columns).reshape(_UNKNOWNS, -1)
+    return design @ design.T
 
 
 @compiled(fastmath={"contract"}, error_model="numpy")

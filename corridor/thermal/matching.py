@@ -77,7 +77,7 @@ class Matcher:
         self._windows = kernel.prepare(self.reference, nodes, half)
         clear = saturated_share(self.reference, nodes, half) <= _MOST_SATURATED
         self._good = self._windows.good & clear
-        self._small, self._factor = _small(self.reference)
+        self._small, _ = _small(self.reference)
         self.trouble = fault(self.reference)
 
     def find(self, picture: np.ndarray) -> Match:
