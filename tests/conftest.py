@@ -16,14 +16,17 @@ def pytest_collection_modifyitems(items):
     """Files with long tests, and notebooks, first: two workers end together.
 
     One file is one worker's. Had a worker its longest file last, the other would wait for it.
-    Before all of them two files that compile different kernels: begun together, two workers and a
-    notebook would compile the same ones, each for itself.
+    Before all of them one that has the adjustment's kernels compiled, and for as long as that takes
+    files that need none of them: begun together, two workers and a notebook would compile the same
+    ones, each for itself.
     """
     long = {item.path for item in items if item.get_closest_marker("slow")}
     chapters = {item.path for item in items if item.path.suffix == ".ipynb"}
     order = {
-        "test_truth.py": -2,
-        "test_matching_walls.py": -1,
+        "test_truth.py": -4,
+        "test_matching_walls.py": -3,
+        "test_thermal_commands.py": -2,
+        "test_star.py": -1,
         "test_notebooks.py": 0,
         **dict.fromkeys((path.name for path in chapters), 1),
     }
