@@ -73,7 +73,7 @@ def _refuse(block, table: str, wrong: Any, fault: str, remedy: str, **more: Any)
     if row is not None:
         cells = getattr(block, table).iloc[row].to_dict()
         cells |= {key: v[row] if isinstance(v, np.ndarray) else v for key, v in more.items()}
-        fault, remedy = fault.format(**cells), remedy.format(**cells)
+        fault, remedy = fault.format_map(cells), remedy.format_map(cells)
         raise InputError(f"{block.where(table, row)}: {fault}; {remedy}")
 
 

@@ -6,8 +6,8 @@ from corridor.preparation.record import Derived, derived
 from corridor.preparation.record import record as record_derived
 from corridor.preparation.slips import against, doubts, stray, unlike
 from corridor.preparation.smoothing import rounding
-from corridor.preparation.strips import strips_of
-from corridor.preparation.velocity import METHODS, Velocities, track_runs, velocities
+from corridor.preparation.strips import strips_of, track_runs
+from corridor.preparation.velocity import METHODS, Velocities, velocities
 
 __all__ = [
     "METHODS",

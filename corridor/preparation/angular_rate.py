@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from corridor.block import RATES, Block
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion
-from corridor.preparation.velocity import times, track_runs
+from corridor.preparation.strips import track_runs
+from corridor.preparation.velocity import times
 
 # Gyroscope x forward, y right, z down; camera x right, y down (back in the picture), z forward,
 # with the top of the picture towards the front: how data/sequoia has it.

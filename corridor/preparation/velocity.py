@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-import pandas as pd
 from numpy.polynomial import polynomial
 
 from corridor.block import VELOCITY, Block
 from corridor.errors import InputError
 from corridor.preparation.record import derived, forget
 from corridor.preparation.smoothing import FASTEST_M_S, of_gnss, of_track, rounding
+from corridor.preparation.strips import track_runs
 
 METHODS = ("auto", "metadata", "gnss", "strip", "neighbours")
 
@@ -166,58 +165,6 @@ def _from_positions(block: Block, method: str) -> Velocities:
     speed = np.linalg.norm(velocity, axis=1)
     sigma = speed * np.sqrt(2) * sigma_t / span
     return Velocities(velocity, sigma, method, step, sigma_t, notes)
-
-
-def track_runs(
-    block: Block, time: np.ndarray, position: np.ndarray, notes: list[str]
-) -> Iterator[np.ndarray]:
-    """Rows of images.csv in order of time, one array a strip, camera and flight.
-
-    time: (images,) s; position: (images, 3) m, looked at where no strips are named. notes:
-    receives what was wrong with the time stamps.
-    """
-    images = block.images
-    strip = images["strip"] if "strip" in images else pd.Series([None] * len(images))
-    named = strip.notna().all()
-    keys = [block.image_flight, pd.factorize(images["camera"])[0]]
-    keys.append(pd.factorize(strip)[0] if named else np.zeros(len(images), int))
-    _, group = np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)
-    group = group.ravel()
-    for flight in np.unique(group):
-        rows = np.flatnonzero(group == flight)
-        order = np.argsort(time[rows], kind="stable")
-        if (np.diff(order) < 0).any():
-            notes.append(
-                f"Images of flight {block.flight_names[block.image_flight[rows[0]]]} do not stand "
-                "in the order of their time stamps: they are put in that order."
-            )
-        rows = rows[order]
-        if named or len(rows) < 3:
-            yield rows
-        else:
-            yield from np.split(rows, _turns(time[rows], position[rows]))
-    if not named:
-        notes.append("images.csv has no strips: flights are cut where they turn or pause.")
-    spans = {f: (time[block.image_flight == f].min(), time[block.image_flight == f].max())
-             for f in np.unique(block.image_flight)}  # fmt: skip
-    ordered = sorted(spans.values())
-    if any(a[1] > b[0] for a, b in zip(ordered[:-1], ordered[1:], strict=True)):
-        notes.append("Time stamps of several flights interleave: each flight stands for itself.")
-
-
-def _turns(time, position):
-    """Where a flight is cut: the direction turns by more than 45 degrees, or it pauses."""
-    step, dt = np.diff(position, axis=0), np.diff(time)
-    usual = np.median(np.linalg.norm(step, axis=1))
-    direction = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
-    bend = np.concatenate([[1.0], np.sum(direction[1:] * direction[:-1], axis=1)])
-    long = (dt > 4 * max(np.median(dt), 1.0)) | (np.linalg.norm(step, axis=1) > 4 * usual)
-    # The way from strip to strip bends at both its ends: it is one cut, not two.
-    cuts: list[int] = []
-    for step_number in np.flatnonzero(long | (bend < np.cos(np.pi / 4))).tolist():
-        if not cuts or step_number > cuts[-1] + 1:
-            cuts.append(step_number)
-    return np.array(cuts, dtype=int) + 1
 
 
 def _smooth(time, position):

@@ -1,9 +1,9 @@
 """Blocks of corridor flights that nobody flew: from a flight plan, with the truth beside them."""
 
-from corridor.simulation.cameras import CAMLIGHT, cameras
 from corridor.simulation.fly import reach
 from corridor.simulation.noise import add_noise
 from corridor.simulation.plan import (
+    CAMLIGHT,
     ORDINARY_NOISE,
     Flight,
     Ground,
@@ -12,6 +12,7 @@ from corridor.simulation.plan import (
     Start,
     Terrain,
     TiePoints,
+    cameras,
     read_plan,
     ready_made,
 )

@@ -10,6 +10,7 @@ import types
 import typing
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,8 @@ from corridor.brief import brief
 from corridor.camera import Camera
 from corridor.errors import InputError, did_you_mean
 from corridor.simulation.axis import Axis
-from corridor.simulation.cameras import cameras
 
-_READY_MADE = Path(__file__).with_name("plans")
+_READY_MADE, _CAMERAS = (Path(__file__).with_name(name) for name in ("plans", "cameras.toml"))
 
 LOOKS = ("forward", "sideways", "alternating")
 LAYOUTS = ("alternating", "spread")
@@ -316,6 +316,16 @@ class Plan:
         return replace(self, flights=tuple(replace(f, **changes) for f in self.flights))
 
 
+@cache
+def cameras() -> dict[str, Camera]:
+    """Cameras that a plan may call by name: those of `cameras.toml`."""
+    tables = tomllib.loads(_CAMERAS.read_text(encoding="utf-8"))
+    return {
+        name: Camera.from_table(name, {k: v for k, v in table.items() if k != "source"})
+        for name, table in tables.items()
+    }
+
+
 def ready_made() -> dict[str, Path]:
     """Plans that come with the package, by name."""
     return {path.stem: path for path in sorted(_READY_MADE.glob("*.toml"))}
@@ -483,3 +493,4 @@ class _Checker:
 
 # What a plan of the command is flown with that states none: ordinary images, RTK, a careful survey.
 ORDINARY_NOISE = Noise(tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), control_m=0.01)
+CAMLIGHT = cameras()["camlight"]
