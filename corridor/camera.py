@@ -445,12 +445,10 @@ def _derivatives(rays, interior, row):
     return out
 
 
-def interior_derivatives(
-    rays: np.ndarray, interior: np.ndarray, row: np.ndarray | None = None
-) -> np.ndarray:
-    """Derivative (n, 2, 15) of the pixels by the interior vector; arguments as `project_rays`."""
+def interior_derivatives(rays: np.ndarray, interior: np.ndarray) -> np.ndarray:
+    """Derivative (n, 2, 15) of the pixels of rays (n, 2) by the interior vector (15,)."""
     rays = np.ascontiguousarray(rays, dtype=float)
-    table, rows, _ = _rows(interior, row, len(rays))
+    table, rows, _ = _rows(interior, None, len(rays))
     return _derivatives(rays, table, rows)[:, :30].reshape(-1, 15, 2).transpose(0, 2, 1)
 
 
