@@ -63,10 +63,7 @@ def align(
     ]
     bare = systems == [None, None] and track.day is None and exposures.day is None
     notes: list[str] = []
-    if bare:
-        offset = 0.0
-    else:
-        offset = _offset(track, exposures, systems, time, notes)
+    offset = 0.0 if bare else _offset(track, exposures, systems, time, notes)
     _check_overlap(track, exposures, systems, time + offset, bare, notes)
     _check_positions(track, exposures, offset, notes)
     return Alignment(offset, tuple(notes))
@@ -206,11 +203,8 @@ def _check_positions(track: Track, exposures: Exposures, offset: float, notes: l
     if 0.0 not in distance:
         return
     best = min(distance, key=distance.get)
-    if (
-        best != 0.0
-        and distance[best] < _CLEARLY_BETTER * distance[0.0]
-        and distance[0.0] - distance[best] > _CLEARLY_OFF_M
-    ):
+    nearer = distance[0.0] - distance[best]
+    if distance[best] < _CLEARLY_BETTER * distance[0.0] and nearer > _CLEARLY_OFF_M:
         raise InputError(
             f"{exposures.source.name}: its positions lie {distance[0.0]:.0f} m from "
             f"{track.source.name}, but {distance[best]:.1f} m if the images were taken {leap:g} s "
@@ -228,16 +222,13 @@ def _in_one_frame(track: Track, exposures: Exposures):
     """Track and exposure positions, (n, 3) and (m, 3) local metres; None: not comparable."""
     if not {"x", "y", "z"} <= set(exposures.table):
         return None
-    positions = exposures.table[["x", "y", "z"]].to_numpy(dtype=float)
-    if exposures.crs is None or track.crs is None:
-        if exposures.crs is None and track.crs is None and track.origin is None:
-            return track.positions(), positions
-        if exposures.crs is None or track.origin is None:
-            return None
-    local = Local.about(track)
+    positions = exposures.table[["x", "y", "z"]].to_numpy(dtype=float, copy=True)
+    placed = track.crs is not None or track.origin is not None
+    if exposures.crs is None:
+        return None if placed else (track.positions(), positions)
     known = np.isfinite(positions).all(axis=1)
-    moved = np.full(positions.shape, np.nan)
-    if exposures.crs not in (GEOGRAPHIC, GEOCENTRIC) or not known.any():
+    if not placed or not known.any() or exposures.crs not in (GEOGRAPHIC, GEOCENTRIC):
         return None
-    moved[known] = local.from_crs(positions[known], exposures.crs)
-    return local.to_local(track).positions(), moved
+    local = Local.about(track)
+    positions[known] = local.from_crs(positions[known], exposures.crs)
+    return local.to_local(track).positions(), positions

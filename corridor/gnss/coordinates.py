@@ -46,10 +46,10 @@ class Local:
             )
 
     @classmethod
-    def about(cls, track: Track, height: float = 0.0) -> Local:
+    def about(cls, track: Track) -> Local:
         """The frame about the middle of a track, on round numbers (0.0001 degrees, about 10 m).
 
-        height: 0 keeps z close to the height above the ellipsoid.
+        Its height is 0, so that z is close to the height above the ellipsoid.
         Raises InputError where the track has no place in the world.
         """
         geographic = geographic_positions(track)
@@ -57,7 +57,7 @@ class Local:
             geographic[:, 0] %= 360
         middle = (geographic.min(axis=0) + geographic.max(axis=0)) / 2
         lon_deg = (float(middle[0]) + 180) % 360 - 180
-        return cls(round(float(middle[1]), 4), round(lon_deg, 4), height)
+        return cls(round(float(middle[1]), 4), round(lon_deg, 4))
 
     @property
     def origin(self) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""Rows of text files as fields, with messages that name file, row and remedy."""
+"""TextRows of text files as fields, with messages that name file, row and remedy."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -10,8 +10,8 @@ from corridor import textfile
 from corridor.errors import InputError
 
 
-class Rows:
-    """Rows of a file as lists of fields.
+class TextRows:
+    """TextRows of a file as lists of fields.
 
     at (n,): the line of the file that each is, from 1. of: said after that number in messages.
     """
@@ -30,7 +30,7 @@ class Rows:
         after: int = 0,
         skip: tuple[str, ...] = (),
         split: Callable[[str], list[str]] = str.split,
-    ) -> "Rows":
+    ) -> "TextRows":
         """Of the lines after so many that are not blank, nor begin with one of `skip`."""
         every = enumerate(lines[after:], after + 1)
         filled = ((at, line) for at, line in every if line.strip() and not line.startswith(skip))

@@ -98,9 +98,9 @@ def days_between(first: str, second: str) -> int:
     return (date.fromisoformat(second) - date.fromisoformat(first)).days
 
 
-def day_after(day: str, days: int = 1) -> str:
-    """The day that many days later."""
-    return (date.fromisoformat(day) + timedelta(days=days)).isoformat()
+def day_after(day: str) -> str:
+    """The next day."""
+    return (date.fromisoformat(day) + timedelta(days=1)).isoformat()
 
 
 def on_one_day(stamps: Sequence[tuple[str, float]]) -> tuple[str, list[float]]:

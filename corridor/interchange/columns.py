@@ -246,10 +246,10 @@ def in_rows(*columns: np.ndarray) -> pa.Array:
     return pc.binary_join_element_wise(*map(text_of, columns), " ")
 
 
-def in_groups(words: pa.Array, starts: np.ndarray, between: str = " ") -> pa.Array:
-    """The words of each group of rows; starts (groups + 1,): the first row of each."""
+def in_groups(words: pa.Array, starts: np.ndarray) -> pa.Array:
+    """The words of each group of rows, blanks between; starts (groups + 1,): their first rows."""
     groups = pa.ListArray.from_arrays(pa.array(starts, pa.int32()), words)
-    return pc.binary_join(groups, between)
+    return pc.binary_join(groups, " ")
 
 
 def grouped(codes: np.ndarray, groups: int) -> tuple[np.ndarray, np.ndarray]:

@@ -130,10 +130,9 @@ def observations_table(
     image: np.ndarray,
     image_names: Sequence[str],
     pixels: np.ndarray,
-    sigma: np.ndarray | None = None,
 ) -> pd.DataFrame:
     """tie_points.csv or marks.csv of codes into names, and pixels (n, 2)."""
-    table = pd.DataFrame(
+    return pd.DataFrame(
         {
             "point": _coded(point, point_names),
             "image": _coded(image, image_names),
@@ -141,9 +140,6 @@ def observations_table(
             "y": np.ascontiguousarray(pixels[:, 1]),
         }
     )
-    if sigma is not None:
-        table["sigma"] = sigma
-    return table
 
 
 def _coded(codes, names):

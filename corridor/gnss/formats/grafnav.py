@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.errors import InputError
-from corridor.gnss.text import Rows
+from corridor.gnss.text import TextRows
 from corridor.gnss.time import (
     DAY_S,
     day_after,
@@ -77,7 +77,7 @@ def read(path: Path) -> Track:
             "the header on"
         )
     columns = _columns(lines[at - 1], lines[at])
-    rows = Rows.of_lines(path, lines, at + 1)
+    rows = TextRows.of_lines(path, lines, at + 1)
     if not len(rows):
         raise InputError(f"{path.name} holds no epochs; process the track again")
     remedy = "delete the row, or export the file again if it is cut off"
@@ -125,7 +125,7 @@ class _Table:
     """The columns, and the rows that they are of; what is asked for comes in SI units."""
 
     columns: list[_Column]
-    rows: Rows
+    rows: TextRows
 
     def find(self, *names: str, unit: str | None = None) -> _Column | None:
         for name in names:

@@ -15,7 +15,7 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.gnss.exposures import Exposures
-from corridor.gnss.text import Rows
+from corridor.gnss.text import TextRows
 from corridor.gnss.time import gps_day, on_one_day
 from corridor.textfile import read_lines
 
@@ -39,7 +39,7 @@ def read(path: Path) -> Exposures:
     lines = read_lines(path)
     comment, names = _FORMAT.match(lines[0].strip()).groups()
     names = re.split(r"[_\s]+", names.strip())
-    rows = Rows.of_lines(path, lines, 1, skip=(comment,))
+    rows = TextRows.of_lines(path, lines, 1, skip=(comment,))
     rows.expect(len(names), lines[0].strip(), "correct or delete the row")
     if not len(rows):
         raise InputError(f"{path.name} holds no images; write the file again")

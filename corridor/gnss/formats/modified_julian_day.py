@@ -20,7 +20,7 @@ import pandas as pd
 
 from corridor.errors import InputError
 from corridor.gnss.exposures import Exposures
-from corridor.gnss.text import Rows
+from corridor.gnss.text import TextRows
 from corridor.gnss.time import DAY_S, mjd_day, on_one_day
 from corridor.gnss.track import GEOCENTRIC, POSITION, Track
 from corridor.textfile import read_lines
@@ -53,7 +53,7 @@ def read(path: Path) -> Track | Exposures:
         return _of_xml("\n".join(lines), path)
     named = {match[1] for line in lines if line.startswith("#") for match in _SYSTEM.finditer(line)}
     system = named.pop() if len(named) == 1 else None
-    rows = Rows.of_lines(path, lines, skip=("#",))
+    rows = TextRows.of_lines(path, lines, skip=("#",))
     width = len(rows.fields[0])
     rows.expect(width, "the first row", "correct or delete the row")
     if width == 2:
@@ -62,7 +62,7 @@ def read(path: Path) -> Track | Exposures:
 
 
 def _of_xml(text: str, path: Path) -> Track | Exposures:
-    """Rows in messages count the entries of the file."""
+    """TextRows in messages count the entries of the file."""
     try:
         root = ElementTree.fromstring(text.encode())
     except ElementTree.ParseError as error:
@@ -72,19 +72,22 @@ def _of_xml(text: str, path: Path) -> Track | Exposures:
         ) from None
     epochs, images = (list(root.iter(tag)) for tag in ("OneGpsDGF", "CpleImgTime"))
     if epochs:
-        told = [any(e.find("Incertitude") is not None for e in epochs)]
-        told += [all(e.find("TagPt") is not None for e in epochs)]
-        parts = [("Pt", 3), *[("Incertitude", 3)] * told[0], *[("TagPt", 1)] * told[1]]
-        rows = _entries(epochs, [("TimePt", 1), *parts], path)
-        return _track(rows, "GPST", [*POSITION, *_SIGMAS * told[0], *["quality"] * told[1]])
+        parts, names = [("TimePt", 1), ("Pt", 3)], [*POSITION]
+        if any(epoch.find("Incertitude") is not None for epoch in epochs):
+            parts.append(("Incertitude", 3))
+            names += _SIGMAS
+        if all(epoch.find("TagPt") is not None for epoch in epochs):
+            parts.append(("TagPt", 1))
+            names.append("quality")
+        return _track(_entries(epochs, parts, path), "GPST", names)
     if images:
         return _exposures(_entries(images, [("NameIm", 0), ("TimeIm", 1)], path), "GPST")
     raise InputError(f"{path.name} holds no epochs and no image times; write the file again")
 
 
-def _entries(entries, parts, path) -> Rows:
+def _entries(entries, parts, path) -> TextRows:
     """The words of the elements of each entry; parts: of tag and how many (0: a name)."""
-    rows = Rows(path, ((at, []) for at in range(1, len(entries) + 1)), " of its entries")
+    rows = TextRows(path, ((at, []) for at in range(1, len(entries) + 1)), " of its entries")
     for k, (entry, fields) in enumerate(zip(entries, rows.fields, strict=True)):
         for tag, count in parts:
             text = (entry.findtext(tag) or "").strip()
@@ -101,13 +104,13 @@ def _entries(entries, parts, path) -> Rows:
     return rows
 
 
-def _exposures(rows: Rows, system: str | None) -> Exposures:
+def _exposures(rows: TextRows, system: str | None) -> Exposures:
     day, time, resolution, notes = _times(rows, 1)
     table = pd.DataFrame({"image": pd.Series(rows.texts(0), dtype="str"), "time_s": time})
     return Exposures(table, day, system, None, rows.path, notes=notes, resolution_s=resolution)
 
 
-def _track(rows: Rows, system: str | None, names: list[str]) -> Track:
+def _track(rows: TextRows, system: str | None, names: list[str]) -> Track:
     day, time, resolution, coarse = _times(rows, 0)
     table = pd.DataFrame({"time_s": time})
     for field, name in enumerate(names, 1):
@@ -138,7 +141,7 @@ def _is_day(text: str) -> bool:
     return bool(_DAY.fullmatch(text))
 
 
-def _times(rows: Rows, field: int) -> tuple[str, list[float], float | None, tuple[str, ...]]:
+def _times(rows: TextRows, field: int) -> tuple[str, list[float], float | None, tuple[str, ...]]:
     """Day, seconds of it, and where the printed days are coarse, their step (s) and a note."""
     texts = rows.texts(field)
     for k, text in enumerate(texts):

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.errors import InputError
-from corridor.gnss.text import Rows, degrees, number
+from corridor.gnss.text import TextRows, degrees, number
 from corridor.gnss.time import day_of, gps_day, on_one_day, seconds_of_clock, time_system
 from corridor.gnss.track import GEOCENTRIC, GEOGRAPHIC, POSITION, Track
 from corridor.textfile import read_lines
@@ -96,7 +96,9 @@ def read(path: Path) -> Track:
 def _epochs(lines, header, separator, path) -> tuple[str, pd.DataFrame, np.ndarray, list[str]]:
     """Day, columns of the track, row of each epoch, and notes on what was left out."""
     layout, width = _layout(header, separator)
-    rows = Rows.of_lines(path, lines, skip=("%", "$"), split=lambda line: _fields(line, separator))
+    rows = TextRows.of_lines(
+        path, lines, skip=("%", "$"), split=lambda line: _fields(line, separator)
+    )
     stamps = [_stamp(rows, k) for k in range(len(rows))]
     remedy = "delete the row, or write the file again if it is cut off"
     rows.expect(width, "the header", remedy, more=True)
@@ -113,7 +115,7 @@ def _epochs(lines, header, separator, path) -> tuple[str, pd.DataFrame, np.ndarr
     return day, table, rows.at[known], notes
 
 
-def _column(rows: Rows, key: str, first: int, last: int, name: str) -> np.ndarray:
+def _column(rows: TextRows, key: str, first: int, last: int, name: str) -> np.ndarray:
     if key in POSITION:
         return rows.degrees(first, last, name)
     if key[0] == "s":
@@ -145,7 +147,7 @@ def _layout(header: str, separator: str) -> tuple[dict[str, tuple[int, int, str]
     return layout, place
 
 
-def _stamp(rows: Rows, k: int) -> tuple[str, float]:
+def _stamp(rows: TextRows, k: int) -> tuple[str, float]:
     """Day and seconds of it of a row."""
     if len(rows.fields[k]) < 2:
         raise rows.wrong(k, "there is no position; delete the row")
