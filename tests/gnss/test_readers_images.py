@@ -88,7 +88,7 @@ class TestMicmac:
     def test_xml_that_ends_early_is_refused(self, tmp_path):
         text = (DATA / "micmac_track.xml").read_text()
         (tmp_path / "x.xml").write_text(text[: len(text) // 2])
-        with pytest.raises(InputError, match=r"x.xml, row \d+: the XML is broken or ends early"):
+        with pytest.raises(InputError, match=r"x.xml, line \d+: the XML is broken or ends early"):
             read_track(tmp_path / "x.xml")
 
 

@@ -13,7 +13,6 @@ Source: MicMac, ParamChantierPhotogram.xml, its converter from RTKLIB, and its t
 import re
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -23,7 +22,7 @@ from corridor.gnss.exposures import Exposures
 from corridor.gnss.text import TextRows
 from corridor.gnss.time import DAY_S, mjd_day, on_one_day
 from corridor.gnss.track import GEOCENTRIC, POSITION, Track
-from corridor.textfile import read_lines
+from corridor.textfile import Xml, read_lines
 
 TITLE = "MicMac XML, Modified Julian Days"
 
@@ -62,14 +61,8 @@ def read(path: Path) -> Track | Exposures:
 
 
 def _of_xml(text: str, path: Path) -> Track | Exposures:
-    """TextRows in messages count the entries of the file."""
-    try:
-        root = ElementTree.fromstring(text.encode())
-    except ElementTree.ParseError as error:
-        raise InputError(
-            f"{path.name}, row {error.position[0]}: the XML is broken or ends early; write the "
-            "file again"
-        ) from None
+    """Rows in messages count the entries of the file."""
+    root = Xml.parse(text.encode(), path).element
     epochs, images = (list(root.iter(tag)) for tag in ("OneGpsDGF", "CpleImgTime"))
     if epochs:
         parts, names = [("TimePt", 1), ("Pt", 3)], [*POSITION]
