@@ -179,7 +179,6 @@ class TestBySigmaNotByTheGap:
         (dict(method="magic"), "method 'magic' is not known"),
         (dict(max_sigma=0.0), "the largest sigma is 0 m"),
         (dict(slow_share=1.0), "the slow share is 1"),
-        (dict(correlation_s=-1.0), "the correlation time is -1 s"),
     ],
 )
 def test_a_wrong_option_is_named(change, sentence):

@@ -183,51 +183,40 @@ def _of_unsure(track: pd.DataFrame, sigma: np.ndarray) -> list[str]:
 
 
 def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.Epochs:
-    position = track[_POSITION].to_numpy(dtype=float)
-    n = len(position)
-    quality = (
-        track["quality"].to_numpy(dtype=float, na_value=np.nan)
-        if "quality" in track
-        else np.full(n, np.nan)
-    )
+    n = len(track)
+    quality = np.full(n, np.nan)
+    if "quality" in track:
+        quality = track["quality"].to_numpy(dtype=float, na_value=np.nan)
     relative = np.array([_BY_QUALITY.get(q, 1.0) for q in quality])
-    stated = False
-    sigma = np.repeat(relative[:, None], 3, axis=1)
-    if set(_SIGMA) <= set(track):
-        given = track[_SIGMA].to_numpy(dtype=float)
-        good = np.isfinite(given) & (given > 0)
-        stated = bool(good.any(axis=0).all())
-        if stated:
-            sigma, lost = _filled(given, good, relative)
-            notes += _of_unsure(track, sigma)
-            if lost:
-                notes.append(
-                    f"{lost} epochs state no sigma: they got that of the others of their quality"
-                )
+    sigma, lost = _stated(track, _SIGMA, relative)
+    stated = sigma is not None
+    if stated:
+        notes += _of_unsure(track, sigma)
+    else:
+        sigma = np.repeat(relative[:, None], 3, axis=1)
+    if lost:
+        notes.append(f"{lost} epochs state no sigma: they got that of the others of their quality")
     speed = speed_sigma = None
     if velocities and set(_VELOCITY) <= set(track):
         speed = track[_VELOCITY].to_numpy(dtype=float)
-        if not np.isfinite(speed).any():
-            speed = None
-    if speed is not None and set(_VELOCITY_SIGMA) <= set(track):
-        given = track[_VELOCITY_SIGMA].to_numpy(dtype=float)
-        good = np.isfinite(given) & (given > 0)
-        if good.any(axis=0).all():
-            speed_sigma, _ = _filled(given, good, np.ones(n))
-    return regimes.Epochs(
-        track["time_s"].to_numpy(dtype=float),
-        position,
-        sigma,
-        sigma,
-        0 * sigma,
-        stated,
-        speed,
-        speed_sigma,
-    )
+        speed = speed if np.isfinite(speed).any() else None
+    if speed is not None:
+        speed_sigma, _ = _stated(track, _VELOCITY_SIGMA, np.ones(n))
+    time, position = (track[c].to_numpy(dtype=float) for c in ("time_s", _POSITION))
+    return regimes.Epochs(time, position, sigma, sigma, 0 * sigma, stated, speed, speed_sigma)
 
 
-def _filled(given, good, relative):
-    """Unknown sigmas from the known ones, scaled by what the quality says of both."""
+def _stated(track, names, relative):
+    """Sigmas (n, 3) of three columns, and how many epochs have none; None where an axis has none.
+
+    Unknown ones come from the known, scaled by what the quality says of both.
+    """
+    if not set(names) <= set(track):
+        return None, 0
+    given = track[names].to_numpy(dtype=float)
+    good = np.isfinite(given) & (given > 0)
+    if not good.any(axis=0).all():
+        return None, 0
     unit = np.where(good, given / relative[:, None], np.nan)
     filled = np.where(good, given, np.nanmedian(unit, axis=0) * relative[:, None])
     return filled, int((~good).any(axis=1).sum())
