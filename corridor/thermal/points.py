@@ -13,8 +13,6 @@ from corridor.errors import InputError
 from corridor.report import whole_file
 from corridor.thermal.model import ThermalModel
 
-_COLUMNS = Layout(("x", "y"), ("temperature_c",))
-
 
 def apply(
     model: ThermalModel,
@@ -30,8 +28,10 @@ def apply(
     Returns x, y, temperature_c, dx, dy, sigma (px an axis), extrapolated (1 outside the model's
     range), rows in the same order, and warnings. Raises InputError naming row and remedy.
     """
-    where = "the table of points" if isinstance(points, pd.DataFrame) else str(points)
-    table = points if isinstance(points, pd.DataFrame) else read_columns(Path(points), _COLUMNS)
+    where, table = "the table of points", points
+    if not isinstance(points, pd.DataFrame):
+        columns = Layout(("x", "y"), () if temperature_c is not None else ("temperature_c",))
+        where, table = str(points), read_columns(Path(points), columns)
     if temperature_c is not None and not np.isfinite(temperature_c):
         raise InputError(f"temperature = {temperature_c} is not a number of degrees Celsius")
     x, y = _column(table, "x", where), _column(table, "y", where)

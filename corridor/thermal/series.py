@@ -80,7 +80,7 @@ def read_series(folder: str | os.PathLike) -> Series:
         raise InputError(f"{path} has no column picture: add it")
     if not len(table):
         raise InputError(f"{path} has no row: write one for each picture")
-    names = [(text or "").strip() for text in table["picture"]]
+    names = [text.strip() for text in table["picture"].fillna("")]
     time, reference = (table[name].to_numpy(float) for name in ("time_s", "reference"))
     warm = np.full(len(table), np.nan)
     if "temperature_c" in table:

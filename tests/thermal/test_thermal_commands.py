@@ -362,6 +362,7 @@ class TestWrongSeries:
         ("columns", "words"),
         [
             ({"picture": {2: "gone.png"}}, ("row 4", "gone.png")),
+            ({"picture": {2: ""}}, ("row 4", "no picture is named")),
             ({"picture": {2: "0001.png"}}, ("row 4", "twice")),
             ({"time_s": {2: "noon"}}, ("row 4", "time_s", "noon")),
             ({"time_s": {2: ""}}, ("row 4", "time_s")),
