@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 import corridor
-from benchmarks.wall import Course, Shots, Wall
+from benchmarks.wall import Course, Shots, Wall, simulated_maps
 from corridor import thermal
 from corridor.camera import Camera
 from corridor.readout import render
@@ -136,7 +136,7 @@ def _heat(folder):
     folder.mkdir()
     model = simple_model(176, 176, 24.0, (24.0, 48.0), scale=(8e-5,), shift=((-0.02, 0.03),))
     course = Course(np.linspace(0, 1800, 14), off_s=900)
-    maps = thermal.render.simulated_maps(course, model, 0.003, seed=1)
+    maps = simulated_maps(course, model, 0.003, seed=1)
     maps.write(folder / "maps.npz")
     thermal.fit(maps).model.write(folder / "model.json")
     x, y = np.meshgrid(np.linspace(5, 150, 5), np.linspace(5, 110, 4))
