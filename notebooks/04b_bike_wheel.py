@@ -27,7 +27,7 @@ fast = False  # this page has only one speed
 seed = 0  # nothing is drawn at random
 
 # %%
-from kit import lesson
+from kit import classroom, lesson
 
 # %% [markdown]
 # ## Guess first
@@ -39,7 +39,7 @@ from kit import lesson
 # Decide, then look. Then take the readout time down to 1 ms: that is a good camera.
 
 # %% tags=["nbval-ignore-output"]
-lesson.wheel_page()
+classroom.wheel_page()
 
 # %% [markdown]
 # *Where nothing moves above, this page is not running: you see what was measured in the picture it

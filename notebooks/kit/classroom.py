@@ -176,6 +176,26 @@ def serve(host: str = "127.0.0.1", port: int = PORT) -> ThreadingHTTPServer:
     return server
 
 
+class Page:
+    """The lesson in a notebook: its page, a picture where no kernel runs."""
+
+    def _repr_mimebundle_(self, **_) -> dict:
+        server = serve(port=0)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        here = f"http://127.0.0.1:{server.server_port}/"
+        return {
+            "text/plain": f"Sliders and a turning wheel: {lesson.Setting()}",
+            "text/html": f'<iframe src="{here}" width="100%" height="900" '
+            'style="border: none"></iframe>',
+            "image/png": figures.readout_picture(lesson.measure(lesson.Setting()))._repr_png_(),
+        }
+
+
+def wheel_page() -> Page:
+    """Sliders, the wheel at rest and turning, the readout measured, and one's own photographs."""
+    return Page()
+
+
 def address_here() -> str:
     """The address of this machine in the network that it is in; nothing is sent."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,7 +12,6 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from corridor import figures
 from corridor.camera import Camera
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.readout import Photograph, Readout, readout_from_wheel, render
@@ -129,28 +127,6 @@ def number_typed(text: object) -> float:
     if not 0 < number < 1000:
         raise InputError("Give the turns a second, a number greater than 0, such as 1.6")
     return number
-
-
-class Page:
-    """The lesson in a notebook: the page of `kit.classroom`, a picture where no kernel runs."""
-
-    def _repr_mimebundle_(self, **_) -> dict:
-        from kit import classroom
-
-        server = classroom.serve(port=0)
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        here = f"http://127.0.0.1:{server.server_port}/"
-        return {
-            "text/plain": f"Sliders and a turning wheel: {Setting()}",
-            "text/html": f'<iframe src="{here}" width="100%" height="900" '
-            'style="border: none"></iframe>',
-            "image/png": figures.readout_picture(measure(Setting()))._repr_png_(),
-        }
-
-
-def wheel_page() -> Page:
-    """Sliders, the wheel at rest and turning, the readout measured, and one's own photographs."""
-    return Page()
 
 
 def measure_own(

@@ -187,7 +187,7 @@ class TestTheServer:
             classroom.serve(port=int(here.rsplit(":", 1)[1].strip("/")))
 
     def test_in_a_notebook_it_is_the_page_and_a_picture_where_nothing_runs(self):
-        bundle = lesson.wheel_page()._repr_mimebundle_()
+        bundle = classroom.wheel_page()._repr_mimebundle_()
         assert bytes(bundle["image/png"]).startswith(b"\x89PNG")
         address = re.search('src="(http://127[^"]+)"', bundle["text/html"])[1]
         with urllib.request.urlopen(address, timeout=PATIENCE) as answer:
