@@ -47,25 +47,21 @@ def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = 
     row = tall + 0.95
     note = f"{_note(maps, picture)} \u00b7 null map: {_note(maps, null)}"
     figure = style.sheet(1.15 + 2 * row, f"{title}: {short(maps.picture[picture], 40)}", note)
-    measured = [maps.dx[picture], maps.dy[picture]]
-    calm = [maps.dx[null], maps.dy[null], maps.sigma[picture]]
-    top = 1.15
-    norm = _about_zero(measured)
-    for k, (values, name) in enumerate(zip(measured, ("dx", "dy"), strict=True)):
-        axes = style.panel(figure, _LEFT + k * (wide + _GAP), top, wide, tall)
-        image = _field(axes, maps, values, norm, name, k == 0)
-    axes = style.panel(figure, _LEFT + 2 * (wide + _GAP), top, wide, tall)
-    _vectors(figure, axes, maps, picture, _LEFT + 2 * (wide + _GAP), top, wide)
-    style.shade_bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "dx, dy (px)")
-    top += row
-    norm = _about_zero(calm)
-    name = short(maps.picture[null], 18)
-    for k, (values, what) in enumerate(
-        zip(calm, (f"null map ({name}): dx", "null map: dy", "predicted sigma"), strict=True)
-    ):
-        axes = style.panel(figure, _LEFT + k * (wide + _GAP), top, wide, tall)
-        image = _field(axes, maps, values, norm, what, k == 0)
-    style.shade_bar(figure, image, _LEFT + 3 * wide + 2 * _GAP + 0.2, top, tall, "px")
+    measured = {"dx": maps.dx[picture], "dy": maps.dy[picture]}
+    calm = {
+        f"null map ({short(maps.picture[null], 18)}): dx": maps.dx[null],
+        "null map: dy": maps.dy[null],
+        "predicted sigma": maps.sigma[picture],
+    }
+    left = [_LEFT + k * (wide + _GAP) for k in range(3)]
+    for top, fields, unit in ((1.15, measured, "dx, dy (px)"), (1.15 + row, calm, "px")):
+        norm = _about_zero(fields.values())
+        for k, (name, values) in enumerate(fields.items()):
+            axes = style.panel(figure, left[k], top, wide, tall)
+            image = _field(axes, maps, values, norm, name, k == 0)
+        style.shade_bar(figure, image, left[2] + wide + 0.2, top, tall, unit)
+    axes = style.panel(figure, left[2], 1.15, wide, tall)
+    _vectors(figure, axes, maps, picture, left[2], 1.15, wide)
     return figure
 
 
