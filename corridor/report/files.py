@@ -177,7 +177,7 @@ def png(figure, dpi: float = 144) -> bytes:
             canvas.draw()
             size, pixels = canvas.get_width_height(), canvas.buffer_rgba()
             picture = Image.frombuffer("RGBA", size, pixels, "raw", "RGBA", 0, 1)
-            picture.convert("RGB").save(stream, format="png", compress_level=3)
+            picture.convert("RGB").save(stream, format="png", compress_level=4)
         finally:
             figure.dpi = before
     return stream.getvalue()
