@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from corridor.figures import style
 from corridor.report import rounded, short
 
-if TYPE_CHECKING:
-    from corridor.readout import FlightReadout
-
 _NAMES, _ROW = 2.35, 0.27  # inches
 _OUTSIDE = 6.0  # of the usual spread: what lies further off is cut
 
 
-def flight_readout(found: FlightReadout, published: tuple[float, float, str] | None) -> Figure:
+def flight_readout(found, published: tuple[float, float, str] | None) -> Figure:
     """Picture of a readout time from a flight.
 
-    published: readout, its sigma (s) and whose it is; None where none is known. Left: values with
-    bars of one sigma. Right: the flight from above, coloured by speed.
+    found: `corridor.readout.FlightReadout`. published: readout, its sigma (s) and whose it is;
+    None where none is known. Left: values with bars of one sigma. Right: the flight from above,
+    coloured by speed.
     """
     rows = _rows(found, published)
     tall = max(_ROW * len(rows), 2.4)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,16 +12,13 @@ from matplotlib.figure import Figure
 from corridor.figures import style
 from corridor.report import short
 
-if TYPE_CHECKING:
-    from corridor.readout import Readout
-
 _MOST_SHOWN = 400  # measured points in a photograph
 _LONG = 1000  # px, long side of a photograph as drawn
 _MARGIN, _GAP = 0.65, 0.7  # inches
 
 
-def readout_picture(readout: Readout) -> Figure:
-    """Picture of one measured readout time.
+def readout_picture(readout) -> Figure:
+    """Picture of one measured readout time, a `corridor.readout.Readout`.
 
     Star and wheel: both photographs with the straight and the bent edges or spokes that were
     fitted, the turn of every measured point against its row with the line whose slope, times the
