@@ -173,8 +173,8 @@ class Dense:
 
 # Kernels of their own, which compile for seconds, or a hundred columns.
 LONG = {
-    "motion_per_image", "row_polynomial", "water_refraction", "focal_per_image",
-    "image_deformation", "image_deformation_over_time", "image_steps", "gnss_spline",
+    "motion_per_image", "water_refraction", "focal_per_image", "image_deformation",
+    "image_deformation_over_time", "image_steps", "gnss_spline",
 }  # fmt: skip
 
 
