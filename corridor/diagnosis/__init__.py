@@ -5,9 +5,20 @@ that is, what it does to data that the fit has not used, and what could not be t
 `course.last` holds the reduced system of the last round: `evidence` (`Evidence`), `equations`,
 `noise` of the GNSS.
 
-`counterparts(adjustment)` simulates the measured block again and again from the believed model;
-`compare` holds the measured one beside them, `Closing` the comparison before and after an effect
-is added. `counterpart` gives one of them as a block.
+    reference       the model one believes in, adjusted robustly
+    system/         its linear system with a column for each candidate, all else eliminated
+    noise/          noise of the pictures and of the antenna positions
+    evidence/       how likely groups of candidates are, beside the lens, blunders and slow noise
+    rounds          search, add, adjust, search again
+    findings/       what that amounts to: values, places, the verdict
+    verification/   what data that no fit has used say of it
+    anomalies/      noise that changes, and matches that go wrong together
+    report/         sentence, actions, tables, page
+    settings        every number that decides, with unit and source
+
+`counterparts(adjustment)` simulates the measured block again and again from the believed model
+(replicates/); `compare` holds the measured one beside them, `Closing` the comparison before and
+after an effect is added. `counterpart` gives one of them as a block.
 """
 
 from corridor.diagnosis.diagnose import Diagnosis, diagnose

@@ -1,8 +1,18 @@
 """Tie observations that a robust fit has set aside, and whether they are more than wrong matches.
 
-Matches go wrong anywhere and in any direction. Where a pane covers part of the picture, single
-observations cross its rim: each of them is set aside as a wrong match, no shape that is fitted to
-all of them sees it, and what gives it away is that they lie together and point one way.
+Matches go wrong anywhere and in any direction. Their number in every square of the picture, small
+and large, and in every run of images is held against their share in the whole block. Images have
+good and bad days, so that as many of them count as images differ by chance alone: a binomial test
+of what is left when numbers are divided by the spread from image to image.
+
+Where a pane covers part of the picture, single observations cross its rim: each of them is set
+aside as a wrong match, no shape that is fitted to all of them sees it, and what gives it away is
+that they lie together and point one way. Two observations of one point that lie close together in
+the picture, one on either side of a line, differ by noise; by the shift where the line is the rim.
+For upright and level lines all over the picture the pairs that jump by more than `outlier_scales`
+in one direction are counted. By chance as many would as at all other lines, and as many as in the
+other direction. Two images are matched in one go, and where they go wrong many of their points do
+so alike: in the end it is pairs of images that count, each by the median of its points.
 """
 
 from __future__ import annotations

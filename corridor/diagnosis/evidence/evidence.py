@@ -11,7 +11,7 @@ Source: Kass and Raftery 1995, "Bayes factors"; Chandler and Bate 2007 (phi: see
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,6 +98,13 @@ class Evidence:
         self._alone.pop(n, None)
         self._forget_answers()
 
+    def narrowed(self, names: Mapping[int, Iterable[str]]) -> Evidence:
+        """Another view of the same, that asks some groups n for these parameters only."""
+        view = Evidence(self.reduced, self.barred, self.inflation)
+        for n, mine in names.items():
+            view.narrow(n, mine)
+        return view
+
     def widen(self) -> None:
         """All parameters of every group are asked for again."""
         for n, group in enumerate(self.reduced.groups):
@@ -122,6 +129,15 @@ class Evidence:
         for n in chosen:
             out[n] = slice(end, end + len(self.groups[n]))
             end = out[n].stop
+        return out
+
+    def freed(self, chosen: Mapping[int, float], size: float | None = None) -> dict:
+        """Groups n -> kappa, those of few parameters as free as `size`, or as what can happen."""
+        out = {}
+        for n, kappa in chosen.items():
+            group = self.groups[n]
+            held = group.known or len(group) > SETTINGS.most_free
+            out[n] = kappa if held else group.free if size is None else size
         return out
 
     def block(self, group: Group) -> tuple[np.ndarray | Pieces, np.ndarray]:

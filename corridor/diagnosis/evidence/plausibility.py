@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from corridor.diagnosis.evidence.evidence import Evidence
-from corridor.diagnosis.evidence.search import Found, contributions, tuned
+from corridor.diagnosis.evidence.search import Found, tuned
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -25,12 +25,7 @@ def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
     In a flight that cannot tell two effects apart each fits as well with a huge value, made good by
     a huge value of the other.
     """
-    free = {
-        n: 1.0
-        if evidence.groups[n].known
-        else (k if len(evidence.groups[n]) > SETTINGS.most_free else SETTINGS.free_size)
-        for n, k in found.chosen.items()
-    }
+    free = evidence.freed(found.chosen, SETTINGS.free_size)
     if not any(_bounded(evidence.groups[n]) for n in free):
         return {}
     theta, covariance = evidence.solution(free)
@@ -86,12 +81,9 @@ def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
     if not found.kept <= set(numbers):
         return found
     mine = tuned(evidence, dict.fromkeys(numbers, 1.0))
-    total = evidence.total(mine)
-    each = contributions(evidence, mine)
-    if found.total - total > SETTINGS.model_log_odds:
+    if found.total - evidence.total(mine) > SETTINGS.model_log_odds:
         return found
-    order = sorted(mine, key=lambda n: -each[n])
-    return Found({n: mine[n] for n in order}, {n: each[n] for n in order}, total, found.kept)
+    return Found.of(evidence, mine, found.kept).ordered
 
 
 def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
@@ -100,15 +92,10 @@ def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
     One prior for all parameters of a group shrinks the few that are large, and a second group takes
     up what is left. With the others free to be as large as they like it has nothing to explain.
     """
-    groups, chosen = evidence.groups, dict(found.chosen)
+    chosen = dict(found.chosen)
     for n in sorted(chosen, key=lambda n: found.evidence[n]):
-        others = {
-            k: kappa
-            if groups[k].known or len(groups[k]) > SETTINGS.most_free
-            else SETTINGS.implausible_size
-            for k, kappa in chosen.items()
-            if k != n
-        }
+        others = {k: kappa for k, kappa in chosen.items() if k != n}
+        others = evidence.freed(others, SETTINGS.implausible_size)
         # The strongest is never a part of what is weaker.
         strongest = found.evidence[n] == max(found.evidence[k] for k in chosen)
         if n in found.kept or strongest or not others:
@@ -117,9 +104,7 @@ def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
             del chosen[n]
     if len(chosen) == len(found.chosen):
         return found
-    chosen = tuned(evidence, chosen)
-    each = contributions(evidence, chosen)
-    return Found(chosen, each, evidence.total(chosen), found.kept)
+    return Found.of(evidence, tuned(evidence, chosen), found.kept)
 
 
 def _without_parts(evidence: Evidence, found: Found) -> Found:
@@ -149,8 +134,7 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
     }
     if len(chosen) == len(found.chosen):
         return found
-    each = contributions(evidence, chosen)
-    return Found(chosen, each, evidence.total(chosen), found.kept)
+    return Found.of(evidence, chosen, found.kept)
 
 
 def _overlap(evidence: Evidence, found: Found, n: int, shape: int) -> bool:

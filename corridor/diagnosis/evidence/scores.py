@@ -231,13 +231,13 @@ def _of_shared(influence: Influence, evidence: Evidence, beside: dict[int, float
     asked = [n for n in beside if not groups[n].generic and len(groups[n]) <= SETTINGS.most_free]
     if not asked:
         return out
-    core = np.column_stack([_direction(evidence, n, beside) for n in asked])
+    theta = {n: _estimate(evidence, n, beside) for n in asked}
+    core = np.column_stack([responding(evidence, n, beside)[0] @ theta[n] for n in asked])
     kinds = clusters(influence.equations)
     found = [[_spread(influence, b, cluster) for cluster in kinds] for b in influence.moves(core)]
     usual = [_pooled(1.0, of_kind) for of_kind in zip(*found, strict=True)]
     for n, each in zip(asked, found, strict=True):
-        theta = _estimate(evidence, n, beside)
-        whole = float(theta @ evidence.block(groups[n])[0] @ theta)
+        whole = float(theta[n] @ evidence.block(groups[n])[0] @ theta[n])
         # The antenna and the ground have their part in what is known.
         excess = (
             (_pooled(centre, [one]) - 1.0) * one.information / max(one.information, whole, 1e-12)
@@ -254,20 +254,31 @@ def _within_images(influence: Influence, evidence: Evidence, n: int) -> float:
     b = influence.moved_by_images(group.own, theta)
     image = influence.equations.system.image_rows.image
     place = clusters(influence.equations)[1]
-    mine = place >= 0
-    cells = int(place.max()) + 1
-    code = image[mine] * cells + place[mine]
-    size = (int(image.max()) + 1) * cells
+    return max(1.0, _ratio(influence, b, place, image)[0])
+
+
+def _ratio(
+    influence: Influence, b: np.ndarray, cluster: np.ndarray, owner: np.ndarray | None = None
+) -> tuple[float, np.ndarray]:
+    """Variance of scores by clusters over that of independent residuals; information of each.
+
+    b (n, 2): what moves the pictures, px. cluster (n,): number of that of each observation, -1
+    outside. owner (n,): number of what has clusters of its own, judged about what it says itself.
+    """
+    mine, cells = cluster >= 0, int(cluster.max(initial=0)) + 1
+    owner = np.zeros(len(cluster), dtype=np.int64) if owner is None else owner
+    owners = int(owner.max(initial=0)) + 1
+    code, many = (owner * cells + cluster)[mine], owners * cells
     info = (b * b).sum(axis=1) * influence.weight
-    m = np.bincount(code, info[mine], size).reshape(-1, cells)
-    of_image = np.maximum(m.sum(axis=1), 1e-12)[:, None]
+    m = np.bincount(code, info[mine], many).reshape(owners, -1)
+    whole = np.maximum(m.sum(axis=1, keepdims=True), 1e-12)
 
     def square(score: np.ndarray) -> float:
-        s = np.bincount(code, score[mine], size).reshape(-1, cells)
-        return float(((s - m * s.sum(axis=1, keepdims=True) / of_image) ** 2).sum())
+        s = np.bincount(code, score[mine], many).reshape(owners, -1)
+        return float(((s - m * s.sum(axis=1, keepdims=True) / whole) ** 2).sum())
 
-    usual = influence.of_noise(b, square) or float((m - m**2 / of_image).sum())
-    return max(1.0, square(influence.scores(b)) / usual) if usual > 0.0 else 1.0
+    usual = influence.of_noise(b, square) or float((m - m**2 / whole).sum())
+    return (square(influence.scores(b)) / usual if usual > 0.0 else 1.0), m
 
 
 @dataclass(frozen=True)
@@ -283,20 +294,12 @@ class Spread:
 
 
 def _spread(influence: Influence, b: np.ndarray, cluster: np.ndarray) -> Spread:
-    mine = cluster >= 0
-    info = (b * b).sum(axis=1) * influence.weight
-    m = np.bincount(cluster[mine], info[mine])
+    ratio, m = _ratio(influence, b, cluster)
     total = float(m.sum())
-    count = total**2 / float(m @ m) if total > 0.0 else 0.0
+    count = total**2 / float((m**2).sum()) if total > 0.0 else 0.0
     if count < SETTINGS.fewest_clusters:
         return Spread(1.0, 0.0, total)
-
-    def square(score: np.ndarray) -> float:
-        s = np.bincount(cluster[mine], score[mine])
-        return float(np.sum((s - m * s.sum() / total) ** 2))
-
-    usual = influence.of_noise(b, square) or total * (1.0 - 1.0 / count)
-    return Spread(square(influence.scores(b)) / usual, count, total)
+    return Spread(ratio, count, total)
 
 
 def _pooled(centre: float, spreads: Iterable[Spread]) -> float:
@@ -314,18 +317,24 @@ def _estimate(evidence: Evidence, n: int, beside: dict[int, float]) -> np.ndarra
     return theta[-len(evidence.groups[n]) :]
 
 
-def _direction(evidence: Evidence, n: int, beside: dict[int, float]) -> np.ndarray:
-    """Core (c,) of a group at its estimate, what it is beside having followed."""
-    group, theta = evidence.groups[n], _estimate(evidence, n, beside)
-    rest = {k: kappa for k, kappa in beside.items() if k != n}
-    out = np.zeros(len(evidence.reduced.g))
-    out[group.columns] = theta
+def responding(
+    evidence: Evidence, n: int, beside: dict[int, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Change of the core (c, p) by a unit of each parameter of the n-th group, others following.
+
+    beside: groups n -> kappa that images share. Also M (p, p) and g (p,) that they leave.
+    """
+    group, rest = evidence.groups[n], {k: v for k, v in beside.items() if k != n}
+    M, g = evidence.block(group)
+    core = np.zeros((len(evidence.reduced.g), len(group)))
+    core[group.columns] = np.eye(len(group))
     if rest:
-        _, _, factor = evidence.model(rest)
+        _, theta, factor = evidence.model(rest)
         across = np.concatenate([evidence.across(evidence.groups[k], group) for k in rest])
-        at = np.concatenate([evidence.groups[k].columns for k in rest])
-        out[at] -= factor.solve(across @ theta)
-    return out
+        response = factor.solve(across)
+        core[np.concatenate([evidence.groups[k].columns for k in rest])] = -response
+        M, g = M - across.T @ response, g - across.T @ theta
+    return core, M, g
 
 
 def clusters(equations: Equations) -> list[np.ndarray]:

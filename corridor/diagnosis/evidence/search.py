@@ -1,4 +1,9 @@
-"""Which groups together explain the data: add, drop, swap and merge on M and g."""
+"""Which groups together explain the data: add, drop, swap and merge on M and g.
+
+What a group has to bring follows from how large the largest evidence of all becomes when nothing is
+missing: g ~ N(0, M) for all columns together, which tells at once how strongly candidates are
+correlated, so that no correction for the number of tests is needed.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +27,19 @@ class Found:
     evidence: dict[int, float]
     total: float
     kept: frozenset[int] = frozenset()
+
+    @classmethod
+    def of(cls, evidence: Evidence, chosen: dict[int, float], kept: Collection[int]) -> Found:
+        """The model of groups n -> kappa, in their order."""
+        each = contributions(evidence, chosen)
+        return cls(chosen, each, evidence.total(chosen), frozenset(kept))
+
+    @property
+    def ordered(self) -> Found:
+        """The same, what brings most first."""
+        order = sorted(self.chosen, key=lambda n: -self.evidence[n])
+        chosen, each = ({n: one[n] for n in order} for one in (self.chosen, self.evidence))
+        return Found(chosen, each, self.total, self.kept)
 
     def beyond(self, each: dict[int, float], threshold: float) -> Found:
         """Of these groups those whose evidence `each` is beyond a threshold, or which are kept."""
@@ -53,10 +71,8 @@ def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[i
         chosen = tuned(evidence, chosen)
         if set(chosen) == set(before):
             break
-    chosen, each = _without_leftovers(evidence, chosen, threshold, adjusted, kept)
-    order = sorted(chosen, key=lambda n: -each[n])
-    chosen = {n: chosen[n] for n in order}
-    return Found(chosen, {n: each[n] for n in order}, evidence.total(chosen), kept)
+    chosen = _without_leftovers(evidence, chosen, threshold, adjusted, kept)
+    return Found.of(evidence, chosen, kept).ordered
 
 
 def contributions(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
@@ -159,7 +175,7 @@ def _without_leftovers(evidence, chosen, threshold, adjusted, kept):
             )
         small = [n for n in each if n not in kept and each[n] < max(left, threshold)]
         if not small:
-            return chosen, each
+            return chosen
         least = min(small, key=each.get)
         chosen = {k: v for k, v in chosen.items() if k != least}
 

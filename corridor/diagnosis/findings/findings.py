@@ -43,6 +43,11 @@ class Estimate:
     values: EffectValues | None = None
     instead: str = ""
 
+    def or_instead(self, points: str) -> None:
+        """Other control points may be wrong in its place."""
+        self.kind, self.instead = "ambiguous", points
+        self.separate = "one more control point, or a check point, near those in question"
+
     def to_dict(self, used: list[str], rivals: dict[str, dict[str, float]]) -> dict:
         """An entry of `effects` in diagnosis.json; used, rivals: see `Diagnosis`."""
         out = {

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from corridor.diagnosis.evidence.evidence import Evidence
-from corridor.diagnosis.evidence.scores import Influence
+from corridor.diagnosis.evidence.scores import Influence, responding
 from corridor.diagnosis.rounds import Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination
@@ -76,22 +76,12 @@ def of_group(
     evidence: Evidence, influence: Influence, strip: np.ndarray, n: int, found: list[int]
 ) -> ByStrips:
     """The n-th group beside all that was found; strip: number (images,) of that of each image."""
-    e = influence.equations
     group = evidence.groups[n]
-    rest = [k for k in found if k != n and evidence.groups[k].own is None]
-    M, g = evidence.block(group)
-    core = np.zeros((len(e.at), len(group)))
-    core[group.columns] = np.eye(len(group))
-    if rest:
-        others = dict.fromkeys(rest, SETTINGS.free_size)
-        _, theta, factor = evidence.model(others)
-        across = np.concatenate([evidence.across(evidence.groups[k], group) for k in rest])
-        response = factor.solve(across)
-        core[np.concatenate([evidence.groups[k].columns for k in rest])] = -response
-        M, g = M - across.T @ response, g - across.T @ theta
+    shared = [k for k in found if evidence.groups[k].own is None]
+    core, M, g = responding(evidence, n, dict.fromkeys(shared, SETTINGS.free_size))
     score, inside = influence.by_cluster(core, strip)
     # The adjustment has taken out what it estimated.
-    score = score + inside @ e.core.value[group.columns]
+    score = score + inside @ influence.equations.core.value[group.columns]
     left, gain = [], []
     held = np.diag(group.free**-2.0)
     for s, m in zip(score, inside, strict=True):

@@ -15,7 +15,7 @@ import numpy as np
 from corridor.block import Block
 from corridor.diagnosis.evidence.blunders import Wrong
 from corridor.diagnosis.evidence.evidence import Evidence
-from corridor.diagnosis.evidence.search import Found, contributions, tuned
+from corridor.diagnosis.evidence.search import Found, tuned
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.findings.location import locate
 from corridor.diagnosis.findings.strips import ByStrips, by_strips
@@ -71,19 +71,13 @@ def other_control(found: Findings, one: Round, wrong: Wrong) -> Findings:
     """Findings with other control points in the place of those that seemed wrong."""
     mine = one.found.kept
     gone = {one.evidence.groups[n].key for n in mine}
-    views = []
-    for evidence in (one.evidence, one.noises.evidence):
-        view = Evidence(evidence.reduced, evidence.barred, evidence.inflation)
-        for n, names in wrong.of_point.items():
-            view.narrow(n, names)
-        views.append(view)
+    evidence = one.evidence.narrowed(wrong.of_point)
     noises = copy(one.noises)
-    noises.evidence = views[1]
+    noises.evidence = noises.evidence.narrowed(wrong.of_point)
     chosen = {n: k for n, k in one.found.chosen.items() if n not in mine}
-    chosen = tuned(views[0], chosen | dict.fromkeys(wrong.points, 1.0))
-    each = contributions(views[0], chosen)
-    model = Found(chosen, each, views[0].total(chosen), frozenset(wrong.points))
-    other = replace(one, evidence=views[0], noises=noises, found=model)
+    chosen = tuned(evidence, chosen | dict.fromkeys(wrong.points, 1.0))
+    model = Found.of(evidence, chosen, frozenset(wrong.points))
+    other = replace(one, evidence=evidence, noises=noises, found=model)
     thetas, spreads = parameters(other)
     effects = [e for n in wrong.points for e in _estimates(other, n, thetas[n], spreads[n])]
     return Findings(
@@ -129,11 +123,7 @@ def parameters(one: Round) -> tuple[dict, dict]:
     uncertain as that is. Small groups have no prior but what can happen.
     """
     evidence, chosen = one.evidence, one.found.chosen
-    loose = {
-        n: k if len(evidence.groups[n]) > SETTINGS.most_free else evidence.groups[n].free
-        for n, k in chosen.items()
-    }
-    loose |= {n: 1.0 for n in chosen if evidence.groups[n].known}
+    loose = evidence.freed(chosen)
     found = None
     if any(one.noises.touches(n) > SETTINGS.gnss_share for n in chosen):
         found = one.noises.parameters(loose, one.noise, np.random.default_rng(0))

@@ -81,17 +81,14 @@ class AllGround:
         if others:
             told = listed_points(groups, others[: SETTINGS.most_rivals])
             for one in out:
-                one.kind, one.instead = "ambiguous", told
-                one.separate = "one more control point, or a check point, near those in question"
+                one.or_instead(told)
         return out
 
     def _estimates(self, wrong: Wrong, control: set[str]) -> list[Estimate]:
-        view = Evidence(self.evidence.reduced)
-        for n, names in wrong.of_point.items():
-            view.narrow(n, names)
+        view = self.evidence.narrowed(wrong.of_point)
         chosen = tuned(view, dict.fromkeys(wrong.points, 1.0))
         each = contributions(view, chosen)
-        theta, covariance = view.solution({n: view.groups[n].free for n in chosen})
+        theta, covariance = view.solution(view.freed(chosen))
         sigma, out = covariance.diagonal() ** 0.5, []
         for n, at in view.spans(chosen).items():
             group = view.groups[n]

@@ -36,8 +36,6 @@ from corridor.diagnosis.verification.held_out import (
 )
 from corridor.errors import AdjustmentFailed, InputError
 
-MORE_CONTROL = "one more control point, or a check point, near those in question"
-
 
 class Verification:
     """Fits with and without what was found, of which tie observations were held out.
@@ -174,7 +172,7 @@ class Verification:
             return
         for one in self.findings.effects:
             if one.key in mine:
-                one.kind, one.instead, one.separate = "ambiguous", told, MORE_CONTROL
+                one.or_instead(told)
 
     def _ask_all_ground(self) -> None:
         """Say control points wrong that agree with each other, and with no check point.
