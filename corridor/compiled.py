@@ -21,12 +21,15 @@ from numba.core.extending import _Intrinsic
 # numba's own option, so that pyproject.toml bounds the version.
 SCALAR = {
     "forceinline": True,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
     "_nrt": False,
     "error_model": "numpy",
     "fastmath": {"contract"},
 }
 # Kernels proper: as the scalar functions, and they let other threads run.
-KERNEL = {key: SCALAR[key] for key in ("_nrt", "error_model", "fastmath")} | {"nogil": True}
+_SHARED = ("_nrt", "no_cfunc_wrapper", "error_model", "fastmath")
+KERNEL = {key: SCALAR[key] for key in _SHARED} | {"nogil": True}
 
 
 def compiled(**options) -> Callable:

@@ -151,6 +151,35 @@ def where_positive(typing, p, q, r):
 
 
 @intrinsic
+def total(typing, p):
+    """Sum of the numbers."""
+
+    def code(context, builder, signature, arguments):
+        (p,) = arguments
+        for size in (4, 2, 1):
+            half = _lanes(*[(k + size) % PANEL for k in range(PANEL)])
+            p = builder.fadd(p, builder.shuffle_vector(p, p, half))
+        return builder.extract_element(p, _INDEX(0))
+
+    return types.float64(_PANEL), code
+
+
+@intrinsic
+def largest(typing, p):
+    """The largest of the numbers."""
+
+    def code(context, builder, signature, arguments):
+        (p,) = arguments
+        for size in (4, 2, 1):
+            half = _lanes(*[(k + size) % PANEL for k in range(PANEL)])
+            other = builder.shuffle_vector(p, p, half)
+            p = builder.select(builder.fcmp_ordered(">", p, other), p, other)
+        return builder.extract_element(p, _INDEX(0))
+
+    return types.float64(_PANEL), code
+
+
+@intrinsic
 def lane(typing, p, k):
     """Number k of a panel."""
 

@@ -25,6 +25,7 @@ from scipy.linalg.blas import dtbsv
 
 from corridor.adjustment.rays import (
     INNER,
+    SPARE,
     Strided,
     U,
     _by,
@@ -39,10 +40,10 @@ from corridor.adjustment.rays import (
     less,
     make_room,
     of_images,
+    of_rays,
     put_rows,
     row_length,
     see,
-    sight_rows,
     sighted_points,
     three,
 )
@@ -58,6 +59,7 @@ from corridor.panels import (
     plus,
     put,
     same,
+    total,
     with_lane,
     zeros,
 )
@@ -136,7 +138,7 @@ def look(first, last, scene, out, room):
     behind. room: for `BLOCK` rays and those of a point more.
     """
     start = scene.observations.start
-    total = 0.0
+    sum_of_rho = 0.0
     behind = 0
     p = first
     while p < last:
@@ -154,9 +156,8 @@ def look(first, last, scene, out, room):
                 o, ahead = U(start[begin] + at + k), lane(seen.ahead, U(k)) > 0.0
                 out[o, U(0)] = lane(seen.left[0], U(k)) if ahead else np.nan
                 out[o, U(1)] = lane(seen.left[1], U(k)) if ahead else np.nan
-        for k in range(PANEL):
-            total += lane(cost, U(k))
-    return total, behind
+        sum_of_rho += total(cost)
+    return sum_of_rho, behind
 
 
 # --- parts of the assembly --------------------------------------------------------------------
@@ -204,17 +205,17 @@ def _products_of_pairs(sums, a, x, apart, points):
 def _add_products(out, at, apart, sums, columns, count, sign):
     """Add sign times the first `count` numbers of `columns` (at most six) of the sums to out."""
     s0, s1, s2, s3, s4, s5 = sums
-    add_some(out, at, plus(zeros(), sign, s0), U(count))
+    add_some(out, at, plus(zeros(), sign, s0), count)
     if columns > 1:
-        add_some(out, at + apart, plus(zeros(), sign, s1), U(count))
+        add_some(out, at + apart, plus(zeros(), sign, s1), count)
     if columns > 2:
-        add_some(out, at + U(2) * apart, plus(zeros(), sign, s2), U(count))
+        add_some(out, at + U(2) * apart, plus(zeros(), sign, s2), count)
     if columns > 3:
-        add_some(out, at + U(3) * apart, plus(zeros(), sign, s3), U(count))
+        add_some(out, at + U(3) * apart, plus(zeros(), sign, s3), count)
     if columns > 4:
-        add_some(out, at + U(4) * apart, plus(zeros(), sign, s4), U(count))
+        add_some(out, at + U(4) * apart, plus(zeros(), sign, s4), count)
     if columns > 5:
-        add_some(out, at + U(5) * apart, plus(zeros(), sign, s5), U(count))
+        add_some(out, at + U(5) * apart, plus(zeros(), sign, s5), count)
 
 
 @njit(**SCALAR)
@@ -530,7 +531,7 @@ def _add_group(p, place, span, scene, equations, room, work, d):
                 s_x = Strided(left, sk + U(x), q)
                 sums = _products_of_pairs(_no_products(), j_c, s_x, apart_s, points)
                 to = U(t * d + c) * q + U(x)
-                _add_products(equations.cross, to, q, sums, these, PANEL, 1.0)
+                _add_products(equations.cross, to, q, sums, these, U(PANEL), 1.0)
         for n in range(k + 1, m):
             at = block_offset(i, img[U(start + n)], t, d, storage)
             yn = U(n * GROUP * 3 * row)
@@ -541,7 +542,7 @@ def _add_group(p, place, span, scene, equations, room, work, d):
                     sums = _products(_no_products(), y_c, y_x, rows)
                     to = at + U(c) * stride + U(x)
                     these = min(6, d - c)
-                    _add_products(matrix, to, stride, sums, these, min(PANEL, d - x), -1.0)
+                    _add_products(matrix, to, stride, sums, these, U(min(PANEL, d - x)), -1.0)
     b_first = U(2 * first) * q
     for c in range(lo, min(hi, scene.columns.used), 6):
         b_c = Strided(room.shared, b_first + U(c), q)
@@ -549,7 +550,7 @@ def _add_group(p, place, span, scene, equations, room, work, d):
             s_x = Strided(left, b_first + U(x), q)
             sums = _products(_no_products(), b_c, s_x, 2 * m * points)
             _add_products(
-                equations.block, U(c) * q + U(x), q, sums, min(6, hi - c), PANEL, 1.0
+                equations.block, U(c) * q + U(x), q, sums, min(6, hi - c), U(PANEL), 1.0
             )  # fmt: skip
 
 
@@ -620,14 +621,13 @@ def _ray_sums(seen, n, first, count, scene, step, room, sums, kind):
     d, sighted = kind
     image, at = room.image, U(n)
     sx, sy = _interior_step(seen, step, image, at)
-    for c in range(step.image.shape[1]):
-        for k in range(min(PANEL, count - n)):
-            e = U(first + n + k - scene.looked.base)
-            change = step.image[U(image[U(n + k)]), U(c)]
-            x = lane(sx, U(k)) + scene.derivatives.image[e, U(0), U(c)] * change
-            y = lane(sy, U(k)) + scene.derivatives.image[e, U(1), U(c)] * change
-            sx, sy = with_lane(sx, U(k), x), with_lane(sy, U(k), y)
     sx, sy = _by(seen.slope, seen.root * sx, seen.root * sy)
+    for c in range(step.image.shape[1]):
+        dx, dy = of_rays(scene.derivatives.image, seen, n, first, count, scene, room, U(c))
+        for k in range(PANEL):
+            room.work[SPARE + U(k)] = step.image[U(image[U(n + k)]), U(c)]
+        change = panel(room.work, SPARE)
+        sx, sy = sx + change * dx, sy + change * dy
     c0, c1, c2, t0, t1, t2, _, _ = of_images(step.poses, U(d), U(0), image, at)
     turn, away = (t0, t1, t2), (zeros(), zeros(), zeros())
     if step.motion.shape[1] > 0:
@@ -642,7 +642,7 @@ def _ray_sums(seen, n, first, count, scene, step, room, sums, kind):
     sy = sy + (dot(seen.by_y, away) - dot(b, (c0, c1, c2)))
     if sighted:
         for c in range(6):
-            dx, dy = sight_rows(seen, n, first, count, scene, c)
+            dx, dy = of_rays(scene.derivatives.sight, seen, n, first, count, scene, room, U(c))
             by = c0
             if c == 1:
                 by = c1
@@ -655,7 +655,7 @@ def _ray_sums(seen, n, first, count, scene, step, room, sums, kind):
             elif c == 5:
                 by = t2
             sx, sy = sx + dx * by, sy + dy * by
-        a, b = sighted_points(seen, n, first, count, scene)
+        a, b = sighted_points(seen, n, first, count, scene, room)
     e0, e1 = seen.left
     f0, f1 = e0 - sx, e1 - sy
     put_rows(

@@ -23,10 +23,12 @@ from corridor.geometry import cross, dot, few_sines, left_jacobian, rotated, sin
 from corridor.panels import (
     PANEL,
     lane,
+    largest,
     panel,
     put,
     root,
     same,
+    total,
     transposed,
     where_positive,
     with_lane,
@@ -39,6 +41,8 @@ PASSES = 8
 # Interior parameters, and a column of zeros behind them.
 INNER = 16
 U = np.uint64
+# Where two panels more find room behind the derivatives of eight rays.
+SPARE = U(2 * INNER * PANEL)
 
 
 # --- what the kernels are given ---------------------------------------------------------------
@@ -194,7 +198,7 @@ def make_room(rays: int, d: int, wide: int) -> Room:
         aligned(n * 2 * row_length(d)),
         aligned(n * 2 * PANEL),
         aligned(n * 2 * wide),
-        aligned(2 * (INNER + 1) * PANEL),
+        aligned(2 * INNER * PANEL + 2 * PANEL),
     )
 
 
@@ -348,10 +352,7 @@ def see(n, first, count, scene, room):
             far = where_positive(missed, missed, -missed) - looked.near
             at = U(6) * apart + U(n)
             put(given, at, where_positive(far, row, panel(given, at)))
-            farthest = -1.0
-            for k in range(PANEL):
-                farthest = max(farthest, lane(far, U(k)))
-            if not farthest > 0.0:
+            if not largest(far) > 0.0:
                 break
     if moves or looks:
         for k in range(min(PANEL, count - n)):
@@ -577,12 +578,7 @@ def ray_rows(seen, n, first, count, scene, room, span, d):
         _add_slot(slot, dx, dy, n, count, scene, room, d)
         slot += 1
     for c in range(derivatives.image.shape[2]):
-        dx, dy = zero, zero
-        for k in range(min(PANEL, count - n)):
-            e = U(first + n + k - scene.looked.base)
-            dx = with_lane(dx, U(k), derivatives.image[e, U(0), U(c)])
-            dy = with_lane(dy, U(k), derivatives.image[e, U(1), U(c)])
-        dx, dy = _by(seen.slope, seen.root * dx, seen.root * dy)
+        dx, dy = of_rays(derivatives.image, seen, n, first, count, scene, room, U(c))
         _add_slot(slot, dx, dy, n, count, scene, room, d)
         slot += 1
     for c in range(derivatives.motion.shape[1]):
@@ -609,18 +605,18 @@ def _interior(seen, scene, room):
         u, v, a, b, f, same(1.0), zeros()
     )  # fmt: skip
     to = work, seen.slope, r, moved
-    _put_inner(to, 0, by_f)
-    _put_inner(to, 1, by_cx)
-    _put_inner(to, 2, by_cy)
-    _put_inner(to, 3, by_p1)
-    _put_inner(to, 4, by_p2)
-    _put_inner(to, 5, by_b1)
-    _put_inner(to, 6, by_b2)
+    _put_inner(to, U(0), by_f)
+    _put_inner(to, U(1), by_cx)
+    _put_inner(to, U(2), by_cy)
+    _put_inner(to, U(3), by_p1)
+    _put_inner(to, U(4), by_p2)
+    _put_inner(to, U(5), by_b1)
+    _put_inner(to, U(6), by_b2)
     power, r2 = f, u * u + v * v
     radials = scene.cameras.radials if scene.derivatives.interior.shape[1] == 0 else 8
     for k in range(7, 7 + radials):
         power *= r2
-        _put_inner(to, k, (power * u, power * v))
+        _put_inner(to, U(k), (power * u, power * v))
 
 
 @njit(**SCALAR)
@@ -629,8 +625,8 @@ def _put_inner(to, k, derivative):
     dx, dy = weight * derivative[0], weight * derivative[1]
     if moved:
         dx, dy = _by(slope, dx, dy)
-    put(work, U(2 * k * PANEL), dx)
-    put(work, U((2 * k + 1) * PANEL), dy)
+    put(work, k * U(2 * PANEL), dx)
+    put(work, k * U(2 * PANEL) + U(PANEL), dy)
 
 
 @njit(**SCALAR)
@@ -676,50 +672,63 @@ def _shared_rows(n, scene, room, span):
 @njit(**SCALAR)
 def _add_slot(slot, dx, dy, n, count, scene, room, d):
     """Add derivatives by an effect's parameter to the columns of each ray's image."""
-    row, wide = _row_length(d), scene.columns.wide
+    row, wide, work = _row_length(d), scene.columns.wide, room.work
+    put(work, SPARE, dx)
+    put(work, SPARE + U(PANEL), dy)
     for k in range(min(PANEL, count - n)):
-        column = scene.columns.slot[U(room.image[U(n + k)]), U(slot)]
+        column, x = scene.columns.slot[U(room.image[U(n + k)]), U(slot)], SPARE + U(k)
         if column >= 0:
             at = U(2 * (n + k) * wide + column)
-            room.shared[at] += lane(dx, U(k))
-            room.shared[at + U(wide)] += lane(dy, U(k))
+            room.shared[at] += work[x]
+            room.shared[at + U(wide)] += work[x + U(PANEL)]
         elif column <= -2:
             at = U(2 * (n + k) * row + 4 - column)
-            room.own[at] += lane(dx, U(k))
-            room.own[at + U(row)] += lane(dy, U(k))
+            room.own[at] += work[x]
+            room.own[at + U(row)] += work[x + U(PANEL)]
 
 
 @njit(**SCALAR)
-def sight_rows(seen, n, first, count, scene, c):
-    """Weighted derivatives of image effects by what they see, c of centre, turn and point."""
-    dx, dy = zeros(), zeros()
+def of_rays(values, seen, n, first, count, scene, room, c):
+    """Derivative c of effects on the image, weighted and after the slope: x and y.
+
+    values: (rays, 2, k) of `Derivatives`; other arguments as of `ray_rows`.
+    """
+    work = room.work
     for k in range(min(PANEL, count - n)):
-        e = U(first + n + k - scene.looked.base)
-        dx = with_lane(dx, U(k), scene.derivatives.sight[e, U(0), U(c)])
-        dy = with_lane(dy, U(k), scene.derivatives.sight[e, U(1), U(c)])
+        e, x = U(first + n + k - scene.looked.base), SPARE + U(k)
+        work[x], work[x + U(PANEL)] = values[e, U(0), c], values[e, U(1), c]
+    dx, dy = panel(work, SPARE), panel(work, SPARE + U(PANEL))
     return _by(seen.slope, seen.root * dx, seen.root * dy)
 
 
 @njit(**SCALAR)
-def sighted_points(seen, n, first, count, scene):
+def sighted_points(seen, n, first, count, scene, room):
     """Weighted rows of x and y by the point, where effects on the image see it."""
     g, h = before(seen.by_x, seen.rotation), before(seen.by_y, seen.rotation)
-    a0, b0 = sight_rows(seen, n, first, count, scene, 6)
-    a1, b1 = sight_rows(seen, n, first, count, scene, 7)
-    a2, b2 = sight_rows(seen, n, first, count, scene, 8)
-    return (g[0] + a0, g[1] + a1, g[2] + a2), (h[0] + b0, h[1] + b1, h[2] + b2)
+    for c in range(3):
+        dx, dy = of_rays(scene.derivatives.sight, seen, n, first, count, scene, room, U(6 + c))
+        if c == 0:
+            g, h = (g[0] + dx, g[1], g[2]), (h[0] + dy, h[1], h[2])
+        elif c == 1:
+            g, h = (g[0], g[1] + dx, g[2]), (h[0], h[1] + dy, h[2])
+        else:
+            g, h = (g[0], g[1], g[2] + dx), (h[0], h[1], h[2] + dy)
+    return g, h
 
 
 @njit(**SCALAR)
 def _add_sight(seen, n, first, count, scene, room, row):
     """What effects on the image see: in the rows by the image, and those by the point."""
+    work = room.work
     for c in range(6):
-        dx, dy = sight_rows(seen, n, first, count, scene, c)
-        for k in range(PANEL):
-            at = U(2 * (n + k)) * row + U(c)
-            room.own[at] += lane(dx, U(k))
-            room.own[at + row] += lane(dy, U(k))
-    g, h = sighted_points(seen, n, first, count, scene)
+        dx, dy = of_rays(scene.derivatives.sight, seen, n, first, count, scene, room, U(c))
+        put(work, SPARE, dx)
+        put(work, SPARE + U(PANEL), dy)
+        for k in range(min(PANEL, count - n)):
+            at, x = U(2 * (n + k)) * row + U(c), SPARE + U(k)
+            room.own[at] += work[x]
+            room.own[at + row] += work[x + U(PANEL)]
+    g, h = sighted_points(seen, n, first, count, scene, room)
     zero, apart, at = zeros(), U(2 * PANEL), U(2 * n * PANEL)
     # Negative, as the rows by the centre are.
     put_rows(room.point, at, apart, (-g[0], -g[1], -g[2], zero, zero, zero, zero, zero))
@@ -741,16 +750,14 @@ def fill_rows(first, last, scene, room, span, d):
         cost += square
         ray_rows(seen, at, start[first], n, scene, room, span, d)
         behind += hidden(seen, at, n)
-    total = 0.0
-    for k in range(PANEL):
-        total += lane(cost, U(k))
-    return total, behind
+    return total(cost), behind
 
 
 @njit(**SCALAR)
 def hidden(seen, n, count):
     """How many of eight rays, from the n-th of so many on, come from behind."""
     behind = 0
-    for k in range(min(PANEL, count - n)):
-        behind += 0 if lane(seen.ahead, U(k)) > 0.0 else 1
+    if total(where_positive(seen.ahead, zeros(), same(1.0))) > 0.0:
+        for k in range(min(PANEL, count - n)):
+            behind += 0 if lane(seen.ahead, U(k)) > 0.0 else 1
     return behind
