@@ -90,12 +90,13 @@ def test_coordinates_are_rounded_last_and_to_the_nearest_step(perfect):
     "wrong", [{"tie_px": -1.0}, {"gnss_m": (0.1, -0.1, 0.1)}, {"rounding_px": -0.1}]
 )
 def test_a_negative_sigma_is_refused(perfect, wrong):
-    with pytest.raises(InputError, match="negative"):
+    (key,) = wrong
+    with pytest.raises(InputError, match=rf"noise: {key} = .* is below 0"):
         add_noise(perfect, **wrong)
 
 
 def test_a_share_above_one_is_refused(perfect):
-    with pytest.raises(InputError, match="share of outliers"):
+    with pytest.raises(InputError, match="outliers = 2 is a share: give 0 to 1"):
         add_noise(perfect, outliers=2.0)
 
 
