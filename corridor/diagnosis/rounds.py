@@ -20,7 +20,7 @@ from corridor.diagnosis.evidence.beside_noise import (
     few_positions,
     through_noise,
 )
-from corridor.diagnosis.evidence.blunders import Blunders, blunders, stands
+from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
 from corridor.diagnosis.evidence.plausibility import impossible, plausible
@@ -259,7 +259,8 @@ class _Asked:
     ) -> tuple[Found, Blunders]:
         """What explains the data, control points that failed their test first, and these.
 
-        Only what is clearly likelier than blunders, and needs none, takes their place.
+        Only what is clearly likelier than blunders takes their place: what needs none, or less of
+        them than a handful.
         """
         wrong, found = blunders(evidence), self._possible(evidence, threshold)
         if wrong.found is None:
@@ -270,7 +271,8 @@ class _Asked:
             plain.narrow(n, names)
         kept = self._possible(evidence, threshold, wrong.found.points)
         rest = {n: kappa for n, kappa in kept.chosen.items() if n not in kept.kept}
-        likely = found.total - kept.total <= SETTINGS.model_log_odds
+        without, with_them = (m.total + price(evidence.groups, m.chosen) for m in (found, kept))
+        likely = without - with_them <= SETTINGS.model_log_odds
         if likely and stands(evidence, wrong.found, rest):
             return kept, wrong
         evidence.widen()

@@ -77,6 +77,8 @@ class Settings:
     # --- ground control
     # Chance of calling a point of a block without any blunder wrong.
     control_level: float = 0.002
+    # Share of the control points of a survey that are wrong.
+    wrong_control: float = 0.02
 
     # --- thresholds
     null_draws: int = 1000

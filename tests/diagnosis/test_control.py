@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from corridor.diagnosis.evidence.blunders import HEIGHT, blunders, explains_all
+from corridor.diagnosis.evidence.blunders import HEIGHT, blunders, explains_all, price
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Reduced
@@ -43,6 +43,13 @@ def test_a_block_without_any_is_hardly_ever_accused():
     """At a level of 0.2 % a side, three of 120 blocks would be one in two thousand."""
     accused = sum(found({}, seed) is not None for seed in range(120))
     assert accused <= binom.isf(0.001, 120, 3 * SETTINGS.control_level)
+
+
+def test_a_handful_of_wrong_points_is_as_unlikely_as_so_many_accidents():
+    """One point in fifty is wrong: four are 12.8 log units less likely than the test's two."""
+    groups = seen({}, np.random.default_rng(0)).groups
+    assert price(groups, []) == price(groups, [0, 1]) == 0.0
+    assert price(groups, [0, 1, 2, 3]) == pytest.approx(4 * (np.log(1 / 49) + 0.7))
 
 
 @pytest.mark.parametrize(

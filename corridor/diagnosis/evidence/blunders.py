@@ -104,6 +104,17 @@ def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> boo
     return bool(chi2.sf(statistic, len(at)) * count < SETTINGS.control_level)
 
 
+def price(groups: list[Group], chosen: Iterable[int]) -> float:
+    """Log odds that a model of these groups pays for control points of its own, where many.
+
+    One or two wrong ones are what the test is for. Each of more is one accident more, of the rate
+    at which points are wrong, where a single cause may have moved what lies together.
+    """
+    count = sum(groups[n].point is not None for n in chosen)
+    usual = np.log(SETTINGS.wrong_control / (1.0 - SETTINGS.wrong_control))
+    return count * float(usual - SETTINGS.log_prior_ground) if count > 2 else 0.0
+
+
 def listed_points(groups: list[Group], hypotheses: Iterable[Wrong]) -> str:
     """GCP02 and GCP05 in height, or GCP15 in plan."""
     return ", or ".join(
