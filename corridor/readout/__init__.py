@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from corridor.photographs import published_readouts as published_readouts
     from corridor.readout import render as render
-    from corridor.readout.flight import FlightReadout as FlightReadout
     from corridor.readout.flight import readout_from_flight as readout_from_flight
+    from corridor.readout.flight_report import FlightReadout as FlightReadout
     from corridor.readout.led import measure_led as readout_from_led  # noqa: F401
     from corridor.readout.photograph import CannotMeasure as CannotMeasure
     from corridor.readout.photograph import Photograph as Photograph
@@ -31,10 +31,9 @@ _OFFERED = {
     "corridor.readout.photograph": ("CannotMeasure", "Photograph"),
     "corridor.readout.result": ("Readout", "save_readout", "can_save_readout"),
     "corridor.readout.examples": ("EXAMPLES", "write_examples"),
-    "corridor.readout.flight": ("FlightReadout", "readout_from_flight"),
-    "corridor.readout.flight_report": (
-        "can_save_flight", "published_value", "save_flight", "use",
-    ),
+    "corridor.readout.flight": ("readout_from_flight",),
+    "corridor.readout.flight_report": ("FlightReadout", "published_value", "use"),
+    "corridor.readout.flight_folder": ("can_save_flight", "save_flight"),
     "corridor.photographs": ("published_readouts",),
     "corridor.preparation": (
         "Velocities", "velocities", "rates_from_gyro", "rates_from_neighbours",

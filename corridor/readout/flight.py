@@ -4,103 +4,31 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from corridor import adjustment as least_squares
 from corridor.block import Block, read
-from corridor.brief import brief
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import by_contrasts, honest
-from corridor.photographs import PublishedReadout, of_picture, published_readouts
+from corridor.photographs import of_picture, published_readouts
 from corridor.preparation import strips_of
-from corridor.readout.motion import Motion, motion_of, with_velocities
-from corridor.readout.next_photographs import Advice, advice
+from corridor.readout.flight_report import CONTRADICTS, FlightReadout, Left
+from corridor.readout.motion import motion_of, with_velocities
+from corridor.readout.next_photographs import advice
 from corridor.readout.row_motion import RowMotions, late_clock, shutter
 
 # A readout is told where its sigma is below this share of it, or below so many seconds: then a
 # shutter that is nearly global is told as well.
 POOR_SHARE, SHORT_S = 0.2, 0.002
-# Eight and ten camera parameters, or a sign, contradict beyond so many sigmas.
-CONTRADICTS = 3.0
 LEAST_GROUPS, LEAST_IMAGES = 3, 8
 # Speeds in the camera's frame that differ by less than this share are one speed.
 ONE_SPEED = 0.1
 STANDING_M_S = 0.3
 ERRORS_SHARE = 0.3
 _FIRST_ITERATIONS, _SETTLED = 40, 1e-5
-
-
-@dataclass(frozen=True)
-class Left:
-    """The readout, s, and its formal sigma without one strip."""
-
-    strip: str
-    images: int
-    readout: float
-    sigma: float
-
-
-@brief
-@dataclass(frozen=True)
-class FlightReadout:
-    """What a flight tells of its camera's readout time, first to last row. Times in s.
-
-    camera: its name. told: whether the flight tells it; reasons: sentences, why not.
-    readout, sigma: by the flight, one sigma, all included: the formal one (noise, errors and delay
-        of the velocities, motion that nobody wrote down), or what the strips show when each is
-        left out (`geometry.by_contrasts`), where that contradicts it. formal, jackknife: either
-        alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
-    unstated: motion that nobody wrote down, m/s. delay: by which the speeds were written late, s,
-        with its sigma. motion: of the images, in the order of images.csv.
-    published: of this camera and mode; stated: what the block states, s. advice: photographs that
-        would settle it.
-    place (m, 3) m, names: of the images. sigma0: of the adjustment. rows: of a picture. notes:
-        sentences of the preparation.
-    """
-
-    camera: str
-    readout: float
-    sigma: float
-    formal: float
-    jackknife: float
-    left: tuple[Left, ...]
-    eight: float
-    eight_sigma: float
-    unstated: float
-    delay: tuple[float, float]
-    motion: Motion
-    reasons: tuple[str, ...]
-    published: tuple[PublishedReadout, ...] = ()
-    stated: float | None = None
-    advice: Advice | None = None
-    place: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    names: tuple[str, ...] = ()
-    sigma0: float = 1.0
-    rows: int = 0
-    notes: tuple[str, ...] = ()
-
-    @property
-    def told(self) -> bool:
-        """Whether the flight tells the readout."""
-        return not self.reasons
-
-    @property
-    def is_short(self) -> bool:
-        """Whether what the flight tells is that the shutter is global, or nearly."""
-        return self.told and abs(self.readout) <= CONTRADICTS * self.sigma
-
-    def __str__(self) -> str:
-        from corridor.readout.flight_report import report_of
-
-        return str(report_of(self))
-
-    def _repr_html_(self) -> str:
-        from corridor.readout.flight_report import report_of
-
-        return report_of(self).html()
 
 
 def readout_from_flight(

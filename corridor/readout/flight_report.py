@@ -1,36 +1,89 @@
-"""What a flight tells of a readout time: which to use, sentences, tables, a folder with page and
-picture."""
+"""What a flight tells of a readout time: which to use, sentences, tables and numbers."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from corridor import figures
-from corridor.report import (
-    Report,
-    Table,
-    check_folder,
-    png,
-    rounded,
-    short,
-    whole_folder,
-    write_json,
-)
+from corridor.brief import brief
+from corridor.photographs import PublishedReadout
+from corridor.readout.motion import Motion
+from corridor.readout.next_photographs import Advice
+from corridor.report import Report, Table, rounded, short
 
-if TYPE_CHECKING:
-    from corridor.readout.flight import FlightReadout
-
-_PAGE, _PICTURE = "report.html", "readout.png"
-# A readout that was not told is none: whoever reads readout.json finds no number.
-_RESULT = {True: "readout.json", False: "refused.json"}
-_OURS = (_PAGE, _PICTURE, *_RESULT.values())
+PICTURE = "readout.png"
 _MOST_PUBLISHED = 6
 # Sources of one camera differ by 5 to 10 per cent.
 PUBLISHED_SHARE = 0.07
+# Eight and ten camera parameters, or a sign, contradict beyond so many sigmas.
+CONTRADICTS = 3.0
+
+
+@dataclass(frozen=True)
+class Left:
+    """The readout, s, and its formal sigma without one strip."""
+
+    strip: str
+    images: int
+    readout: float
+    sigma: float
+
+
+@brief
+@dataclass(frozen=True)
+class FlightReadout:
+    """What a flight tells of its camera's readout time, first to last row. Times in s.
+
+    camera: its name. told: whether the flight tells it; reasons: sentences, why not.
+    readout, sigma: by the flight, one sigma, all included: the formal one (noise, errors and delay
+        of the velocities, motion that nobody wrote down), or what the strips show when each is
+        left out (`geometry.by_contrasts`), where that contradicts it. formal, jackknife: either
+        alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
+    unstated: motion that nobody wrote down, m/s. delay: by which the speeds were written late, s,
+        with its sigma. motion: of the images, in the order of images.csv.
+    published: of this camera and mode; stated: what the block states, s. advice: photographs that
+        would settle it.
+    place (m, 3) m, names: of the images. sigma0: of the adjustment. rows: of a picture. notes:
+        sentences of the preparation.
+    """
+
+    camera: str
+    readout: float
+    sigma: float
+    formal: float
+    jackknife: float
+    left: tuple[Left, ...]
+    eight: float
+    eight_sigma: float
+    unstated: float
+    delay: tuple[float, float]
+    motion: Motion
+    reasons: tuple[str, ...]
+    published: tuple[PublishedReadout, ...] = ()
+    stated: float | None = None
+    advice: Advice | None = None
+    place: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    names: tuple[str, ...] = ()
+    sigma0: float = 1.0
+    rows: int = 0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def told(self) -> bool:
+        """Whether the flight tells the readout."""
+        return not self.reasons
+
+    @property
+    def is_short(self) -> bool:
+        """Whether what the flight tells is that the shutter is global, or nearly."""
+        return self.told and abs(self.readout) <= CONTRADICTS * self.sigma
+
+    def __str__(self) -> str:
+        return str(report_of(self))
+
+    def _repr_html_(self) -> str:
+        return report_of(self).html()
 
 
 def use(found: FlightReadout) -> tuple[float | None, float | None, str]:
@@ -206,31 +259,5 @@ def to_dict(found: FlightReadout) -> dict:
             "delay_sigma_s": found.delay[1],
         },
         "warnings": list(found.notes),
-        "pictures": [_PICTURE],
+        "pictures": [PICTURE],
     }  # fmt: skip
-
-
-def can_save_flight(folder: str | os.PathLike) -> None:
-    """Raises InputError, before any work is done, where `save_flight` would refuse `folder`."""
-    check_folder(folder, _PAGE)
-
-
-def save_flight(found: FlightReadout, folder: str | os.PathLike) -> list[Path]:
-    """Writes report.html, readout.png and readout.json, whole or not at all; returns the paths.
-
-    Where the flight does not tell, refused.json stands in place of readout.json.
-    Raises InputError where `folder` is a file or a folder of something else.
-    """
-    picture = png(figures.flight_readout(found, published_value(found)))
-    caption = (
-        "Left: the readout time by the whole flight (thick bar: the honest sigma), without each "
-        "strip, with eight camera parameters, and as published. Right: where the images were taken "
-        "and how fast the drone flew; circles: where four more photographs would tell most."
-    )
-    page = report_of(found).page([("Readout time from the flight", caption, picture)])
-    files = (_RESULT[found.told], _PAGE, _PICTURE)
-    with whole_folder(folder, _PAGE, lambda name: name in _OURS) as part:
-        (part / _PICTURE).write_bytes(picture)
-        (part / _PAGE).write_text(page, encoding="utf-8", newline="\n")
-        write_json(to_dict(found), part / files[0])
-    return [Path(folder) / name for name in files]
