@@ -153,8 +153,10 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             if progress:
                 progress(entry)
             if accepted:
+                # Where a step has been refused, the next that keeps its promise proves nothing.
                 kept = cost - reached > PROMISED * 0.5 * (down + damping * square)
-                release = np.inf if kept else min(release * CAUTION, RELEASE)
+                end = kept and all(one["accepted"] for one in history)
+                release = np.inf if end else min(release * CAUTION, RELEASE)
                 break
             damping, raising, release = max(damping * raising, LEAST), 2.0 * raising, CAUTION
             if damping > 1e8:

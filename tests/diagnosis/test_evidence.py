@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from benchmarks.diagnosis.signal import _from_noise
 from corridor.adjustment import ImageRows
 from corridor.diagnosis.evidence.beside_noise import NoiseModel, _probability
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged, effect_sizes
@@ -230,12 +231,12 @@ def test_a_group_is_told_from_noise_by_as_much_as_it_says():
     """
     rng = np.random.default_rng(13)
     theta = np.full(3, 0.05)
-    foretold = [biased(rng, bias=0.0).apart(0, theta) for _ in range(30)]
+    foretold = [_from_noise(biased(rng, bias=0.0), 0, theta) for _ in range(30)]
     found = []
     for _ in range(30):
         noises = biased(rng)
         M, g = noises.evidence.block(noises.evidence.groups[0])
-        A = noises._columns([0])
+        A = noises.columns([0])
         _, alone = estimate(noises.stated, noises.P, noises.rho)
         _, with_it = estimate(noises.stated, noises.P, noises.rho - A @ theta)
         found.append(theta @ g - 0.5 * theta @ M @ theta + 0.5 * (alone - with_it))
