@@ -28,15 +28,14 @@ from corridor.adjustment.rays import (
     SPARE,
     Strided,
     U,
-    _by,
-    _course,
-    _row_length,
     add_point,
     aligned,
     before,
+    camera_course,
     fill_rows,
     fill_up,
     hidden,
+    inner_row_length,
     less,
     make_room,
     of_images,
@@ -45,6 +44,7 @@ from corridor.adjustment.rays import (
     row_length,
     see,
     sighted_points,
+    sloped,
     three,
 )
 from corridor.camera import interior_columns
@@ -359,7 +359,7 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
     of shared unknowns; kind: unknowns of an image, and whether image effects see points.
     """
     d, sighted = kind
-    row, last_panel = _row_length(d), d // PANEL * PANEL
+    row, last_panel = inner_row_length(d), d // PANEL * PANEL
     # Where the residual stands, and n in Y.
     at_e = U(d - last_panel)
     n, m, waiting = place
@@ -503,7 +503,7 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
 def _add_group(p, place, span, scene, equations, room, work, d):
     """Add what a group's points have gathered; place: its first ray, rays of each, points."""
     first, m, points = place
-    row = _row_length(d)
+    row = inner_row_length(d)
     lo, hi = span
     img, start = scene.observations.image, scene.observations.start[p]
     storage, matrix = equations.storage, equations.storage.flat
@@ -621,7 +621,7 @@ def _ray_sums(seen, n, first, count, scene, step, room, sums, kind):
     d, sighted = kind
     image, at = room.image, U(n)
     sx, sy = _interior_step(seen, step, image, at)
-    sx, sy = _by(seen.slope, seen.root * sx, seen.root * sy)
+    sx, sy = sloped(seen.slope, seen.root * sx, seen.root * sy)
     for c in range(step.image.shape[1]):
         dx, dy = of_rays(scene.derivatives.image, seen, n, first, count, scene, room, U(c))
         for k in range(PANEL):
@@ -633,7 +633,7 @@ def _ray_sums(seen, n, first, count, scene, step, room, sums, kind):
     if step.motion.shape[1] > 0:
         degree = step.motion.shape[1] - 1
         where = degree, U((degree + 1) * PANEL), U(0)
-        away, theta, _, _ = _course(seen.place, step.motion, where, image, at)
+        away, theta, _, _ = camera_course(seen.place, step.motion, where, image, at)
         if scene.cameras.turns:
             turn = less(turn, left_jacobian(seen.turn, theta))
     away = less(cross(turn, seen.x), away)

@@ -186,7 +186,7 @@ def row_length(d: int) -> int:
     return (d + PANEL) // PANEL * PANEL
 
 
-_row_length = njit(**SCALAR)(row_length)
+inner_row_length = njit(**SCALAR)(row_length)
 
 
 def make_room(rays: int, d: int, wide: int) -> Room:
@@ -246,16 +246,16 @@ def _minus(a):
 
 
 @njit(**SCALAR)
-def _by(slope, x, y):
+def sloped(slope, x, y):
     """The matrix (4) before x and y."""
     return slope[0] * x + slope[1] * y, slope[2] * x + slope[3] * y
 
 
 @njit(**SCALAR)
-def _by_rows(slope, g, h):
+def sloped_rows(slope, g, h):
     """The matrix (4) before the rows g and h."""
-    (g0, h0), (g1, h1) = _by(slope, g[0], h[0]), _by(slope, g[1], h[1])
-    g2, h2 = _by(slope, g[2], h[2])
+    (g0, h0), (g1, h1) = sloped(slope, g[0], h[0]), sloped(slope, g[1], h[1])
+    g2, h2 = sloped(slope, g[2], h[2])
     return (g0, g1, g2), (h0, h1, h2)
 
 
@@ -391,7 +391,7 @@ def _see_once(n, scene, room):
         place = factor * row + offset
         degree = cameras.motion.shape[1] - 1
         where = degree, U((degree + 1) * PANEL), U(0)
-        c, turn, dc, dt = _course(place, cameras.motion, where, image, n)
+        c, turn, dc, dt = camera_course(place, cameras.motion, where, image, n)
         x = bent = less(x, c)
         slope = _minus(dc)
         if cameras.turns:
@@ -435,9 +435,9 @@ def _see_once(n, scene, room):
             )
             # The shift is that of the pixel modelled last time: one step of Newton from there.
             px, py = panel(given, at + U(4) * apart), panel(given, at + U(5) * apart)
-            ex, ey = _by(before_it, mx - px, my - py)
+            ex, ey = sloped(before_it, mx - px, my - py)
             mx, my = px + ex, py + ey
-            g, h = _by_rows(before_it, g, h)
+            g, h = sloped_rows(before_it, g, h)
     if moves:
         if cameras.turns:
             g, h = rotated(sine, cosine, turn, g), rotated(sine, cosine, turn, h)
@@ -451,11 +451,11 @@ def _see_once(n, scene, room):
         )
         missed = where_positive(iz, where_positive(down, my - row, mx - row) * inverse, zero)
         mx, my = mx + slope_x * missed, my + slope_y * missed
-        g, h = _by_rows(across, g, h)
+        g, h = sloped_rows(across, g, h)
         place += factor * missed
         row += missed
-        s00, s10 = _by(across, before_it[0], before_it[2])
-        s01, s11 = _by(across, before_it[1], before_it[3])
+        s00, s10 = sloped(across, before_it[0], before_it[2])
+        s01, s11 = sloped(across, before_it[1], before_it[3])
         before_it = s00, s01, s10, s11
     weight = where_positive(iz, panel(given, n + apart + apart), zero)
     ex = weight * (panel(given, n) - mx)
@@ -492,7 +492,7 @@ def _sines(turn):
 
 
 @njit(**SCALAR)
-def _course(s, motion, where, image, n):
+def camera_course(s, motion, where, image, n):
     """Centre and turn of eight rays' cameras at the places s of their rows, and the slopes by s.
 
     motion: coefficients of s^0 first, eight numbers each. where: degree, numbers from an image to
@@ -542,7 +542,7 @@ def ray_rows(seen, n, first, count, scene, room, span, d):
     the point: the image's first three, negative, but where effects on the image see points: then
     they stand in room.point. Rays from behind have rows of zeros.
     """
-    derivatives, row = scene.derivatives, U(_row_length(d))
+    derivatives, row = scene.derivatives, U(inner_row_length(d))
     zero = zeros()
     apart, at = row + row, U(2 * n) * row
     # g . (dr x X) = dr . (X x g)
@@ -584,7 +584,7 @@ def ray_rows(seen, n, first, count, scene, room, span, d):
     for c in range(derivatives.motion.shape[1]):
         degree, size = derivatives.motion.shape[2] - 1, derivatives.motion.shape[2] * PANEL
         where = degree, U(derivatives.motion.shape[1] * size), U(c * size)
-        centre, theta, _, _ = _course(seen.place, derivatives.motion, where, room.image, U(n))
+        centre, theta, _, _ = camera_course(seen.place, derivatives.motion, where, room.image, U(n))
         away = _minus(centre)
         if scene.cameras.turns:
             away = less(cross(seen.x, left_jacobian(seen.turn, theta)), centre)
@@ -624,7 +624,7 @@ def _put_inner(to, k, derivative):
     work, slope, weight, moved = to
     dx, dy = weight * derivative[0], weight * derivative[1]
     if moved:
-        dx, dy = _by(slope, dx, dy)
+        dx, dy = sloped(slope, dx, dy)
     put(work, k * U(2 * PANEL), dx)
     put(work, k * U(2 * PANEL) + U(PANEL), dy)
 
@@ -672,7 +672,7 @@ def _shared_rows(n, scene, room, span):
 @njit(**SCALAR)
 def _add_slot(slot, dx, dy, n, count, scene, room, d):
     """Add derivatives by an effect's parameter to the columns of each ray's image."""
-    row, wide, work = _row_length(d), scene.columns.wide, room.work
+    row, wide, work = inner_row_length(d), scene.columns.wide, room.work
     put(work, SPARE, dx)
     put(work, SPARE + U(PANEL), dy)
     for k in range(min(PANEL, count - n)):
@@ -698,7 +698,7 @@ def of_rays(values, seen, n, first, count, scene, room, c):
         e, x = U(first + n + k - scene.looked.base), SPARE + U(k)
         work[x], work[x + U(PANEL)] = values[e, U(0), c], values[e, U(1), c]
     dx, dy = panel(work, SPARE), panel(work, SPARE + U(PANEL))
-    return _by(seen.slope, seen.root * dx, seen.root * dy)
+    return sloped(seen.slope, seen.root * dx, seen.root * dy)
 
 
 @njit(**SCALAR)
