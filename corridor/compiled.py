@@ -21,12 +21,14 @@ from numba.core.extending import _Intrinsic
 # numba's own option, so that pyproject.toml bounds the version.
 SCALAR = {
     "forceinline": True,
-    "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
     "_nrt": False,
     "error_model": "numpy",
     "fastmath": {"contract"},
 }
+# What kernels alone call compiles sooner without a way in from Python: called from there it would
+# end the process.
+UNWRAPPED = SCALAR | {"no_cpython_wrapper": True}
 # Kernels proper: as the scalar functions, and they let other threads run.
 _SHARED = ("_nrt", "no_cfunc_wrapper", "error_model", "fastmath")
 KERNEL = {key: SCALAR[key] for key in _SHARED} | {"nogil": True}

@@ -48,7 +48,7 @@ from corridor.adjustment.rays import (
     three,
 )
 from corridor.camera import interior_columns
-from corridor.compiled import KERNEL, SCALAR, compiled
+from corridor.compiled import KERNEL, UNWRAPPED, compiled
 from corridor.geometry import cross, dot, left_jacobian
 from corridor.panels import (
     PANEL,
@@ -163,12 +163,12 @@ def look(first, last, scene, out, room):
 # --- parts of the assembly --------------------------------------------------------------------
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _no_products():
     return zeros(), zeros(), zeros(), zeros(), zeros(), zeros()
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _products(sums, a, x, rows):
     """Add a[:, c] x[:, :PANEL] to sum c of six, over as many rows; a, x: `Strided`."""
     s0, s1, s2, s3, s4, s5 = sums
@@ -186,7 +186,7 @@ def _products(sums, a, x, rows):
     return s0, s1, s2, s3, s4, s5
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _products_of_pairs(sums, a, x, apart, points):
     """As `_products`, over two rows, as far apart as `a` and `x` say, of so many points.
 
@@ -201,7 +201,7 @@ def _products_of_pairs(sums, a, x, apart, points):
     return sums
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _add_products(out, at, apart, sums, columns, count, sign):
     """Add sign times the first `count` numbers of `columns` (at most six) of the sums to out."""
     s0, s1, s2, s3, s4, s5 = sums
@@ -218,7 +218,7 @@ def _add_products(out, at, apart, sums, columns, count, sign):
         add_some(out, at + U(5) * apart, plus(zeros(), sign, s5), count)
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def invert_cholesky(v):
     """Inverse of the lower Cholesky factor of (00 10 11 20 21 22), in the same order.
 
@@ -250,7 +250,7 @@ def invert_cholesky(v):
     return i0, i1, i2, i5 * (-l3 * i0 - l4 * i1), -i5 * l4 * i2, i5, weak
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _add_own(equations, n, at, own, less, count, place):
     """Add `count` columns (at most six) of J'J - Y'Y of one image, and J'e - Y'n.
 
@@ -286,7 +286,7 @@ def _add_own(equations, n, at, own, less, count, place):
             add_some(storage.flat, to, below, U(min(PANEL, d - x)))
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def block_offset(i, j, t, d, storage):
     """Where the block (rows of image j, columns of image i <= j) begins in the flat matrix.
 
@@ -307,7 +307,7 @@ def block_offset(i, j, t, d, storage):
     return U(lower * d * d)
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def group_size(p, last, scene):
     """How many points from p on, `GROUP` at most, the same images see; a given one stands alone."""
     start, img, given = scene.observations.start, scene.observations.image, scene.control.row
@@ -324,7 +324,7 @@ def group_size(p, last, scene):
     return count
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def same_images(img, start, m, other, end):
     """Whether the rays other..end are those of the same m images as those from start on."""
     if m != end - other:
@@ -335,7 +335,7 @@ def same_images(img, start, m, other, end):
     return True
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _span(p, scene, lo, hi):
     """Panels lo..hi of shared unknowns, and those that point p touches."""
     columns = scene.columns
@@ -351,7 +351,7 @@ def _span(p, scene, lo, hi):
     return lo, hi
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _eliminate(p, place, span, scene, damping, equations, totals, room, work, kind):
     """Eliminate point p.
 
@@ -499,7 +499,7 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
                     add_some(equations.block, U(r) * q + at, more, U(PANEL))
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _add_group(p, place, span, scene, equations, room, work, d):
     """Add what a group's points have gathered; place: its first ray, rays of each, points."""
     first, m, points = place
@@ -615,7 +615,7 @@ def make_assemble(d, sighted=False):
     return assemble
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _ray_sums(seen, n, first, count, scene, step, room, sums, kind):
     """What eight rays add to V, P'e and P'(e - the step's part), a row of 16 numbers each."""
     d, sighted = kind
@@ -726,7 +726,7 @@ def make_substitute(d, sighted=False):
     return substitute
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _interior_step(seen, step, image, n):
     """By how much a step of the interior moves the pixels of eight rays."""
     u, v, a, b = seen.ray
@@ -743,7 +743,7 @@ def _interior_step(seen, step, image, n):
     return sx + radial * u, sy + radial * v
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _move(p, a, b, scene, damping, step, moved):
     """Move one point; a, b: what its rays have added up (`ray_sums`).
 

@@ -12,7 +12,7 @@ from corridor.adjustment.kernels import (
     same_images,
 )
 from corridor.adjustment.rays import U, fill_rows, make_room, three
-from corridor.compiled import SCALAR, compiled
+from corridor.compiled import UNWRAPPED, compiled
 from corridor.panels import PANEL, panel, plus, put, zeros
 
 # Points seen by the same images that are gone over together: two panels.
@@ -265,7 +265,7 @@ def make_point_covariance(d):
     return point_covariance
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _sum_of_images(img, start, m, d, storage, used, together):
     """Add K_c' Q_cc K_c of points that the same m images see; used: numbers of a row of gains."""
     near, stride = storage.flat, U(storage.stride)
@@ -318,7 +318,7 @@ def _sum_of_images(img, start, m, d, storage, used, together):
             sums[j, 5] += s5
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _six_columns(k, m, d, c, storage, used, together):
     """Add to six columns of Q K_c, from c on, what the images behind image k make of them."""
     near, stride = storage.flat, U(storage.stride)

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from corridor.camera import distorted, interior_columns
-from corridor.compiled import SCALAR
+from corridor.compiled import UNWRAPPED
 from corridor.geometry import cross, dot, few_sines, left_jacobian, rotated, sines
 from corridor.panels import (
     PANEL,
@@ -186,7 +186,7 @@ def row_length(d: int) -> int:
     return (d + PANEL) // PANEL * PANEL
 
 
-inner_row_length = njit(**SCALAR)(row_length)
+inner_row_length = njit(**UNWRAPPED)(row_length)
 
 
 def make_room(rays: int, d: int, wide: int) -> Room:
@@ -212,25 +212,25 @@ def aligned(count: int) -> np.ndarray:
 # --- vectors and rows ----------------------------------------------------------------------------
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def less(a, b):
     """a - b, of three."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def three(x, at):
     """Three numbers of x."""
     return x[at], x[at + U(1)], x[at + U(2)]
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def times(r, x):
     """R x; r: three rows."""
     return dot(r[0], x), dot(r[1], x), dot(r[2], x)
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def before(g, r):
     """The row g R; r: three rows."""
     return (
@@ -240,18 +240,18 @@ def before(g, r):
     )
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _minus(a):
     return -a[0], -a[1], -a[2]
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def sloped(slope, x, y):
     """The matrix (4) before x and y."""
     return slope[0] * x + slope[1] * y, slope[2] * x + slope[3] * y
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def sloped_rows(slope, g, h):
     """The matrix (4) before the rows g and h."""
     (g0, h0), (g1, h1) = sloped(slope, g[0], h[0]), sloped(slope, g[1], h[1])
@@ -259,7 +259,7 @@ def sloped_rows(slope, g, h):
     return (g0, g1, g2), (h0, h1, h2)
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def of_images(x, apart, at, image, n):
     """Eight panels: the numbers at, at + 1 ... of the rows of eight rays' images, from ray n on."""
     return transposed(
@@ -276,7 +276,7 @@ def of_images(x, apart, at, image, n):
     )
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def put_rows(out, at, apart, columns):
     """Rows of eight numbers, `apart` numbers from each other; columns: eight panels."""
     rows = transposed(columns)
@@ -287,7 +287,7 @@ def put_rows(out, at, apart, columns):
 # --- rays -----------------------------------------------------------------------------------------
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def add_point(p, n, scene, room):
     """Put the rays of point p behind n others; returns how many there are now."""
     observations, looked = scene.observations, scene.looked
@@ -325,7 +325,7 @@ def add_point(p, n, scene, room):
     return n + m
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def fill_up(n, room):
     """Repeat the last of n rays, without weight, to the end of its panel."""
     given, apart = room.given, U(room.image.shape[0])
@@ -336,7 +336,7 @@ def fill_up(n, room):
             given[U(c) * apart + U(k)] = given[U(c) * apart + last] if c != 2 else 0.0
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def see(n, first, count, scene, room):
     """Eight rays from the n-th on as their images see them, and their cost (a panel).
 
@@ -370,7 +370,7 @@ def see(n, first, count, scene, room):
     return seen, cost
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _see_once(n, scene, room):
     """One step of `see`: also the rows found and by how much they were missed, px, and pixels."""
     cameras, looked = scene.cameras, scene.looked
@@ -472,13 +472,13 @@ def _see_once(n, scene, room):
     return seen, cost, row, missed, mx, my
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _next(value, slope, x, coefficient):
     """A polynomial and its derivative by x, one coefficient further."""
     return value * x + coefficient, slope * x + value
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _sines(turn):
     """`sines` of eight turns."""
     square = dot(turn, turn)
@@ -491,7 +491,7 @@ def _sines(turn):
     return sine, cosine
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def camera_course(s, motion, where, image, n):
     """Centre and turn of eight rays' cameras at the places s of their rows, and the slopes by s.
 
@@ -511,7 +511,7 @@ def camera_course(s, motion, where, image, n):
     return c, t, dc, dt
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _robust(loss, s):
     """Cost rho(s) and root of the weight rho'(s); s = |r|^2.
 
@@ -534,7 +534,7 @@ def _robust(loss, s):
 # --- Jacobian rows ------------------------------------------------------------------------------
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def ray_rows(seen, n, first, count, scene, room, span, d):
     """Weighted Jacobian rows of eight rays, from the n-th on, into the room.
 
@@ -595,7 +595,7 @@ def ray_rows(seen, n, first, count, scene, room, span, d):
         _add_sight(seen, n, first, count, scene, room, row)
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _interior(seen, scene, room):
     """Weighted derivatives of x and y by the interior parameters, after the slope."""
     u, v, a, b = seen.ray
@@ -619,7 +619,7 @@ def _interior(seen, scene, room):
         _put_inner(to, U(k), (power * u, power * v))
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _put_inner(to, k, derivative):
     work, slope, weight, moved = to
     dx, dy = weight * derivative[0], weight * derivative[1]
@@ -629,7 +629,7 @@ def _put_inner(to, k, derivative):
     put(work, k * U(2 * PANEL) + U(PANEL), dy)
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _shared_rows(n, scene, room, span):
     """Fill the shared columns of the interior; all others of the span with zeros."""
     columns, work, out = scene.columns, room.work, room.shared
@@ -669,7 +669,7 @@ def _shared_rows(n, scene, room, span):
             at += apart
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _add_slot(slot, dx, dy, n, count, scene, room, d):
     """Add derivatives by an effect's parameter to the columns of each ray's image."""
     row, wide, work = inner_row_length(d), scene.columns.wide, room.work
@@ -687,7 +687,7 @@ def _add_slot(slot, dx, dy, n, count, scene, room, d):
             room.own[at + U(row)] += work[x + U(PANEL)]
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def of_rays(values, seen, n, first, count, scene, room, c):
     """Derivative c of effects on the image, weighted and after the slope: x and y.
 
@@ -701,7 +701,7 @@ def of_rays(values, seen, n, first, count, scene, room, c):
     return sloped(seen.slope, seen.root * dx, seen.root * dy)
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def sighted_points(seen, n, first, count, scene, room):
     """Weighted rows of x and y by the point, where effects on the image see it."""
     g, h = before(seen.by_x, seen.rotation), before(seen.by_y, seen.rotation)
@@ -716,7 +716,7 @@ def sighted_points(seen, n, first, count, scene, room):
     return g, h
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def _add_sight(seen, n, first, count, scene, room, row):
     """What effects on the image see: in the rows by the image, and those by the point."""
     work = room.work
@@ -736,7 +736,7 @@ def _add_sight(seen, n, first, count, scene, room, row):
     put_rows(room.point, at, apart, (-h[0], -h[1], -h[2], zero, zero, zero, zero, zero))
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def fill_rows(first, last, scene, room, span, d):
     """Jacobian rows of the rays of points first..last; returns cost and how many are behind."""
     start = scene.observations.start
@@ -753,7 +753,7 @@ def fill_rows(first, last, scene, room, span, d):
     return total(cost), behind
 
 
-@njit(**SCALAR)
+@njit(**UNWRAPPED)
 def hidden(seen, n, count):
     """How many of eight rays, from the n-th of so many on, come from behind."""
     behind = 0
