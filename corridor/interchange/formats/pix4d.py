@@ -154,7 +154,8 @@ def _shots(path):
     return list(shots.values())
 
 
-def _camera(name, width, height, fx, cx, fy, cy, k1, k2, k3, t1, t2):
+def _camera(name, *interior):
+    width, height, fx, cx, fy, cy, k1, k2, k3, t1, t2 = interior
     return camera_from(
         name, width, height, fy, cx - 0.5, cy - 0.5,
         k1=k1, k2=k2, k3=k3, p1=t2, p2=t1, b1=(fx - fy) / fy,
