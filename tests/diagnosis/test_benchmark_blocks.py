@@ -160,6 +160,7 @@ def done(folder, tmp_path_factory):
     return out, code
 
 
+@pytest.mark.slow
 class TestCommand:
     def test_a_strangers_folder_is_diagnosed(self, done):
         out, code = done
@@ -181,7 +182,6 @@ class TestCommand:
         for name in ("confusion.png", "rates.png"):
             assert (out / name).read_bytes()[:4] == b"\x89PNG"
 
-    @pytest.mark.slow
     def test_blocks_that_are_done_are_not_diagnosed_again(self, done, folder):
         out, _ = done
         before = {p.name: p.stat().st_mtime_ns for p in (out / "blocks").iterdir()}

@@ -74,7 +74,7 @@ class TestEverySenseAndDirection:
         ("direction", "turns"),
         [
             ("down", -2.5),
-            ("right", 2.5),
+            pytest.param("right", 2.5, marks=pytest.mark.slow),
             pytest.param("up", -2.5, marks=pytest.mark.slow),
             pytest.param("left", 2.5, marks=pytest.mark.slow),
         ],
@@ -93,6 +93,7 @@ class TestEverySenseAndDirection:
         assert (found.row_direction, found.rotation_sense, found.row_axis) == (None, None, "y")
         assert any("look alike" in text for text in found.warnings)
 
+    @pytest.mark.slow
     def test_sense_and_direction_that_contradict_the_pictures_are_wrong_input(self):
         with pytest.raises(InputError, match="contradicts"):
             measure_star(*pair(), 2.5, sense="ccw", row_direction="down")
@@ -144,6 +145,7 @@ class TestWhatCannotBeMeasured:
         with pytest.raises(CannotMeasure, match="not at rest|no star"):
             measure_star(turning, turning, 1.0)
 
+    @pytest.mark.slow
     def test_a_still_that_also_shows_the_star_turning_is_told(self):
         still, turning = pair()
         assert not measure_star(still, turning, 2.5, sense="cw").warnings

@@ -40,6 +40,7 @@ def pair(direction="down", turns=2.0, readout=0.04, exposure=0.001, tilt=12.0, s
     )
 
 
+@pytest.mark.slow
 def test_an_independent_photograph():
     """Drawn spokes, brute force over instants; within the 1.2 % asked for one wheel."""
     texture = independent.wheel_texture(32, 3)
