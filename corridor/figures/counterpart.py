@@ -6,6 +6,7 @@ inside it is drawn quietly, one that leaves it dark, with its values outside mar
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -179,10 +180,10 @@ def counterpart_maps(before: Comparison, after: Comparison | None = None) -> Fig
     if not chosen:
         return style.sentence("No statistic is a map.", title)
     cases = [("before", before)] + ([("after", after)] if after is not None else [])
-    gap, width, height = 0.75, 1.5, 1.2
-    figure = style.sheet(1.5 + len(cases) * (height + 0.62), title, _note(before, after))
+    gap, width, height, above = 0.75, 1.5, 1.2, 1.62
+    figure = style.sheet(above + len(cases) * (height + 0.62), title, _note(before, after))
     for k, (word, case) in enumerate(cases):
-        top = 1.5 + k * (height + 0.55)
+        top = above + k * (height + 0.55)
         for column, wanted in enumerate(chosen):
             left = LEFT + column * (width + gap)
             axes = style.panel(figure, left, top, width, height)
@@ -198,7 +199,7 @@ def counterpart_maps(before: Comparison, after: Comparison | None = None) -> Fig
             axes.set_ylabel(text, size=style.SMALL, color=style.INK, labelpad=1)
             if len(cases) > 1:
                 _word(axes, word)
-    style.shade_bar(figure, image, style.WIDTH - 0.72, 1.5, height, "deviations")
+    style.shade_bar(figure, image, style.WIDTH - 0.72, above, height, "deviations")
     keys = [
         Patch(fc="white", ec=style.INK, lw=1.2, label="outside the 95 % band (deviations)"),
         Patch(fc=style.LIGHT, lw=0, label="measured below simulated"),
@@ -273,11 +274,8 @@ def _keys() -> list:
 
 
 def _title(figure: Figure, left: float, top: float, name: str) -> None:
-    """Name of a panel in one line or two, above it."""
-    lines = [name]
-    if len(name) > 34:
-        cut = name.rfind(" ", 0, 35)
-        lines = [name[:cut], short(name[cut + 1 :], 34)]
+    """Name of a panel in up to three lines above it, as wide as from one panel to the next."""
+    lines = textwrap.wrap(name, 31, max_lines=3, placeholder=" ...")
     for n, line in enumerate(reversed(lines)):
         style.write(
             figure, left - 0.4, top - 0.17 - 0.14 * n, line, weight="bold", size=style.SMALL + 0.5

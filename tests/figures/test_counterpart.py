@@ -1,10 +1,13 @@
 """Measured beside simulated: what leaves the band is marked, before and after."""
 
+from copy import copy
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from test_pictures import assert_legible, written
 
 from corridor import diagnosis, figures
 from corridor.diagnosis.replicates.statistics import Statistic
@@ -119,6 +122,19 @@ class TestMaps:
         axes = next(axes for axes in figure.axes if axes.get_ylabel() == "y (px)")
         low, high = axes.get_ylim()
         assert low > high
+
+    def test_names_as_long_as_they_come_keep_clear_of_each_other(self):
+        block = compared()
+        of_map = next(one for one in block.statistics if one.statistic.shape is not None)
+        name = of_map.statistic.name + ", growing with temperature"
+        longer = replace(of_map, statistic=replace(of_map.statistic, name=name))
+        maps = copy(block)
+        maps.statistics = [longer, of_map]
+        for cases in [(maps,), (maps, maps)]:
+            figure = figures.counterpart_maps(*cases)
+            assert_legible(figure)
+            ends = [box for text, box in written(figure) if text.startswith("position")]
+            assert ends[0].x1 + 5 < ends[1].x0
 
     def test_without_a_map_it_says_so(self, pair):
         flat = SimpleNamespace(**vars(pair[0]))
