@@ -80,13 +80,7 @@ class GnssNoise:
         """
         for rows, f, axis in self.blocks():
             rows = rows[np.argsort(self.time[rows // 3], kind="stable")]
-            kept = SlowNoise(self.tau[f, axis]).memory(np.diff(self.time[rows // 3]))
-            fresh = np.maximum(1.0 - kept**2, _FRESH)
-            precision = np.zeros((2, len(rows)))
-            precision[1, 0] = 1.0
-            precision[1, 1:] = 1.0 / fresh
-            precision[1, :-1] += kept**2 / fresh
-            precision[0, 1:] = -kept / fresh
+            precision = _precision(np.diff(self.time[rows // 3]), self.tau[f, axis])
             yield rows, float(self.coloured[f, axis]), precision
 
     def states(self) -> tuple[np.ndarray, np.ndarray, csr_array]:
@@ -138,6 +132,21 @@ class GnssNoise:
             white = self.white[f, axis] ** 2 * np.mean(self.stated[rows] ** 2)
             out[f, axis] = np.sqrt(white + self.coloured[f, axis] ** 2)
         return out
+
+
+def _precision(gaps: np.ndarray, tau: float) -> np.ndarray:
+    """Precision of slow noise of size one: its diagonal and what is above it (2, n).
+
+    gaps (n - 1,): between the positions in the order of time, s.
+    """
+    kept = SlowNoise(tau).memory(gaps)
+    fresh = np.maximum(1.0 - kept**2, _FRESH)
+    out = np.zeros((2, len(gaps) + 1))
+    out[1, 0] = 1.0
+    out[1, 1:] = 1.0 / fresh
+    out[1, :-1] += kept**2 / fresh
+    out[0, 1:] = -kept / fresh
+    return out
 
 
 class Weight:
@@ -250,6 +259,28 @@ def in_pieces(time: np.ndarray) -> list[np.ndarray]:
     return np.array_split(np.argsort(time, kind="stable"), count)
 
 
+@dataclass(frozen=True)
+class _Difference:
+    """D of one block, in the order of time: its covariance less the stated one.
+
+    white, stated (n,) variances; coloured: variance of the slow part, m^2, with its precision
+    (2, n) in units of that and its time constant.
+    """
+
+    white: np.ndarray
+    stated: np.ndarray
+    coloured: float
+    precision: np.ndarray
+    tau: float
+
+    def times(self, rows: np.ndarray) -> np.ndarray:
+        """D times rows (n, k)."""
+        slow = solveh_banded(self.precision, rows, check_finite=False)
+        slow *= self.coloured
+        slow += (self.white - self.stated)[:, None] * rows
+        return slow
+
+
 class Likelihood:
     """-2 log L of the noise of some blocks (rows, flight, axis).
 
@@ -261,17 +292,21 @@ class Likelihood:
     """
 
     def __init__(self, noise: GnssNoise, P, rho, blocks, own: bool = False, bounds=None):
-        self.rho, self.blocks, self.time = rho, blocks, noise.time
+        self.rho, self.blocks = rho, blocks
         self.flights = sorted({f for _, f, _ in blocks})
         self.count = len(blocks)
         self.stated = np.array([np.sqrt(np.mean(noise.stated[rows] ** 2)) for rows, *_ in blocks])
-        self.first = [noise.stated[rows] ** 2 for rows, *_ in blocks]
         time = [noise.time[rows // 3] for rows, *_ in blocks]
         apart = own and len(rho) > SETTINGS.most_at_a_time
         P = Weight.of(P)
         self.P = None if apart else P.toarray()
-        self.lags = [] if apart else [np.abs(t[:, None] - t) for t in time]
-        self.place = [np.arange(len(rows)) if own else rows for rows, *_ in blocks]
+        # In the order of time, in which slow noise is a chain.
+        order = [np.argsort(t, kind="stable") for t in time]
+        each = [(rows[at], t[at]) for (rows, *_), t, at in zip(blocks, time, order, strict=True)]
+        self.first = [noise.stated[rows] ** 2 for rows, _ in each]
+        self.gaps = [np.diff(t) for _, t in each]
+        self.lags = [] if apart else [np.abs(t[:, None] - t) for _, t in each]
+        self.place = order if own else [rows for rows, _ in each]
         many = [self.count, self.count, len(self.flights)]
         prior = SETTINGS.white_prior, SETTINGS.slow_prior, SETTINGS.time_constant_prior
         self.centre = np.repeat([np.log(p[0]) for p in prior], many)
@@ -333,37 +368,36 @@ class Likelihood:
             tau[f, axis] = np.exp(x[2 * self.count + self.flights.index(f)])
         return replace(noise, white=white, coloured=coloured, tau=tau)
 
-    def parts(self, x):
-        """White variances (n,), coloured covariance (n, n) and tau of each block."""
-        for n, (_, f, _) in enumerate(self.blocks):
-            tau = np.exp(x[2 * self.count + self.flights.index(f)])
-            coloured = np.exp(2 * x[self.count + n]) * self.stated[n] ** 2
-            yield (
-                np.exp(2 * x[n]) * self.first[n],
-                coloured * SlowNoise(tau).memory(self.lags[n]),
-                tau,
-            )
+    def _differences(self, white, coloured, tau) -> Iterator[_Difference]:
+        """D of each block, of white (blocks,) factors, coloured (blocks,) m and tau (blocks,) s."""
+        each = zip(self.first, self.gaps, white, coloured, tau, strict=True)
+        for first, gaps, w, c, constant in each:
+            yield _Difference(w**2 * first, first, c**2, _precision(gaps, constant), constant)
 
-    def factor(self, parts):
-        """LU of I + P D, and D rho."""
-        inner = np.eye(len(self.P))
+    def differences(self, x) -> list[_Difference]:
+        """D of each block at x."""
+        flight = [self.flights.index(f) for _, f, _ in self.blocks]
+        white, coloured, tau = np.split(np.exp(x), [self.count, 2 * self.count])
+        return list(self._differences(white, coloured * self.stated, tau[flight]))
+
+    def factor(self, differences: list[_Difference]):
+        """LU of (I + P D)', and D rho."""
+        inner = np.zeros(self.P.shape, order="F")
         right = np.zeros(len(self.P))
-        for (white, coloured, _), first, at in zip(parts, self.first, self.place, strict=True):
-            D = coloured + np.diag(white - first)
-            inner[:, at] += self.P[:, at] @ D
-            right[at] = D @ self.rho[at]
+        for D, at in zip(differences, self.place, strict=True):
+            inner[at] = D.times(self.P[:, at].T)
+            right[at] = D.times(self.rho[at, None])[:, 0]
+        inner[np.diag_indices(len(inner))] += 1.0
         return lu_factor(inner, check_finite=False, overwrite_a=True), right
 
     def solved(self, noise: GnssNoise, columns) -> np.ndarray:
         """D (I + P D)^-1 columns (n, k) of a noise."""
-        parts = []
-        for rows, f, axis in self.blocks:
-            white, coloured = noise.parts(rows, f, axis)
-            parts.append((np.diag(white), coloured, None))
-        inner = lu_solve(self.factor(parts)[0], columns, check_finite=False)
+        at = tuple(np.transpose([(f, axis) for _, f, axis in self.blocks]))
+        each = list(self._differences(noise.white[at], noise.coloured[at], noise.tau[at]))
+        inner = _solve(self.factor(each)[0], columns)
         out = np.zeros_like(inner)
-        for (white, coloured, _), first, at in zip(parts, self.first, self.place, strict=True):
-            out[at] = coloured @ inner[at] + (white - first)[:, None] * inner[at]
+        for D, rows in zip(each, self.place, strict=True):
+            out[rows] = D.times(inner[rows])
         return out
 
     def value(self, x) -> float:
@@ -371,9 +405,9 @@ class Likelihood:
         if self.pieces:
             away = x - self.centre
             return sum(one.value(x) for one in self.pieces) + float(away @ self.precision @ away)
-        factor, right = self.factor(list(self.parts(x)))
+        factor, right = self.factor(self.differences(x))
         away = x - self.centre
-        v = lu_solve(factor, self.rho, check_finite=False)
+        v = _solve(factor, self.rho)
         return _logdet(factor) - float(right @ v) + float(away @ self.precision @ away)
 
     def __call__(self, x):
@@ -383,19 +417,19 @@ class Likelihood:
             each = [one(x) for one in self.pieces]
             value = sum(one for one, _ in each) + float((x - self.centre) @ pull)
             return value, sum(slope for _, slope in each) + 2.0 * pull
-        parts = list(self.parts(x))
-        factor, right = self.factor(parts)
+        differences = self.differences(x)
+        factor, right = self.factor(differences)
         logdet = _logdet(factor)
-        V = lu_solve(factor, self.P, check_finite=False)
-        v = lu_solve(factor, self.rho, check_finite=False)
+        V, v = _solve(factor, self.P), _solve(factor, self.rho)
         slope = np.zeros_like(x)
-        for n, ((white, coloured, tau), at) in enumerate(zip(parts, self.place, strict=True)):
-            inside = V[np.ix_(at, at)] - np.outer(v[at], v[at])
-            slope[n] = 2.0 * np.sum(np.diag(inside) * white)
-            weighted = inside * coloured
-            slope[self.count + n] = 2.0 * weighted.sum()
+        for n, (D, at) in enumerate(zip(differences, self.place, strict=True)):
+            inside = V[np.ix_(at, at)]
+            slope[n] = 2.0 * float((inside.diagonal() - v[at] ** 2) @ D.white)
+            inside -= np.outer(v[at], v[at])
+            inside *= D.coloured * SlowNoise(D.tau).memory(self.lags[n])
+            slope[self.count + n] = 2.0 * inside.sum()
             flight = self.flights.index(self.blocks[n][1])
-            slope[2 * self.count + flight] += np.sum(weighted * self.lags[n]) / tau
+            slope[2 * self.count + flight] += np.vdot(inside, self.lags[n]) / D.tau
         away = x - self.centre
         pull = self.precision @ away
         return logdet - float(right @ v) + float(away @ pull), slope + 2.0 * pull
@@ -419,6 +453,11 @@ class Likelihood:
             x + SETTINGS.noise_draws_widened * (unit * spread) @ vector.T, self.low, self.high
         )
         return made, np.sum(unit**2, axis=1)
+
+
+def _solve(factor, right: np.ndarray) -> np.ndarray:
+    """Solution (n, ...) with the transpose of a matrix of which this is the LU factor."""
+    return lu_solve(factor, right, trans=1, check_finite=False)
 
 
 def _logdet(factor) -> float:

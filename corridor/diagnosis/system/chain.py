@@ -110,30 +110,83 @@ class Chain:
     def taken(self, right: sparray) -> np.ndarray:
         """What the elimination takes away (k, k) among sparse right sides (n, k) of a part.
 
-        With whole solutions, of which only the rows that the part touches are needed: products of
-        halves would run to where nothing is felt any more.
+        The chain before the part stands in its factor, the chain behind it in `_closing`: of the
+        solutions only the rows that the part touches are found, and half of what is symmetric.
         """
         right, inner = csr_array(right), self.n - self.border
-        half = self.near(right)
-        rows, before = half.rows, None
-        first = int(np.searchsorted(self.starts, half.first))
-        last = int(np.searchsorted(self.ends, half.first + len(rows)))
         touched = np.flatnonzero(np.diff(right.indptr)[:inner])
-        upto = int(touched.max()) + 1 if len(touched) else half.first
-        for k in range(last, first - 1, -1) if len(rows) else ():
-            mine = slice(self.starts[k] - half.first, self.ends[k] - half.first)
-            if before is not None:
-                rows[mine] -= self._next[k].T @ before
-            before = rows[mine] = solve_triangular(
-                self._own[k], rows[mine], lower=True, trans=1, check_finite=False
-            )
-        out = right[half.first : upto].T @ rows[: upto - half.first]
+        out = np.zeros((right.shape[1],) * 2)
+        if len(touched):
+            begin, last = np.searchsorted(self.ends, touched[[0, -1]], side="right").tolist()
+            out += self._within(right[self.starts[begin] : self.ends[last]], begin, last)
         if self.border:
             moved = solve_triangular(
-                self._inside, half.border, lower=True, trans=1, check_finite=False
+                self._inside,
+                right[inner:].toarray() - (right[:inner].T @ self._follows).T,
+                lower=True,
+                check_finite=False,
             )
-            out += (right[inner:].T - right[:inner].T @ self._follows) @ moved
-        return 0.5 * (out + out.T)
+            out += moved.T @ moved
+        return out
+
+    def _within(self, right: csr_array, begin: int, last: int) -> np.ndarray:
+        """right' N^-1 right (k, k) of blocks begin..last, the border aside."""
+        by_column = csc_array(right)
+        by_column.sort_indices()
+        several = np.diff(by_column.indptr) > 0
+        first = np.zeros(right.shape[1], dtype=np.int64)
+        first[several] = by_column.indices[by_column.indptr[:-1][several]]
+        # A column has nothing to say before its own first block, nor to those that begin later.
+        order = np.argsort(first, kind="stable")
+        start = int(self.starts[begin])
+        many = np.searchsorted(first[order], self.ends[begin : last + 1] - start).tolist()
+        right = right[:, order]
+        rows = right.toarray()
+        spans = [
+            slice(int(self.starts[k]) - start, int(self.ends[k]) - start)
+            for k in range(begin, last + 1)
+        ]
+        factors = [*self._own[begin:last], self._closing[last]]
+        for k, (at, factor) in enumerate(zip(spans, factors, strict=True)):
+            mine = rows[at, : many[k]]
+            if k:
+                mine[:, : many[k - 1]] -= (
+                    self._next[begin + k - 1] @ rows[spans[k - 1], : many[k - 1]]
+                )
+            rows[at, : many[k]] = solve_triangular(factor, mine, lower=True, check_finite=False)
+        for k in reversed(range(len(spans))):
+            at, upto = spans[k], many[k]
+            mine = rows[at, :upto]
+            if k + 1 < len(spans):
+                mine -= self._next[begin + k].T @ rows[spans[k + 1], :upto]
+            rows[at, :upto] = solve_triangular(
+                factors[k], mine, lower=True, trans=1, check_finite=False
+            )
+        # Of each pair the column that begins first is solved for wherever the other is.
+        half = np.tril(right.T @ rows)
+        out = np.empty_like(half)
+        out[np.ix_(order, order)] = half + np.tril(half, -1).T
+        return out
+
+    @cached_property
+    def _closing(self) -> list[np.ndarray]:
+        """Factor of each block once all others are eliminated, those before it and those behind."""
+        out, gone = [self._own[-1]], 0.0
+        for k in reversed(range(len(self.ends) - 1)):
+            after = self._own[k + 1] @ self._own[k + 1].T - gone
+            # As it was before the blocks in front of it were eliminated.
+            after += self._next[k] @ self._next[k].T
+            link = self._next[k] @ self._own[k].T
+            half = solve_triangular(
+                cholesky(after, lower=True, check_finite=False),
+                link,
+                lower=True,
+                check_finite=False,
+            )
+            gone = half.T @ half
+            own = self._own[k] @ self._own[k].T - gone
+            out.append(cholesky(own, lower=True, check_finite=False))
+        return out[::-1]
 
     @cached_property
     def _follows(self) -> np.ndarray:
