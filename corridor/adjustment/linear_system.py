@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import block_array, csc_array, csr_array
+from scipy.sparse import block_array, coo_array, csc_array, csr_array
 
 from corridor.adjustment.matrix import Bordered
 from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM
@@ -474,9 +474,42 @@ class LinearSystem:
         ]
         return csc_array(block_array(blocks))
 
+    def of_images(self, one: np.ndarray, other: np.ndarray) -> csc_array:
+        """N (m k, m l) of unknowns that images have for themselves, one (m, k) and other (m, l)."""
+        first, second = (own[0][own[0] < self.problem.d] for own in (one, other))
+        if (first.size, second.size) == (one.shape[1], other.shape[1]):
+            return self._normal.blocks.of_images(first, second)
+        # Tested effects of the antenna have columns behind all others, and no part in N.
+        out = csc_array((one.size, other.size))
+        if first.size and second.size:
+            part = coo_array(self._normal.blocks.of_images(first, second))
+            place = []
+            for own, at in ((one, part.row), (other, part.col)):
+                inside = np.flatnonzero(own[0] < self.problem.d)
+                image, number = np.divmod(at, len(inside))
+                place.append(image * own.shape[1] + inside[number])
+            out = csc_array((part.data, tuple(place)), shape=out.shape)
+        return out
+
+    def with_shared(self, rows: np.ndarray, shared: np.ndarray) -> np.ndarray:
+        """N (k, l) of any unknowns (k,) with some (l,) of those that images share."""
+        out = np.zeros((len(rows), len(shared)))
+        begin, end = self._of_problem - self.problem.shared_count, self._of_problem
+        known = np.flatnonzero(shared < end)
+        at = shared[known] - begin
+        own, beside = np.flatnonzero(rows < begin), np.flatnonzero((rows >= begin) & (rows < end))
+        out[np.ix_(own, known)] = self._cross[np.ix_(rows[own], at)]
+        out[np.ix_(beside, known)] = self.shared_matrix[np.ix_(rows[beside] - begin, at)]
+        return out
+
     def let_go(self) -> None:
-        """Forget N, which is made anew where it is asked for: it grows to hundreds of megabytes."""
-        self.__dict__.pop("matrix", None)
+        """Forget N, which is made anew where it is asked for: it grows to hundreds of megabytes.
+
+        The right side and the diagonal before the points were eliminated stay.
+        """
+        self.right, self.reference  # noqa: B018, small, and gone with the matrix
+        for name in ("matrix", "_normal"):
+            self.__dict__.pop(name, None)
 
     @property
     def _cross(self) -> np.ndarray:
@@ -488,6 +521,14 @@ class LinearSystem:
         """Diagonal (n,) of N before the points were eliminated: what is not rounding beside it."""
         normal, m = self._normal, self.problem.image_count
         return np.concatenate([normal.reference[:m].ravel(), normal.shared_reference])
+
+    @cached_property
+    def _substitution(self) -> Normal:
+        """The kernels at this state, for the points alone."""
+        normal = Normal(self.problem, self.loss, self.threads, self.storage)
+        normal.assembled = normal.view(self.state)
+        normal.modelled = normal.modelled_at(self.state)
+        return normal
 
     @property
     def shared_matrix(self) -> np.ndarray:
@@ -552,7 +593,7 @@ class LinearSystem:
 
     def following(self, change: np.ndarray) -> State:
         """The state after a change (n,) of the columns, each point where it then fits best."""
-        return self._stepped(self._normal, change)
+        return self._stepped(self._substitution, change)
 
     def _stepped(self, normal: Normal, change: np.ndarray) -> State:
         p = self.problem

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
-from scipy.sparse import csc_array, diags_array
+from scipy.sparse import bsr_array, csc_array
 from scipy.sparse.linalg import splu
 
 from corridor.adjustment.kernels import backward, forward
@@ -79,14 +79,39 @@ class Band:
 
     def symmetric(self) -> csc_array:
         """B (n, n) as a whole, before factorisation."""
-        n, ld = self.n, self.ld
-        inside = np.arange(ld) < np.minimum(ld, n - np.arange(n))[:, None]
-        indices = (np.arange(n)[:, None] + np.arange(ld))[inside].astype(np.int32)
-        pointer = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int32)
-        values = self.flat[: n * ld].reshape(n, ld)[inside]
-        low = csc_array((values, indices, pointer), shape=(n, n))
-        low.eliminate_zeros()
-        return (low + low.T - diags_array(low.diagonal())).tocsc()
+        every = np.arange(self.d)
+        return self.of_images(every, every)
+
+    def of_images(self, one: np.ndarray, other: np.ndarray) -> csc_array:
+        """B (images * k, images * l) of some unknowns of every image, one (k,) and other (l,)."""
+        d, m = self.d, self.images
+        band = self.flat[: self.n * self.ld].reshape(m, d, self.ld)
+        row, column, values = [], [], []
+        for apart in range(-(-self.ld // d)):
+            # Of images so far apart: lower (pairs, unknowns of the later, of the earlier one).
+            lower = np.zeros((m - apart, d, d))
+            for c in range(d):
+                begin = max(apart * d - c, 0)
+                stored = band[: m - apart, c, begin : (apart + 1) * d - c]
+                lower[:, d - stored.shape[1] :, c] = stored
+            if not apart:
+                lower += np.tril(lower, -1).transpose(0, 2, 1)
+            seen = np.flatnonzero(lower.any(axis=(1, 2)))
+            lower = lower[seen]
+            row, column = [*row, seen + apart], [*column, seen]
+            values.append(lower[:, one[:, None], other])
+            if apart:
+                row, column = [*row, seen], [*column, seen + apart]
+                values.append(lower.transpose(0, 2, 1)[:, one[:, None], other])
+        row, column = np.concatenate(row), np.concatenate(column)
+        order = np.lexsort((column, row))
+        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=m))])
+        out = bsr_array(
+            (np.concatenate(values)[order], column[order], start),
+            shape=(m * len(one), m * len(other)),
+        ).tocsc()
+        out.eliminate_zeros()
+        return out
 
     def factor(self, reference: np.ndarray) -> None:
         """Cholesky in place. reference (images, d): diagonal before the points were eliminated.
@@ -164,6 +189,15 @@ class Sparse:
         columns = np.concatenate([self._column[lower], self._row[below]])
         values = np.concatenate([self.flat[lower], self.flat[below]])
         return csc_array((values, (rows, columns)), shape=(self.n, self.n))
+
+    def of_images(self, one: np.ndarray, other: np.ndarray) -> csc_array:
+        """B (images * k, images * l) of some unknowns of every image, one (k,) and other (l,)."""
+        rows, columns = (
+            (np.arange(self.images)[:, None] * self.d + some).ravel() for some in (one, other)
+        )
+        out = self.symmetric()[:, columns][rows]
+        out.eliminate_zeros()
+        return out
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         return self.symmetric() @ x

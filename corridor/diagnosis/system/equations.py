@@ -12,16 +12,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse import csc_array, csr_array, diags_array, hstack, vstack
 
 from corridor.adjustment import Adjustment, LinearSystem
 from corridor.brief import brief
 from corridor.diagnosis.noise.image import Scales, pseudo_residuals
 from corridor.diagnosis.system.groups import Group, make_groups
 from corridor.effects import Effect
-
-# Columns that are brought into order together.
-_AT_ONCE = 4000
 
 
 @dataclass
@@ -109,91 +106,76 @@ def equations(adjustment: Adjustment, effects: list[Effect], priors: Mapping) ->
     return out
 
 
-def _arrange(matrix: csc_array, order: np.ndarray, unit: np.ndarray) -> None:
-    """Rows (n,) in the order of the columns, both times their unit (n,), where the matrix is."""
-    place = np.empty_like(order)
-    place[order] = np.arange(len(order))
-    for first in range(0, len(order), _AT_ONCE):
-        last = min(first + _AT_ONCE, len(order))
-        ends = matrix.indptr[first : last + 1]
-        some = slice(ends[0], ends[-1])
-        matrix.indices[some] = place[matrix.indices[some]]
-        matrix.data[some] *= unit[matrix.indices[some]]
-        matrix.data[some] *= np.repeat(unit[first:last], np.diff(ends))
-    matrix.has_sorted_indices = False
-    matrix.sort_indices()
-
-
 def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
     """Split the equations into poses and nuisance, what images share, and per-image columns."""
-    columns, matrix, right = system.columns, system.matrix, system.right
-    jacobian = system.gnss.jacobian
+    columns, jacobian = system.columns, system.gnss.jacobian
     tested = {group.slug for group in groups}
     core = np.concatenate([columns.of(slug) for slug in tested] or [[]]).astype(int)
     core.sort()
-    own = {slug: at.ravel() for slug, at in columns.of_image.items() if slug in tested}
+    own = {slug: at for slug, at in columns.of_image.items() if slug in tested}
     # In units of prior standard deviations.
     unit = np.ones(len(columns))
     for group in groups:
-        at = core if group.own is None else own[group.slug]
+        at = core if group.own is None else own[group.slug].ravel()
         unit[at[group.columns]] = group.scale
     believed = [at for slug, at in columns.of_image.items() if slug not in tested]
     nuisance = np.setdiff1d(columns.shared_at, core)
-    more = np.concatenate([columns.pose[:, :0], *believed], axis=1)
-    first = np.concatenate([columns.pose.ravel(), more.ravel(), nuisance]).astype(int)
-
+    rest = [columns.pose, *([np.concatenate(believed, axis=1)] if believed else [])]
+    first = np.concatenate([*(at.ravel() for at in rest), nuisance]).astype(int)
     blocks = list(own.values())
-    order = np.concatenate([first, core, *blocks])
-    matrix = matrix[:, order]
-    # Of thousands of images it weighs too much to be there twice.
-    system.let_go()
-    _arrange(matrix, order, unit[order])
-    ends = np.cumsum([0, *map(len, (first, core, *blocks))]).tolist()
-    spans = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-    whole, shared, of_images = spans[0], spans[1], spans[2:]
 
-    def part(rows: slice, others: slice) -> csc_array:
-        return csc_array(matrix[:, others][rows])
+    def dense(rows: np.ndarray, shared: np.ndarray) -> np.ndarray:
+        return unit[rows][:, None] * system.with_shared(rows, shared) * unit[shared]
+
+    def sparse(one: np.ndarray, other: np.ndarray) -> csc_array:
+        made = system.of_images(one, other)
+        made.data *= unit[one.ravel()][made.indices]
+        made.data *= np.repeat(unit[other.ravel()], np.diff(made.indptr))
+        return made
+
+    def whole(block: np.ndarray) -> csc_array:
+        """Poses and nuisance with what images have for themselves."""
+        shared = csc_array(dense(block.ravel(), nuisance).T)
+        return csc_array(vstack([*(sparse(at, block) for at in rest), shared]))
 
     def with_gnss(at: np.ndarray) -> csr_array:
         return csr_array(jacobian[:, at] @ diags_array(unit[at]))
 
     images = np.arange(len(columns.images))
-    owner = np.concatenate(
-        [np.repeat(images, 6), np.repeat(images, more.shape[1]), np.full(len(nuisance), -1)]
-    )
+    each = [np.repeat(images, at.shape[1]) for at in rest]
     nothing_holds = not len(system.gnss.names) and len(system.control_names) < 3
-    return Equations(
+    out = Equations(
         system=system,
-        matrix=part(whole, whole),
-        right=right[first],
+        matrix=csc_array(hstack([*map(whole, rest), csc_array(dense(first, nuisance))])),
+        right=system.right[first],
         jacobian=with_gnss(first),
         core=Columns(
-            part(whole, shared).toarray(),
-            part(shared, shared).toarray(),
-            right[core] * unit[core],
+            dense(first, core),
+            dense(core, core),
+            system.right[core] * unit[core],
             with_gnss(core).toarray(),
             columns.value[core] / unit[core],
         ),
         own=[
             Columns(
-                part(whole, span),
-                part(span, span),
-                right[at] * unit[at],
-                with_gnss(at),
-                columns.value[at] / unit[at],
+                whole(at),
+                sparse(at, at),
+                system.right[at.ravel()] * unit[at.ravel()],
+                with_gnss(at.ravel()),
+                columns.value[at.ravel()] / unit[at.ravel()],
             )
-            for at, span in zip(blocks, of_images, strict=True)
+            for at in blocks
         ],
-        between=[part(span, shared).toarray() for span in of_images],
-        mutual={
-            (i, j): part(of_images[i], of_images[j]) for j in range(len(blocks)) for i in range(j)
-        },
+        between=[dense(at.ravel(), core) for at in blocks],
+        mutual={(i, j): sparse(blocks[i], blocks[j]) for j in range(len(blocks)) for i in range(j)},
         groups=groups,
-        owner=owner,
+        owner=np.concatenate([*each, np.full(len(nuisance), -1)]),
         first=first,
         at=core,
-        own_at=blocks,
+        own_at=[at.ravel() for at in blocks],
         unit=unit,
         free_motions=system.motions[first] if nothing_holds else None,
     )
+    # Of thousands of images it weighs too much to be there twice.
+    system.let_go()
+    return out
