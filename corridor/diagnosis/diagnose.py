@@ -121,7 +121,6 @@ def diagnose(
     _add_discontinuity(found, before, last.adjustment)
     untestable = sorted(course.candidates.untestable.items())
     limits = detection_limits(last)
-    # Simulated counterparts need the room.
     last.let_go()
     return Diagnosis(
         block=block,

@@ -43,7 +43,7 @@ class Round:
 
     keys: of the groups that were found. lens: as it is beside them. wrong: control points among
     them that failed their test. Of large blocks the last round alone keeps its equations and
-    evidence.
+    evidence, until it is saved.
     """
 
     adjustment: Adjustment
@@ -60,8 +60,17 @@ class Round:
 
     def let_go(self) -> None:
         """Forget what can be made anew, once the findings are known."""
+        # What the report tells, while the spectra are there.
+        self.evidence.given({})
+        self.evidence.given(self.found.chosen)
         self.evidence.let_go()
         self.noises.evidence.let_go()
+
+    def make_room(self) -> None:
+        """Of large blocks keep what images share, and what the report tells."""
+        if self.adjustment.problem.image_count > SETTINGS.large_block:
+            self.evidence.let_go_of_images()
+            self.equations = self.noises = None
 
     def shed(self) -> None:
         """Let go of what weighs gigabytes in a block of a thousand images."""

@@ -24,7 +24,10 @@ from corridor.diagnosis.noise.gnss import (
     stated_noise,
 )
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Antennas, pieces_of
+from corridor.diagnosis.system.elimination import Antennas
+
+# Columns of which it is asked together what the antenna feels of them.
+_AT_ONCE = 200
 
 
 class NoiseModel:
@@ -56,7 +59,9 @@ class NoiseModel:
         key = group.key, tuple(group.columns[:1]), len(group)
         if key not in self._touches:
             inside = self.evidence.block(group)[0].diagonal()
-            seen = np.concatenate([self._seen(group, at) for at in pieces_of(len(group))])
+            count = len(group)
+            some = [slice(at, min(at + _AT_ONCE, count)) for at in range(0, count, _AT_ONCE)]
+            seen = np.concatenate([self._seen(group, at) for at in some])
             self._touches[key] = float(np.max(seen / np.maximum(inside, 1e-12), initial=0.0))
         return self._touches[key]
 

@@ -12,7 +12,7 @@ Source: Kass and Raftery 1995, "Bayes factors"; Chandler and Bate 2007 (phi: see
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh
@@ -117,7 +117,14 @@ class Evidence:
         """Forget spectra and factors, which are made anew where they are asked for."""
         self._alone.clear()
         self._of_images.clear()
-        self._forget_answers()
+
+    def let_go_of_images(self) -> None:
+        """Keep of the equations what images share; answers that were given stay."""
+        self.let_go()
+        nothing = [None] * len(self.reduced.own_matrix)
+        self.reduced = replace(
+            self.reduced, own_matrix=nothing, own_g=nothing, between=nothing, mutual={}
+        )
 
     def _forget_answers(self):
         self._totals.clear()

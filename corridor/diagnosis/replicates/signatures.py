@@ -36,15 +36,15 @@ class Signatures:
     """
 
     def __init__(self, replicator):
-        self._replicator = replicator
         system = replace(replicator.system, loss=Loss())
         effects = _missing_effects(system)
-        self._tested = tested = system.testing(effects)
+        tested = system.testing(effects)
         self._design = Design(tested)
         columns, gnss = tested.columns, tested.gnss
         groups = make_groups(columns, len(tested.control_names), effects, {})
         e = take_apart(tested, groups)
-        self._weight = gnss.sigma.ravel() ** -2.0
+        self._weight, self._gnss = gnss.sigma.ravel() ** -2.0, gnss.jacobian
+        self._priors = tested.right_of_priors[:, None]
         # Diagonal before anything is eliminated.
         raw = np.zeros(len(columns))
         raw[: len(tested.reference)] = tested.reference
@@ -92,8 +92,8 @@ class Signatures:
         )
         weight = np.repeat(self._design.weight, 2)[:, None]
         found = self._design.right(Sets(weight * np.nan_to_num(pixels), control))
-        found += self._tested.gnss.jacobian.T @ (self._weight[:, None] * gnss)
-        return (found + self._tested.right_of_priors[:, None]).T
+        found += self._gnss.T @ (self._weight[:, None] * gnss)
+        return (found + self._priors).T
 
     def strengths(self, score: np.ndarray) -> np.ndarray:
         """What residuals share with each effect (names,), in standard deviations.

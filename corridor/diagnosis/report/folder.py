@@ -48,6 +48,8 @@ def save(
     folder = Path(folder)
     say = progress or (lambda _: None)
     check_output(folder)
+    # Simulated counterparts need the room.
+    diagnosis.course.last.make_room()
     compared = beside(diagnosis, counterparts, threads, say)
     notes = [*diagnosis.notes, *compared.notes]
     slugs, adjustment = _believable(diagnosis, say)
