@@ -18,7 +18,7 @@ it explains the data than the truth does, each with the noise that fits it best,
 sigmas too, sqrt(2 log L) (see `_from_noise`). Where the
 truth gives no parameters of the catalogue, the ratio is the weighted length of what the effect
 leaves in the residuals: those of the block minus those of its twin, both adjusted by plain least
-squares. (There the GNSS counts as white.)
+squares, less what the noise of the GNSS that the twin shows takes of it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from corridor.block import Block
 from corridor.diagnosis.evidence.beside_noise import NoiseModel
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.findings.verdict import refines
-from corridor.diagnosis.noise.gnss import estimate
+from corridor.diagnosis.noise.gnss import Likelihood, estimate
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
@@ -103,7 +103,7 @@ def signals(
             out[key].from_noise = math.sqrt(max(2.0 * _from_noise(noises, n, theta), 0.0))
     missing = [one for one in (*truth.inside, *truth.outside) if key_of(one) not in out]
     if len(missing) == 1 and not members:
-        out[key_of(missing[0])] = Signal(_length(block, twin, options), by="residuals")
+        out[key_of(missing[0])] = _of_residuals(block, twin, options, noises)
     return out
 
 
@@ -193,11 +193,13 @@ def _beside(evidence: Evidence, n: int, others: list[int]) -> np.ndarray:
     Those are known to stay within some ten prior standard deviations: an atmosphere five hundred
     times the real one is no rival of a lens.
     """
-    M, _ = evidence.block(evidence.groups[n])
+    group = evidence.groups[n]
+    M, _ = evidence.block(group)
+    M = M if group.own is None else M.toarray()
     if not others:
         return M
     inside, _ = evidence.joint(others)
-    across = np.vstack([evidence.across(evidence.groups[k], evidence.groups[n]) for k in others])
+    across = np.vstack([evidence.across(evidence.groups[k], group) for k in others])
     return M - across.T @ np.linalg.solve(inside + np.eye(len(inside)) / WIDE**2, across)
 
 
@@ -207,13 +209,13 @@ def _plain(block: Block, options: dict) -> Adjustment:
     return adjustment.adjust(block, model=ReferenceModel.of(block, wanted).model)
 
 
-def _length(block: Block, twin: Block, options: dict) -> float | None:
-    """Weighted length of what an effect leaves in the residuals; None where rows differ."""
+def _of_residuals(block: Block, twin: Block, options: dict, noises: NoiseModel | None) -> Signal:
+    """By what an effect leaves in the residuals; of no ratio where rows differ."""
     try:
         sides = [_plain(one, options) for one in (block, twin)]
     except (InputError, AdjustmentFailed):
-        return None
-    total = 0.0
+        return Signal(by="residuals")
+    square = 0.0
     for kind, columns, sigmas in (
         ("tie", ["vx", "vy"], ["sigma"]), ("mark", ["vx", "vy"], ["sigma"]),
         ("gnss", ["vx", "vy", "vz"], ["sx", "sy", "sz"]),
@@ -221,7 +223,18 @@ def _length(block: Block, twin: Block, options: dict) -> float | None:
     ):  # fmt: skip
         a, b = (side.residuals[kind] for side in sides)
         if len(a) != len(b):
-            return None
+            return Signal(by="residuals")
         off = (a[columns].to_numpy() - b[columns].to_numpy()) / b[sigmas].to_numpy()
-        total += float(np.nansum(off**2))
-    return float(np.sqrt(total))
+        square += float(np.nansum(off**2))
+    if noises is None or noises.few:
+        return Signal(float(np.sqrt(square)), by="residuals")
+    a, b = (side.system for side in sides)
+    rho = ((a.residuals().gnss - b.residuals().gnss) / b.gnss.sigma**2).ravel()
+    noise, alone = estimate(noises.stated, noises.P, noises.rho)
+    every = Likelihood(noises.stated, noises.P, rho, list(noises.stated.blocks()))
+    taken = float(rho @ every.solved(noise, rho[:, None])[:, 0])
+    hidden = np.mean([estimate(noises.stated, noises.P, noises.rho + s * rho)[1] for s in (1, -1)])
+    return Signal(
+        math.sqrt(max(square - taken, 0.0)), by="residuals",
+        from_noise=math.sqrt(max(square + float(hidden) - alone, 0.0)),
+    )  # fmt: skip

@@ -63,13 +63,26 @@ class TestSignal:
         assert found.alike and found.apart < 0.05 * found.ratio
 
     def test_slow_noise_of_the_gnss_is_a_rival_of_what_the_antenna_feels(self, shutter):
-        """It may pass for a bias of the antenna; what the pictures show it hardly explains."""
+        """It may pass for a bias of the antenna; what the pictures show it hardly explains.
+
+        By either way: residuals, too, lose what the noise takes of them.
+        """
 
         def both(one):
-            truth = truth_of(one.truth)
-            slug = truth.inside[0].slug
+            bare = {"effects": [{"slug": truth_of(one.truth).inside[0].slug}]}
+            slug = bare["effects"][0]["slug"]
             first = corridor.diagnose(one.twin, only=[slug]).course.rounds[0]
-            return signals(truth, first.evidence, one.block, one.twin, {}, first.noises)[slug]
+            found, residual = (
+                signals(truth_of(one.truth | more), first.evidence, one.block, one.twin, {},
+                        first.noises)[slug]
+                for more in ({}, bare)
+            )  # fmt: skip
+            assert (residual.by, residual.ratio) == (
+                "residuals",
+                pytest.approx(found.ratio, rel=0.15),
+            )
+            assert residual.from_noise == pytest.approx(found.from_noise, rel=0.15)
+            return found
 
         bias, picture = both(hidden("gnss_bias", geometry="oblique")), both(shutter)
         assert bias.apart == bias.ratio and bias.from_noise < 0.8 * bias.ratio
