@@ -30,7 +30,7 @@ from benchmarks.guarantees import table
 from corridor.adjustment import Model
 from corridor.block import Block
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.rounds import Round, run
+from corridor.diagnosis.rounds import Question, Round, course_of
 from corridor.diagnosis.settings import changed
 from corridor.effects import every_effect
 from corridor.errors import AdjustmentFailed, InputError
@@ -59,7 +59,8 @@ class Twins:
         if key not in self._made:
             untouched, *_ = prepare(twin)
             with changed(most_refits=0):
-                self._made[key] = untouched, run(ReferenceModel.of(untouched, Model())).last
+                believed = ReferenceModel.of(untouched, Model())
+                self._made[key] = untouched, course_of(believed, Question()).last
         return self._made[key]
 
     def signals(self, truth: Truth, block: Block, twin: Block) -> dict[str, Signal]:

@@ -7,7 +7,7 @@ determines is `Singular`.
 """
 
 from corridor.adjustment.absolute_orientation import AbsoluteOrientation, lay_on_control
-from corridor.adjustment.adjust import adjust, complete
+from corridor.adjustment.adjust import Run, adjust, complete
 from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
@@ -49,6 +49,7 @@ __all__ = [
     "Normal",
     "ParameterId",
     "PointGains",
+    "Run",
     "Sets",
     "Similarity",
     "Singular",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +30,7 @@ from corridor.adjustment.solve import solve
 from corridor.block import Block, read
 from corridor.effects import Effect, check_needs
 from corridor.errors import AdjustmentFailed, InputError, some
+from corridor.options import options
 from corridor.preparation import Prepared, doubts, prepare
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
@@ -40,21 +41,34 @@ START_LENS = {"k1": 0.1, "k2": 0.1}
 _WILD = 0.1
 
 
+@dataclass(frozen=True)
+class Run:
+    """How the equations are solved.
+
+    threads: 1 or 2. progress: called with a dictionary: after each iteration iteration, cost,
+    damping, step and accepted; else message. max_iterations: None: as many as is usual. strict:
+    refuse wild cells, points that one image alone shows, and images with fewer than three points,
+    which are left out and named in `warnings` otherwise.
+    """
+
+    threads: int = 1
+    progress: Callable[[dict], None] | None = None
+    max_iterations: int | None = None
+    strict: bool = False
+
+    def __post_init__(self):
+        if self.threads < 1:
+            raise InputError(f"{self.threads} threads cannot adjust anything: use 1 or 2")
+
+    def say(self, message: str) -> None:
+        """Tell the progress."""
+        if self.progress:
+            self.progress({"message": message})
+
+
+@options(model=Model, run=Run)
 def adjust(
-    block: Block | str | os.PathLike,
-    camera: str | Iterable[str] | Mapping[str, str] | None = None,
-    effects: str | Effect | Iterable[str | Effect] = (),
-    control: str | Iterable[str] | None = None,
-    check: str | Iterable[str] | None = None,
-    loss: str = "squares",
-    priors: Mapping[str, tuple[float, float]] | None = None,
-    lever_arm: str | None = None,
-    threads: int = 1,
-    progress: Callable[[dict], None] | None = None,
-    max_iterations: int = ITERATIONS,
-    reject_gnss: bool = False,
-    model: Model | None = None,
-    strict: bool = False,
+    block: Block | str | os.PathLike, model: Model, *, run: Run, reject_gnss: bool = False
 ) -> Adjustment:
     """Least-squares adjustment of tie points, marks, ground control and GNSS.
 
@@ -68,14 +82,15 @@ def adjust(
     priors: value and standard deviation by name: `{"camera.P1.f": (8190.0, 5.0)}`.
     lever_arm: `free` or `fixed`; default: free unless block.toml fixes it or the antenna positions
         do not show it: such an arm is held at 0, or as stated.
-    threads: 1 or 2.
-    reject_gnss: leave out antenna positions whose residual is beyond five sigmas (false fixes,
-        which no smoother of the track can see) and adjust again, until none is left.
+    model: a `Model` in place of camera, effects, control, check, loss, priors and lever_arm.
+    threads: 1 or 2. max_iterations: 100 if none is given.
     progress: called with a dictionary: after each iteration iteration, cost, damping, step and
         accepted; while start values are made, message.
-    model: a `Model` in place of camera, effects, control, check, loss, priors and lever_arm.
     strict: refuse wild cells, points that one image alone shows, and images with fewer than three
         points, which are left out and named in `warnings` otherwise.
+    run: a `Run` in place of threads, max_iterations, progress and strict.
+    reject_gnss: leave out antenna positions whose residual is beyond five sigmas (false fixes,
+        which no smoother of the track can see) and adjust again, until none is left.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
     A focal length that block.toml says is stated (`f_stated`, by photographs) is a prior of a
@@ -86,24 +101,11 @@ def adjust(
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
     iterations get nowhere.
     """
-    if threads < 1:
-        raise InputError(f"{threads} threads cannot adjust anything: use 1 or 2")
     prepared = prepare(read(block))
     block = prepared.block
-    model = Model.of(
-        model,
-        camera=camera,
-        effects=effects,
-        control=control,
-        check=check,
-        loss=loss,
-        priors=priors,
-        lever_arm=lever_arm,
-    )
     check_needs(block, model.effects)
-    block, left_out = sound_part(block, model, strict)
+    block, left_out = sound_part(block, model, run.strict)
     doubtful = doubts(block)
-    run = Run(min(threads, 2), progress, max_iterations)
 
     def again(part: Block, model: Model = model) -> Adjustment:
         try:
@@ -167,22 +169,12 @@ def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:
     return list(dict.fromkeys([*told, *prepared.notes]))
 
 
-@dataclass
-class Run:
-    """How the equations are solved; see `adjust`."""
-
-    threads: int = 1
-    progress: Callable[[dict], None] | None = None
-    max_iterations: int = ITERATIONS
-
-
 def _once(block: Block, model: Model, run: Run) -> Adjustment:
     """One adjustment."""
     began = time.perf_counter()
     start, notes = block, []
     if _incomplete(block):
-        say = run.progress
-        block = complete(block, say and (lambda line: say({"message": line})))
+        block = complete(block, run.say)
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
     residual, behind = Normal(problem, loss).residuals(problem.start)
     lost = _wild_starts(problem, residual)
@@ -195,15 +187,17 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
         problem = make_problem(block, model)
     del residual  # as large as the observations
 
+    threads = min(run.threads, 2)
+
     def at(state: State) -> LinearSystem:
-        return LinearSystem(problem, state, loss, threads=run.threads)
+        return LinearSystem(problem, state, loss, threads=threads)
 
     try:
         datum = free_network(at(problem.start))
-        normal = Normal(problem, loss, threads=run.threads)
+        normal = Normal(problem, loss, threads=threads)
         if datum is not None:
             normal.held = datum.held
-        solution = solve(normal, run.max_iterations, progress=run.progress)
+        solution = solve(normal, run.max_iterations or ITERATIONS, progress=run.progress)
         del normal  # as large as the equations
         system = at(solution.state)
         if datum is not None:

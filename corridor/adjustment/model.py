@@ -158,19 +158,6 @@ class Model:
             raise InputError(f"lever arm {self.lever_arm!r} is unknown: use free or fixed")
         Loss.parse(self.loss)
 
-    @classmethod
-    def of(cls, model: Model | None, **options) -> Model:
-        """A model as it is, or one of options as `Model` has them; not both."""
-        if model is None:
-            return cls(**options)
-        default = cls()
-        told = [k for k, v in options.items() if not _same(v, getattr(default, k))]
-        if told:
-            raise InputError(
-                f"{', '.join(told)} and a model are given: the model says it already, give one"
-            )
-        return model
-
     def settings_of(self, block: Block) -> dict[ParameterId, Setting]:
         """Wishes for single parameters, and the stated focal lengths of cameras that are free.
 
@@ -305,7 +292,3 @@ def _joined(free: str | Iterable[str]) -> str:
 def camera_of(block: Block, free: str) -> dict[str, str]:
     """The same free parameters for each camera, none where it is calibrated."""
     return {name: "fixed" if c.calibrated else free for name, c in block.cameras.items()}
-
-
-def _same(a, b) -> bool:
-    return a is b or a == b or (a in ((), None, {}) and b in ((), None, {}, []))

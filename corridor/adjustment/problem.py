@@ -31,6 +31,7 @@ from corridor.adjustment.unknowns import (
 from corridor.block import Block
 from corridor.brief import brief
 from corridor.effects import Effect, EffectValues, Images, Stack, Values, stated_lever_arms
+from corridor.options import made
 from corridor.panels import PANEL
 
 
@@ -144,9 +145,9 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
 def make_problem(block: Block, model: Model | None = None, **options) -> Problem:
     """The problem of adjusting a block whose poses and points all have start values.
 
-    model, or options of `Model` in its place. Raises InputError for wrong input.
+    model, or the options of `Model` in its place. Raises InputError for wrong input.
     """
-    model = Model.of(model, **options)
+    model = made(Model, model, options, "model")
     images = as_given = Images.of(block)
     roles = model.roles(block)
     names = block.ground["point"].to_numpy(dtype=object)

@@ -18,6 +18,7 @@ from corridor.campaign.campaign import Campaign
 from corridor.campaign.row import NOT_RUN, Row
 from corridor.campaign.work import MARK, RESULTS, Asked, Task, call_of, share_of_machine, work
 from corridor.errors import AdjustmentFailed, InputError
+from corridor.options import made
 from corridor.parallel import WorkerDied, parallel
 from corridor.report import check_folder, check_gis, sole
 
@@ -144,7 +145,7 @@ def _asked(verb: str, options: dict[str, Any], memory_gb: float | None) -> Asked
     if gis:
         check_gis(None)
     told = {one.name: options.pop(one.name) for one in fields(Model) if one.name in options}
-    model = Model.of(options.pop("model", None), **told)
+    model = made(Model, options.pop("model", None), told, "model")
     unknown = set(options) - set(inspect.signature(call_of(verb)).parameters)
     if unknown:
         raise TypeError(f"{verb} of many blocks takes no {', '.join(sorted(unknown))}")

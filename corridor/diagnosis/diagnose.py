@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
 
-from corridor.adjustment import Adjustment, Model, implausible, listed, sound_part
+from corridor.adjustment import Adjustment, Model, Run, implausible, sound_part
 from corridor.block import Block, read
 from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
@@ -16,10 +15,9 @@ from corridor.diagnosis.findings.verdict import detection_limits, findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.report.beside import beside
-from corridor.diagnosis.rounds import run
+from corridor.diagnosis.rounds import Question, course_of
 from corridor.diagnosis.verification.verification import Verification
-from corridor.effects import Effect
-from corridor.errors import InputError
+from corridor.options import options
 from corridor.preparation import derived, doubts, prepare
 from corridor.report import plain
 from corridor.threads import one_thread
@@ -62,59 +60,40 @@ class Diagnosis(Diagnosed):
         )
 
 
+@options(model=Model, asked=Question, run=Run)
 def diagnose(
-    block: Block | str | os.PathLike,
-    camera: str | Iterable[str] | Mapping[str, str] | None = None,
-    effects: str | Effect | Iterable[str | Effect] = (),
-    control: str | Iterable[str] | None = None,
-    check: str | Iterable[str] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
-    only: str | Iterable[str] | None = None,
-    without: str | Iterable[str] = (),
-    level: float = 0.01,
-    seed: int = 0,
-    progress: Callable[[dict], None] | None = None,
-    threads: int = 1,
-    model: Model | None = None,
-    max_iterations: int | None = None,
-    strict: bool = False,
+    block: Block | str | os.PathLike, model: Model, *, asked: Question, run: Run
 ) -> Diagnosis:
     """What is missing from the believed model of a measured block.
 
     block: as read, or its folder.
-    camera, effects, control, check: the believed model, as given to `corridor.adjust`; default:
-        Fraser's ten parameters free, or fixed where block.toml says `calibrated = true`.
+    camera, effects, control, check, lever_arm: the believed model, as given to `corridor.adjust`;
+        default: Fraser's ten parameters free, or fixed where block.toml says `calibrated = true`.
     priors: value and standard deviation of camera and effect parameters by name; also of
         candidates, by `slug` (its first parameter) or `slug.parameter`: laboratory knowledge.
+    model: a `Model` in place of these.
     only, without: slugs of the catalogue to test, or to leave out.
     level: probability of a false name in a block that lacks nothing.
     seed: of the simulated threshold and the choice of held-out observations.
+    asked: a `Question` in place of these.
     progress: called with a dictionary that holds a message.
-    model: a `Model` in place of camera, effects, control, check and priors.
-    max_iterations, strict: of an adjustment, as `corridor.adjust` has them.
+    threads, max_iterations, strict, run: of an adjustment, as `corridor.adjust` has them.
 
     Columns that are missing never stop it: see `untestable`.
     Raises InputError where the block cannot be adjusted as asked or a slug is unknown,
     AdjustmentFailed where the believed model does not converge.
     """
     began = time.perf_counter()
-    if not 0.0 < level < 1.0:
-        raise InputError(f"level {level} is no probability: use a number between 0 and 1")
-    only = None if only is None else listed(only)
     block, found, notes = prepare(read(block))
     notes = [*(one.sentence for one in found if one.column == "gnss"), *notes]
-    model = Model.of(
-        model, camera=camera, effects=effects, control=control, check=check, priors=priors
-    )
-    block, left_out = sound_part(block, model, strict)
+    block, left_out = sound_part(block, model, run.strict)
     doubtful = doubts(block)
     notes = [*left_out, *notes]
-    believed = ReferenceModel.of(block, model, threads, max_iterations)
+    believed = ReferenceModel.of(block, model, run)
     with one_thread():
-        course = run(believed, only, listed(without), level, seed, progress)
-    if progress:
-        progress({"message": "measuring the gap"})
-    held = Verification(believed, course, findings(course), seed)
+        course = course_of(believed, asked, run.say)
+    run.say("measuring the gap")
+    held = Verification(believed, course, findings(course), asked.seed)
     before, last = course.first, course.last
     after, used = held.after()
     found = held.findings
@@ -146,8 +125,8 @@ def diagnose(
         seconds=time.perf_counter() - began,
         used=used,
         rivals=held.rivals,
-        level=level,
-        seed=seed,
+        level=asked.level,
+        seed=asked.seed,
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from corridor import adjustment
-from corridor.adjustment import REFERENCE_CAMERA, Adjustment, Model, camera_of
+from corridor.adjustment import REFERENCE_CAMERA, Adjustment, Model, Run, camera_of
 from corridor.block import Block
 from corridor.brief import brief
 from corridor.diagnosis.noise.image import scale_of
@@ -28,24 +28,20 @@ class ReferenceModel:
     model: what the user believes in; its priors are also of candidates. begun: where poses, points
     and cameras were left by an adjustment: the next one starts from there, its robust loss anew.
     scale: of Student's t in stated standard deviations, as that adjustment's tie points have it.
-    max_iterations: of an adjustment; None: as the settings say.
+    run: how it is adjusted, in silence; max_iterations None: as the settings say.
     """
 
     block: Block
     model: Model
-    threads: int = 1
+    run: Run = Run()
     begun: Block | None = None
     scale: float = 1.0
-    max_iterations: int | None = None
 
     @classmethod
-    def of(
-        cls, block: Block, model: Model, threads: int = 1, max_iterations: int | None = None
-    ) -> ReferenceModel:
+    def of(cls, block: Block, model: Model, run: Run | None = None) -> ReferenceModel:
         """The believed model with the camera of a diagnosis where it has no other."""
         camera = camera_of(block, REFERENCE_CAMERA) if model.camera is None else model.camera
-        model = replace(model, camera=camera)
-        return cls(block, model, max(threads, 1), max_iterations=max_iterations)
+        return cls(block, replace(model, camera=camera), replace(run or Run(), progress=None))
 
     @property
     def effects(self) -> list[Effect]:
@@ -74,7 +70,7 @@ class ReferenceModel:
         """Iterations: shapes with a hundred parameters creep to an end that they need not reach."""
         if any(effect.generic for effect in effects):
             return SETTINGS.iterations_of_shapes
-        return SETTINGS.iterations if self.max_iterations is None else self.max_iterations
+        return self.run.max_iterations or SETTINGS.iterations
 
     def adjust(self, more: Iterable[Effect] = (), block: Block | None = None) -> Adjustment:
         """The robust adjustment with more effects.
@@ -104,11 +100,9 @@ class ReferenceModel:
             effects=[*self.effects, *more],
             loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
         )
-        most = self._enough(more)
         # What is held out must not take images with it: the block is sound, or refused.
-        result = adjustment.adjust(
-            block, model=model, threads=self.threads, max_iterations=most, strict=True
-        )
+        run = Run(self.run.threads, max_iterations=self._enough(more), strict=True)
+        result = adjustment.adjust(block, model=model, run=run)
         if self.begun is not None:
             return result
         _refuse_astray(result)

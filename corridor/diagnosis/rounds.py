@@ -6,13 +6,13 @@ linearisation that of the truth, and only then can weaker effects be seen.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
-from corridor.adjustment import Adjustment
+from corridor.adjustment import Adjustment, listed
 from corridor.brief import brief
 from corridor.diagnosis.evidence.beside_noise import (
     NoiseModel,
@@ -34,6 +34,9 @@ from corridor.diagnosis.system.equations import Equations, equations
 from corridor.diagnosis.system.groups import with_points
 from corridor.effects import Candidates, Effect, candidates
 from corridor.errors import AdjustmentFailed, InputError
+
+# Log evidence that a group has to bring, by its kind; or what makes it from evidence.
+Threshold = dict[str, float] | Callable[[Evidence], dict[str, float]]
 
 
 @brief
@@ -109,35 +112,50 @@ class Course:
         return [with_points(names[slug], chosen) for slug, chosen in points.items()]
 
 
-def run(
-    believed: ReferenceModel,
-    only=None,
-    without=(),
-    level: float = 0.01,
-    seed: int = 0,
-    progress=None,
+@dataclass(frozen=True)
+class Question:
+    """What is asked of a block beside the model one believes in.
+
+    only, without: slugs of the catalogue to test, or to leave out. level: probability of a false
+    name in a block that lacks nothing. seed: of what is drawn.
+    """
+
+    only: str | Iterable[str] | None = None
+    without: str | Iterable[str] = ()
+    level: float = 0.01
+    seed: int = 0
+
+    def __post_init__(self):
+        if not 0.0 < self.level < 1.0:
+            raise InputError(f"level {self.level} is no probability: use a number between 0 and 1")
+
+
+def course_of(
+    believed: ReferenceModel, asked: Question, say: Callable[[str], None] = lambda _: None
 ) -> Course:
     """Rounds of search and refit until they agree, three refits at most."""
-    say = progress or (lambda _: None)
-    say({"message": "adjusting the believed model"})
+    say("adjusting the believed model")
     adjustment = first = believed.adjust()
     system = adjustment.system
     chosen = candidates(
-        believed.block, system.free, believed.effects, system.control_names, only, without
-    )
+        believed.block, system.free, believed.effects, system.control_names,
+        None if asked.only is None else listed(asked.only), listed(asked.without),
+    )  # fmt: skip
     _check_priors(believed, chosen.effects)
     course = Course(first, [], chosen)
-    threshold = None
+    threshold: Threshold = partial(
+        thresholds, level=asked.level, rng=np.random.default_rng(asked.seed)
+    )
     model: list[str] = []
     for number in range(1 + SETTINGS.most_refits):
-        say({"message": f"searching, round {number + 1}"})
-        one = _round(course, adjustment, believed, model, threshold, level, seed)
+        say(f"searching, round {number + 1}")
+        one = _round(course, adjustment, believed, model, threshold)
         threshold = one.threshold
         course.rounds.append(one)
         if set(one.keys) == set(model) or number == SETTINGS.most_refits:
             break
         model = one.keys
-        say({"message": f"adjusting with {', '.join(model) or 'nothing more'}"})
+        say(f"adjusting with {', '.join(model) or 'nothing more'}")
         try:
             adjustment = believed.adjust(course.members(model)) if model else first
         except (InputError, AdjustmentFailed) as failed:
@@ -146,17 +164,21 @@ def run(
         one.shed()
         if any(set(model) == set(before.keys) for before in course.rounds[:-1]):
             # Two models take turns: what the later refit says of itself decides.
-            again = _round(course, adjustment, believed, model, threshold, level, seed)
+            again = _round(course, adjustment, believed, model, threshold)
             course.rounds.append(again)
             break
     return course
 
 
-def _round(course, adjustment, believed, model, threshold, level, seed) -> Round:
+def _round(
+    course: Course,
+    adjustment: Adjustment,
+    believed: ReferenceModel,
+    model: list[str],
+    threshold: Threshold,
+) -> Round:
     """A search beside the lens as it is beside what that search finds."""
     asked = _Asked.of(course, adjustment, believed, model)
-    if threshold is None:
-        threshold = partial(thresholds, level=level, rng=np.random.default_rng(seed))
     whole, shape = Evidence(asked.reduced), lens_group(asked.equations)
     there = {whole.number[key]: _kappa(whole, key) for key in model if key in whole.number}
     lens = None if shape is None else lens_of(whole, shape, there)
@@ -205,8 +227,8 @@ class _Asked:
             adjustment, e, stated.reduced(several), antennas, model, course.impossible, course.draws
         )
 
-    def search(self, lens: Lens | None, threshold) -> Round:
-        """What is found beside a lens; threshold: or what makes it from evidence."""
+    def search(self, lens: Lens | None, threshold: Threshold) -> Round:
+        """What is found beside a lens."""
         e, model = self.equations, self.model
         reduced, antennas = self.reduced, self.antennas
         if lens is not None and antennas is not None:

@@ -16,6 +16,7 @@ from corridor.gnss.interpolation import (
     METHODS,
     SLOW_SHARES,
     Interpolated,
+    Interpolation,
     interpolate,
     segments,
 )
@@ -35,6 +36,7 @@ __all__ = [
     "Antenna",
     "Exposures",
     "Interpolated",
+    "Interpolation",
     "Local",
     "SlowNoise",
     "Track",

@@ -14,8 +14,9 @@ from corridor.errors import AdjustmentFailed, InputError
 from corridor.gnss.alignment import align
 from corridor.gnss.coordinates import Local, convert, to_local
 from corridor.gnss.exposures import Exposures
-from corridor.gnss.interpolation import MAX_SIGMA_M, Interpolated, interpolate
+from corridor.gnss.interpolation import Interpolated, Interpolation, interpolate
 from corridor.gnss.track import GEOGRAPHIC, Track, check_quality
+from corridor.options import options
 from corridor.report import whole_file, whole_files, write_picture
 
 _COLUMNS = ["image", "x", "y", "z", "sx", "sy", "sz"]
@@ -112,14 +113,12 @@ class Antenna:
         table.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
 
 
+@options(interpolation=Interpolation)
 def antenna(
     track: Track,
     exposures: Exposures,
     *,
-    method: str = "smoother",
-    max_sigma: float = MAX_SIGMA_M,
-    slow_share: float | None = None,
-    velocities: bool = True,
+    interpolation: Interpolation,
     crs: str | None = None,
     offset: tuple[float, float, float] | np.ndarray = (0.0, 0.0, 0.0),
     track_system: str | None = None,
@@ -127,7 +126,8 @@ def antenna(
 ) -> Antenna:
     """The antenna at the exposures, in the coordinates of a block.
 
-    method, max_sigma, slow_share, velocities: as in `interpolate`.
+    method, max_sigma, slow_share, velocities: see `Interpolation`, which may be given in their
+        place as interpolation.
     crs, offset: of the block (world = coordinates + offset). Without crs a track with a place in
         the world gives local east, north, up about its middle, and a local track its own metres.
         Sigmas are east, north, up: a grid's own north is taken for north.
@@ -144,15 +144,7 @@ def antenna(
     if "flight" in exposures.table and "flight" in track.table:
         flight = exposures.table["flight"].astype(str).to_numpy()
     try:
-        made = interpolate(
-            local.table,
-            times,
-            method,
-            flight=flight,
-            max_sigma=max_sigma,
-            slow_share=slow_share,
-            velocities=velocities,
-        )
+        made = interpolate(local.table, times, interpolation=interpolation, flight=flight)
     except InputError as error:
         raise InputError(f"{track.source.name}: {error}") from None
     names = exposures.table["image" if "image" in exposures.table else "number"].astype(str)

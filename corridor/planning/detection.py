@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import pandas as pd
 
 from corridor import change
-from corridor.adjustment import Model
 from corridor.block import Block
 from corridor.errors import InputError
 from corridor.planning.network import without_control
 from corridor.planning.noise import GnssNoise
+from corridor.planning.planner import Believed
 from corridor.simulation import Plan, add_noise
 
 
@@ -37,9 +37,8 @@ def detectable(plan: Plan, laid_out: Block, options: Mapping[str, object]) -> ch
     )  # fmt: skip
     kinds = ("tie_px", "mark_px", "gnss_m", "control_m")
     flown = add_noise(block, **{kind: stated[kind] for kind in kinds}, seed=seed)
-    known = {name: (0.0, sigma) for name, sigma in (options.get("priors") or {}).items()}
-    asked = {key: options.get(key) for key in ("camera", "effects") if options.get(key)}
-    model = Model.of(None, priors=known, lever_arm=options.get("lever_arm", "free"), **asked)
+    told = {one.name: options[one.name] for one in fields(Believed) if one.name in options}
+    model = Believed(**told).as_model()
     # A survey of control is made anew at each date: nothing of it is common.
     return change.detection(flown, model, common=("priors",), gnss_bias=noise.bias_sigma_m)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ import pandas as pd
 from corridor.adjustment import Model
 from corridor.effects import Effect
 from corridor.errors import InputError
+from corridor.options import made, options
 from corridor.planning.conditioning import Moments
 from corridor.planning.expected import Expected, Known
 from corridor.planning.network import Carried, Network, Quantities
@@ -22,6 +23,26 @@ from corridor.planning.surveyed import Surveyed
 from corridor.simulation import Plan, read_plan
 
 Control = int | Sequence[str | tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Believed:
+    """What an adjustment of the planned flight will estimate, as `Planner` has it."""
+
+    camera: str | Mapping[str, str] | None = None
+    lever_arm: str = "free"
+    effects: Iterable[str | Effect] = ()
+    priors: Mapping[str, float] | None = None
+    model: Model | None = None
+
+    def as_model(self) -> Model:
+        """The same as a `Model`. Raises InputError where a model and other options are given."""
+        known = {name: (0.0, sigma) for name, sigma in (self.priors or {}).items()}
+        told = {"camera": self.camera, "effects": self.effects, "priors": known}
+        # Where nothing is said the arms are free; a model says what it means.
+        if self.model is None or self.lever_arm != "free":
+            told["lever_arm"] = self.lever_arm
+        return made(Model, self.model, told, "model")
 
 
 class Planner:
@@ -47,15 +68,12 @@ class Planner:
     Raises InputError for a plan that cannot be flown, or leaves a parameter undetermined.
     """
 
+    @options(believed=Believed)
     def __init__(
         self,
         plan: Plan | str | os.PathLike,
         *,
-        camera: str | Mapping[str, str] | None = None,
-        lever_arm: str = "free",
-        effects: Iterable[str | Effect] = (),
-        priors: Mapping[str, float] | None = None,
-        model: Model | None = None,
+        believed: Believed,
         carried: Carried | None = None,
         noise: GnssNoise | None = None,
         surveyed: Surveyed | None = None,
@@ -63,14 +81,8 @@ class Planner:
     ):
         began = time.perf_counter()
         self.plan = plan if isinstance(plan, Plan) else read_plan(plan)
-        known = {name: (0.0, sigma) for name, sigma in (priors or {}).items()}
-        options = {"camera": camera, "effects": effects, "priors": known}
-        # Where nothing is said the arms are free; a model says what it means.
-        if model is None or lever_arm != "free":
-            options["lever_arm"] = lever_arm
-        model = Model.of(model, **options)
         surveyed = surveyed or Surveyed.grid(self.plan)
-        self.network = net = Network(self.plan, surveyed, model, carried, seed)
+        self.network = net = Network(self.plan, surveyed, believed.as_model(), carried, seed)
         self.surveyed, self.block = net.surveyed, net.block
         self._noise = noise or GnssNoise()
         names = list(self.surveyed.names)

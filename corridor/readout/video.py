@@ -46,18 +46,27 @@ class Speed:
     warnings: tuple[str, ...] = ()
 
 
-def known_from_video(
-    known: Known, path: str | os.PathLike, fps: float | None, photo_time: float | None
-) -> Known:
+@dataclass(frozen=True)
+class Film:
+    """A film of the turning wheel, its frames a second where the file states them wrongly, and the
+    moment of the photograph, seconds after the first frame; see `speed_from_video`."""
+
+    video: str | os.PathLike | None = None
+    video_fps: float | None = None
+    photo_time: float | None = None
+
+
+def known_from_film(known: Known, film: Film) -> Known:
     """What is known, with the speed and the sense of a film.
 
     Raises InputError where the film contradicts the sense, and as `speed_from_video`.
     """
-    speed = speed_from_video(path, fps=fps, photo_time=photo_time)
+    speed = speed_from_video(film.video, fps=film.video_fps, photo_time=film.photo_time)
     if known.sense not in (None, speed.sense):
         raise InputError(
-            f"sense {known.sense} contradicts {path}, in which the wheel turns {speed.sense}: "
-            "correct one of the two, or film from the side the photograph was taken from"
+            f"sense {known.sense} contradicts {film.video}, in which the wheel turns "
+            f"{speed.sense}: correct one of the two, or film from the side that the photograph was "
+            "taken from"
         )
     own = 100 * speed.sigma / speed.turns_per_second
     return replace(

@@ -17,7 +17,6 @@ Source: Zhou 2019, section 7.4.2.2.
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -25,6 +24,7 @@ import numpy as np
 
 from corridor.errors import InputError
 from corridor.geometry import robust_scale
+from corridor.options import options
 from corridor.readout import wheel_view
 from corridor.readout.bar import find_bar, measure_bar
 from corridor.readout.fitting import Fitted, fit, vertex
@@ -32,7 +32,7 @@ from corridor.readout.lens import Calibration, lens_for
 from corridor.readout.photograph import CannotMeasure, Photo, read_two
 from corridor.readout.result import Readout
 from corridor.readout.turning import Known, Turning, bent
-from corridor.readout.video import known_from_video
+from corridor.readout.video import Film, known_from_film
 from corridor.readout.wheel_view import NoWheel, Pose
 from corridor.threads import one_thread
 
@@ -138,15 +138,14 @@ class _View:
         return most * (below[0] if len(below) else 60) / 60
 
 
+@options(film=Film)
 @one_thread()
 def measure_wheel(
     static: Photo,
     rotating: Photo,
     turns_per_second: float | None = None,
     *,
-    video: str | os.PathLike | None = None,
-    video_fps: float | None = None,
-    photo_time: float | None = None,
+    film: Film,
     speed_sigma_percent: float = 0.0,
     sense: str | None = None,
     row_direction: str | None = None,
@@ -155,17 +154,17 @@ def measure_wheel(
     """Readout time from a wheel at rest and the same wheel turning, or from two turning bars.
 
     turns_per_second or video: the speed, or a film of the wheel from the same side that gives
-    speed and sense; video_fps, photo_time: see `speed_from_video`. Other arguments and errors as
-    `measure_star`. Where no wheel is seen at rest and both pictures show one bar smeared by its
-    rotation, `measure_bar` takes over.
+    speed and sense; video_fps, photo_time: see `speed_from_video`. film: a `Film` in place of the
+    three. Other arguments and errors as `measure_star`. Where no wheel is seen at rest and both
+    pictures show one bar smeared by its rotation, `measure_bar` takes over.
     """
-    if (turns_per_second is None) == (video is None):
+    if (turns_per_second is None) == (film.video is None):
         raise InputError("give either the turns a second or a video of the turning wheel")
     static, rotating = read_two(static, rotating)
     lens = lens_for(static, camera)
     known = Known(turns_per_second, speed_sigma_percent, sense, row_direction)
-    if video is not None:
-        known = known_from_video(known, video, video_fps, photo_time)
+    if film.video is not None:
+        known = known_from_film(known, film)
     try:
         rim = wheel_view.find_rim(static)
         return _measure(static, rotating, rim, lens, known)

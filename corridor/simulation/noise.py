@@ -1,29 +1,18 @@
 """Random errors of the measurements of a block."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from corridor.block import Block
 from corridor.errors import InputError
 from corridor.gnss import SlowNoise
+from corridor.options import options
 from corridor.simulation.plan import Noise
 
 _OUTLIER_PX = (5.0, 50.0)
 
 
-def add_noise(
-    block: Block,
-    tie_px: float = 0.0,
-    mark_px: float = 0.0,
-    gnss_m: float | Sequence[float] = 0.0,
-    control_m: float | Sequence[float] = 0.0,
-    outliers: float = 0.0,
-    rounding_px: float = 0.0,
-    gnss_slow: float = 0.0,
-    gnss_slow_s: float = 120.0,
-    seed: int = 0,
-) -> Block:
+@options(noise=Noise)
+def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     """A copy of the block with Gaussian errors on its measurements.
 
     tie_px, mark_px: standard deviation of an image coordinate, pixels.
@@ -34,13 +23,13 @@ def add_noise(
     rounding_px: step to which all image coordinates are rounded in the end, pixels.
     gnss_slow: share of the antenna's variance that is exponentially correlated in time, with the
     time constant gnss_slow_s, seconds; each flight on its own.
+    noise: a `Noise` in place of these.
     The default sigmas of the block become the ones drawn, wherever those are not zero.
     Each kind of measurement has its own stream of the seed: adding one does not change another.
     Raises InputError for negative sigmas and a share outside 0 to 1, as `Noise` does.
     """
-    Noise(tie_px, mark_px, gnss_m, control_m, outliers, rounding_px, gnss_slow, gnss_slow_s)
-    gnss = np.broadcast_to(np.asarray(gnss_m, dtype=float), 3)
-    control = np.broadcast_to(np.asarray(control_m, dtype=float), 3)
+    gnss = np.broadcast_to(np.asarray(noise.gnss_m, dtype=float), 3)
+    control = np.broadcast_to(np.asarray(noise.control_m, dtype=float), 3)
     block = block.copy()
     draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(6)]
 
@@ -49,22 +38,22 @@ def add_noise(
             values = block.numbers(table, *columns)
             block.put(table, columns, values + sigma * rng.standard_normal(values.shape))
 
-    shake("tie_points", "xy", tie_px, draw[0])
-    shake("marks", "xy", mark_px, draw[1])
-    shake("gnss", "xyz", np.sqrt(1 - gnss_slow) * gnss, draw[2])
-    if gnss_slow and len(block.gnss):
-        slow = np.sqrt(gnss_slow) * gnss * _slow(block, gnss_slow_s, draw[5])
+    shake("tie_points", "xy", noise.tie_px, draw[0])
+    shake("marks", "xy", noise.mark_px, draw[1])
+    shake("gnss", "xyz", np.sqrt(1 - noise.gnss_slow) * gnss, draw[2])
+    if noise.gnss_slow and len(block.gnss):
+        slow = np.sqrt(noise.gnss_slow) * gnss * _slow(block, noise.gnss_slow_s, draw[5])
         block.put("gnss", "xyz", block.numbers("gnss", *"xyz") + slow)
     shake("ground", "xyz", control, draw[3])
-    if outliers:
-        _displace(block, outliers, draw[4])
-    if rounding_px:
+    if noise.outliers:
+        _displace(block, noise.outliers, draw[4])
+    if noise.rounding_px:
         for table in ("tie_points", "marks"):
-            rounded = np.round(block.numbers(table, "x", "y") / rounding_px) * rounding_px
-            block.put(table, "xy", rounded)
+            steps = np.round(block.numbers(table, "x", "y") / noise.rounding_px)
+            block.put(table, "xy", steps * noise.rounding_px)
 
     block.sigma = dict(block.sigma)
-    for key, sigma in (("tie_px", tie_px), ("mark_px", mark_px)):
+    for key, sigma in (("tie_px", noise.tie_px), ("mark_px", noise.mark_px)):
         if sigma > 0:
             block.sigma[key] = float(sigma)
     for key, sigma in (("gnss_m", gnss), ("control_m", control)):

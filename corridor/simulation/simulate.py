@@ -119,7 +119,7 @@ def simulate(
         block = catalogue.add(block, added)
         say("adding effects", 1.0)
     say("adding noise", 0.0)
-    block = add_noise(block, **asdict(noise), seed=seed)
+    block = add_noise(block, noise=noise, seed=seed)
     block = _miss(block, start, np.random.default_rng([seed, 7]))
     say("adding noise", 1.0)
     return Simulated.of(block, _truth(perfect, plan, seed, added, noise))

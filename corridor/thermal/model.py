@@ -22,6 +22,7 @@ from numpy.polynomial import polynomial
 
 from corridor.brief import brief
 from corridor.errors import InputError
+from corridor.options import options
 from corridor.report import whole_file
 from corridor.thermal.shapes import terms_of
 
@@ -295,38 +296,55 @@ def _sum(coefficients: np.ndarray, X, Y, t):
     return t * polynomial.polyval(t, np.array(layers), tensor=False)
 
 
+@dataclass(frozen=True)
+class Slopes:
+    """What a picture does with temperature; each a tuple of powers of T - t0.
+
+    scale: share by which it grows, 1/C (13.7e-6: what Zhou 2019 found of f), then 1/C^2. radial:
+    px/C at the corner that grow with the cube of the radius. decentring: px/C at the right edge.
+    shift: x, y px/C of the whole picture. rotation: radians/C from x to y.
+    """
+
+    scale: tuple[float, ...] = (13.7e-6,)
+    radial: tuple[float, ...] = ()
+    decentring: tuple[float, ...] = ()
+    shift: tuple[tuple[float, float], ...] = ()
+    rotation: tuple[float, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """Of the simplest model that has them."""
+        return "decentring" if self.decentring else "radial" if self.radial else "similarity"
+
+    def amplitudes(self, width: int, height: int) -> np.ndarray:
+        """Of the terms of `decentring` (powers, 7), px for each power of ten degrees."""
+        unit, half = math.hypot(width, height) / 2, (width - 1) / math.hypot(width, height)
+        out = np.zeros((max(1, *(len(part) for part in vars(self).values())), 7))
+        out[: len(self.shift), :2] = np.reshape(self.shift, (-1, 2))
+        out[: len(self.scale), 2] = np.multiply(self.scale, unit)
+        out[: len(self.rotation), 3] = np.multiply(self.rotation, unit)
+        out[: len(self.radial), 4] = self.radial
+        out[: len(self.decentring), 5] = np.divide(self.decentring, 3 * half**2)
+        return out * 10.0 ** np.arange(1, len(out) + 1)[:, None]
+
+
+@options(slopes=Slopes)
 def simple_model(
     width: int,
     height: int,
     t0_c: float = 24.0,
     range_c: tuple[float, float] = (24.0, 50.0),
     *,
-    scale: tuple[float, ...] = (13.7e-6,),
-    radial: tuple[float, ...] = (),
-    decentring: tuple[float, ...] = (),
-    shift: tuple[tuple[float, float], ...] = (),
-    rotation: tuple[float, ...] = (),
+    slopes: Slopes,
 ) -> ThermalModel:
-    """A thermal model from numbers a person knows; each a tuple of powers of T - t0.
+    """A thermal model from numbers a person knows.
 
-    scale: share by which the picture grows, 1/C (13.7e-6: what Zhou 2019 found of f), then
-    1/C^2. radial: px/C at the corner that grow with the cube of the radius. decentring: px/C at
-    the right edge. shift: x, y px/C of the whole picture. rotation: radians/C from x to y.
+    scale, radial, decentring, shift, rotation: see `Slopes`; slopes: one in their place.
     """
-    unit, half = math.hypot(width, height) / 2, (width - 1) / math.hypot(width, height)
-    powers = max(1, *(len(part) for part in (scale, radial, decentring, shift, rotation)))
-    # Amplitudes of the terms of `decentring`, px for each power of ten degrees.
-    amplitude = np.zeros((powers, 7))
-    amplitude[: len(shift), :2] = np.reshape(shift, (-1, 2))
-    amplitude[: len(scale), 2] = np.multiply(scale, unit)
-    amplitude[: len(rotation), 3] = np.multiply(rotation, unit)
-    amplitude[: len(radial), 4] = radial
-    amplitude[: len(decentring), 5] = np.divide(decentring, 3 * half**2)
-    amplitude *= 10.0 ** np.arange(1, powers + 1)[:, None]
     terms = terms_of("decentring").reshape(7, 2, 4, 4)
-    dx, dy = np.einsum("mk,kxij->xmij", amplitude, terms)
+    dx, dy = np.einsum("mk,kxij->xmij", slopes.amplitudes(width, height), terms)
     return ThermalModel(
-        kind="decentring" if decentring else "radial" if radial else "similarity",
+        kind=slopes.kind,
         width=width, height=height, t0_c=t0_c, range_c=tuple(range_c), dx=dx, dy=dy,
-        middle=((width - 1) / 2, (height - 1) / 2), scale_px=unit,
+        middle=((width - 1) / 2, (height - 1) / 2), scale_px=math.hypot(width, height) / 2,
     )  # fmt: skip

@@ -4,6 +4,7 @@ from corridor.gnss.interpolation.interpolate import (
     MAX_SIGMA_M,
     METHODS,
     Interpolated,
+    Interpolation,
     interpolate,
 )
 from corridor.gnss.interpolation.regimes import CORRELATION_S, SLOW_SHARES
@@ -15,6 +16,7 @@ __all__ = [
     "METHODS",
     "SLOW_SHARES",
     "Interpolated",
+    "Interpolation",
     "interpolate",
     "segments",
 ]

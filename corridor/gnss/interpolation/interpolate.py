@@ -10,6 +10,7 @@ from corridor.errors import InputError
 from corridor.gnss.interpolation import polynomials, regimes, smoother
 from corridor.gnss.interpolation.segments import segments
 from corridor.gnss.interpolation.wild_epochs import singular_epochs, wild_epochs
+from corridor.options import options
 
 METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
 # A position of 10 cm beside ones of 2 cm has a twenty-fifth of their weight: it can no longer
@@ -57,36 +58,56 @@ class Interpolated:
         return self.table[self.table["why"] == ""]
 
 
+@dataclass(frozen=True)
+class Interpolation:
+    """How positions come from the epochs of a track.
+
+    method: "smoother", or a curve for comparison: "parabola", "spline", "pchip", "linear".
+    max_sigma: m; a position is refused where the sigma of one axis is larger.
+    slow_share: share of the stated variance that is slow, as errors of satellite positioning are:
+        neighbouring epochs share it, and no smoothing makes it smaller. None: what the epochs
+        show, about 0.7 where they cannot tell.
+    velocities: use vx, vy, vz where they are there.
+    Raises InputError for a method that is unknown, and numbers that cannot be.
+    """
+
+    method: str = "smoother"
+    max_sigma: float = MAX_SIGMA_M
+    slow_share: float | None = None
+    velocities: bool = True
+
+    def __post_init__(self):
+        if self.method not in METHODS:
+            raise InputError(
+                f"method {self.method!r} is not known; choose one of {', '.join(METHODS)}"
+            )
+        if not self.max_sigma > 0:
+            raise InputError(f"the largest sigma is {self.max_sigma:g} m; give a number above 0")
+        if self.slow_share is not None and not 0 <= self.slow_share < 1:
+            raise InputError(
+                f"the slow share is {self.slow_share:g}; give a number from 0 up to below 1"
+            )
+
+
+@options(interpolation=Interpolation)
 def interpolate(
     track: pd.DataFrame,
     times: np.ndarray,
-    method: str = "smoother",
+    interpolation: Interpolation,
     *,
     flight: np.ndarray | None = None,
-    max_sigma: float = MAX_SIGMA_M,
-    slow_share: float | None = None,
-    velocities: bool = True,
 ) -> Interpolated:
     """The antenna at `times` (n,), seconds of the track's clock, with standard deviations.
 
     track: time_s, x, y, z in metres along axes of equal scale (z up), optional sx, sy, sz (m),
         vx, vy, vz, svx, svy, svz (m/s), quality (RTKLIB's number), flight. Without sigmas
         the smoother finds them by likelihood; the curves then have none.
-    method: "smoother", or a curve for comparison: "parabola", "spline", "pchip", "linear".
+    method, max_sigma, slow_share, velocities: see `Interpolation`, which may be given in their
+        place as interpolation.
     flight: (n,) names of the flight of each time, where flights of the track overlap in time.
-    max_sigma: m; a position is refused where the sigma of one axis is larger.
-    slow_share: share of the stated variance that is slow, as errors of satellite positioning
-        are: neighbouring epochs share it, and no smoothing makes it smaller. None: what the
-        epochs show, about 0.7 where they cannot tell.
-    velocities: use vx, vy, vz where they are there.
     Raises InputError for a track that cannot be interpolated.
     """
-    if method not in METHODS:
-        raise InputError(f"method {method!r} is not known; choose one of {', '.join(METHODS)}")
-    if not max_sigma > 0:
-        raise InputError(f"the largest sigma is {max_sigma:g} m; give a number above 0")
-    if slow_share is not None and not 0 <= slow_share < 1:
-        raise InputError(f"the slow share is {slow_share:g}; give a number from 0 up to below 1")
+    method, max_sigma = interpolation.method, interpolation.max_sigma
     times = np.asarray(times, dtype=float).reshape(-1)
     pieces = segments(track)
     notes: list[str] = []
@@ -97,7 +118,7 @@ def interpolate(
         pieces = segments(track)
     notes += _of_singular(track, pieces)
     notes += _of_holes(track["time_s"].to_numpy(dtype=float), pieces)
-    epochs = _epochs(track, velocities and method == "smoother", notes)
+    epochs = _epochs(track, interpolation.velocities and method == "smoother", notes)
     piece, why = _pieces_of(times, pieces, flight)
     position, sigma, velocity, v_sigma = (np.full((len(times), 3), np.nan) for _ in range(4))
     curves, noise = [], []
@@ -111,7 +132,7 @@ def interpolate(
         dense = _along(epochs.time[part], len(pieces))
         at = np.concatenate([times[chosen], dense])
         if method == "smoother":
-            made, model, used = _smoothed(_cut(epochs, part), at, slow_share)
+            made, model, used = _smoothed(_cut(epochs, part), at, interpolation.slow_share)
             noise += _noise_rows(number, model, used)
         else:
             made = _curve(method, epochs, part, at)
@@ -129,7 +150,7 @@ def interpolate(
     table["segment"], table["why"] = piece, pd.Series(why, dtype="str")
     columns = ["segment", "group", "gust", "slow", "sigma_m", "velocity_sigma"]
     found = pd.DataFrame(noise, columns=columns)
-    notes += _of_noise(found, epochs.stated, slow_share)
+    notes += _of_noise(found, epochs.stated, interpolation.slow_share)
     curve = (
         pd.concat(curves, ignore_index=True)
         if curves
