@@ -526,8 +526,7 @@ class LinearSystem:
     def _substitution(self) -> Normal:
         """The kernels at this state, for the points alone."""
         normal = Normal(self.problem, self.loss, self.threads, self.storage)
-        normal.assembled = normal.view(self.state)
-        normal.modelled = normal.modelled_at(self.state)
+        normal.stand_at(self.state)
         return normal
 
     @property

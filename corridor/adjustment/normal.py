@@ -595,15 +595,21 @@ class Normal:
             self.reference[:m],
         )
 
+    def stand_at(self, state: State) -> None:
+        """Make what points are substituted with at a state, without its equations."""
+        self.assembled, self.modelled = self.view(state), self.modelled_at(state)
+        if self.has_image_effects:
+            for first, last in self.chunks(0, len(self.problem.ptr) - 1):
+                self._find_slope(self.assembled, self.modelled, first, last)
+
     def substitute(
         self, state: State, damping: float, step: np.ndarray, shared: np.ndarray
     ) -> tuple[np.ndarray, float, float]:
         """New points (n, 3), and of their step: step . gradient, step . diagonal . step."""
         p = self.problem
+        if self.assembled is None or self.assembled.state is not state:
+            self.stand_at(state)
         view = self.assembled
-        anew = view is None or view.state is not state
-        if anew:
-            view, self.modelled = self.view(state), self.modelled_at(state)
         moved = np.empty_like(state.points)
         totals = np.zeros((self.threads, 2))
         padded = np.zeros(p.wide)
@@ -613,7 +619,7 @@ class Normal:
 
         def work(thread: int, start: int, stop: int) -> None:
             for first, last in self.chunks(start, stop):
-                scene = self.scene(view, self.modelled, first, last, anew)
+                scene = self.scene(view, self.modelled, first, last, anew=False)
                 kernel(first, last, scene, damping, whole, moved, totals[thread], self.longest)
 
         self.run(work)
