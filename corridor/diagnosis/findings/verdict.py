@@ -104,12 +104,9 @@ def _parts(one: Round, n: int) -> list[str]:
 
 
 def _kind(one: Round, n: int) -> str:
-    limit = one.threshold["beside_noise" if _like_noise(one, n) else "named"]
     if n in one.found.kept:
-        # A test of its own has found it. Beside a shape that test has met what the shape leaves.
-        groups, each = one.evidence.groups, one.found.evidence
-        shapes = [each[k] for k in one.found.chosen if groups[k].generic]
-        limit = max([limit, *(SETTINGS.leftover_share * k for k in shapes)]) if shapes else -np.inf
+        return "named"
+    limit = one.threshold["beside_noise" if _like_noise(one, n) else "named"]
     return "named" if one.found.evidence[n] > limit else "suspected"
 
 
