@@ -10,6 +10,7 @@ import corridor
 from corridor.adjustment import Model
 from corridor.errors import InputError
 from corridor.planning import GnssNoise, Planner, Surveyed
+from corridor.planning.detection import detectable
 
 QUIET = GnssNoise()
 
@@ -379,3 +380,16 @@ def test_a_model_says_the_same_as_its_options():
     assert planner.expect(2).parameters.equals(told.parameters)
     with pytest.raises(InputError):
         Planner(plan_of(NADIR), model=model, camera="fixed")
+
+
+def test_a_level_of_detection_is_that_of_the_model_that_is_given(nadir, monkeypatch):
+    """It was that of the default model, and of free arms, whatever the model said."""
+    asked = []
+    monkeypatch.setattr(
+        "corridor.change.detection", lambda block, model, **options: asked.append(model)
+    )
+    model = Model(camera="fixed", effects=["gnss_bias"], lever_arm="fixed")
+    for options in ({"model": model}, {"camera": "fixed"}):
+        detectable(nadir.plan, nadir.block, options)
+    assert asked[0] == model
+    assert (asked[1].camera, asked[1].lever_arm) == ("fixed", "free")

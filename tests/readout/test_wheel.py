@@ -17,7 +17,9 @@ from corridor.readout import (
     readout_from_wheel,
     render,
 )
+from corridor.readout import wheel as wheels
 from corridor.readout.turning import Turning
+from corridor.readout.wheel_view import NoWheel
 
 CAMERA = Camera.from_table("test", {"width": 900, "height": 600, "f": 860.0, "k1": -0.05})
 
@@ -176,6 +178,23 @@ def found(real_data):
     known = json.loads((folder / "expected.json").read_text(encoding="utf-8"))["bar"]
     photos = [folder / name for name in known["images"]]
     return known, readout_from_wheel(*photos, known["rotation_hz"])
+
+
+@pytest.mark.parametrize(("kind", "asked"), [(NoWheel, True), (CannotMeasure, False)])
+def test_a_bar_is_looked_for_by_the_kind_of_the_error_not_by_its_wording(kind, asked, monkeypatch):
+    """It was where "no wheel" stood in the sentence, and only there."""
+    bars = []
+    words = "another sentence" if asked else "no wheel"
+
+    def unseen(photo):
+        raise kind(words)
+
+    monkeypatch.setattr(wheels.wheel_view, "find_rim", unseen)
+    monkeypatch.setattr(wheels, "find_bar", lambda *photos: bars.append(photos))
+    photos = [Photograph(name, np.zeros((480, 640), np.uint8)) for name in "ab"]
+    with pytest.raises(kind, match=words):
+        measure_wheel(*photos, 1.0)
+    assert len(bars) == asked
 
 
 class TestTheTurningBar:
