@@ -74,7 +74,8 @@ def gain(p, scene, d, room, out):
     for c in range(q):
         for x in range(3):
             kb[c, x] = 0.0
-    fill_rows(p, p + 1, scene, room, (0, wide), d)
+    # No literal 0: all of it would be compiled once more for that.
+    fill_rows(p, p + 1, scene, room, (np.int64(0), wide), d)
     jc, jb, row = room.own, room.shared, (d + PANEL) // PANEL * PANEL
     # Rows by the point, negative.
     jp, apart = (room.point, PANEL) if sighted else (jc, row)
