@@ -296,7 +296,6 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
     for n, group in enumerate(evidence.groups):
         if group.generic:
             continue
-        times = through_noise if _like_noise(one, n) else SETTINGS.detection_sigma
         M = evidence.block(group)[0] / evidence.inflation[n]
         mine = out.setdefault(group.slug, {})
         if group.own is not None:
@@ -311,6 +310,7 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
                     else None
                 )
             continue
+        times = through_noise if _like_noise(one, n) else SETTINGS.detection_sigma
         sigma = np.sqrt(np.diag(np.linalg.inv(M + np.eye(len(M)))))
         for k, (_, name, _) in enumerate(group.labels):
             if sigma[k] > SETTINGS.unknown_sigma_share:
