@@ -20,6 +20,7 @@ from corridor.adjustment.linear_system import LinearSystem, motions
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.misfit import misfit
 from corridor.adjustment.problem import Problem, State
+from corridor.effects import Effect, every_effect
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.report import counted
@@ -150,6 +151,22 @@ def explain(system: LinearSystem, singular: Singular) -> InputError:
     return InputError(
         f"images.csv: the pose of image {name} cannot be determined: its points lie on a line or "
         "are linked to the other images by too few points; measure more or remove the image"
+        f"{_left_out(p)}"
+    )
+
+
+def _left_out(p: Problem) -> str:
+    """How the camera turned during its readout, if the block says it and the model does not."""
+
+    def turns(effect: Effect) -> bool:
+        return any(need.startswith("rates.") for need in effect.needs)
+
+    if not len(p.block.rates) or any(turns(one.effect) for one in p.stack.members.values()):
+        return ""
+    slugs = [one.slug for one in every_effect() if turns(one.form(p.block))]
+    return (
+        "; or the model is wrong, which takes no turn of the camera during its readout although "
+        f"rates.csv tells it: `corridor adjust BLOCK --effect {' or '.join(slugs)}`"
     )
 
 

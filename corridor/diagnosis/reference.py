@@ -103,6 +103,8 @@ class ReferenceModel:
         # What is held out must not take images with it: the block is sound, or refused.
         run = Run(self.run.threads, max_iterations=self._enough(more), strict=True)
         result = adjustment.adjust(block, model=model, run=run)
+        # Warnings compare what comes out with what the block states, not with where it began.
+        result.start = replace(result.start, cameras=self.block.cameras)
         if self.begun is not None:
             return result
         _refuse_astray(result)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 from strips import corridor_block
 
@@ -117,7 +118,12 @@ class TestTooFewMeasurements:
         first = of_row.groupby(block.tie_points["point"].astype(str)).transform("first")
         kept(block, "tie_points", of_row == first)
         points_twice(block)
-        refused(block, "images.csv", "pose of image", "cannot be determined", "linked to the other")
+        words = ("images.csv", "pose of image", "cannot be determined", "linked to the other")
+        assert "rates.csv" not in refused(block, *words)
+        times = np.linspace(0.0, 1.0, 5)
+        block.images["time_s"] = np.linspace(0.0, 1.0, len(block.images))
+        block.rates = pd.DataFrame({"time_s": times, "wx": 0.1, "wy": 0.0, "wz": 0.0})
+        refused(block, *words, "rates.csv", "--effect rolling_shutter_rotation")
 
 
 class TestBehindTheCamera:

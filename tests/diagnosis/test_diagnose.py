@@ -195,6 +195,16 @@ def test_a_refit_begins_where_the_first_adjustment_ended():
     assert value == pytest.approx(start.effects.iloc[0]["value"], abs=sigma)
 
 
+def test_what_comes_out_is_compared_with_what_the_block_states():
+    """Not with where the first of two adjustments left it."""
+    block = made()
+    ((name, camera),) = block.cameras.items()
+    block.cameras = {name: camera.with_values(f=1.3 * camera["f"])}
+    stated = f"{1.3 * camera['f']:.0f} px"
+    warned = [w for w in ReferenceModel.of(block, Model()).adjust().warnings if "focal" in w]
+    assert len(warned) == 1 and f"block.toml states {stated}" in warned[0]
+
+
 def test_an_unknown_slug_is_refused():
     with pytest.raises(InputError, match="jelly"):
         diagnose(made(), without=["jelly"])
