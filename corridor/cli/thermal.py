@@ -93,21 +93,30 @@ def _map(options):
             f"{picture} is in the folder of the series and would be replaced: write the maps to "
             "another folder"
         )
-    keep = options.output.with_name(f"{options.output.name}.part")
-    try:
-        with Bars() as bars:
-            maps = thermal.measure_maps(
-                options.folder, keep, lambda done, of, _: bars("matching", done / of)
+    keep, lock = (
+        options.output.with_name(f"{options.output.name}.{end}") for end in ("part", "lock")
+    )
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with report.sole(lock) as ours:
+        if not ours:
+            raise InputError(
+                f"{options.output}: another `corridor thermal map` is writing it; wait until it is "
+                "done, or name another file"
             )
-        warn(maps.warnings)
-        with report.whole_file(picture) as part:
-            report.write_picture(figures.deformation_maps(maps), part)
-            maps.write(options.output)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"the finished pictures are kept in {keep}, the same command goes on from there"
-        ) from None
-    thermal.forget(keep)
+        try:
+            with Bars() as bars:
+                maps = thermal.measure_maps(
+                    options.folder, keep, lambda done, of, _: bars("matching", done / of)
+                )
+            warn(maps.warnings)
+            with report.whole_file(picture) as part:
+                report.write_picture(figures.deformation_maps(maps), part)
+                maps.write(options.output)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(
+                f"the finished pictures are kept in {keep}, the same command goes on from there"
+            ) from None
+        thermal.forget(keep)
     usable = maps.valid.any(axis=1)
     print(
         f"{len(maps.picture)} pictures of {maps.width} x {maps.height} px, {usable.sum()} of them "

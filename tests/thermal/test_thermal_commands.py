@@ -17,6 +17,7 @@ from walls import camlight, off_by, rms
 from benchmarks.wall import Course, Shots, Wall
 from corridor.cli import main
 from corridor.errors import InputError
+from corridor.report import sole
 from corridor.thermal import read_maps, read_model
 
 ARRAYS = "picture time_s temperature_c reference width height x y dx dy sigma valid".split()
@@ -135,6 +136,12 @@ class TestThirteenPictures:
 
 
 class TestMap:
+    def test_two_into_one_file_do_not_share_what_is_unfinished(self, small, tmp_path, capsys):
+        with sole(tmp_path / "a.npz.lock") as ours:
+            assert ours and run("map", small, "-o", tmp_path / "a.npz") == 2
+        assert "another `corridor thermal map` is writing it" in capsys.readouterr().err
+        assert not list(tmp_path.iterdir())
+
     def test_rows_may_come_in_any_order_and_stay_in_it(self, small, tmp_path):
         folder = copied(small, tmp_path / "shuffled")
         table = pd.read_csv(folder / "series.csv", dtype=str).iloc[::-1]
