@@ -96,8 +96,7 @@ def _map(options):
     keep, lock = (
         options.output.with_name(f"{options.output.name}.{end}") for end in ("part", "lock")
     )
-    lock.parent.mkdir(parents=True, exist_ok=True)
-    with report.sole(lock) as ours:
+    with report.folder_of(lock), report.sole(lock) as ours:
         if not ours:
             raise InputError(
                 f"{options.output}: another `corridor thermal map` is writing it; wait until it is "

@@ -210,6 +210,17 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
+def folder_of(path: Path) -> Iterator[None]:
+    """The folder of a file is there: made if need be, and gone again if nothing stays in it."""
+    made = [parent for parent in path.absolute().parents if not parent.exists()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        _remove_empty(made)
+
+
+@contextmanager
 def sole(path: Path, wait: bool = False) -> Iterator[bool]:
     """Whether nobody else holds this file, also on another machine that shares the disk.
 

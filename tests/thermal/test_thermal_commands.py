@@ -142,6 +142,10 @@ class TestMap:
         assert "another `corridor thermal map` is writing it" in capsys.readouterr().err
         assert not list(tmp_path.iterdir())
 
+    def test_a_series_that_cannot_be_read_leaves_no_folder(self, tmp_path):
+        assert run("map", tmp_path / "none", "-o", tmp_path / "new" / "a.npz") == 2
+        assert not list(tmp_path.iterdir())
+
     def test_rows_may_come_in_any_order_and_stay_in_it(self, small, tmp_path):
         folder = copied(small, tmp_path / "shuffled")
         table = pd.read_csv(folder / "series.csv", dtype=str).iloc[::-1]
