@@ -17,14 +17,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from corridor.adjustment.kernels import invert_cholesky
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.normal import Loss, Normal
 from corridor.adjustment.rays import U, fill_rows, make_room, row_length, three
 from corridor.compiled import KERNEL, compiled
-from corridor.panels import PANEL
+from corridor.panels import PANEL, panel, plus, put, zeros
 
 # Observations whose rows are made together.
 CHUNK = 8192
@@ -41,60 +40,38 @@ class _Out(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """Rays of the observations of some points, two an observation, as kernels make them.
+    """Rays of the observations of some points, two rows an observation, as kernels make them.
 
     image (n,); start (points + 1,): where the rays of each point begin. own (2 n, d): by the
-    image's unknowns; point (2 n, 3): by the point. root (points, 6): L^-1 of V = L L', as of
-    `invert_cholesky`.
+    image's unknowns; point (2 n, 3): by the point; shared (2 n, q): by what images share. root
+    (points, 6): L^-1 of V = L L', as of `invert_cholesky`. row (points,): where points with a row
+    of their own have it, else -1.
     """
 
     image: np.ndarray
     start: np.ndarray
     own: np.ndarray
     point: np.ndarray
-    root: np.ndarray
-
-
-class Part(NamedTuple):
-    """Rows of some points: points, rows, own_at: which of the problem's, and of images' unknowns.
-
-    own (2 n, of own_at), point (2 n, 3 points); shared (2 n, q): by what images share. root
-    (points, 3, 3): L^-1 of V = L L'.
-    """
-
-    points: slice
-    rows: slice
-    own_at: slice
-    own: csr_array
-    point: csr_array
     shared: np.ndarray
     root: np.ndarray
-
-    @classmethod
-    def of(cls, points: slice, rows: slice, rays: Rays, shared: np.ndarray) -> Part:
-        """The rows of rays, as matrices."""
-        d, count = rays.own.shape[1], len(rays.root)
-        low, high = int(rays.image.min()), int(rays.image.max()) + 1
-        of_point = np.repeat(np.arange(count), 2 * np.diff(rays.start))
-        root = np.zeros((count, 3, 3))
-        root[:, [0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]] = rays.root
-        return cls(
-            points,
-            rows,
-            slice(low * d, high * d),
-            _blocks(rays.own, np.repeat(rays.image - low, 2), high - low),
-            _blocks(rays.point, of_point, count),
-            shared,
-            root,
-        )
+    row: np.ndarray
 
 
-def _blocks(values: np.ndarray, block: np.ndarray, count: int) -> csr_array:
-    """Sparse matrix (n, count * width) of rows (n, width), each in its block of columns (n,)."""
-    rows, width = values.shape
-    column = (block[:, None] * width + np.arange(width)).ravel()
-    begin = np.arange(0, rows * width + 1, width)
-    return csr_array((values.ravel(), column, begin), shape=(rows, count * width))
+class _Passing(NamedTuple):
+    """What sets of residuals meet on their way through the points; flat, `sets` numbers a row.
+
+    sets: how many, in whole panels. heavy (numbered, 3, sets): weighted residuals of points with a
+    row; moved, likewise: gets how far they go. unknowns (columns, sets): of the images, `shared`
+    from that row on; with `taken` a step, which is taken away first; without, they get what is
+    left, summed by the unknowns.
+    """
+
+    sets: int
+    heavy: np.ndarray
+    moved: np.ndarray
+    unknowns: np.ndarray
+    shared: int
+    taken: bool
 
 
 class Sets(NamedTuple):
@@ -130,10 +107,11 @@ class Design:
         self._numbered = controls + len(fresh)
         self._kept = list(self._made()) if kept else None
 
-    def _parts(self) -> Iterator[Part]:
+    def _parts(self) -> Iterator[tuple[slice, Rays]]:
+        """Some of the problem's rows after others: which, and their rays."""
         yield from self._made() if self._kept is None else self._kept
 
-    def _made(self) -> Iterator[Part]:
+    def _made(self) -> Iterator[tuple[slice, Rays]]:
         p, normal = self._problem, self._normal
         # Kernels move it on.
         modelled = self._modelled.copy()
@@ -157,27 +135,23 @@ class Design:
                 ptr[first : last + 1] - ptr[first],
                 own.reshape(n, p.d),
                 point.reshape(n, 3),
+                shared.reshape(n, p.wide)[:, : p.shared_count],
                 root,
+                self._row[first:last],
             )
-            shared = shared.reshape(n, p.wide)[:, : p.shared_count]
-            yield Part.of(slice(first, last), rows, rays, shared)
+            yield rows, rays
             first = last
 
     def right(self, sets: Sets) -> np.ndarray:
         """What image points and control say (columns, k), as `LinearSystem.right` has it."""
-        p, k = self._problem, sets.image.shape[1]
-        own = np.zeros((p.image_count * p.d, k))
-        shared = np.zeros((p.shared_count, k))
-        heavy, moved = self._heavy(sets.control), np.zeros((self._numbered, 3, k))
-        for part in self._parts():
-            left = sets.image[part.rows]
-            left = left - self._followed_by(part, left, heavy, moved)
-            own[part.own_at] += part.own.T @ left
-            shared += part.shared.T @ left
-        out = np.concatenate([own, shared, np.zeros((len(self.system.columns), k))])
-        out = out[: len(self.system.columns)]
+        k = sets.image.shape[1]
+        unknowns = np.zeros((len(self.system.columns), _padded(k)))
+        passing = self._passing(sets.control, unknowns, taken=False)
+        for rows, rays in self._parts():
+            _pass_points(rays, _in_panels(sets.image[rows]).ravel(), passing)
+        out = np.ascontiguousarray(unknowns[:, :k])
         if len(self._control.names):
-            left = sets.control - moved[: len(self._control.names)].reshape(-1, k)
+            left = sets.control - self._moved(passing, k)[: len(self._control.names)].reshape(-1, k)
             out += self._control.jacobian.T @ (self._control_weight * left)
         return out
 
@@ -186,32 +160,26 @@ class Design:
 
         Also by how much the followed points move (f, 3, k), m.
         """
-        p, k = self._problem, step.shape[1]
-        n = p.image_count * p.d
-        own, shared = step[:n], step[n : n + p.shared_count]
-        control = sets.control - self._control.jacobian @ step
-        heavy, moved = self._heavy(control), np.zeros((self._numbered, 3, k))
-        image = np.empty_like(sets.image)
-        for part in self._parts():
-            left = sets.image[part.rows] - part.shared @ shared - part.own @ own[part.own_at]
-            image[part.rows] = left - self._followed_by(part, left, heavy, moved)
-        control = control - moved[: len(self._control.names)].reshape(-1, k)
+        control, k = sets.control - self._control.jacobian @ step, step.shape[1]
+        passing = self._passing(control, _in_panels(step), taken=True)
+        image = np.empty(sets.image.shape)
+        for rows, rays in self._parts():
+            left = _in_panels(sets.image[rows])
+            _pass_points(rays, left.ravel(), passing)
+            image[rows] = left[:, :k]
+        moved = self._moved(passing, k)
+        control = control - moved[: len(self._control.names)].reshape(control.shape)
         return Sets(image, control), moved[self._followed]
 
-    def _followed_by(
-        self, part: Part, left: np.ndarray, heavy: np.ndarray, moved: np.ndarray
-    ) -> np.ndarray:
-        """What of residuals left (2 n, k) their points follow: P V^-1 (P' left + heavy).
+    def _passing(self, control: np.ndarray, unknowns: np.ndarray, taken: bool) -> _Passing:
+        """unknowns (columns, sets): those of the images, what they share, and others."""
+        p, heavy = self._problem, _in_panels(self._heavy(control)).ravel()
+        sets, first = unknowns.shape[1], p.image_count * p.d
+        return _Passing(sets, heavy, np.zeros_like(heavy), unknowns.ravel(), first, taken)
 
-        moved (numbered, 3, k): gets how far points with a row of their own go.
-        """
-        row, k = self._row[part.points], left.shape[1]
-        numbered = np.flatnonzero(row >= 0)
-        right = (part.point.T @ left).reshape(-1, 3, k)
-        right[numbered] += heavy[row[numbered]]
-        step = part.root.transpose(0, 2, 1) @ (part.root @ right)
-        moved[row[numbered]] = step[numbered]
-        return part.point @ step.reshape(-1, k)
+    def _moved(self, passing: _Passing, k: int) -> np.ndarray:
+        """How far (numbered, 3, k) points with a row of their own go, m."""
+        return passing.moved.reshape(-1, 3, passing.sets)[..., :k]
 
     def _heavy(self, control: np.ndarray) -> np.ndarray:
         """Weighted residuals (numbered, 3, k) of the points with a row of their own."""
@@ -219,6 +187,70 @@ class Design:
         out = np.zeros((self._numbered, 3, k))
         out[: len(self._control.names)] = (self._control_weight * control).reshape(-1, 3, k)
         return out
+
+
+def _padded(sets: int) -> int:
+    return -(-sets // PANEL) * PANEL
+
+
+def _in_panels(values: np.ndarray) -> np.ndarray:
+    """A copy of values (..., k) with as many sets as whole panels have."""
+    out = np.zeros((*values.shape[:-1], _padded(values.shape[-1])))
+    out[..., : values.shape[-1]] = values
+    return out
+
+
+@compiled(**KERNEL)
+def _pass_points(rays, left, to):
+    """Residuals left, in place, less what the points follow: P V^-1 (P' left + heavy)."""
+    d, q, sets = rays.own.shape[1], rays.shared.shape[1], to.sets
+    for p in range(len(rays.root)):
+        row, first, last = rays.row[p], 2 * rays.start[p], 2 * rays.start[p + 1]
+        i0, i1, i2 = rays.root[p, 0], rays.root[p, 1], rays.root[p, 2]
+        i3, i4, i5 = rays.root[p, 3], rays.root[p, 4], rays.root[p, 5]
+        for at in range(0, sets, PANEL):
+            x = y = z = zeros()
+            if row >= 0:
+                x = panel(to.heavy, U(3 * row * sets + at))
+                y = panel(to.heavy, U((3 * row + 1) * sets + at))
+                z = panel(to.heavy, U((3 * row + 2) * sets + at))
+            for n in range(first, last):
+                e = panel(left, U(n * sets + at))
+                if to.taken:
+                    image = rays.image[n // 2]
+                    for c in range(d):
+                        step = panel(to.unknowns, U((image * d + c) * sets + at))
+                        e = plus(e, -rays.own[n, c], step)
+                    for c in range(q):
+                        step = panel(to.unknowns, U((to.shared + c) * sets + at))
+                        e = plus(e, -rays.shared[n, c], step)
+                    put(left, U(n * sets + at), e)
+                x = plus(x, rays.point[n, 0], e)
+                y = plus(y, rays.point[n, 1], e)
+                z = plus(z, rays.point[n, 2], e)
+            z = i3 * x + i4 * y + i5 * z
+            y = i1 * x + i2 * y
+            x = i0 * (i0 * x) + i1 * y + i3 * z
+            y = i2 * y + i4 * z
+            z = i5 * z
+            if row >= 0:
+                put(to.moved, U(3 * row * sets + at), x)
+                put(to.moved, U((3 * row + 1) * sets + at), y)
+                put(to.moved, U((3 * row + 2) * sets + at), z)
+            for n in range(first, last):
+                e = panel(left, U(n * sets + at))
+                e = plus(e, -rays.point[n, 0], x)
+                e = plus(e, -rays.point[n, 1], y)
+                e = plus(e, -rays.point[n, 2], z)
+                put(left, U(n * sets + at), e)
+                if not to.taken:
+                    image = rays.image[n // 2]
+                    for c in range(d):
+                        here = U((image * d + c) * sets + at)
+                        put(to.unknowns, here, plus(panel(to.unknowns, here), rays.own[n, c], e))
+                    for c in range(q):
+                        here = U((to.shared + c) * sets + at)
+                        put(to.unknowns, here, plus(panel(to.unknowns, here), rays.shared[n, c], e))
 
 
 @lru_cache

@@ -12,7 +12,7 @@ Source: White 1980 (covariance of a regression whose errors are not alike), clus
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.equations import Equations
@@ -41,7 +41,7 @@ def variance_alarms(equations: Equations) -> list[dict]:
     time = images.time[image]
     if np.isfinite(time).all() and np.ptp(time) > 0:
         quantities["time"] = time
-    limit = float(norm.isf(0.5 * SETTINGS.variance_level / (len(quantities) + 1)))
+    limit = float(-ndtri(0.5 * SETTINGS.variance_level / (len(quantities) + 1)))
     out = []
     for name, x in quantities.items():
         slope, error = _slope(x, value, image, len(images.names))

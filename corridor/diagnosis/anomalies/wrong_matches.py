@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import binom, chi2, norm
+from scipy.special import bdtrc, chdtri, ndtri
 
 from corridor.adjustment import Adjustment
 from corridor.diagnosis.findings.findings import Unknown
@@ -146,7 +146,7 @@ def _in_the_flight(every: list[Ties], images) -> dict | None:
     usual = wrong.sum() / seen.sum()
     # The median, so that the crowd does not excuse itself.
     each = (wrong - usual * seen) ** 2 / (seen * usual * (1 - usual))
-    spread = np.median(each) / chi2.median(1)
+    spread = np.median(each) / chdtri(1, 0.5)
     best, tested = None, 0
     for length in SETTINGS.cluster_runs:
         n, k = (np.convolve(one, np.ones(length), "valid") for one in (seen, wrong))
@@ -175,10 +175,16 @@ def _in_the_flight(every: list[Ties], images) -> dict | None:
     )
 
 
+def _log_chance(k, n, p) -> np.ndarray:
+    """Logarithm of the probability of k and more of n, where one has p."""
+    with np.errstate(divide="ignore"):
+        return np.log(bdtrc(k - 1.0, np.asarray(n, dtype=np.int64), p))
+
+
 def _by_chance(k, n, usual: float, spread) -> np.ndarray:
     """Logarithm of how likely k and more of n are wrong; zero where that would be no crowd."""
     spread = np.maximum(spread, 1.0)
-    log_p = binom.logsf(np.ceil(k / spread) - 1, np.maximum(np.ceil(n / spread), 1), usual)
+    log_p = _log_chance(np.ceil(k / spread), np.maximum(np.ceil(n / spread), 1), usual)
     return np.where(
         (k >= SETTINGS.cluster_fewest) & (k > SETTINGS.cluster_ratio * usual * n), log_p, 0.0
     )
@@ -195,7 +201,7 @@ def _squares(cells: np.ndarray, side: int) -> np.ndarray:
 
 
 def _alarm(log_p: float, ratio: float, where: str, location: dict) -> dict:
-    z = float(norm.isf(np.exp(max(log_p, -600.0))))
+    z = float(-ndtri(np.exp(max(log_p, -600.0))))
     return {
         "quantity": "wrong matches",
         "ratio": float(ratio),
@@ -282,7 +288,7 @@ def _worst(ties: Ties) -> Line | None:
                     every + SETTINGS.line_prior_pairs
                 )
                 chance = np.maximum(usual, chance)
-                log_p = binom.logsf(mine - 1, every, np.minimum(chance, 1.0))
+                log_p = _log_chance(mine, every, np.minimum(chance, 1.0))
                 tested += len(lines)
                 log_p[mine < SETTINGS.line_share * every] = 0.0
                 k = int(np.argmin(log_p))
@@ -291,7 +297,7 @@ def _worst(ties: Ties) -> Line | None:
                     continue
                 pairs = np.column_stack([ties.image[one[over]], ties.image[other[over]]])
                 jumped, of = _of_images(pairs, jump[over, along], (1, -1)[sign])
-                chance_of_all = float(binom.logsf(jumped - 1, of, min(chance[k], 1.0)))
+                chance_of_all = float(_log_chance(jumped, of, min(chance[k], 1.0)))
                 if jumped < SETTINGS.line_share * of:
                     continue
                 if best is not None and chance_of_all >= best.log_p:

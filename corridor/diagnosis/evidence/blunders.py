@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.settings import SETTINGS
@@ -101,7 +101,7 @@ def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> boo
     M = r.M[np.ix_(at, at)] - across.T @ factor.solve(across)
     statistic = float(g @ np.linalg.lstsq(M, g, rcond=None)[0])
     count = 2 * sum(group.point is not None for group in evidence.groups)
-    return bool(chi2.sf(statistic, len(at)) * count < SETTINGS.control_level)
+    return bool(chdtrc(len(at), statistic) * count < SETTINGS.control_level)
 
 
 def price(groups: list[Group], chosen: Iterable[int]) -> float:
@@ -136,7 +136,7 @@ def explains_all(evidence: Evidence, wrong: Wrong) -> bool:
     seen = value > SETTINGS.blind_information
     left = float(np.sum((vector.T @ g)[seen] ** 2 / value[seen])) - wrong.statistic
     free = int(seen.sum()) - sum(len(part) for part in wrong.parts)
-    return free <= 0 or bool(chi2.sf(left, free) > SETTINGS.control_level)
+    return free <= 0 or bool(chdtrc(free, max(left, 0.0)) > SETTINGS.control_level)
 
 
 def _tested(evidence: Evidence, hypothesis: Iterable[tuple[int, tuple[str, ...]]]) -> Wrong:
@@ -149,7 +149,7 @@ def _tested(evidence: Evidence, hypothesis: Iterable[tuple[int, tuple[str, ...]]
     # A coordinate that nothing else determines cannot be tested.
     seen = value > SETTINGS.blind_information
     statistic = float(np.sum((vector.T @ g)[seen] ** 2 / value[seen]))
-    chance = float(chi2.sf(statistic, max(int(seen.sum()), 1))) if seen.all() else 1.0
+    chance = float(chdtrc(max(int(seen.sum()), 1), statistic)) if seen.all() else 1.0
     return Wrong(points, parts, statistic, chance)
 
 
@@ -166,7 +166,7 @@ def _worst(hypotheses: list[Wrong], given: tuple[Wrong, ...]) -> Wrong | None:
                 one.points,
                 one.parts,
                 one.statistic,
-                float(chi2.sf(one.statistic - first.statistic, len(first.parts[0]))),
+                float(chdtrc(len(first.parts[0]), max(one.statistic - first.statistic, 0.0))),
             )
             for one in hypotheses
             if _holds(one, first)

@@ -25,6 +25,8 @@ from corridor.diagnosis.replicates.statistics import Fit
 NO_SAY = 1e6
 # RMS of a step, over all unknowns, in standard deviations; a few robust weights creep for longer.
 SMALL, MOST = 0.02, 12
+# Observations that are weighted together: few enough for the cache.
+TOGETHER = 4096
 
 
 class Measured(NamedTuple):
@@ -83,43 +85,52 @@ class LinearFits:
             first = getattr(given, name)
             return np.stack([(getattr(one, name) - first).ravel() for one in drawn], axis=1)
 
-        pixels = differences("xy") + fit.pixels.reshape(-1, 1)
+        # Residuals of all images weigh most of what is in memory: they change where they lie.
+        image = differences("xy")
+        image += fit.pixels.reshape(-1, 1)
+        np.nan_to_num(image, copy=False)
+        image *= self._weight
         gnss = differences("gnss") + fit.gnss.reshape(-1, 1)
         control = differences("control") + fit.control.reshape(-1, 1)
-        sets = Sets(self._weight * np.nan_to_num(pixels), control)
         columns = self._system.columns
         weight = columns.prior_weight[:, None]
         prior = np.tile(self._system.right_of_priors[:, None], k)
         prior[columns.shared_at] += weight[columns.shared_at] * differences("prior")
         check = fit.check.reshape(-1, 1) - differences("check")
         for _ in range(MOST):
-            counted = self._counted(sets)
+            counted = Sets(self._counted(image), control)
             right = self._design.right(counted) + prior
             right += self._gnss.T @ (self._gnss_weight * gnss)
             step = self._system.solve(right)
             left, moved = self._design.back(counted, step)
-            change = counted.image - left.image
-            sets = Sets(sets.image - change, left.control)
+            change, control = counted.image, left.control
+            change -= left.image
+            image -= change
             gnss, prior = gnss - self._gnss @ step, prior - weight * step
             check = check + moved.reshape(-1, k)
             length = np.einsum("nk,nk->k", change, change) / self._system.problem.unknown_count
             if self._loss.kind == LOSSES["squares"] or length.max() < SMALL**2:
                 break
-        pixels = sets.image / self._weight
-        pixels[~np.isfinite(fit.pixels).ravel()] = np.nan
+        image /= self._weight
+        image[~np.isfinite(fit.pixels).ravel()] = np.nan
         return [
             Fit(fit.state, *(one[:, n].reshape(-1, width) for one, width in parts))
             for n in range(k)
-            for parts in [((pixels, 2), (gnss, 3), (sets.control, 3), (check, 3))]
+            for parts in [((image, 2), (gnss, 3), (control, 3), (check, 3))]
         ]
 
-    def _counted(self, sets: Sets) -> Sets:
-        """Residuals as least squares would have to see them."""
-        image = sets.image * self._used
-        if self._loss.kind != LOSSES["squares"]:
-            square = (image**2).reshape(-1, 2, image.shape[1]).sum(axis=1) / self._slope
-            image *= np.repeat(weight_of(self._loss, square) / self._slope, 2, axis=0)
-        return Sets(image, sets.control)
+    def _counted(self, image: np.ndarray) -> np.ndarray:
+        """Residuals (2 n, k) as least squares would have to see them."""
+        image = image * self._used
+        if self._loss.kind == LOSSES["squares"]:
+            return image
+        pairs = image.reshape(-1, 2, image.shape[1])
+        for first in range(0, len(pairs), TOGETHER):
+            some, slope = pairs[first : first + TOGETHER], self._slope[first : first + TOGETHER]
+            square = np.einsum("nck,nck->nk", some, some)
+            square /= slope
+            some *= (weight_of(self._loss, square) / slope)[:, None]
+        return image
 
 
 def weight_of(loss: Loss, square: np.ndarray) -> np.ndarray:

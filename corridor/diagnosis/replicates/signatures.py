@@ -26,6 +26,8 @@ LEFT = 1e-3
 MOST_GROUPS = 12
 # Share of the largest information of an image from which on an image counts.
 TOUCHED = 1e-6
+# Numbers of the design matrix up to which it stays from one set of fits to the next: 120 MB.
+KEPT = 15_000_000
 
 
 class Signatures:
@@ -39,7 +41,9 @@ class Signatures:
         system = replace(replicator.system, loss=Loss())
         effects = _missing_effects(system)
         tested = system.testing(effects)
-        self._design = Design(tested)
+        p = tested.problem
+        numbers = 2 * len(p.img) * (p.d + p.wide)
+        self._design = Design(tested, kept=numbers < KEPT)
         columns, gnss = tested.columns, tested.gnss
         groups = make_groups(columns, len(tested.control_names), effects, {})
         e = take_apart(tested, groups)
@@ -90,8 +94,9 @@ class Signatures:
         pixels, gnss, control = (
             np.stack([one.ravel() for one in part], axis=1) for part in zip(*fits, strict=True)
         )
-        weight = np.repeat(self._design.weight, 2)[:, None]
-        found = self._design.right(Sets(weight * np.nan_to_num(pixels), control))
+        np.nan_to_num(pixels, copy=False)
+        pixels *= np.repeat(self._design.weight, 2)[:, None]
+        found = self._design.right(Sets(pixels, control))
         found += self._gnss.T @ (self._weight[:, None] * gnss)
         return (found + self._priors).T
 
