@@ -106,7 +106,7 @@ def _one_camera(block: Block) -> str:
 
 def _adjusted(block: Block, loss: str, max_iterations: int) -> least_squares.Adjustment:
     """Adjusted with one readout; gross errors, which the loss follows slowly, are left out."""
-    effects = [shutter(), *([late_clock()] if len(block.gnss) else [])]
+    effects = [shutter(block), *([late_clock()] if len(block.gnss) else [])]
     model = least_squares.Model(camera=least_squares.REFERENCE_CAMERA, effects=effects, loss=loss)
     found = least_squares.adjust(block, model=model, max_iterations=_FIRST_ITERATIONS)
     ties = found.residuals["tie"]
