@@ -129,7 +129,8 @@ class RowMotions:
         return int(self.system.columns.of(effect.slug)[names.index(READOUT)])
 
     @cached_property
-    def _height(self) -> float:
+    def height(self) -> float:
+        """Of the cameras above the ground, m."""
         images = self.system.images
         return max(float(np.median(images.centre[:, 2]) - images.ground), 1.0)
 
@@ -150,7 +151,7 @@ class RowMotions:
         scale = max(abs(readout), LEAST_S)
         weight = np.zeros(n)
         moved = np.hypot(self.motion.independent, unstated)
-        turned = np.hypot(self.motion.turning, unstated / self._height)
+        turned = np.hypot(self.motion.turning, unstated / self.height)
         weight[self._motions] = (scale * np.hstack([moved, turned])) ** -2.0
         behind = n - len(self.motion.shared)
         weight[behind:] = scale**-2.0
