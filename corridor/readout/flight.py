@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 
 from corridor import adjustment as least_squares
-from corridor.block import RATES, Block, read
+from corridor.block import Block, read
+from corridor.effects import Images
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import by_contrasts, honest
 from corridor.photographs import of_picture, published_readouts
@@ -18,7 +19,7 @@ from corridor.preparation import strips_of
 from corridor.readout.flight_report import CONTRADICTS, FlightReadout, Left, Turns
 from corridor.readout.motion import motion_of, on_one_clock, with_velocities
 from corridor.readout.next_photographs import advice
-from corridor.readout.row_motion import READOUT, RowMotions, late_clock, shutter
+from corridor.readout.row_motion import LEAST_S, READOUT, RowMotions, late_clock, shutter
 
 # A readout is told where its sigma is below this share of it, or below so many seconds: then a
 # shutter that is nearly global is told as well.
@@ -90,12 +91,12 @@ def readout_from_flight(
         names=tuple(adjustment.block.images["image"].astype(str)), sigma0=adjustment.sigma0,
         rows=camera.height if camera.row_direction in ("down", "up") else camera.width,
         notes=tuple(dict.fromkeys([d.sentence for d in prepared.derived] + prepared.notes + lost)),
-        turns=_turns(adjustment),
+        turns=_turns(adjustment, found.readout),
     )  # fmt: skip
     in_camera = np.einsum("nij,nj->ni", adjustment.state.rotation, equations.motion.velocity)
     if result.turns:
         seen = equations.height * result.turns.rate[equations.system.image_order]
-        in_camera = np.hstack([in_camera, np.nan_to_num(seen)])
+        in_camera = np.hstack([in_camera, seen])
     return judged(result, in_camera)
 
 
@@ -131,16 +132,19 @@ def _adjusted(block: Block, loss: str, max_iterations: int) -> least_squares.Adj
     return found
 
 
-def _turns(adjustment: least_squares.Adjustment) -> Turns | None:
+def _turns(adjustment: least_squares.Adjustment, readout: float) -> Turns | None:
     """How the camera turned, where the adjustment's shutter takes it from rates.csv."""
-    effect = shutter(adjustment.block)
+    block = adjustment.block
+    effect, images = shutter(block), Images.of(block)
     if not effect.needs_table("rates"):
         return None
-    text = {one.name: one.text for one in effect.parameters(adjustment.block)}
+    half = max(abs(readout), LEAST_S) / 2
+    turn, _, _ = images.gyroscope.turn(images.record, images.time - half, images.time + half)
+    text = {one.name: one.text for one in effect.parameters(block)}
     table = adjustment.effects
     beside = table[(table["slug"] == effect.slug) & (table["parameter"] != READOUT)]
     return Turns(
-        rate=adjustment.block.numbers("images", *RATES),
+        rate=turn / (2 * half),
         estimated=tuple(
             (f"{row.parameter} {text[row.parameter]}".strip(), row.value, row.sigma, row.unit)
             for row in beside.itertuples(index=False)

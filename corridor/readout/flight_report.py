@@ -38,8 +38,8 @@ class Left:
 class Turns:
     """What rates.csv says of how the camera turned while it was read.
 
-    rate (m, 3): rad/s about the camera's axes at the time of each image, in the order of
-    images.csv. estimated: what was estimated with the readout, (name, value, formal sigma, unit).
+    rate (m, 3): rad/s about the camera's axes, mean of each readout, in the order of images.csv.
+    estimated: what was estimated with the readout, (name, value, formal sigma, unit).
     """
 
     rate: np.ndarray
@@ -48,7 +48,7 @@ class Turns:
     @property
     def median_deg_s(self) -> float:
         """Median of the angular rates, degrees a second."""
-        return float(np.degrees(np.nanmedian(np.linalg.norm(self.rate, axis=1))))
+        return float(np.degrees(np.median(np.linalg.norm(self.rate, axis=1))))
 
 
 @brief
