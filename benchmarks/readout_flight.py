@@ -1,13 +1,15 @@
 """How often a flight tells its camera's readout time, and whether its sigma holds.
 
-python benchmarks/readout_flight.py [--count 100] [--first 0] [--json FILE] [--untold] [--short]
+python benchmarks/readout_flight.py [--count 100] [--first 0] [--json FILE] [--untold] [--rocking]
+    [--short]
 
 Simulated surveys of the independent generator (`benchmarks/diagnosis/generator`): a continuous
 flight that brakes, stands and turns, a shaken camera whose turning nobody writes down, lenses that
 are not Fraser's, GNSS with slow errors. Readouts of 5 to 60 ms, several plans, and velocities as
 they come: written by the flight controller to 0.1 m/s and with a delay, or derived from positions,
 from whole seconds, from a track. Prints for each the error over the stated sigma, or why it was
-refused; with --untold for surveys that cannot tell, which are all to be refused.
+refused; with --untold for surveys that cannot tell, which are all to be refused; with --rocking for
+cameras that rock while they are read, with a gyroscope that records it.
 """
 
 import argparse
@@ -31,15 +33,18 @@ GEOMETRIES = ("nadir", "fixed_yaw", "cross", "oblique", "multi_height")
 _COLUMNS = ["vx", "vy", "vz"]
 # Positions of one receiver, and of two.
 _COARSE_M, _RTK_M = (1.0, 1.0, 2.0), NOISES["everyday"].gnss_white_m
+# A fixed wing's, as data/garfield has it: some 5 degrees a second, another rate in 0.4 s.
+ROCKING = Air(shake_deg=2.0, shake_s=0.4)
 # Standard deviation of the delay of what the flight controller writes, s.
 DELAY_S = 0.15
 
 
-def survey(seed, images=(28, 42), observations=80, untold=False):
+def survey(seed, images=(28, 42), observations=80, untold=False, rocking=False):
     """A block, its readout (s) and how it was made, of a number.
 
     untold: of those that cannot tell it: in calm air at one speed in the camera's frame, with
     positions to a metre, or, every other one, stop and go with velocities from positions.
+    rocking: the camera rocks as on a fixed wing, and rates.csv records it.
     """
     rng = np.random.default_rng([seed, 18])
     readout, speed = rng.uniform(0.005, 0.060), rng.uniform(4.0, 11.0)
@@ -55,9 +60,10 @@ def survey(seed, images=(28, 42), observations=80, untold=False):
         geometry=geometry, images=int(rng.integers(*images)), height=rng.uniform(40, 90),
         strips=0 if geometry in ("cross", "multi_height") else int(rng.integers(2, 5)),
         speed=speed, forward=rng.uniform(0.68, 0.78), beyond_s=beyond,
-        gnss="track" if kind == "track" else "exposures", gyro="none", control=2, check=0,
+        gnss="track" if kind == "track" else "exposures", gyro="rates" if rocking else "none",
+        control=2, check=0,
         row_direction=str(rng.choice(["down", "up", "left", "right"])),
-        observations=observations, air=CALM if untold else Air(),
+        observations=observations, air=CALM if untold else ROCKING if rocking else Air(),
         noise=replace(NOISES["everyday"], gnss_white_m=_COARSE_M if steady else _RTK_M),
     )  # fmt: skip
     draws = streams(seed)
@@ -129,11 +135,12 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100, help="surveys (default 100)")
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
     parser.add_argument("--untold", action="store_true", help="surveys that cannot tell it")
+    parser.add_argument("--rocking", action="store_true", help="a gyroscope on a rocking camera")
     parser.add_argument("--short", action="store_true", help="twelve small ones")
     parser.add_argument("--json", type=Path, help="write the rows and the summary to this file")
     options = parser.parse_args()
     small = {"images": (24, 30), "observations": 60} if options.short else {}
-    small |= {"untold": True} if options.untold else {}
+    small |= {"untold": options.untold, "rocking": options.rocking}
     rows = []
     for seed in range(options.first, options.first + (12 if options.short else options.count)):
         rows.append(measured(seed, **small))

@@ -20,7 +20,7 @@ from corridor.adjustment.linear_system import LinearSystem, motions
 from corridor.adjustment.matrix import Singular
 from corridor.adjustment.misfit import misfit
 from corridor.adjustment.problem import Problem, State
-from corridor.effects import Effect, every_effect
+from corridor.effects import every_effect
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_vector
 from corridor.report import counted
@@ -157,13 +157,10 @@ def explain(system: LinearSystem, singular: Singular) -> InputError:
 
 def _left_out(p: Problem) -> str:
     """How the camera turned during its readout, if the block says it and the model does not."""
-
-    def turns(effect: Effect) -> bool:
-        return any(need.startswith("rates.") for need in effect.needs)
-
-    if not len(p.block.rates) or any(turns(one.effect) for one in p.stack.members.values()):
+    taken = any(one.effect.needs_table("rates") for one in p.stack.members.values())
+    if not len(p.block.rates) or taken:
         return ""
-    slugs = [one.slug for one in every_effect() if turns(one.form(p.block))]
+    slugs = [one.slug for one in every_effect() if one.form(p.block).needs_table("rates")]
     return (
         "; or the model is wrong, which takes no turn of the camera during its readout although "
         f"rates.csv tells it: `corridor adjust BLOCK --effect {' or '.join(slugs)}`"

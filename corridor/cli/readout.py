@@ -2,7 +2,8 @@
 
 examples:
   corridor readout flight BLOCK -o out/flight
-      from an ordinary survey, with the velocities of its images or what they can be derived from
+      from an ordinary survey, with the velocities of its images or what they can be derived from,
+      and with rates.csv, the turns that a gyroscope recorded
   corridor readout flight PHOTOS --model "DJI FC330" -o out/flight
       from a folder of photographs, which are imported to out/flight_block first
   corridor readout star STILL.jpg TURNING.jpg --turns-per-second 2.2 -o out/star
@@ -20,10 +21,10 @@ Give photographs of a target as the camera wrote them: not turned, cut or resize
 speed goes into the readout time one to one. OUT holds readout.json and readout.png; it appears
 when both are written, or not at all. A flight tells the readout where its images were taken at
 several speeds in the camera's frame: strips both ways with one heading, cross strips, slow or
-hovering photographs at the ends of strips. Its sigma is the formal one, or what leaving out one
-strip in turn shows, where that is larger than chance makes it; OUT holds report.html too. Where it
-does not tell, the status is 1, and report.html and refused.json say why and which four photographs
-would tell.
+hovering photographs at the ends of strips; or where a gyroscope saw the camera rock. Its sigma is
+the formal one, or what leaving out one strip in turn shows, where that is larger than chance makes
+it; OUT holds report.html too. Where it does not tell, the status is 1, and report.html and
+refused.json say why and which four photographs would tell.
 """
 
 import argparse

@@ -163,6 +163,10 @@ class Effect(ABC):
         """Those of `needs` that the block does not have."""
         return [column for column in self.needs if not block.has(column)]
 
+    def needs_table(self, table: str) -> bool:
+        """Whether it needs a column of a table of the block."""
+        return any(need.startswith(f"{table}.") for need in self.needs)
+
 
 def check_contract(effect: Effect) -> None:
     """Refuse a class that cannot work, with a sentence on what it lacks."""

@@ -24,7 +24,8 @@ def flight_readout(found, published: tuple[float, float, str] | None) -> Figure:
     value, sigma = rounded(1000 * found.readout, 1000 * found.sigma)
     said = f"{value} \u00b1 {sigma} ms, first to last of {found.rows} rows"
     title = f"Readout time {said}" if found.told else "This flight does not tell the readout time"
-    note = f"velocities {found.motion.source}; bars are one sigma"
+    turns = ", turns from rates.csv" if found.turns else ""
+    note = f"velocities {found.motion.source}{turns}; bars are one sigma"
     note = note if found.told else f"the adjustment says {said}; {note}"
     figure = style.sheet(tall + 1.9, title, note)
     keys = [

@@ -11,14 +11,15 @@ import pandas as pd
 
 from corridor import adjustment as least_squares
 from corridor.block import Block, read
+from corridor.effects import Images
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.geometry import by_contrasts, honest
 from corridor.photographs import of_picture, published_readouts
 from corridor.preparation import strips_of
-from corridor.readout.flight_report import CONTRADICTS, FlightReadout, Left
-from corridor.readout.motion import motion_of, with_velocities
+from corridor.readout.flight_report import CONTRADICTS, FlightReadout, Left, Turns
+from corridor.readout.motion import motion_of, on_one_clock, with_velocities
 from corridor.readout.next_photographs import advice
-from corridor.readout.row_motion import RowMotions, late_clock, shutter
+from corridor.readout.row_motion import LEAST_S, READOUT, RowMotions, late_clock, shutter
 
 # A readout is told where its sigma is below this share of it, or below so many seconds: then a
 # shutter that is nearly global is told as well.
@@ -48,12 +49,13 @@ def readout_from_flight(
     share of all that is done.
 
     The block is adjusted with ten camera parameters, one readout and, with GNSS, the delay of its
-    positions; see `row_motion` for how the velocities' errors count. Refused, with `reasons`,
-    where it does not tell.
+    positions; with rates.csv the camera turns as its gyroscope says. See `row_motion` for how the
+    velocities' errors count. Refused, with `reasons`, where it does not tell.
     Raises InputError for a block of several cameras or without velocities, AdjustmentFailed.
     """
     say = progress or (lambda what, share: None)
-    prepared = with_velocities(read(block))
+    block, lost = on_one_clock(read(block))
+    prepared = with_velocities(block)
     block = prepared.block
     name = _one_camera(block)
     motion_of(block)  # says what is missing before the work
@@ -88,9 +90,13 @@ def readout_from_flight(
         place=np.stack([adjustment.block.column("images", axis) for axis in "xyz"], axis=1),
         names=tuple(adjustment.block.images["image"].astype(str)), sigma0=adjustment.sigma0,
         rows=camera.height if camera.row_direction in ("down", "up") else camera.width,
-        notes=tuple(dict.fromkeys([d.sentence for d in prepared.derived] + prepared.notes)),
+        notes=tuple(dict.fromkeys([d.sentence for d in prepared.derived] + prepared.notes + lost)),
+        turns=_turns(adjustment, found.readout),
     )  # fmt: skip
     in_camera = np.einsum("nij,nj->ni", adjustment.state.rotation, equations.motion.velocity)
+    if result.turns:
+        seen = equations.height * result.turns.rate[equations.system.image_order]
+        in_camera = np.hstack([in_camera, seen])
     return judged(result, in_camera)
 
 
@@ -106,7 +112,7 @@ def _one_camera(block: Block) -> str:
 
 def _adjusted(block: Block, loss: str, max_iterations: int) -> least_squares.Adjustment:
     """Adjusted with one readout; gross errors, which the loss follows slowly, are left out."""
-    effects = [shutter(), *([late_clock()] if len(block.gnss) else [])]
+    effects = [shutter(block), *([late_clock()] if len(block.gnss) else [])]
     model = least_squares.Model(camera=least_squares.REFERENCE_CAMERA, effects=effects, loss=loss)
     found = least_squares.adjust(block, model=model, max_iterations=_FIRST_ITERATIONS)
     ties = found.residuals["tie"]
@@ -126,6 +132,26 @@ def _adjusted(block: Block, loss: str, max_iterations: int) -> least_squares.Adj
     return found
 
 
+def _turns(adjustment: least_squares.Adjustment, readout: float) -> Turns | None:
+    """How the camera turned, where the adjustment's shutter takes it from rates.csv."""
+    block = adjustment.block
+    effect, images = shutter(block), Images.of(block)
+    if not effect.needs_table("rates"):
+        return None
+    half = max(abs(readout), LEAST_S) / 2
+    turn, _, _ = images.gyroscope.turn(images.record, images.time - half, images.time + half)
+    text = {one.name: one.text for one in effect.parameters(block)}
+    table = adjustment.effects
+    beside = table[(table["slug"] == effect.slug) & (table["parameter"] != READOUT)]
+    return Turns(
+        rate=turn / (2 * half),
+        estimated=tuple(
+            (f"{row.parameter} {text[row.parameter]}".strip(), row.value, row.sigma, row.unit)
+            for row in beside.itertuples(index=False)
+        ),
+    )
+
+
 def _settled(found: least_squares.Adjustment) -> bool:
     """Whether the last iterations gained next to nothing: a step of least squares does the rest."""
     cost = [step["cost"] for step in found.history[-2:]]
@@ -133,7 +159,10 @@ def _settled(found: least_squares.Adjustment) -> bool:
 
 
 def judged(found: FlightReadout, in_camera: np.ndarray) -> FlightReadout:
-    """The result with the reasons why the flight does not tell; in_camera (m, 3): velocities."""
+    """The result with the reasons why the flight does not tell.
+
+    in_camera (m, 3): velocities, m/s; (m, 6) with turns: the angular rates times the height, too.
+    """
     return replace(found, reasons=tuple(_reasons(found, in_camera)))
 
 
@@ -154,7 +183,7 @@ def _reasons(found: FlightReadout, in_camera: np.ndarray) -> Iterator[str]:
         yield (
             f"The readout time comes out negative ({1000 * found.readout:.1f} ms): rows are read "
             "the other way than row_direction of block.toml says, the pictures were turned, or the "
-            "velocities are wrong."
+            f"{_known(found)} are wrong."
         )
     if abs(found.eight - found.readout) > CONTRADICTS * found.sigma:
         yield (
@@ -177,8 +206,9 @@ def _why_uncertain(found: FlightReadout, in_camera: np.ndarray, swamped: str) ->
             f"the drone stood still at most exposures, say its velocities ({found.motion.source})."
         )
     if spread < ONE_SPEED * speed:
+        alike = "moved and turned alike" if found.turns else "were taken at one speed"
         return (
-            f"all images were taken at one speed in the camera's frame ({speed:.1f} m/s, differing "
+            f"all images {alike} in the camera's frame ({speed:.1f} m/s, differing "
             f"by {spread:.2g} m/s), and then poses, ground and lens do what a shutter does."
         )
     if swamped:
@@ -190,8 +220,8 @@ def _why_uncertain(found: FlightReadout, in_camera: np.ndarray, swamped: str) ->
             f"{1000 * high.readout:.1f} ms without {high.strip})."
         )
     return (
-        "too few images differ in their velocity for what their points can tell "
-        f"(velocities differ by {spread:.1f} m/s)."
+        f"too few images differ in their {'motion' if found.turns else 'velocity'} for what their "
+        f"points can tell ({_known(found)} differ by {spread:.1f} m/s)."
     )
 
 
@@ -205,11 +235,16 @@ def _swamped(found: FlightReadout, in_camera: np.ndarray) -> str:
     if found.motion.given or errors <= ERRORS_SHARE * spread:
         return ""
     return (
-        f"The velocities ({found.motion.source}) differ between the images by {spread:.2g} m/s in "
-        f"the camera's frame and are known to {errors:.2g} m/s: what differs may be their errors."
+        f"The {_known(found)} ({found.motion.source}) differ between the images by {spread:.2g} "
+        f"m/s in the camera's frame and are known to {errors:.2g} m/s: what differs may be their "
+        "errors."
     )
 
 
+def _known(found: FlightReadout) -> str:
+    return "velocities and turns" if found.turns else "velocities"
+
+
 def _spread(in_camera: np.ndarray) -> float:
-    """Standard deviation of the velocities (m, 3) between the images, m/s."""
+    """Standard deviation of the velocities (m, 3), or motions (m, 6), between the images, m/s."""
     return float(np.sqrt(np.var(in_camera, axis=0).sum()))

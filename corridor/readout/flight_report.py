@@ -18,6 +18,10 @@ _MOST_PUBLISHED = 6
 PUBLISHED_SHARE = 0.07
 # Eight and ten camera parameters, or a sign, contradict beyond so many sigmas.
 CONTRADICTS = 3.0
+_GYROSCOPE_SCALE = (
+    "A gyroscope that shows all turns too large by some share makes the readout time too short by "
+    "as much, as far as turns tell it: strips do not show that, and the sigma leaves it out."
+)
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,23 @@ class Left:
     images: int
     readout: float
     sigma: float
+
+
+@dataclass(frozen=True)
+class Turns:
+    """What rates.csv says of how the camera turned while it was read.
+
+    rate (m, 3): rad/s about the camera's axes, mean of each readout, in the order of images.csv.
+    estimated: what was estimated with the readout, (name, value, formal sigma, unit).
+    """
+
+    rate: np.ndarray
+    estimated: tuple[tuple[str, float, float, str], ...]
+
+    @property
+    def median_deg_s(self) -> float:
+        """Median of the angular rates, degrees a second."""
+        return float(np.degrees(np.median(np.linalg.norm(self.rate, axis=1))))
 
 
 @brief
@@ -41,7 +62,8 @@ class FlightReadout:
         left out (`geometry.by_contrasts`), where that contradicts it. formal, jackknife: either
         alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
     unstated: motion that nobody wrote down, m/s. delay: by which the speeds were written late, s,
-        with its sigma. motion: of the images, in the order of images.csv.
+        with its sigma. motion: of the images, in the order of images.csv. turns: of a block with
+        rates.csv, else None.
     published: of this camera and mode; stated: what the block states, s. advice: photographs that
         would settle it.
     place (m, 3) m, names: of the images. sigma0: of the adjustment. rows: of a picture. notes:
@@ -68,6 +90,7 @@ class FlightReadout:
     sigma0: float = 1.0
     rows: int = 0
     notes: tuple[str, ...] = ()
+    turns: Turns | None = None
 
     @property
     def told(self) -> bool:
@@ -131,7 +154,8 @@ def report_of(found: FlightReadout) -> Report:
     _, _, why = use(found)
     if found.told:
         value = _ms(found.readout, found.sigma)
-        said, warnings = f"The readout time is {value} by the flight itself.", []
+        witness = "the flight itself" + (" and its gyroscope" if found.turns else "")
+        said, warnings = f"The readout time is {value} by {witness}.", []
         if found.is_short:
             most = 1000 * (max(found.readout, 0.0) + 2 * found.sigma)
             said = f"The flight shows no rolling shutter: {value}, at most {most:.2g} (two sigma)."
@@ -202,24 +226,35 @@ def _rests_on(found: FlightReadout) -> Table:
     speed = np.linalg.norm(found.motion.velocity, axis=1)
     low, middle, high = np.percentile(speed, [0, 50, 100])
     delay, delay_sigma = found.delay
-    rows = (
+    rows = [
         ("velocities", found.motion.source),
         ("speeds", f"{low:.1f} to {high:.1f} m/s, median {middle:.1f} m/s"),
         ("sigma of a velocity", f"{np.median(found.motion.independent):.2g} m/s (median)"),
         ("motion nobody wrote down", f"{found.unstated:.2g} m/s"),
         ("speeds written late by", f"{delay:.2f} \u00b1 {delay_sigma:.2f} s"),
         ("images, sigma naught", f"{len(found.names)}, {found.sigma0:.2f}"),
-    )
-    return Table("What it rests on", (), rows, "ll", found.notes)
+    ]
+    notes = found.notes
+    if found.turns:
+        rows.append(
+            ("turns of the camera", f"rates.csv, median {found.turns.median_deg_s:.2g}\u00b0/s")
+        )
+        for name, value, error, unit in found.turns.estimated:
+            text, sigma = rounded(value, error)
+            text = _ms(value, error) if unit == "s" else f"{text} \u00b1 {sigma} {unit}"
+            rows.append((name, f"{text} (formal)"))
+        notes = (*notes, _GYROSCOPE_SCALE)
+    return Table("What it rests on", (), tuple(rows), "ll", notes)
 
 
 def to_dict(found: FlightReadout) -> dict:
     """The content of readout.json; times in milliseconds where the key says so."""
     value, sigma, why = use(found)
     known = published_value(found)
+    witness = "velocities" + (" and recorded turns" if found.turns else "")
     return {
         "target": "flight",
-        "method": "least-squares adjustment of a survey with the velocities of its images",
+        "method": f"least-squares adjustment of a survey with the {witness} of its images",
         "told": found.told,
         "reasons": list(found.reasons),
         "camera": found.camera,
@@ -257,6 +292,13 @@ def to_dict(found: FlightReadout) -> dict:
             "sigma_m_s": float(np.median(found.motion.independent)),
             "unstated_m_s": found.unstated, "delay_s": found.delay[0],
             "delay_sigma_s": found.delay[1],
+        },
+        "gyroscope": None if found.turns is None else {
+            "median_deg_s": found.turns.median_deg_s,
+            "estimated": [
+                {"name": name, "value": value, "formal_sigma": error, "unit": unit}
+                for name, value, error, unit in found.turns.estimated
+            ],
         },
         "warnings": list(found.notes),
         "pictures": [PICTURE],

@@ -11,6 +11,7 @@ from scipy.sparse import block_array, diags_array, eye_array
 from scipy.spatial.transform import Rotation
 
 from corridor.block import Block
+from corridor.effects import Images
 from corridor.errors import InputError
 from corridor.geometry import rotation_from_quaternion
 from corridor.preparation import (
@@ -86,13 +87,23 @@ class Motion:
 
 
 def motion_of(block: Block) -> Motion:
-    """The motion of the images of a prepared block. Raises InputError without velocities."""
+    """The motion of the images of a prepared block.
+
+    Raises InputError without velocities, and where rates.csv leaves images out.
+    """
     velocity = np.stack([block.column("images", axis) for axis in _VELOCITY], axis=1)
     if not np.isfinite(velocity).all():
         lost = int((~np.isfinite(velocity).all(axis=1)).sum())
         raise InputError(
             f"{lost} of {len(velocity)} images have no velocity, and none can be derived: give "
             "time_s with gnss.csv or track.csv, or vx, vy, vz in images.csv"
+        )
+    gyroscope = Images.of(block).gyroscope
+    unheard = 0 if gyroscope is None else int((gyroscope.record_of_image < 0).sum())
+    if unheard:
+        raise InputError(
+            f"rates.csv: {unheard} of {len(velocity)} images have no record of how the camera "
+            "turned: add theirs, remove these images, or remove rates.csv"
         )
     sigma = np.stack([block.column("images", axis) for axis in _SIGMA], axis=1)
     origin = {one.column: one.source for one in derived(block)}.get("images.vx")
@@ -112,6 +123,22 @@ def motion_of(block: Block) -> Motion:
         given=origin is None,
         measured=origin in (None, "track.csv"),
     )
+
+
+def on_one_clock(block: Block) -> tuple[Block, list[str]]:
+    """The block without rates.csv where rounded stamps do not find its epochs, and a sentence.
+
+    A record of each image's own was cut around that image, whatever its stamp says.
+    """
+    step = rounding(block.column("images", "time_s"))
+    if not step or not len(block.rates) or block.has("rates.image"):
+        return block, []
+    block = block.copy()
+    block.rates = block.rates.iloc[:0]
+    return block, [
+        f"The images have time stamps of {step:g} s, which do not tell where in rates.csv they "
+        "were taken: the turns of the camera are left out."
+    ]
 
 
 def with_velocities(block: Block) -> Prepared:

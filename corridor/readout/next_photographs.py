@@ -91,7 +91,13 @@ def _with(adjustment, block, motion, rows, velocity) -> RowMotions:
     images = pd.concat([block.images, again], ignore_index=True)
     ties = pd.concat([ties, more], ignore_index=True)
     ties["image"] = pd.Categorical(ties["image"], categories=images["image"].astype(str))
-    whole = replace(block.copy(), images=images, tie_points=ties)
+    rates = block.rates
+    if "image" in rates:
+        # The camera turns as it did: whoever takes the photographs again flies as before.
+        turned = rates[rates["image"].astype(str).isin(old)]
+        turned = turned.assign(image=_NEW + turned["image"].astype(str))
+        rates = pd.concat([rates, turned], ignore_index=True)
+    whole = replace(block.copy(), images=images, tie_points=ties, rates=rates)
     problem = make_problem(whole, adjustment.problem.model)
     system = LinearSystem(problem, problem.start, Loss.parse(problem.model.loss))
     known = np.full_like(velocity, _KNOWN_M_S)

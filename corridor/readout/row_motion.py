@@ -26,6 +26,8 @@ from corridor.brief import brief
 from corridor.effects import Effect, every_effect
 from corridor.readout.motion import Motion
 
+# The parameter of every effect that has a readout.
+READOUT = "readout"
 # Below this a readout scales no error of a velocity any more: a global shutter.
 LEAST_S = 0.002
 # Motion that nobody wrote down, m/s: what is looked at.
@@ -39,10 +41,14 @@ _OPEN = 1e-13
 # Which effects of the catalogue tell a readout: by what they act on and need, not by name.
 
 
-@cache
-def shutter() -> Effect:
-    """What moves the camera during the readout as its velocity says."""
-    return next(one for one in _at("motion") if "images.vx" in one.needs)
+def shutter(block: Block) -> Effect:
+    """What moves the camera during the readout as its velocity says, for one readout time.
+
+    With rates.csv: what turns it as the gyroscope says, too.
+    """
+    forms = [one.form(block) for one in _at("motion")]
+    turned = [o for o in forms if o.needs_table("rates") and "images.vx" in o.takes]
+    return (turned or [one for one in forms if "images.vx" in one.needs])[0]
 
 
 def free_motion(block: Block) -> Effect:
@@ -118,10 +124,13 @@ class RowMotions:
 
     @cached_property
     def _readout(self) -> int:
-        return int(self.system.columns.of(shutter().slug)[0])
+        effect = shutter(self.system.block)
+        names = [parameter.name for parameter in effect.parameters(self.system.block)]
+        return int(self.system.columns.of(effect.slug)[names.index(READOUT)])
 
     @cached_property
-    def _height(self) -> float:
+    def height(self) -> float:
+        """Of the cameras above the ground, m."""
         images = self.system.images
         return max(float(np.median(images.centre[:, 2]) - images.ground), 1.0)
 
@@ -142,7 +151,7 @@ class RowMotions:
         scale = max(abs(readout), LEAST_S)
         weight = np.zeros(n)
         moved = np.hypot(self.motion.independent, unstated)
-        turned = np.hypot(self.motion.turning, unstated / self._height)
+        turned = np.hypot(self.motion.turning, unstated / self.height)
         weight[self._motions] = (scale * np.hstack([moved, turned])) ** -2.0
         behind = n - len(self.motion.shared)
         weight[behind:] = scale**-2.0

@@ -14,7 +14,7 @@ from corridor.geometry import by_contrasts, honest, jackknife
 from corridor.preparation import strips_of
 from corridor.readout import published_value, readout_from_flight, save_flight, use
 from corridor.readout.flight import judged
-from corridor.readout.motion import unrounded
+from corridor.readout.motion import on_one_clock, unrounded
 
 DIKE = "data_synthetic/dike"
 
@@ -190,14 +190,117 @@ def test_strips_are_all_images_once():
     assert sorted(rows) == list(range(len(block.images)))
 
 
+@pytest.fixture(scope="module")
+def rocking():
+    """A camera that rocks on a track of two strips; its readout, 52.61 ms; rates.csv by flight."""
+    block, readout, _ = survey(7, images=(24, 30), observations=60, rocking=True)
+    return block, readout
+
+
+@pytest.fixture(scope="module")
+def heard(rocking):
+    return readout_from_flight(rocking[0])
+
+
+class TestACameraThatRocks:
+    def test_the_gyroscope_takes_the_rocking_along(self, rocking, heard):
+        """Rates of 6 degrees a second, heights of 60 m: as much as 6 m/s, another in each image."""
+        assert heard.told
+        assert abs(heard.readout - rocking[1]) < 3 * heard.sigma < 0.001
+
+    def test_without_its_record_the_flight_is_refused(self, rocking):
+        """Each picture turned another way: velocities say a tenth of how its rows moved."""
+        deaf = rocking[0].copy()
+        deaf.rates = deaf.rates.iloc[:0]
+        said = readout_from_flight(deaf, advise=False)
+        assert not said.told and said.turns is None
+        assert abs(said.readout - rocking[1]) > 0.010
+
+    def test_what_the_gyroscope_told_is_said(self, heard, tmp_path):
+        """The generator's gyroscope is on time."""
+        text = str(heard)
+        assert "by the flight itself and its gyroscope." in text
+        assert "delay of the gyroscope's clock" in text
+        assert "too short by as much" in " ".join(text.split())
+        ((name, delay, sigma, unit),) = heard.turns.estimated
+        assert (name, unit) == ("delay of the gyroscope's clock", "s")
+        assert abs(delay) < 4 * sigma < 0.002
+        save_flight(heard, tmp_path / "out")
+        told = json.loads((tmp_path / "out" / "readout.json").read_text(encoding="utf-8"))
+        assert told["gyroscope"]["estimated"][0]["value"] == delay
+        assert told["method"].endswith("velocities and recorded turns of its images")
+
+    def test_photographs_taken_again_turn_as_they_did(self, rocking, heard):
+        """A record of each image's own says the same as one of the flight."""
+        block = rocking[0].copy()
+        time = block.images["time_s"].to_numpy()
+        near = np.abs(time - block.rates["time_s"].to_numpy()[:, None]).argmin(axis=1)
+        names = block.images["image"].astype(str).to_numpy()
+        block.rates = block.rates.drop(columns="flight").assign(image=names[near])
+        own = readout_from_flight(block)
+        assert own.readout == pytest.approx(heard.readout, abs=heard.sigma / 10)
+        assert own.advice is not None
+        assert own.advice.sigma == pytest.approx(heard.advice.sigma, rel=0.05)
+
+    def test_rocking_counts_as_motion_of_the_rows(self, heard):
+        """Velocities that hardly differ swamp nothing where the turns tell."""
+        derived = replace(heard.motion, given=False, sigma=0.5 + 0 * heard.motion.sigma)
+        level = np.zeros((len(heard.names), 3))
+        turned = np.hstack([level, 60 * heard.turns.rate])
+        assert changed(heard, motion=derived, in_camera=turned).told
+        said = changed(heard, motion=derived, in_camera=np.hstack([level, level]))
+        assert said.reasons[0].startswith("The velocities and turns")
+        assert "moved and turned alike" in changed(
+            heard, sigma=0.02, in_camera=np.ones((len(heard.names), 6))
+        ).reasons[0]  # fmt: skip
+
+    def test_an_image_without_a_record_is_counted(self, rocking):
+        block = rocking[0].copy()
+        own = block.rates.drop(columns="flight").iloc[:4]
+        names = block.images["image"].iloc[0]
+        block.rates = own.assign(image=names)
+        rest = len(block.images) - 1
+        with pytest.raises(InputError, match=f"{rest} of {rest + 1} images have no record"):
+            readout_from_flight(block)
+
+    def test_rounded_stamps_do_not_find_the_epochs_of_a_flight(self, rocking):
+        block = rocking[0].copy()
+        assert on_one_clock(block) == (block, [])
+        block.images["time_s"] = np.floor(block.images["time_s"])
+        without, said = on_one_clock(block)
+        assert not len(without.rates) and len(block.rates)
+        assert "time stamps of 1 s" in said[0] and "left out" in said[0]
+        block.rates["image"] = block.images["image"].iloc[0]
+        assert on_one_clock(block) == (block, [])
+
+
 @pytest.mark.slow
-def test_errors_are_as_large_as_stated():
-    """Eight surveys of the independent generator, two of each kind of velocity.
+def test_garfield_tells_what_its_maker_states(real_data, tmp_path):
+    """A Parrot Sequoia that rocks on a fixed wing: 47,500 ns for each of 3456 rows by its maker."""
+    pytest.importorskip("pycolmap", reason="the extra 'images' is not installed")
+    photos, block = str(real_data / "garfield" / "photos"), str(tmp_path / "block")
+    assert main(["import", "photos", photos, "-o", block]) == 0
+    told = readout_from_flight(block, advise=False)
+    assert told.told and told.turns is not None
+    assert told.stated == pytest.approx(0.1641125)
+    assert abs(told.readout - told.stated) < 2 * told.sigma < 0.01
+    # Strips differ by more than noise explains, and that is what counts.
+    assert told.sigma > 2 * told.formal
+    # The record comes some 43 ms late, as data/sequoia's does.
+    assert told.turns.estimated[0][1] == pytest.approx(0.043, abs=0.005)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rocking", [False, True], ids=["steady", "rocking"])
+def test_errors_are_as_large_as_stated(rocking):
+    """Eight surveys of the independent generator, two of each kind of velocity, and with a record
+    of a camera that rocks.
 
     The benchmark does a hundred. What is told lies within its sigma as chi-square has it; the
     jackknife over few strips has heavier tails, for which the upper bound takes four strips.
     """
-    rows = [measured(seed, images=(24, 30), observations=60) for seed in range(8)]
+    size = {"images": (24, 30), "observations": 60}
+    rows = [measured(seed, rocking=rocking, **size) for seed in range(8)]
     ratios = np.array([row["ratio"] for row in rows if row["told"]])
     assert len(ratios) >= 4
     low, high = scipy.stats.chi2.ppf([0.001, 0.999], len(ratios))
