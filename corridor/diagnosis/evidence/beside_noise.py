@@ -54,7 +54,9 @@ class NoiseModel:
         if self.few:
             return 0.0
         group = self.evidence.groups[n]
-        if group.own is not None and self.own[group.own] is None:
+        # Several values for each image, which are in no model yet, are not asked about.
+        unasked = self.evidence.block(group)[0] is None
+        if group.own is not None and (unasked or self.own[group.own] is None):
             return 0.0
         key = group.key, tuple(group.columns[:1]), len(group)
         if key not in self._touches:

@@ -9,6 +9,8 @@ the antenna positions after everything else has been fitted with Sigma_0; for an
     -2 log L = log |I + P D| + rho' D' ... with D = Sigma - Sigma_0,
              = log |I + P D| - rho' D (I + P D)^-1 rho + const
 
+with I + P D = P (P^-1 + D), whose Cholesky factor also gives V = (P^-1 + D)^-1 for the gradient.
+
 How slow noise can be large is a matter of its class: a fixed carrier-phase solution (RTK, PPK) is
 good to centimetres, one from code to metres, whatever a model lacks.
 Source: Patterson and Thompson 1971, "Recovery of inter-block information when block sizes are
@@ -19,9 +21,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve, solveh_banded
+from scipy.linalg import solveh_banded
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
 from scipy.sparse import block_diag, csr_array, diags_array
 
@@ -32,6 +37,9 @@ from corridor.gnss import SlowNoise
 
 # Share of slow noise that is new after no time at all: two positions of one moment.
 _FRESH = 1e-9
+# Share of its stated weight that every coordinate gets, so that P has an inverse: it has none of
+# what has been projected out, to as many digits as that was known.
+_LITTLE = 1e-7
 
 
 @dataclass
@@ -259,26 +267,14 @@ def in_pieces(time: np.ndarray) -> list[np.ndarray]:
     return np.array_split(np.argsort(time, kind="stable"), count)
 
 
-@dataclass(frozen=True)
-class _Difference:
-    """D of one block, in the order of time: its covariance less the stated one.
-
-    white, stated (n,) variances; coloured: variance of the slow part, m^2, with its precision
-    (2, n) in units of that and its time constant.
+class _Noise(NamedTuple):
+    """Noise of one block in the order of time: variances of its white part (n,) m2, covariance of
+    its slow part (n, n) m2, and the time constant of that, s.
     """
 
     white: np.ndarray
-    stated: np.ndarray
-    coloured: float
-    precision: np.ndarray
+    slow: np.ndarray
     tau: float
-
-    def times(self, rows: np.ndarray) -> np.ndarray:
-        """D times rows (n, k)."""
-        slow = solveh_banded(self.precision, rows, check_finite=False)
-        slow *= self.coloured
-        slow += (self.white - self.stated)[:, None] * rows
-        return slow
 
 
 class Likelihood:
@@ -292,21 +288,23 @@ class Likelihood:
     """
 
     def __init__(self, noise: GnssNoise, P, rho, blocks, own: bool = False, bounds=None):
-        self.rho, self.blocks = rho, blocks
+        self.blocks = blocks
         self.flights = sorted({f for _, f, _ in blocks})
         self.count = len(blocks)
         self.stated = np.array([np.sqrt(np.mean(noise.stated[rows] ** 2)) for rows, *_ in blocks])
         time = [noise.time[rows // 3] for rows, *_ in blocks]
         apart = own and len(rho) > SETTINGS.most_at_a_time
         P = Weight.of(P)
-        self.P = None if apart else P.toarray()
-        # In the order of time, in which slow noise is a chain.
-        order = [np.argsort(t, kind="stable") for t in time]
-        each = [(rows[at], t[at]) for (rows, *_), t, at in zip(blocks, time, order, strict=True)]
-        self.first = [noise.stated[rows] ** 2 for rows, _ in each]
-        self.gaps = [np.diff(t) for _, t in each]
-        self.lags = [] if apart else [np.abs(t[:, None] - t) for _, t in each]
-        self.place = order if own else [rows for rows, _ in each]
+        self.first = [noise.stated[rows] ** 2 for rows, *_ in blocks]
+        # Block after block, of which each is a slice then.
+        self.order = np.arange(len(rho)) if own else np.concatenate([rows for rows, *_ in blocks])
+        ends = np.cumsum([len(rows) for rows, *_ in blocks]).tolist()
+        self.place = [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+        if not apart:
+            self.lags = [np.abs(t[:, None] - t) for t in time]
+            self.rho = rho[self.order]
+            P = P.toarray()[np.ix_(self.order, self.order)]
+            self._factor = _possible(P, np.sqrt(np.concatenate(self.first)))
         many = [self.count, self.count, len(self.flights)]
         prior = SETTINGS.white_prior, SETTINGS.slow_prior, SETTINGS.time_constant_prior
         self.centre = np.repeat([np.log(p[0]) for p in prior], many)
@@ -368,71 +366,90 @@ class Likelihood:
             tau[f, axis] = np.exp(x[2 * self.count + self.flights.index(f)])
         return replace(noise, white=white, coloured=coloured, tau=tau)
 
-    def _differences(self, white, coloured, tau) -> Iterator[_Difference]:
-        """D of each block, of white (blocks,) factors, coloured (blocks,) m and tau (blocks,) s."""
-        each = zip(self.first, self.gaps, white, coloured, tau, strict=True)
-        for first, gaps, w, c, constant in each:
-            yield _Difference(w**2 * first, first, c**2, _precision(gaps, constant), constant)
-
-    def differences(self, x) -> list[_Difference]:
-        """D of each block at x."""
+    def _at(self, x: np.ndarray) -> list[_Noise]:
+        """The noise of each block at x."""
         flight = [self.flights.index(f) for _, f, _ in self.blocks]
         white, coloured, tau = np.split(np.exp(x), [self.count, 2 * self.count])
-        return list(self._differences(white, coloured * self.stated, tau[flight]))
+        return self._of(white, coloured * self.stated, tau[flight])
 
-    def factor(self, differences: list[_Difference]):
-        """LU of (I + P D)', and D rho."""
-        inner = np.zeros(self.P.shape, order="F")
-        right = np.zeros(len(self.P))
-        for D, at in zip(differences, self.place, strict=True):
-            inner[at] = D.times(self.P[:, at].T)
-            right[at] = D.times(self.rho[at, None])[:, 0]
-        inner[np.diag_indices(len(inner))] += 1.0
-        return lu_factor(inner, check_finite=False, overwrite_a=True), right
+    def _of(self, white, coloured, tau) -> list[_Noise]:
+        """The noise of each block, of white (blocks,) factors, coloured (blocks,) m, tau, s."""
+        each = zip(self.first, self.lags, white, coloured, tau, strict=True)
+        return [
+            _Noise(w**2 * first, c**2 * SlowNoise(constant).memory(lags), constant)
+            for first, lags, w, c, constant in each
+        ]
 
-    def solved(self, noise: GnssNoise, columns) -> np.ndarray:
-        """D (I + P D)^-1 columns (n, k) of a noise."""
-        at = tuple(np.transpose([(f, axis) for _, f, axis in self.blocks]))
-        each = list(self._differences(noise.white[at], noise.coloured[at], noise.tau[at]))
-        inner = _solve(self.factor(each)[0], columns)
-        out = np.zeros_like(inner)
-        for D, rows in zip(each, self.place, strict=True):
-            out[rows] = D.times(inner[rows])
+    @cached_property
+    def _inverse(self) -> tuple[np.ndarray, float]:
+        """P^-1 (n, n) and log |P|."""
+        return _inverted(self._factor), _logdet(self._factor)
+
+    @cached_property
+    def _explained(self) -> np.ndarray:
+        """P^-1 rho (n,)."""
+        return self._inverse[0] @ self.rho
+
+    def _factorised(self, each: list[_Noise]) -> np.ndarray:
+        """Cholesky factor (n, n) of P^-1 + D."""
+        inner = self._inverse[0].copy(order="F")
+        for one, first, at in zip(each, self.first, self.place, strict=True):
+            inner[at, at] += one.slow
+            np.einsum("ii->i", inner[at, at])[:] += one.white - first
+        return dpotrf(inner, lower=1, clean=1, overwrite_a=1)[0]
+
+    def _times(self, each: list[_Noise], columns: np.ndarray) -> np.ndarray:
+        """D times columns (n, ...)."""
+        out = np.empty_like(columns)
+        for one, first, at in zip(each, self.first, self.place, strict=True):
+            change = (one.white - first).reshape(-1, *[1] * (columns.ndim - 1))
+            out[at] = one.slow @ columns[at] + change * columns[at]
         return out
 
-    def value(self, x) -> float:
-        """-2 log L at x."""
-        if self.pieces:
-            away = x - self.centre
-            return sum(one.value(x) for one in self.pieces) + float(away @ self.precision @ away)
-        factor, right = self.factor(self.differences(x))
-        away = x - self.centre
-        v = _solve(factor, self.rho)
-        return _logdet(factor) - float(right @ v) + float(away @ self.precision @ away)
+    def solved(self, noise: GnssNoise, columns: np.ndarray) -> np.ndarray:
+        """D (I + P D)^-1 columns (n, k) of a noise."""
+        at = tuple(np.transpose([(f, axis) for _, f, axis in self.blocks]))
+        each = self._of(noise.white[at], noise.coloured[at], noise.tau[at])
+        inner, _ = dpotrs(self._factorised(each), self._inverse[0] @ columns[self.order], lower=1)
+        out = np.empty_like(inner)
+        out[self.order] = self._times(each, inner)
+        return out
 
-    def __call__(self, x):
-        """-2 log L at x, and its gradient."""
+    def value(self, x: np.ndarray) -> float:
+        """-2 log L at x."""
+        away = x - self.centre
+        far = float(away @ self.precision @ away)
         if self.pieces:
-            pull = self.precision @ (x - self.centre)
-            each = [one(x) for one in self.pieces]
-            value = sum(one for one, _ in each) + float((x - self.centre) @ pull)
-            return value, sum(slope for _, slope in each) + 2.0 * pull
-        differences = self.differences(x)
-        factor, right = self.factor(differences)
-        logdet = _logdet(factor)
-        V, v = _solve(factor, self.P), _solve(factor, self.rho)
-        slope = np.zeros_like(x)
-        for n, (D, at) in enumerate(zip(differences, self.place, strict=True)):
-            inside = V[np.ix_(at, at)]
-            slope[n] = 2.0 * float((inside.diagonal() - v[at] ** 2) @ D.white)
-            inside -= np.outer(v[at], v[at])
-            inside *= D.coloured * SlowNoise(D.tau).memory(self.lags[n])
-            slope[self.count + n] = 2.0 * inside.sum()
-            flight = self.flights.index(self.blocks[n][1])
-            slope[2 * self.count + flight] += np.vdot(inside, self.lags[n]) / D.tau
+            return sum(one.value(x) for one in self.pieces) + far
+        each = self._at(x)
+        factor = self._factorised(each)
+        v, _ = dpotrs(factor, self._explained, lower=1)
+        explained = float(self._times(each, self.rho) @ v)
+        return self._inverse[1] + _logdet(factor) - explained + far
+
+    def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """-2 log L at x, and its gradient."""
         away = x - self.centre
         pull = self.precision @ away
-        return logdet - float(right @ v) + float(away @ pull), slope + 2.0 * pull
+        if self.pieces:
+            found = [one(x) for one in self.pieces]
+            value = sum(one for one, _ in found) + float(away @ pull)
+            return value, sum(slope for _, slope in found) + 2.0 * pull
+        each = self._at(x)
+        factor = self._factorised(each)
+        V = _inverted(factor)
+        v = V @ self._explained
+        slope = np.zeros_like(x)
+        for n, (one, at) in enumerate(zip(each, self.place, strict=True)):
+            inside = V[at, at] - np.outer(v[at], v[at])
+            slope[n] = 2.0 * float(inside.diagonal() @ one.white)
+            inside *= one.slow
+            slope[self.count + n] = 2.0 * inside.sum()
+            flight = self.flights.index(self.blocks[n][1])
+            slope[2 * self.count + flight] += np.vdot(inside, self.lags[n]) / one.tau
+        explained = float(self._times(each, self.rho) @ v)
+        value = self._inverse[1] + _logdet(factor) - explained
+        return value + float(away @ pull), slope + 2.0 * pull
 
     def likely(self, x, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Arguments (count, n) that are likely too, and -2 log of the density of each.
@@ -455,11 +472,30 @@ class Likelihood:
         return made, np.sum(unit**2, axis=1)
 
 
-def _solve(factor, right: np.ndarray) -> np.ndarray:
-    """Solution (n, ...) with the transpose of a matrix of which this is the LU factor."""
-    return lu_solve(factor, right, trans=1, check_finite=False)
+def _possible(P: np.ndarray, stated: np.ndarray) -> np.ndarray:
+    """The Cholesky factor of P (n, n) and a little, without weights below zero.
+
+    stated (n,): standard deviations, m. What an approximation took away from P may be more than
+    there was: then nothing is left.
+    """
+    little = np.diag(_LITTLE * stated**-2.0)
+    factor, failed = dpotrf(P + little, lower=1, clean=1)
+    if failed:
+        scale = np.outer(stated, stated)
+        value, vector = np.linalg.eigh(P * scale)
+        P = (vector * np.maximum(value, 0.0)) @ vector.T / scale
+        factor, _ = dpotrf(P + little, lower=1, clean=1)
+    return factor
 
 
-def _logdet(factor) -> float:
-    """Logarithm of the determinant of a matrix of which this is the LU factor."""
-    return float(np.sum(np.log(np.abs(np.diag(factor[0])))))
+def _inverted(factor: np.ndarray) -> np.ndarray:
+    """Inverse (n, n) of the matrix of a Cholesky factor."""
+    lower, _ = dpotri(factor, lower=1)
+    inverse = lower + lower.T
+    inverse[np.diag_indices(len(inverse))] *= 0.5
+    return inverse
+
+
+def _logdet(factor: np.ndarray) -> float:
+    """Logarithm of the determinant of the matrix of a Cholesky factor."""
+    return 2.0 * float(np.log(factor.diagonal()).sum())

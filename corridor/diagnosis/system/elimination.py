@@ -31,6 +31,8 @@ from corridor.diagnosis.system.groups import Group
 # Positions that follow one another in time and lie farther apart in the block than points reach:
 # so many of them are put into the border of the chain.
 _MOST_JUMPS = 32
+# Numbers between the antenna positions and values for each image that are worked out: 16 MB.
+_MOST_FELT = 2_000_000
 
 
 class Pieces:
@@ -386,8 +388,9 @@ class Elimination:
         rho = rho + core @ e.core.value
         own: list[Callable[[slice], np.ndarray] | None] = []
         for block in e.own:
-            # Several values for each image tell of the picture; the antenna hardly feels them.
-            few = len(block.value) <= len(e.system.columns.images)
+            # Several values for each of many images tell of the picture; the antenna hardly feels
+            # them, but for what other effects of the same model do as well.
+            few = len(block.value) * len(e.residual) <= _MOST_FELT
             own.append((lambda at, block=block: self.felt(block, at)) if few else None)
             if block.value.any():
                 moved = (block.antenna @ block.value)[:, None]
