@@ -442,10 +442,10 @@ class TestHelp:
         assert commands(70) == commands(1000)
 
     def test_it_does_not_wait_for_the_numerical_libraries(self):
-        """`corridor --help` loads neither numpy nor numba."""
+        """`corridor --help` loads neither numpy nor numba, nor does a list of what there is."""
         program = (
             "import sys, corridor.cli\n"
-            "try: corridor.cli.main(['adjust', '--help'])\n"
+            "try: corridor.cli.main(['data', 'list']), corridor.cli.main(['adjust', '--help'])\n"
             "except SystemExit: pass\n"
             "sys.exit(', '.join({'numpy', 'numba', 'pandas', 'matplotlib'} & set(sys.modules)))\n"
         )

@@ -7,6 +7,7 @@ import pandas as pd
 
 from corridor.adjustment.gross import exchanged_points, told_exchanged, where_seen
 from corridor.adjustment.tables import Tables
+from corridor.effects import Without, every_effect
 from corridor.errors import some
 from corridor.report import counted
 
@@ -17,12 +18,8 @@ ROW_SHARE, ROW_SIGMAS = 0.15, 0.5
 _ROW_DEGREE = 4
 # An estimate this far from what is stated beforehand is told.
 FAR_SIGMAS = 3.0
-# A stated shutter that is left out and moves the rows of a picture by more than this (px).
-MOVED_PX = 1.0
 # Pixels of sensors are square to a few parts in ten thousand, and their axes perpendicular.
 SQUARE = 2e-3
-# A common delay of the positions: in its sigmas, and the part of the squares that it explains.
-LATE_SIGMAS, LATE_SHARE = 5.0, 0.3
 # An adjusted camera is another than the stated: focal length, principal point (of the width).
 FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 # No drone carries its antenna so far from the camera.
@@ -40,18 +37,18 @@ def warnings_of(adjustment: Tables) -> list[str]:
 
 def grave(adjustment: Tables) -> list[str]:
     """Those of them that put the numbers in doubt."""
+    missed = _missed(adjustment)
     return [
         *_convergence(adjustment),
         *implausible(adjustment),
         *_inseparable(adjustment),
         *_motion(adjustment),
         *_doubtful_effects(adjustment),
-        *_unmodelled(adjustment),
+        *(sentence for _, sentence in missed),
         *_priors(adjustment),
         *_pixels(adjustment),
-        *_clock(adjustment),
         *_fit(adjustment),
-        *_outliers(adjustment),
+        *_outliers(adjustment, {place for place, _ in missed}),
     ]
 
 
@@ -223,33 +220,25 @@ def _doubtful_effects(a):
         yield from one.effect.doubts(a.problem.block, a.effects[a.effects["slug"] == slug])
 
 
-def _unmodelled(a):
-    """A rolling shutter that the block states and the model leaves out."""
+def _missed(a) -> list[tuple[str, str]]:
+    """Place of an effect that the model leaves out though the block shows it, and what shows it.
+
+    Where the model has one of the same place, that may take it up.
+    """
     p = a.problem
-    if p.stack.at("motion") or {"b1", "b2"} & {n for free in p.free.values() for n in free}:
-        return
-    block = p.block
-    speed = np.linalg.norm([block.column("images", axis) for axis in ("vx", "vy", "vz")], axis=0)
-    height = _height(a)
-    for name, camera in block.cameras.items():
-        mine = np.isfinite(speed) & (block.images["camera"] == name).to_numpy()
-        if not camera.readout_s or not mine.any() or not height > 0:
-            continue
-        moved = float(np.median(speed[mine])) * camera.readout_s
-        pixels = moved * camera["f"] / height
-        if pixels > MOVED_PX:
-            yield (
-                f"block.toml states that camera {name} reads a picture in "
-                f"{1000 * camera.readout_s:.1f} ms, while it flies {moved:.2f} m or {pixels:.0f} "
-                "px, and the model takes the shutter as global: an effect of `corridor effects` "
-                "on the motion (rolling_shutter; with rates.csv rolling_shutter_rotation) "
-                "estimates it, `corridor correct` takes the stated one out."
-            )
-
-
-def _height(a):
-    """Median of cameras over points, m."""
-    return float(np.median(a.state.centre[:, 2]) - np.median(a.state.points[:, 2]))
+    found = Without(
+        block=p.block,
+        free=frozenset(name for free in p.free.values() for name in free),
+        height=float(np.median(a.state.centre[:, 2]) - np.median(a.state.points[:, 2])),
+        gnss=a.residuals["gnss"],
+    )
+    return [
+        (effect.place, sentence)
+        for effect in every_effect()
+        # A finer variant shows where the effect itself does.
+        if not effect.refines and not p.stack.at(effect.place)
+        for sentence in effect.missed(found)
+    ]
 
 
 def _priors(a):
@@ -285,41 +274,6 @@ def _pixels(a):
         )
 
 
-def late(a) -> tuple[float, float] | None:
-    """By how much the antenna positions come late, s, and its sigma; None where they do not.
-
-    By their residuals along the flight, where no effect of the antenna is modelled.
-    """
-    p, table = a.problem, a.residuals["gnss"]
-    if not len(table) or p.stack.at("antenna"):
-        return None
-    images = p.block.images.set_index("image").reindex(table["image"].astype(str))
-    if not {"vx", "vy", "vz"} <= set(images):
-        return None
-    v = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
-    speed = images[["vx", "vy", "vz"]].to_numpy(float) / table[["sx", "sy", "sz"]].to_numpy()
-    known = np.isfinite(speed).all(axis=1)
-    square = float(np.sum(speed[known] ** 2))
-    if known.sum() < 8 or not square > 0:
-        return None
-    delay = float(np.sum(v[known] * speed[known])) / square
-    left = v[known] - delay * speed[known]
-    share = 1 - float(np.sum(left**2) / np.sum(v[known] ** 2))
-    sigma = float(np.sqrt(np.sum(left**2) / left.size / square))
-    return (delay, sigma) if abs(delay) > LATE_SIGMAS * sigma and share > LATE_SHARE else None
-
-
-def _clock(a):
-    found = late(a)
-    if found:
-        yield (
-            f"The GNSS positions are {1000 * abs(found[0]):.0f} +- {1000 * found[1]:.0f} ms "
-            f"{'ahead of' if found[0] > 0 else 'behind'} the images along the flight: "
-            "--effect clock_offset estimates it; leaving positions out (--reject-gnss) does not "
-            "help."
-        )
-
-
 def _fit(a):
     if a.redundancy > 30 and a.sigma0 > 1.5:
         yield (
@@ -333,7 +287,8 @@ def _fit(a):
         )
 
 
-def _outliers(a):
+def _outliers(a, missed):
+    """missed: places of effects that the model leaves out, which may be what lies outside."""
     for kind, what in (("tie", "tie point"), ("mark", "mark")):
         found = a.statistics[kind]
         if not found or not found["outliers"]:
@@ -349,7 +304,7 @@ def _outliers(a):
             f"{found['outliers']} of {found['count']} {what} observations ({share:.1f} %) lie "
             f"beyond 5 robust sigmas{gross}{advice}."
         )
-    reject = "" if late(a) else ": --reject-gnss leaves them out"
+    reject = "" if "antenna" in missed else ": --reject-gnss leaves them out"
     for kind, what, remedy in (
         ("gnss", "GNSS position", reject),
         ("control", "control point", ""),

@@ -9,12 +9,10 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
+# Its rooms come at first use: a list of what there is needs none of them.
 import corridor
-from corridor import gnss, interchange, readout
 from corridor.data.register import DataSet, register
 from corridor.errors import AdjustmentFailed, InputError, did_you_mean
-from corridor.photographs import read_metadata
-from corridor.report import check_folder, whole_folder
 
 # The file by which a fetched folder is known again.
 _MARK = "SOURCE.txt"
@@ -34,6 +32,8 @@ def fetch(
     AdjustmentFailed where a file cannot be had, is not the one known, or does not come to the
     figures that are known of it; then nothing is left behind.
     """
+    from corridor.report import check_folder, whole_folder
+
     one = register().get(name)
     if one is None:
         known = ", ".join(register())
@@ -100,8 +100,8 @@ def _project(one, folder):
     known = one.known
     size = tuple(known["size_px"]) if "size_px" in known else None
     path = folder / next(iter(one.files))
-    made = interchange.import_project(
-        path, known["form"], folder / "block", interchange.Additions(size=size)
+    made = corridor.interchange.import_project(
+        path, known["form"], folder / "block", corridor.interchange.Additions(size=size)
     )
     block = made.block
     _as_known(one, images=len(block.images), observations=len(block.tie_points))
@@ -115,8 +115,8 @@ def _project(one, folder):
 
 def _gnss(one, folder):
     """A receiver's track and the exposures on it."""
-    track = gnss.read_track(folder / one.known["track"])
-    exposures = gnss.read_exposures(folder / one.known["exposures_file"])
+    track = corridor.gnss.read_track(folder / one.known["track"])
+    exposures = corridor.gnss.read_exposures(folder / one.known["exposures_file"])
     _as_known(one, epochs=len(track.table), exposures=len(exposures.table))
     return [
         f"read: {len(track.table):,} epochs and {len(exposures.table)} exposures as known; go on "
@@ -126,6 +126,8 @@ def _gnss(one, folder):
 
 def _photographs(one, folder):
     """Photographs, whose bytes nobody has vouched for: what they say of themselves is checked."""
+    from corridor.photographs import read_metadata
+
     found = [read_metadata(folder / name) for name in one.files]
     models = {photo.model for photo in found}
     _as_known(one, photographs=len(found))
@@ -144,7 +146,7 @@ def _readout(one, folder):
     """A photograph of something lit by a blinking LED, measured."""
     path = folder / next(iter(one.files))
     hertz, known = one.known["frequency_hz"], one.known["readout_ms"]
-    found = readout.readout_from_led(path, hertz).readout_ms
+    found = corridor.readout.readout_from_led(path, hertz).readout_ms
     if abs(found - known) > 1e-3 * known:
         raise AdjustmentFailed(f"{one.name} gives {found:.3f} ms, known are {known:.3f} ms")
     return [

@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pandas as pd
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,8 @@ def register() -> dict[str, DataSet]:
 
 def table() -> pd.DataFrame:
     """A row a set: name, kind, size_mb, what it is, source, licence."""
+    import pandas as pd  # at first use: the command's list does without
+
     columns = ("name", "kind", "size_mb", "about", "source", "licence")
     return pd.DataFrame([[getattr(one, c) for c in columns] for one in register().values()],
                         columns=columns)  # fmt: skip

@@ -54,6 +54,21 @@ class Variant:
     generic: bool = False
 
 
+@dataclass(frozen=True)
+class Without:
+    """What an adjustment without an effect shows it, which tells whether it is missed.
+
+    block: as it was measured. free: interior parameters that the adjustment estimates for some
+    camera. height: median of cameras over points, m. gnss: residuals vx, vy, vz of the antenna
+    positions of an image and their sigmas sx, sy, sz, m.
+    """
+
+    block: Block
+    free: frozenset[str]
+    height: float
+    gnss: pd.DataFrame
+
+
 class Effect(ABC):
     """One physical effect.
 
@@ -156,6 +171,13 @@ class Effect(ABC):
         """Sentences on values that no such effect has, or that contradict what the block states.
 
         found: parameter, group, value and sigma of each, as an adjustment has them.
+        """
+        return []
+
+    def missed(self, found: Without) -> list[str]:
+        """Sentences where an adjustment without any effect of this place shows that it is missed.
+
+        Only of what shows without a search for it; the search is the diagnosis.
         """
         return []
 

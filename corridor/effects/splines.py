@@ -11,7 +11,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.linalg import helmert, null_space
 
 from corridor.effects.context import Images
@@ -89,6 +88,8 @@ def _splines(at: np.ndarray, inner: np.ndarray, count: int) -> np.ndarray:
     degree = _degree(count)
     if not len(at):
         return np.zeros((0, count))
+    from scipy.interpolate import BSpline  # at first use: few models have a curve
+
     inside = np.clip(at, inner[0], inner[-1])
     return BSpline.design_matrix(inside, _clamped(inner, degree), degree).toarray()
 

@@ -13,6 +13,8 @@ from corridor.errors import InputError
 
 # An estimated readout this far from the stated one, in sigmas and as a share, is told.
 _FAR_SIGMAS, _FAR_SHARE = 3.0, 0.15
+# A stated shutter that is left out and moves the rows of a picture by more than this (px) is told.
+_MOVED_PX = 1.0
 
 
 class RollingShutter(LinearEffect):
@@ -47,6 +49,29 @@ class RollingShutter(LinearEffect):
 
     def doubts(self, block, found):
         return readout_doubts(block, found)
+
+    def missed(self, found):
+        """By the readout that the block states; affinity takes up a shutter at one speed."""
+        block, out = found.block, []
+        if {"b1", "b2"} & found.free or not found.height > 0:
+            return out
+        speed = np.linalg.norm([block.column("images", v) for v in ("vx", "vy", "vz")], axis=0)
+        for name, camera in block.cameras.items():
+            mine = np.isfinite(speed) & (block.images["camera"] == name).to_numpy()
+            if not camera.readout_s or not mine.any():
+                continue
+            moved = float(np.median(speed[mine])) * camera.readout_s
+            pixels = moved * camera["f"] / found.height
+            if pixels > _MOVED_PX:
+                out.append(
+                    f"block.toml states that camera {name} reads a picture in "
+                    f"{1000 * camera.readout_s:.1f} ms, while it flies {moved:.2f} m or "
+                    f"{pixels:.0f} px, and the model takes the shutter as global: an effect of "
+                    f"`corridor effects` on the motion ({self.slug}; with rates.csv "
+                    "rolling_shutter_rotation) estimates it, `corridor correct` takes the stated "
+                    "one out."
+                )
+        return out
 
     def derivative(self, context):
         """Centre v t and rotation w t, with t = readout (row - middle row) / (rows - 1)."""
