@@ -325,13 +325,9 @@ class TestTheCommand:
         assert "Traceback" not in said
         assert not out.exists()
 
-    @pytest.mark.parametrize(
-        "ending",
-        [
-            KeyboardInterrupt,
-            pytest.param(OSError(errno.ENOSPC, "No space left"), marks=pytest.mark.slow),
-        ],
-    )
+    # Quick: test_cli.py, and test_report.py for every step of saving.
+    @pytest.mark.slow
+    @pytest.mark.parametrize("ending", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
     def test_an_earlier_result_survives_an_interrupted_run(
         self, block, tmp_path, capsys, monkeypatch, ending
     ):
