@@ -35,11 +35,16 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: order.get(item.path.name, 3))
 
 
+# Libraries and tests are there to the end: else the collector of garbage would look through all of
+# them again and again, for a tenth of the time of short tests.
+gc.disable()
+
+
 def pytest_collection_finish():
-    """Libraries and tests are there to the end: else the collector of garbage would look through
-    all of them again and again, for a tenth of the time of short tests."""
     gc.collect()
     gc.freeze()
+    gc.enable()
+    gc.set_threshold(50_000, 10, 10)
 
 
 @pytest.fixture(scope="session")

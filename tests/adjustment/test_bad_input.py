@@ -1,8 +1,6 @@
 """What cannot be adjusted is refused with one sentence: what, where, and what to do."""
 
 import errno
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
@@ -315,21 +313,20 @@ class TestTheCommand:
         assert "Traceback" not in shown.err
         assert [path.name for path in tmp_path.iterdir()] == ["block"]
 
-    def test_as_a_user_types_it(self, block, tmp_path):
+    def test_a_row_of_a_table_is_named(self, block, tmp_path, capsys):
         block.images.loc[5, QUATERNION] = [1.0, 0.0, 0.0, 0.0]
         block.write(tmp_path / "block")
         out = tmp_path / "out"
-        process = subprocess.run(
-            [sys.executable, "-m", "corridor", "adjust", str(tmp_path / "block"), "-o", str(out)],
-            capture_output=True, text=True, encoding="utf-8",
-        )  # fmt: skip
-        assert process.returncode == 2
-        last = process.stderr.splitlines()[-1]
+        assert main(["adjust", str(tmp_path / "block"), "-o", str(out)]) == 2
+        said = capsys.readouterr().err
+        last = said.splitlines()[-1]
         assert last.startswith("error: ")
         assert "images.csv, row 7" in last
-        assert "Traceback" not in process.stderr
+        assert "Traceback" not in said
         assert not out.exists()
 
+    # Quick: test_cli.py, and test_report.py for every step of saving.
+    @pytest.mark.slow
     @pytest.mark.parametrize("ending", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
     def test_an_earlier_result_survives_an_interrupted_run(
         self, block, tmp_path, capsys, monkeypatch, ending

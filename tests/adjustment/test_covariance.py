@@ -69,7 +69,8 @@ CASES = {
 
 # What the others say in another way: each dense inverse takes a second.
 LONG = {
-    "an effect of the cameras", "effects of both kinds", "a prior", "free network with an effect",
+    "GNSS and control", "an effect of the cameras", "effects of both kinds", "a prior",
+    "free network with an effect",
 }  # fmt: skip
 EACH = [pytest.param(one, marks=[pytest.mark.slow] * (one in LONG)) for one in CASES]
 

@@ -99,7 +99,7 @@ class TestWithoutNoise:
 
     def test_a_plane_does_not_mislead(self):
         """Flat ground leaves the essential matrix a second solution (Longuet-Higgins 1986)."""
-        flat = corridor_block(relief=0.0, seed=6)
+        flat = corridor_block(images=24, relief=0.0, seed=6)
         found = complete(without(flat, every(flat), ground=True, gnss=True))
         assert max(misses(found, flat, free=True)) < 1e-6
 

@@ -14,6 +14,8 @@ def pane():
     return generate(single("window", 1.5, **SMALL), seed=2)
 
 
+# Quick: the pane of test_outliers.py.
+@pytest.mark.slow
 def test_a_pane_over_part_of_the_picture_is_outside_the_catalogue_and_found_at_its_rim(pane):
     found = diagnose(pane.block)
     assert found.verdict == "unknown"

@@ -171,11 +171,12 @@ class Dense:
         return np.concatenate([part.ravel() for part in parts])
 
 
-# Kernels of their own, which compile for seconds, or a hundred columns.
+# Kernels of their own, which compile for seconds, or a hundred columns; and the same effect in
+# other groups.
 LONG = {
     "motion_per_image", "water_refraction", "focal_per_image", "image_deformation",
     "image_deformation_over_time", "image_steps", "gnss_spline",
-}  # fmt: skip
+} | {effect.slug for effect in every_effect() if effect.refines}  # fmt: skip
 
 
 def each():

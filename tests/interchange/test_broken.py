@@ -193,10 +193,10 @@ def test_a_number_that_cannot_be_is_refused_naming_its_file(tmp_path):
 
 
 def test_damaged_files_give_no_traceback_and_no_silent_block():
-    """120 random damages of ten formats; `slow` has a thousand."""
-    outcomes = run(120, seed=7)
+    """60 random damages of ten formats; `slow` has a thousand."""
+    outcomes = run(60, seed=7)
     assert outcomes["silent"] == 0
-    assert outcomes["refused"] > 40 and outcomes["told"] > 10
+    assert outcomes["refused"] > 20 and outcomes["told"] > 5
 
 
 @pytest.mark.slow

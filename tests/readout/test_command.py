@@ -111,7 +111,12 @@ class TestWhatItWrites:
         (2, "wheel still.png turning.png --video text.jpg", "text.jpg"),
         (2, "led led.png --frequency 800 --row-direction left", "contradicts"),
         (1, "star grey.png grey.png --turns-per-second 3", "no star"),
-        (1, "star still.png still.png --turns-per-second 3", "does not turn"),
+        pytest.param(
+            1,
+            "star still.png still.png --turns-per-second 3",
+            "does not turn",
+            marks=pytest.mark.slow,
+        ),
         (1, "wheel grey.png grey.png --turns-per-second 3", "no wheel"),
         pytest.param(
             1,

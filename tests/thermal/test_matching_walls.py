@@ -68,7 +68,13 @@ class TestAccuracy:
             assert np.abs(bias).max() <= most, dx
 
     @pytest.mark.parametrize(
-        "other", [Sensor(gain=1.1), Sensor(gain=0.9), Sensor(tilt=0.15), Sensor(vignetting=0.3)]
+        "other",
+        [
+            Sensor(gain=1.1),
+            pytest.param(Sensor(gain=0.9), marks=pytest.mark.slow),
+            Sensor(tilt=0.15),
+            Sensor(vignetting=0.3),
+        ],
     )
     def test_gain_and_tilt_do_not_hurt(self, wall, still, other):
         """Issue 9, must show 2."""
