@@ -33,7 +33,7 @@ GEOMETRIES = ("nadir", "fixed_yaw", "cross", "oblique", "multi_height")
 _COLUMNS = ["vx", "vy", "vz"]
 # Positions of one receiver, and of two.
 _COARSE_M, _RTK_M = (1.0, 1.0, 2.0), NOISES["everyday"].gnss_white_m
-# A fixed wing's, as data/garfield has it: some 5 degrees a second, another rate in 0.4 s.
+# As on a fixed wing, some 5 degrees a second, another rate in 0.4 s; data/garfield turns by 22.
 ROCKING = Air(shake_deg=2.0, shake_s=0.4)
 # Standard deviation of the delay of what the flight controller writes, s.
 DELAY_S = 0.15

@@ -1,15 +1,11 @@
 """The command `corridor`, and `python -m corridor`."""
 
-import gc
 import signal
 import sys
 
 
 def main() -> int:
     """Run the command line; Ctrl-C ends it with one line, also before it and after it."""
-    # Else all that the libraries make while they load, and that stays, is looked through again and
-    # again.
-    gc.set_threshold(100_000, 10, 10)
     try:
         from corridor import cli
 

@@ -41,19 +41,7 @@ def blocks(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def one_picture():
-    """One stands for all: each takes as long as an adjustment."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("corridor.campaign.work.of_adjustment", pictures)
-        yield
-
-
-def pictures(adjustment):
-    return {"check_points": corridor.figures.check_points(adjustment)}
-
-
-@pytest.fixture(scope="module")
-def done(blocks, one_picture, tmp_path_factory):
+def done(blocks, tmp_path_factory):
     out = tmp_path_factory.mktemp("results") / "campaign"
     return corridor.batch("adjust", blocks, out, jobs=1, required=0.05), out
 
@@ -70,7 +58,7 @@ def alone(block, out):
     """What `corridor adjust` makes of one block."""
     adjustment = corridor.adjust(block)
     adjustment.required = 0.05
-    adjustment.save(out, pictures(adjustment))
+    adjustment.save(out, corridor.figures.of_adjustment(adjustment))
     return contents(out)
 
 

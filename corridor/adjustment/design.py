@@ -73,6 +73,10 @@ class _Passing(NamedTuple):
     shared: int
     taken: bool
 
+    def moves(self, k: int) -> np.ndarray:
+        """How far (numbered, 3, k) points with a row of their own went, m."""
+        return self.moved.reshape(-1, 3, self.sets)[..., :k]
+
 
 class Sets(NamedTuple):
     """Residuals of k sets of measurements: of images (2 n, k), weighted; of control (3 c, k), m."""
@@ -151,7 +155,7 @@ class Design:
             _pass_points(rays, _in_panels(sets.image[rows]).ravel(), passing)
         out = np.ascontiguousarray(unknowns[:, :k])
         if len(self._control.names):
-            left = sets.control - self._moved(passing, k)[: len(self._control.names)].reshape(-1, k)
+            left = sets.control - passing.moves(k)[: len(self._control.names)].reshape(-1, k)
             out += self._control.jacobian.T @ (self._control_weight * left)
         return out
 
@@ -167,7 +171,7 @@ class Design:
             left = _in_panels(sets.image[rows])
             _pass_points(rays, left.ravel(), passing)
             image[rows] = left[:, :k]
-        moved = self._moved(passing, k)
+        moved = passing.moves(k)
         control = control - moved[: len(self._control.names)].reshape(control.shape)
         return Sets(image, control), moved[self._followed]
 
@@ -176,10 +180,6 @@ class Design:
         p, heavy = self._problem, _in_panels(self._heavy(control)).ravel()
         sets, first = unknowns.shape[1], p.image_count * p.d
         return _Passing(sets, heavy, np.zeros_like(heavy), unknowns.ravel(), first, taken)
-
-    def _moved(self, passing: _Passing, k: int) -> np.ndarray:
-        """How far (numbered, 3, k) points with a row of their own go, m."""
-        return passing.moved.reshape(-1, 3, passing.sets)[..., :k]
 
     def _heavy(self, control: np.ndarray) -> np.ndarray:
         """Weighted residuals (numbered, 3, k) of the points with a row of their own."""

@@ -10,6 +10,7 @@ from corridor.report import rounded, short
 
 _NAMES, _ROW = 2.35, 0.27  # inches
 _OUTSIDE = 6.0  # of the usual spread: what lies further off is cut
+_RING = style.dot("o", "none", 10.0, edge=style.MIDDLE, line=1.4)
 
 
 def flight_readout(found, published: tuple[float, float, str] | None) -> Figure:
@@ -33,6 +34,8 @@ def flight_readout(found, published: tuple[float, float, str] | None) -> Figure:
         style.key("without one strip", **style.dot("o", "white", edge=style.DARK)),
         style.key("other values", **style.dot("s", style.MIDDLE)),
     ]
+    if found.advises:
+        keys.append(style.key("to be taken again", **_RING))
     style.legend(figure, 0.86, keys)
     _values(style.panel(figure, _NAMES, 1.2, 3.1, tall), rows)
     _from_above(figure, found, _NAMES + 3.95, 1.2, style.WIDTH - _NAMES - 4.95, tall)
@@ -87,10 +90,9 @@ def _from_above(figure, found, left, top, width, tall):
         *found.place[order, :2].T, c=speed[order], cmap=style.COUNTS, s=16, linewidths=0.4,
         edgecolors=style.DARK, vmin=0.0, vmax=max(speed.max(), 0.1),
     )  # fmt: skip
-    if found.advice is not None:
+    if found.advises:
         again = np.isin(found.names, found.advice.images)
-        ring = style.dot("o", "none", 10.0, edge=style.MIDDLE, line=1.4)
-        axes.plot(*found.place[again, :2].T, **ring)
+        axes.plot(*found.place[again, :2].T, **_RING)
     axes.set_aspect("equal", adjustable="datalim")
     style.label(axes, "east (m)", "north (m)")
     style.open_frame(axes)

@@ -93,6 +93,11 @@ class FlightReadout:
     turns: Turns | None = None
 
     @property
+    def advises(self) -> bool:
+        """Whether there are photographs worth taking: by which the sigma would fall by a fifth."""
+        return self.advice is not None and self.advice.sigma <= 0.8 * self.sigma
+
+    @property
     def told(self) -> bool:
         """Whether the flight tells the readout."""
         return not self.reasons
@@ -177,7 +182,7 @@ def _ms(value: float, sigma: float) -> str:
 
 
 def _advice(found: FlightReadout) -> str:
-    if found.advice is None or found.advice.sigma > 0.8 * found.sigma:
+    if not found.advises:
         return ""
     places = ", ".join(found.advice.images)
     return (

@@ -33,7 +33,7 @@ class TestAStatedShutterThatIsLeftOut:
     def test_is_told_once_with_the_way_to_estimate_it(self, block):
         (sentence,) = told(block)
         assert "reads a picture in 30.0 ms" in sentence
-        assert "(rolling_shutter; with rates.csv rolling_shutter_rotation)" in sentence
+        assert "(rolling_shutter; with rates.csv one that takes them)" in sentence
 
     @pytest.mark.parametrize(
         "model",

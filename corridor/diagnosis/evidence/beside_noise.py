@@ -54,13 +54,15 @@ class NoiseModel:
         if self.few:
             return 0.0
         group = self.evidence.groups[n]
-        # Several values for each image, which are in no model yet, are not asked about.
-        unasked = self.evidence.block(group)[0] is None
-        if group.own is not None and (unasked or self.own[group.own] is None):
+        if group.own is not None and self.own[group.own] is None:
             return 0.0
         key = group.key, tuple(group.columns[:1]), len(group)
         if key not in self._touches:
-            inside = self.evidence.block(group)[0].diagonal()
+            matrix = self.evidence.block(group)[0]
+            if matrix is None:
+                # Several values for each image, which are in no model yet, are not asked about.
+                return 0.0
+            inside = matrix.diagonal()
             count = len(group)
             some = [slice(at, min(at + _AT_ONCE, count)) for at in range(0, count, _AT_ONCE)]
             seen = np.concatenate([self._seen(group, at) for at in some])

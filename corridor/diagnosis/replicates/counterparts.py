@@ -31,7 +31,7 @@ LEAST = 19
 # Share of the raw noise below which a value says nothing: the adjustment makes it zero.
 ABSORBED = 0.01
 # Counterparts that are fitted together, and residuals of them.
-MOST_AT_ONCE, AT_ONCE = 8, 3_000_000
+MOST_AT_ONCE, AT_ONCE = 8, 1_500_000
 
 
 @brief

@@ -67,9 +67,8 @@ class RollingShutter(LinearEffect):
                     f"block.toml states that camera {name} reads a picture in "
                     f"{1000 * camera.readout_s:.1f} ms, while it flies {moved:.2f} m or "
                     f"{pixels:.0f} px, and the model takes the shutter as global: an effect of "
-                    f"`corridor effects` on the motion ({self.slug}; with rates.csv "
-                    "rolling_shutter_rotation) estimates it, `corridor correct` takes the stated "
-                    "one out."
+                    f"`corridor effects` on the motion ({self.slug}; with rates.csv one "
+                    "that takes them) estimates it, `corridor correct` takes the stated one out."
                 )
         return out
 
