@@ -25,6 +25,7 @@ from corridor.interchange.project import Project
 from corridor.interchange.proof import Proof, demand, prove
 from corridor.interchange.reading import read_project
 from corridor.interchange.starting import can_start
+from corridor.interchange.turned import with_turned
 from corridor.photographs import photographs_in, read_metadata
 
 
@@ -172,14 +173,17 @@ def complete(
                 f"crs {added.crs} is not in metres of a grid; give one that is, as EPSG:32647"
             )
         project = project.having(crs=added.crs, placed=True)
-    exposures = None
+    photos, exposures = {}, None
     if added.photos is not None:
         progress(f"reading the photographs of {added.photos}")
         with blaming(added.photos, "a folder of photographs"):
-            project, exposures = add_photographs(project, added.photos)
+            project, photos, exposures = add_photographs(project, added.photos)
     if added.track is not None:
         progress(f"reading {added.track}")
         track = Track(added.track, added.track_system, added.images_system)
         with blaming(added.track, "a track"):
             project = add_track(project, exposures, track)
-    return project if added.ground is None else add_ground(project, added.ground)
+    if added.ground is not None:
+        project = add_ground(project, added.ground)
+    # Marks are measured in the pictures as they lie there: only now can all be turned back.
+    return with_turned(project, photos)

@@ -19,7 +19,6 @@ from corridor.geometry import (
 from corridor.gnss import GEOGRAPHIC, Local
 from corridor.interchange.ground import in_frame, rows_by_name
 from corridor.interchange.project import Project, local_of, local_table
-from corridor.interchange.turned import name_turned
 from corridor.photographs import (
     Metadata,
     of_picture,
@@ -52,8 +51,12 @@ def picture_size(folder: Path) -> tuple[int, int]:
     return photo.width, photo.height_px
 
 
-def add_photographs(project: Project, folder: Path) -> tuple[Project, gnss.Exposures | None]:
-    """The project with what the photographs of a folder say, and their times, for `add_track`.
+def add_photographs(
+    project: Project, folder: Path
+) -> tuple[Project, dict[int, Metadata], gnss.Exposures | None]:
+    """The project with what the photographs of a folder say.
+
+    Also what each says, by row of images.csv, and their times, for `add_track`.
 
     Raises InputError where no photograph belongs to an image of the project.
     """
@@ -92,7 +95,7 @@ def add_photographs(project: Project, folder: Path) -> tuple[Project, gnss.Expos
     ):
         project = step(project, photos)
     project = _with_positions(project, photos, exposures)
-    return name_turned(project, photos), exposures
+    return project, photos, exposures
 
 
 def _with_times(project, folder, photos):

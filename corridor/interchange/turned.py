@@ -2,13 +2,16 @@
 
 A viewer that turns a picture rewrites its pixels and leaves XMP as it was. In the adjustment such
 pictures lie the wrong way round in the camera, and focal length and distortion go wrong with them.
+What was mapped here from the photographs alone is turned back. The measurements of another
+program's project stay as they are: it will meet the same pictures again.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from corridor.geometry import rotation_from_quaternion
+from corridor.block import POSE
+from corridor.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.interchange.project import Project
 from corridor.photographs import Metadata
 
@@ -17,12 +20,14 @@ _NEAR_DEG, _ENOUGH, _LEAST = 30.0, 0.8, 4
 # A picture's top points up into the sky from here on, and has no direction on the ground.
 _FLAT = 0.2
 _TRIED = 300
+_HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 
-def name_turned(project: Project, photos: dict[int, Metadata]) -> Project:
-    """The project with a warning that names the photographs turned by 180 degrees, if any.
+def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
+    """The project with a sentence that names the photographs turned by 180 degrees, if any.
 
-    photos: by row of images.csv. Says nothing where most are turned: a camera may be mounted so.
+    Of a project from the photographs alone they are turned back. photos: by row of images.csv.
+    Says nothing where most are turned: a camera may be mounted so.
     """
     pose = project.block.poses
     rows = [row for row, photo in photos.items() if said_yaw(photo) is not None]
@@ -40,14 +45,45 @@ def name_turned(project: Project, photos: dict[int, Metadata]) -> Project:
     # It speaks only where the others were not saved by it.
     by = f" ({', '.join(sorted(tools))} saved them)" if tools and not tools & others else ""
     names = [photo.name for photo in photos.values()]
-    return project.having(
-        warnings=[
-            f"{len(mine)} of {len(rows)} photographs are turned by 180 degrees against their own "
-            f"yaw in the metadata: {_listed([photo.name for photo in mine], names)}; a viewer has "
-            f"turned their pixels{by}: take the originals, or turn them back by 180 degrees, and "
-            "import again; as they are, focal length and distortion are wrong"
-        ]
+    said = (
+        f"{len(mine)} of {len(rows)} photographs are turned by 180 degrees against their own "
+        f"yaw in the metadata: {_listed([photo.name for photo in mine], names)}; a viewer has "
+        f"turned their pixels{by}"
     )
+    if project.form != "photos":
+        return project.having(
+            warnings=[
+                f"{said}: take the originals, or turn them back by 180 degrees, and import again; "
+                "as they are, focal length and distortion are wrong"
+            ]
+        )
+    return _turned_back(project, rows[turned]).having(
+        notes=[f"{said}: their measurements were turned back; the files stay as they are"]
+    )
+
+
+def _turned_back(project: Project, rows: np.ndarray) -> Project:
+    """The project with these images the other way round in the camera: poses and measurements.
+
+    The mapping's camera is the same after half a turn about its axis (its principal point is the
+    middle of the picture), so that all residuals stay; what an adjustment adds to it is not.
+    """
+    block, images = project.block, project.block.images.copy()
+    pose = _HALF_TURN @ rotation_from_quaternion(block.poses[rows, 3:])
+    images.loc[images.index[rows], list(POSE[3:])] = quaternion_from_rotation(pose)
+    names = images["image"].iloc[rows]
+    last = {
+        name: (block.cameras[camera].width - 1, block.cameras[camera].height - 1)
+        for name, camera in zip(names, images["camera"].iloc[rows], strict=True)
+    }
+    measured = {name: getattr(block, name) for name in ("tie_points", "marks")}
+    for name, table in measured.items():
+        mine = table["image"].isin(last).to_numpy()
+        far = np.array([last[image] for image in table["image"][mine]]).reshape(-1, 2)
+        pixels = table[["x", "y"]].to_numpy(float, copy=True)
+        pixels[mine] = far - pixels[mine]
+        measured[name] = table.assign(x=pixels[:, 0], y=pixels[:, 1])
+    return project.having(images=images, **measured)
 
 
 def said_yaw(photo: Metadata) -> float | None:

@@ -103,7 +103,7 @@ def flown(tmp_path_factory):
 
 def test_photographs_place_a_free_model_and_tell_times_and_temperatures(flown):
     home, block = flown
-    project, _ = add_photographs(read_project(home / "model"), home / "photos")
+    project, *_ = add_photographs(read_project(home / "model"), home / "photos")
     made = project.block
     local = made.extra["local_frame"]
     place = Local(local["lat_deg"], local["lon_deg"], local["height"])
@@ -126,7 +126,7 @@ def test_what_is_added_makes_a_new_project_and_leaves_the_old_as_it_was(flown, t
     project = read_project(home / "model")
     images, notes = project.block.images.copy(), list(project.notes)
     block.ground.to_csv(tmp_path / "ground.csv", index=False)
-    made, _ = add_photographs(project, home / "photos")
+    made, *_ = add_photographs(project, home / "photos")
     made = add_ground(made, tmp_path / "ground.csv")
     assert len(made.block.gnss) == 12 and len(made.block.ground) == 4
     assert project.block.images.equals(images) and project.notes == notes
@@ -142,7 +142,7 @@ def test_the_command_makes_a_block_that_adjusts(flown, tmp_path):
 
 def test_a_track_gives_antenna_positions_and_velocities(flown, tmp_path):
     home, block = flown
-    project, exposures = add_photographs(read_project(home / "model"), home / "photos")
+    project, _, exposures = add_photographs(read_project(home / "model"), home / "photos")
     time = np.arange(37195.0, 37230.0, 0.2)
     x = 22.0 / 2 * (time - 37200.25)
     places = PLACE.to_geographic(np.column_stack([x, np.zeros_like(x), np.full_like(x, 80.0)]))
@@ -318,7 +318,7 @@ def test_djis_time_marks_in_the_folder_are_taken_for_times_and_positions(real_da
         table["image"] = table["image"].cat.rename_categories(renamed)
     block.__post_init__()
     export_project(block, "opensfm", tmp_path / "model")
-    project, exposures = add_photographs(read_project(tmp_path / "model"), tmp_path)
+    project, _, exposures = add_photographs(read_project(tmp_path / "model"), tmp_path)
     assert exposures.time_system == "GPST" and len(exposures.table) == 12
     # Second 190613.469 of the week is Tuesday, 4:56:53.
     assert project.block.column("images", "time_s")[0] == pytest.approx(

@@ -1,15 +1,20 @@
 """Photographs that a viewer has turned are named."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from corridor.block import POSE
-from corridor.geometry import quaternion_from_rotation, rotation_from_vector
+from corridor.geometry import (
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
 from corridor.interchange import Project
 from corridor.interchange.starting import can_start, rotation_of
-from corridor.interchange.turned import name_turned, said_yaw, upside_down, yaw_of
+from corridor.interchange.turned import said_yaw, upside_down, with_turned, yaw_of
 from corridor.photographs import Metadata, photographs_in, read_metadata
 
 from .conftest import exact_block
@@ -54,7 +59,10 @@ def brighton(real_data, turned):
     files = photographs_in(real_data / "brighton" / "photos")
     photos = {row: read_metadata(file) for row, file in enumerate(files)}
     block = exact_block(images=len(files), names="DJI_{:04d}.JPG")
-    block.images["image"] = [photo.name for photo in photos.values()]
+    named = dict(zip(block.images["image"], (photo.name for photo in photos.values()), strict=True))
+    block.images["image"] = block.images["image"].map(named)
+    for table in (block.tie_points, block.marks):
+        table["image"] = table["image"].cat.rename_categories(named)
     yaw = np.array([said_yaw(photo) for photo in photos.values()])
     yaw += [180.0 * (int(p.name[4:8]) in turned) for p in photos.values()]
     block.images[list(POSE[3:])] = quaternion_from_rotation(looking_down(yaw + 5.0))
@@ -62,14 +70,38 @@ def brighton(real_data, turned):
 
 
 def test_brighton_names_the_six_that_a_viewer_turned(real_data):
-    (said,) = name_turned(*brighton(real_data, TURNED)).warnings
+    (said,) = with_turned(*brighton(real_data, TURNED)).warnings
     assert said.startswith("6 of 18 photographs are turned by 180 degrees")
     assert "DJI_0024.JPG to DJI_0029.JPG;" in said and "turn them back" in said
     assert "Microsoft Windows Photo Viewer" in said
 
 
 def test_pictures_that_stand_as_they_say_give_no_warning(real_data):
-    assert name_turned(*brighton(real_data, ())).warnings == []
+    assert with_turned(*brighton(real_data, ())).warnings == []
+
+
+def test_what_was_mapped_from_the_photographs_is_turned_back(real_data):
+    project, photos = brighton(real_data, TURNED)
+    upright = brighton(real_data, ())[0].block
+    size = upright.cameras["P1"].width - 1, upright.cameras["P1"].height - 1
+    taken = [photo.name for photo in photos.values() if int(photo.name[4:8]) in TURNED]
+    tables = {}
+    for name in ("tie_points", "marks"):
+        table = getattr(upright, name)
+        mine = table["image"].isin(taken).to_numpy()
+        assert mine.any() and not mine.all()
+        pixels = table[["x", "y"]].to_numpy()
+        pixels = np.where(mine[:, None], np.array(size) - pixels, pixels)
+        tables[name] = table.assign(x=pixels[:, 0], y=pixels[:, 1])
+    project = replace(project, form="photos", block=replace(project.block, **tables))
+    back = with_turned(project, photos)
+    assert back.warnings == [] and "6 of 18" in back.notes[-1]
+    assert "their measurements were turned back" in back.notes[-1]
+    for name in tables:
+        found, was = (getattr(block, name)[["x", "y"]] for block in (back.block, upright))
+        assert found.to_numpy() == pytest.approx(was.to_numpy(), abs=1e-9)
+    turn = rotation_from_quaternion(back.block.poses[:, 3:])
+    assert turn == pytest.approx(rotation_from_quaternion(upright.poses[:, 3:]), abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_photographs_of_a_phantom_4_give_a_block_its_velocities(real_data):
     """special_plot: 76 photographs, their speeds also in metadata.csv, read by another program."""
     home = real_data / "special_plot"
     project = Project("made", home, corridor.read(home / "block"))
-    project, _ = add_photographs(project, home / "photos")
+    project, *_ = add_photographs(project, home / "photos")
     block = project.block
     with (home / "metadata.csv").open() as file:
         known = {row["image"]: row for row in csv.DictReader(file)}
@@ -170,7 +170,7 @@ def test_positions_of_photographs_hold_a_lever_arm_of_naught(real_data, tmp_path
     home = real_data / "special_plot"
     block = corridor.read(home / "block")
     block.lever_arm, block.lever_arm_fixed = {}, False
-    project, _ = add_photographs(Project("made", home, block), home / "photos")
+    project, *_ = add_photographs(Project("made", home, block), home / "photos")
     assert project.block.lever_arm == {"default": (0.0, 0.0, 0.0)}
     assert any(note.startswith("lever arm: 0, held") for note in project.notes)
     assert any("made smaller" in note and "4000 x 3000" in note for note in project.notes)
