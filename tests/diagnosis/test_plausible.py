@@ -11,9 +11,11 @@ from benchmarks.diagnosis.real_noise import inject, scene_of, surveys
 from corridor.diagnosis.evidence.evidence import Evidence, gain_of
 from corridor.diagnosis.evidence.plausibility import impossible, plausible
 from corridor.diagnosis.evidence.search import Found, contributions
+from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.system.elimination import Reduced
 from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.held_out import harms
+from corridor.diagnosis.verification.verification import Verification
 from corridor.effects import find
 
 
@@ -154,6 +156,27 @@ class TestCheckPointsHaveTheLastWord:
             moved = rng.normal(size=3) * 0.02 + np.zeros((4, 3))
             lost += harms(checked(noise - moved), checked(noise))
         assert lost <= 0.05 * 400 + 3 * np.sqrt(0.05 * 0.95 * 400)
+
+    @pytest.mark.parametrize(
+        ("place", "point", "weakest"),
+        [("image", "G1", "control_blunder.G1"), ("ground", "G1", None), ("image", None, None)],
+    )
+    def test_no_point_is_called_wrong_by_bent_pictures_that_check_points_contradict(
+        self, place, point, weakest
+    ):
+        """Rows that wander by 1.5 px made two good control points contradict the rest."""
+        asked = object.__new__(Verification)
+        key = "control_blunder.G1" if point else "gnss_bias"
+        bending = SimpleNamespace(key="row_polynomial", point=None)
+        bending.effect = SimpleNamespace(place=place)
+        asked._groups = [bending, SimpleNamespace(key=key, point=point)]
+        asked.findings = Findings(
+            [Estimate(key, "named", 9.0, [], key=key)],
+            [Unknown("row_polynomial", "unknown", 9.0, number=0)],
+        )
+        asked.used, asked._now = [key], checked([[0.004, 0.0, 0.009]])
+        asked._without = lambda _: ([], checked([[0.004, 0.0, 0.008]]))
+        assert (asked._harmful() or [None])[0] == weakest
 
 
 class TestKnownEffectsInMeasuredBlocks:

@@ -354,7 +354,7 @@ class Verification:
             before, with_it = (f"{1000 * one.check_rms.d3:.0f} mm" for one in (bare, self._now))
             self.notes.append(
                 f"{key} explains what was measured, but {before} of check points become "
-                f"{with_it} with it, which their sigmas do not allow: it is not taken "
+                f"{with_it} with it: it is not taken "
                 "for sure, and not added."
             )
             for one in self.findings.effects:
@@ -363,10 +363,24 @@ class Verification:
             self._go_on(others, bare)
 
     def _harmful(self) -> tuple[str, list[str], Adjustment] | None:
-        """The weakest effect that does harm, the model without it, and its fit."""
+        """The weakest effect that does harm, the model without it, and its fit.
+
+        Where something unknown bends the pictures, it makes good control points contradict the
+        rest as well: a point is not called wrong there if check points are off by any more.
+        """
+        groups = {group.key: group for group in self._groups}
+        bent = any(
+            self._groups[one.number].effect.place == "image" for one in self.findings.unknown
+        )
         firm = dict.fromkeys(one.key for one in self.findings.effects if one.kind != "suspected")
         for key in reversed([key for key in firm if key in self.used]):
             others, bare = self._without(key)
-            if bare is not None and harms(bare, self._now):
+            if bare is None:
+                continue
+            # Points that all ground was asked for are no group of the last round.
+            doubtful = bent and key in groups and groups[key].point is not None
+            if harms(bare, self._now) or (
+                doubtful and len(bare.check_points) and self._now.check_rms.d3 > bare.check_rms.d3
+            ):
                 return key, others, bare
         return None
