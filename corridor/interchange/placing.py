@@ -231,7 +231,7 @@ def _with_motion(project, photos):
     return project.having(
         notes=[
             "gyroscope (Parrot): its samples are in rates.csv; its clock was found some 40 ms off "
-            "in tests, estimate it (rolling_shutter_rotation)"
+            "in tests: `corridor readout flight` estimates it"
         ],
         rates=pd.concat(tables, ignore_index=True) if tables else block.rates,
     )
