@@ -66,11 +66,21 @@ class ReferenceModel:
             out[str(which)] = wish.prior
         return out
 
-    def _enough(self, effects: list[Effect]) -> int:
-        """Iterations: shapes with a hundred parameters creep to an end that they need not reach."""
-        if any(effect.generic for effect in effects):
-            return SETTINGS.iterations_of_shapes
-        return self.run.max_iterations or SETTINGS.iterations
+    def _run(self, block: Block, model: Model, brief: bool) -> Adjustment:
+        """brief: shapes with a hundred parameters creep to an end that they need not reach.
+
+        They are given time where the cost still falls: what they start from is nowhere near.
+        """
+        most = self.run.max_iterations or SETTINGS.iterations
+        few = min(SETTINGS.iterations_of_shapes, most)
+        for iterations in (few, most) if brief else (most,):
+            # What is held out must not take images with it: the block is sound, or refused.
+            run = Run(self.run.threads, max_iterations=iterations, strict=True)
+            result = adjustment.adjust(block, model=model, run=run)
+            *_, before, last = (0.0, 0.0, *(step["cost"] for step in result.history))
+            if result.converged or abs(before - last) < SETTINGS.creeping * last:
+                break
+        return result
 
     def adjust(self, more: Iterable[Effect] = (), block: Block | None = None) -> Adjustment:
         """The robust adjustment with more effects.
@@ -100,9 +110,7 @@ class ReferenceModel:
             effects=[*self.effects, *more],
             loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
         )
-        # What is held out must not take images with it: the block is sound, or refused.
-        run = Run(self.run.threads, max_iterations=self._enough(more), strict=True)
-        result = adjustment.adjust(block, model=model, run=run)
+        result = self._run(block, model, any(effect.generic for effect in more))
         # Warnings compare what comes out with what the block states, not with where it began.
         result.start = replace(result.start, cameras=self.block.cameras)
         if self.begun is not None:

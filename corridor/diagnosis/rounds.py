@@ -152,8 +152,16 @@ def course_of(
         one = _round(course, adjustment, believed, model, threshold)
         threshold = one.threshold
         course.rounds.append(one)
-        if set(one.keys) == set(model) or number == SETTINGS.most_refits:
+        if number == SETTINGS.most_refits:
             break
+        if set(one.keys) == set(model):
+            started = _from_their_start(course, believed, one)
+            if started is None:
+                break
+            model, adjustment = started
+            say(f"adjusted with {', '.join(model)}")
+            one.shed()
+            continue
         model = one.keys
         say(f"adjusting with {', '.join(model) or 'nothing more'}")
         try:
@@ -168,6 +176,30 @@ def course_of(
             course.rounds.append(again)
             break
     return course
+
+
+def _from_their_start(
+    course: Course, believed: ReferenceModel, one: Round
+) -> tuple[list[str], Adjustment] | None:
+    """The model with what is no small change of it, where that fits clearly better, and the fit.
+
+    A delay does nothing without a readout: of an effect that starts elsewhere than at nothing the
+    equations at nothing say too little, and it is adjusted once from its start, in the place of
+    shapes of no catalogue. The search of the next round drops what it makes needless.
+    """
+    number, groups = one.evidence.number, one.evidence.groups
+    named = [key for key in one.keys if not groups[number[key]].generic]
+    for effect in course.candidates.effects:
+        if effect.slug in one.keys or not any(p.start for p in effect.parameters(believed.block)):
+            continue
+        keys = [*named, effect.slug]
+        try:
+            fit = believed.adjust(course.members(keys))
+        except (InputError, AdjustmentFailed):
+            continue
+        if (one.adjustment.cost - fit.cost) / fit.sigma0**2 > SETTINGS.check_odds:
+            return keys, fit
+    return None
 
 
 def _round(
