@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
+import corridor
 from benchmarks.readout_flight import measured, survey
 from corridor.cli import main
 from corridor.errors import AdjustmentFailed, InputError
@@ -288,6 +289,11 @@ def test_garfield_tells_what_its_maker_states(real_data, tmp_path):
     assert told.sigma > 2 * told.formal
     # The record comes some 43 ms late, as data/sequoia's does.
     assert told.turns.estimated[0][1] == pytest.approx(0.043, abs=0.005)
+    # Chapter 5 names it too, and does not take it for a shutter that velocities move (128 ms).
+    (named,) = (one for one in corridor.diagnose(block).findings.effects if one.kind == "named")
+    values = {row["name"]: row["value"] for row in named.parameters}
+    assert abs(values["readout"] - told.stated) < 2 * told.sigma
+    assert values["delay"] == pytest.approx(0.043, abs=0.005)
 
 
 @pytest.mark.slow
