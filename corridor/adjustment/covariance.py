@@ -9,7 +9,7 @@ Source: Takahashi et al. 1973; Triggs et al. 2000, section 9 (free networks: S-t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
@@ -19,10 +19,9 @@ from corridor.adjustment.datum import centred
 from corridor.adjustment.kernels import Storage
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.matrix import Band
-from corridor.adjustment.point_covariance import Asked, Inverse, make_point_covariance
+from corridor.adjustment.point_covariance import Asked, Inverse, point_covariance
 from corridor.threads import one_thread
 
-point_covariance_for = lru_cache(make_point_covariance)
 # Points that are asked one by one, of a large network one in so many: each takes as long.
 FEW, SHARE = 64, 50
 
@@ -160,10 +159,9 @@ class Covariance:
         return out
 
     def _of_points(self, asked: Asked, some: Iterable[int] | None = None) -> None:
-        """Fill what is asked for, of some points alone; see `make_point_covariance`."""
+        """Fill what is asked for, of some points alone; see `point_covariance`."""
         p, normal, blocks = self.system.problem, self.normal, self._system.blocks
         view = normal.view(self.state)
-        kernel = point_covariance_for(p.d)
         modelled = normal.modelled_at(self.state)
         # Without `out` no entry of the images is looked at.
         flat = self._near if len(asked.out) else np.zeros(0)
@@ -173,7 +171,7 @@ class Covariance:
         def work(thread: int, start: int, stop: int) -> None:
             for first, last in normal.chunks(start, stop):
                 scene = normal.scene(view, modelled, first, last)
-                kernel(first, last, scene, known, normal.longest, asked)
+                point_covariance(first, last, scene, p.d, known, normal.longest, asked)
 
         if some is None:
             normal.run(work)

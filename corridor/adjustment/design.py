@@ -265,10 +265,10 @@ def rows_for(d: int, sighted: bool):
     @compiled(**KERNEL)
     def core(first, last, scene, weight, to, room):
         start, wide = scene.observations.start, scene.columns.wide
-        # Rows by the point, negative.
+        # Rows by the point, negative. No literals: `fill_rows` would be compiled for them alone.
         by_point, apart = (room.point, PANEL) if sighted else (room.own, row)
         for p in range(first, last):
-            fill_rows(p, p + 1, scene, room, (0, wide), d)
+            fill_rows(p, p + 1, scene, room, (np.int64(0), wide), np.int64(d))
             v0, v2, v5 = weight[p - first, 0], weight[p - first, 1], weight[p - first, 2]
             v1, v3, v4 = 0.0, 0.0, 0.0
             for k in range(2 * (start[p + 1] - start[p])):

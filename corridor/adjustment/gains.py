@@ -11,16 +11,13 @@ Source: Triggs et al. 2000, section 6 (elimination of the points).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.sparse import csc_array
 
 from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.normal import Normal
-from corridor.adjustment.point_covariance import make_point_gains
-
-point_gains_for = lru_cache(make_point_gains)
+from corridor.adjustment.point_covariance import point_gains as fill_gains
 
 
 @dataclass(frozen=True)
@@ -45,10 +42,9 @@ def point_gains(system: LinearSystem, points: np.ndarray) -> PointGains:
     inverse = np.zeros((len(points), 6))
     own = np.zeros((len(p.img), p.d, 3))
     shared = np.zeros((len(points), p.shared_count, 3))
-    kernel = point_gains_for(p.d)
     for first, last in normal.chunks(0, len(p.ptr) - 1):
         scene = normal.scene(view, modelled, first, last)
-        kernel(wanted, first, last, scene, normal.longest, inverse, own, shared)
+        fill_gains(wanted, first, last, scene, p.d, normal.longest, inverse, own, shared)
     full = inverse[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
     return PointGains(points, full, _matrix(system, points, own, shared))
 

@@ -564,6 +564,8 @@ def make_assemble(d, sighted=False):
 
     @compiled(**KERNEL)
     def core(first, last, scene, damping, equations, totals, room, work):
+        # No literal d: all that takes it would be compiled once for each. LLVM knows it anyway.
+        size = np.int64(d)
         columns = scene.columns
         start = scene.observations.start
         p = first
@@ -576,7 +578,7 @@ def make_assemble(d, sighted=False):
                 lo, hi = _span(stop, scene, lo, hi)
                 rays += count * (start[stop + 1] - start[stop])
                 stop += count
-            cost, behind = fill_rows(p, stop, scene, room, (lo, hi), d)
+            cost, behind = fill_rows(p, stop, scene, room, (lo, hi), size)
             totals[0] += cost
             totals[1] += behind
             n = np.int64(0)
@@ -587,10 +589,10 @@ def make_assemble(d, sighted=False):
                 for k in range(count):
                     _eliminate(
                         p + k, (n + k * m, m, k), (lo, hi), scene, damping, equations, totals,
-                        room, work, (d, sighted),
+                        room, work, (size, sighted),
                     )  # fmt: skip
                 if equations.matrix:
-                    _add_group(p, (n, m, count), (lo, hi), scene, equations, room, work, d)
+                    _add_group(p, (n, m, count), (lo, hi), scene, equations, room, work, size)
                 p += count
                 n += count * m
 
@@ -700,7 +702,7 @@ def make_substitute(d, sighted=False):
             for at in range(0, n, PANEL):
                 seen, _ = see(at, start[begin], n, scene, room)
                 _ray_sums(
-                    seen, at, start[begin], n, scene, step, room, sums, (d, sighted)
+                    seen, at, start[begin], n, scene, step, room, sums, (np.int64(d), sighted)
                 )  # fmt: skip
             at = U(0)
             for point in range(begin, p):

@@ -12,7 +12,7 @@ from corridor.adjustment.kernels import (
     same_images,
 )
 from corridor.adjustment.rays import U, fill_rows, make_room, three
-from corridor.compiled import UNWRAPPED, compiled
+from corridor.compiled import KERNEL, UNWRAPPED, compiled
 from corridor.panels import PANEL, panel, plus, put, zeros
 
 # Points seen by the same images that are gone over together: two panels.
@@ -50,17 +50,18 @@ class Asked(NamedTuple):
 class Together(NamedTuple):
     """Points that the same images see. gains: K_c, a row of LANES numbers an unknown of the
     images, three a point; moved: Q K_c of one image; offset (longest,): blocks of Q; sums
-    (GROUP, 6): lower halves."""
+    (GROUP, 6): lower halves. Of one point, (3, q): K_b' Q_ss, and that with K_c' Q_cs."""
 
     gains: np.ndarray
     moved: np.ndarray
     offset: np.ndarray
     sums: np.ndarray
+    own: np.ndarray
+    whole: np.ndarray
 
 
-# Of the module and not of a maker's: a function that a maker's holds is compiled in each process.
 # Number by number: a line on whole arrays takes seconds to compile.
-@compiled(nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(**UNWRAPPED)
 def gain(p, scene, d, room, out):
     """Fills K of point p; returns the lower half of V^-1, m^2. d: unknowns of an image."""
     columns, control = scene.columns, scene.control
@@ -131,139 +132,133 @@ def gain(p, scene, d, room, out):
     return n00, n10, n11, n20, n21, n22
 
 
-def make_point_gains(d):
-    """Gains of points for images with `d` unknowns."""
+@compiled(**KERNEL)
+def _gains(wanted, first, last, scene, d, room, out, inverse, own, shared):
+    """V^-1 and K of the points first..last whose number in wanted is not -1.
 
-    @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
-    def core(wanted, first, last, scene, room, out, inverse, own, shared):
-        """V^-1 and K of the points first..last whose number in wanted is not -1.
+    inverse (k, 6): lower halves; shared (k, q, 3), by number. own (observations, d, 3).
+    """
+    observations = scene.observations
+    for p in range(first, last):
+        number = wanted[p]
+        if number < 0:
+            continue
+        found = gain(p, scene, d, room, out)
+        for n in range(6):
+            inverse[number, n] = found[n]
+        for c in range(shared.shape[1]):
+            for x in range(3):
+                shared[number, c, x] = out.shared[c, x]
+        start = observations.start[p]
+        for k in range(observations.start[p + 1] - start):
+            for c in range(d):
+                for x in range(3):
+                    own[start + k, c, x] = out.own[k, c, x]
 
-        inverse (k, 6): lower halves; shared (k, q, 3), by number. own (observations, d, 3).
-        """
-        observations = scene.observations
-        for p in range(first, last):
-            number = wanted[p]
-            if number < 0:
+
+def point_gains(wanted, first, last, scene, d, longest, inverse, own, shared):
+    """As `_gains`, for images with `d` unknowns; longest: the most rays of a point."""
+    room = make_room(longest, d, scene.columns.wide)
+    out = Gain(np.zeros((longest, d, 3)), np.zeros((shared.shape[1], 3)))
+    _gains(wanted, first, last, scene, d, room, out, inverse, own, shared)
+
+
+@compiled(**KERNEL)
+def _covariances(first, last, scene, d, known, asked, room, gained, together):
+    """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and shared.
+
+    asked: `Asked`, which receives them. room, gained: for a point's rays and what they gain.
+
+    Points that the same images see need the same part of Q: up to `GROUP` of them go together,
+    a panel of numbers at a time.
+    """
+    observations = scene.observations
+    img = observations.image
+    shared, poses_shared = known.shared, known.poses_shared
+    wanted, columns, out, cross = asked.number, asked.columns, asked.out, asked.cross
+    q = shared.shape[0]
+    kc, kb = gained.own, gained.shared
+    gains, sums = together.gains, together.sums
+    own, whole = together.own, together.whole
+    p = first
+    while p < last:
+        start = observations.start[p]
+        m = observations.start[p + 1] - start
+        count = 1
+        while (
+            count < GROUP
+            and p + count < last
+            and same_images(
+                img,
+                start,
+                m,
+                observations.start[p + count],
+                observations.start[p + count + 1],
+            )
+        ):
+            count += 1
+        used = -(-3 * count // PANEL) * PANEL
+        for r in range(m * d):
+            for x in range(3 * count, used):
+                gains[r * LANES + x] = 0.0
+        for j in range(count):
+            number = wanted[p + j]
+            if number < 0 and out.shape[0] == 0:
                 continue
-            found = gain(p, scene, d, room, out)
-            for n in range(6):
-                inverse[number, n] = found[n]
-            for c in range(shared.shape[1]):
-                for x in range(3):
-                    shared[number, c, x] = out.shared[c, x]
-            start = observations.start[p]
-            for k in range(observations.start[p + 1] - start):
-                for c in range(d):
-                    for x in range(3):
-                        own[start + k, c, x] = out.own[k, c, x]
-
-    def point_gains(wanted, first, last, scene, longest, inverse, own, shared):
-        """As `core`; longest: the most rays of a point."""
-        room = make_room(longest, d, scene.columns.wide)
-        out = Gain(np.zeros((longest, d, 3)), np.zeros((shared.shape[1], 3)))
-        core(wanted, first, last, scene, room, out, inverse, own, shared)
-
-    return point_gains
-
-
-def make_point_covariance(d):
-    """Covariances of points for images with `d` unknowns."""
-
-    @compiled(nogil=True, error_model="numpy", fastmath={"contract"})
-    def core(first, last, scene, known, asked, room, gained, together):
-        """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and shared.
-
-        asked: `Asked`, which receives them. room, gained: for a point's rays and what they gain.
-
-        Points that the same images see need the same part of Q: up to `GROUP` of them go together,
-        a panel of numbers at a time.
-        """
-        observations = scene.observations
-        img = observations.image
-        shared, poses_shared = known.shared, known.poses_shared
-        wanted, columns, out, cross = asked.number, asked.columns, asked.out, asked.cross
-        q = shared.shape[0]
-        kc, kb = gained.own, gained.shared
-        gains, sums = together.gains, together.sums
-        own, whole = np.zeros((3, q)), np.zeros((3, q))
-        p = first
-        while p < last:
-            start = observations.start[p]
-            m = observations.start[p + 1] - start
-            count = 1
-            while (
-                count < GROUP
-                and p + count < last
-                and same_images(
-                    img,
-                    start,
-                    m,
-                    observations.start[p + count],
-                    observations.start[p + count + 1],
-                )
-            ):
-                count += 1
-            used = -(-3 * count // PANEL) * PANEL
-            for r in range(m * d):
-                for x in range(3 * count, used):
-                    gains[r * LANES + x] = 0.0
-            for j in range(count):
-                number = wanted[p + j]
-                if number < 0 and out.shape[0] == 0:
-                    continue
-                inverse = gain(p + j, scene, d, room, gained)
-                # cov(P, shared) = -(K_c' Q_cs + K_b' Q_ss)
-                for x in range(3):
+            inverse = gain(p + j, scene, d, room, gained)
+            # cov(P, shared) = -(K_c' Q_cs + K_b' Q_ss)
+            for x in range(3):
+                for c in range(q):
+                    own[x, c] = 0.0
+                for b in range(q):
+                    f = kb[b, x]
                     for c in range(q):
-                        own[x, c] = 0.0
-                    for b in range(q):
-                        f = kb[b, x]
+                        own[x, c] += f * shared[b, c]
+                for c in range(q):
+                    whole[x, c] = own[x, c]
+            for k in range(m):
+                row = img[start + k] * d
+                for a in range(d):
+                    at = (k * d + a) * LANES + 3 * j
+                    for x in range(3):
+                        f = kc[k, a, x]
+                        gains[at + x] = f
                         for c in range(q):
-                            own[x, c] += f * shared[b, c]
-                    for c in range(q):
-                        whole[x, c] = own[x, c]
-                for k in range(m):
-                    row = img[start + k] * d
-                    for a in range(d):
-                        at = (k * d + a) * LANES + 3 * j
-                        for x in range(3):
-                            f = kc[k, a, x]
-                            gains[at + x] = f
-                            for c in range(q):
-                                whole[x, c] += f * poses_shared[row + a, c]
-                if number >= 0:
-                    for x in range(3):
-                        for c in range(len(columns)):
-                            cross[number, x, c] = -whole[x, columns[c]]
-                # V^-1 + K_b' Q_sc K_c + K_c' Q_cs K_b + K_b' Q_ss K_b
-                n = 0
+                            whole[x, c] += f * poses_shared[row + a, c]
+            if number >= 0:
                 for x in range(3):
-                    for w in range(x + 1):
-                        total = inverse[n]
-                        for b in range(q):
-                            total += whole[x, b] * kb[b, w] + (whole[w, b] - own[w, b]) * kb[b, x]
-                        sums[j, n] = total
-                        n += 1
-            if out.shape[0] > 0:
-                _sum_of_images(img, start, m, d, known.near, used, together)
-                for j in range(count):
-                    for n in range(6):
-                        out[p + j, n] = sums[j, n]
-            p += count
+                    for c in range(len(columns)):
+                        cross[number, x, c] = -whole[x, columns[c]]
+            # V^-1 + K_b' Q_sc K_c + K_c' Q_cs K_b + K_b' Q_ss K_b
+            n = 0
+            for x in range(3):
+                for w in range(x + 1):
+                    total = inverse[n]
+                    for b in range(q):
+                        total += whole[x, b] * kb[b, w] + (whole[w, b] - own[w, b]) * kb[b, x]
+                    sums[j, n] = total
+                    n += 1
+        if out.shape[0] > 0:
+            _sum_of_images(img, start, m, d, known.near, used, together)
+            for j in range(count):
+                for n in range(6):
+                    out[p + j, n] = sums[j, n]
+        p += count
 
-    def point_covariance(first, last, scene, known, longest, asked):
-        """As `core`; longest: the most rays of a point."""
-        room = make_room(longest, d, scene.columns.wide)
-        gained = Gain(np.zeros((longest, d, 3)), np.zeros((len(known.shared), 3)))
-        together = Together(
-            np.zeros(longest * d * LANES),
-            np.zeros(d * LANES),
-            np.zeros(longest, dtype=np.int64),
-            np.zeros((GROUP, 6)),
-        )
-        core(first, last, scene, known, asked, room, gained, together)
 
-    return point_covariance
+def point_covariance(first, last, scene, d, known, longest, asked):
+    """As `_covariances`, for images with `d` unknowns; longest: the most rays of a point."""
+    room = make_room(longest, d, scene.columns.wide)
+    gained = Gain(np.zeros((longest, d, 3)), np.zeros((len(known.shared), 3)))
+    together = Together(
+        np.zeros(longest * d * LANES),
+        np.zeros(d * LANES),
+        np.zeros(longest, dtype=np.int64),
+        np.zeros((GROUP, 6)),
+        np.zeros((3, len(known.shared))),
+        np.zeros((3, len(known.shared))),
+    )
+    _covariances(first, last, scene, d, known, asked, room, gained, together)
 
 
 @njit(**UNWRAPPED)
