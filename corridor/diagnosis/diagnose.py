@@ -61,6 +61,7 @@ class Diagnosis(Diagnosed):
 
 
 @options(model=Model, asked=Question, run=Run)
+@one_thread()
 def diagnose(
     block: Block | str | os.PathLike, model: Model, *, asked: Question, run: Run
 ) -> Diagnosis:
@@ -90,8 +91,7 @@ def diagnose(
     doubtful = doubts(block)
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
-    with one_thread():
-        course = course_of(believed, asked, run.say)
+    course = course_of(believed, asked, run.say)
     run.say("measuring the gap")
     held = Verification(believed, course, findings(course), asked.seed)
     before, last = course.first, course.last
