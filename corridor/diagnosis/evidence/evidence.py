@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.sparse import block_diag, csr_array, diags_array, sparray
+from scipy.sparse import csr_array, diags_array
 
 from corridor.diagnosis.evidence.joint import BesideImages, OfImages, Together
 from corridor.diagnosis.settings import SETTINGS
@@ -31,18 +31,18 @@ def effect_sizes() -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass
 class Spectrum:
-    """Eigenvalues (p,) and vectors (p, p) of a group's M."""
+    """Eigenvalues (p,) and vectors (p, p), in columns, of a group's M."""
 
     value: np.ndarray
-    vector: np.ndarray | sparray
+    vector: np.ndarray | Pieces
 
     @classmethod
     def of(cls, M: np.ndarray | Pieces) -> Spectrum:
         """Spectrum of M (p, p), symmetric."""
         if isinstance(M, Pieces):
             each = [cls.of(piece) for piece in M.blocks]
-            vector = block_diag([one.vector for one in each], format="csr")
-            return cls(np.concatenate([one.value for one in each]), vector)
+            vectors = Pieces([one.vector for one in each])
+            return cls(np.concatenate([one.value for one in each]), vectors)
         value, vector = eigh(0.5 * (M + M.T), check_finite=False)
         return cls(np.maximum(value, 0.0), vector)
 

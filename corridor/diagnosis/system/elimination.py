@@ -36,7 +36,7 @@ _MOST_FELT = 2_000_000
 
 
 class Pieces:
-    """A symmetric matrix (p, p) of values for each image, as pieces along its diagonal.
+    """A matrix (p, p) of values for each image, as square pieces along its diagonal.
 
     One piece where there are few; of many, images far apart share little of what each has for
     itself.
@@ -55,6 +55,11 @@ class Pieces:
         """Less the product of left (p, k) and right (k, p)."""
         each = zip(self.blocks, self.spans, strict=True)
         return Pieces([block - left[at] @ right[:, at] for block, at in each])
+
+    @property
+    def T(self) -> Pieces:  # noqa: N802, an array has it so
+        """Its transpose."""
+        return Pieces([block.T for block in self.blocks])
 
     @property
     def several(self) -> bool:
