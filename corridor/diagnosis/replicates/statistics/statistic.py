@@ -68,9 +68,9 @@ class Curve:
     """Bins along one axis. code: (n,) bin of each row, -1 for none; at: (bins,)."""
 
     def __init__(self, code, at, weight, labels=()):
-        self.rows = np.flatnonzero(code >= 0)
+        inside = code >= 0
         # All rows in order is the usual case and needs no copies.
-        self.all = len(self.rows) == len(code)
+        self.rows = slice(None) if inside.all() else np.flatnonzero(inside)
         self.code, self.at, self.labels = code[self.rows], at, tuple(labels)
         self.weight = weight[self.rows]
         self.total = np.bincount(self.code, self.weight, len(at))
@@ -116,12 +116,12 @@ class Curve:
         return cls.of(code, sector[image], weight, least, COMPASS)
 
     def _sum(self, values):
-        return np.bincount(self.code, values if self.all else values[self.rows], len(self.at))
+        return np.bincount(self.code, values[self.rows], len(self.at))
 
     def mean(self, values):
         """Weighted mean of each bin."""
-        mine = values if self.all else values[self.rows]
-        return np.bincount(self.code, self.weight * mine, len(self.at)) / self.total
+        mine = self.weight * values[self.rows]
+        return np.bincount(self.code, mine, len(self.at)) / self.total
 
     def size(self, squares):
         """Root of the weighted mean square of each bin."""
