@@ -20,7 +20,7 @@ from corridor.geometry import rotation_from_vector
 from corridor.panels import PANEL
 
 # Observations that effects look at in one go: small enough for the cache.
-CHUNK = 16_384
+CHUNK = 4096
 _FIRST_RADIAL = INTERIOR.index("k1")
 _NO_DERIVATIVE = np.zeros((0, 2, 0))
 _NO_SIGHT = np.zeros((0, 2, 9))
