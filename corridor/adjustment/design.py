@@ -11,7 +11,7 @@ Source: Triggs et al. 2000, section 6 (elimination of the points).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from corridor.compiled import KERNEL, compiled
 from corridor.panels import PANEL, panel, plus, put, zeros
 
 # Observations whose rows are made together.
-CHUNK = 8192
+CHUNK = 4096
 
 
 class _Out(NamedTuple):
@@ -79,10 +79,15 @@ class _Passing(NamedTuple):
 
 
 class Sets(NamedTuple):
-    """Residuals of k sets of measurements: of images (2 n, k), weighted; of control (3 c, k), m."""
+    """Residuals of k sets of measurements: of images, k times (2 n,); of control (3 c, k), m.
 
-    image: np.ndarray
+    seen: makes of those of images (some, k), in place, what the equations see of them, weighted;
+    None: they are weighted. Of large blocks they weigh most of all, and never lie there twice.
+    """
+
+    image: Sequence[np.ndarray]
     control: np.ndarray
+    seen: Callable[[slice, np.ndarray], None] | None = None
 
 
 class Design:
@@ -148,32 +153,37 @@ class Design:
 
     def right(self, sets: Sets) -> np.ndarray:
         """What image points and control say (columns, k), as `LinearSystem.right` has it."""
-        k = sets.image.shape[1]
+        k = len(sets.image)
         unknowns = np.zeros((len(self.system.columns), _padded(k)))
         passing = self._passing(sets.control, unknowns, taken=False)
         for rows, rays in self._parts():
-            _pass_points(rays, _in_panels(sets.image[rows]).ravel(), passing)
+            _pass_points(rays, _seen(sets, rows).ravel(), passing)
         out = np.ascontiguousarray(unknowns[:, :k])
         if len(self._control.names):
             left = sets.control - passing.moves(k)[: len(self._control.names)].reshape(-1, k)
             out += self._control.jacobian.T @ (self._control_weight * left)
         return out
 
-    def back(self, sets: Sets, step: np.ndarray) -> tuple[Sets, np.ndarray]:
+    def back(self, sets: Sets, step: np.ndarray) -> tuple[Sets, np.ndarray, np.ndarray]:
         """What a step (columns, k) leaves of residuals, the points following it.
 
-        Also by how much the followed points move (f, 3, k), m.
+        Those of images change where they lie. Also by how much the followed points move (f, 3, k),
+        m, and the sum of squares (k,) of what has changed of images.
         """
         control, k = sets.control - self._control.jacobian @ step, step.shape[1]
         passing = self._passing(control, _in_panels(step), taken=True)
-        image = np.empty(sets.image.shape)
+        square = np.zeros(passing.sets)
         for rows, rays in self._parts():
-            left = _in_panels(sets.image[rows])
+            change = _seen(sets, rows)
+            left = change.copy()
             _pass_points(rays, left.ravel(), passing)
-            image[rows] = left[:, :k]
+            change -= left
+            square += np.einsum("nk,nk->k", change, change)
+            for one, less in zip(sets.image, change.T, strict=False):
+                one[rows] -= less
         moved = passing.moves(k)
         control = control - moved[: len(self._control.names)].reshape(control.shape)
-        return Sets(image, control), moved[self._followed]
+        return sets._replace(control=control), moved[self._followed], square[:k]
 
     def _passing(self, control: np.ndarray, unknowns: np.ndarray, taken: bool) -> _Passing:
         """unknowns (columns, sets): those of the images, what they share, and others."""
@@ -191,6 +201,16 @@ class Design:
 
 def _padded(sets: int) -> int:
     return -(-sets // PANEL) * PANEL
+
+
+def _seen(sets: Sets, rows: slice) -> np.ndarray:
+    """What the equations see of some rows of all sets (rows, sets), in whole panels."""
+    out = np.zeros((rows.stop - rows.start, _padded(len(sets.image))))
+    for to, one in zip(out.T, sets.image, strict=False):
+        to[:] = one[rows]
+    if sets.seen is not None:
+        sets.seen(rows, out)
+    return out
 
 
 def _in_panels(values: np.ndarray) -> np.ndarray:

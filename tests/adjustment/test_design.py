@@ -21,8 +21,8 @@ def system():
 
 def own(system, design):
     """What the system itself measured, less what it models: a set."""
-    left, weight = system.residuals(), np.repeat(design.weight, 2)[:, None]
-    return Sets(weight * left.pixels.reshape(-1, 1), left.control.reshape(-1, 1))
+    left, weight = system.residuals(), np.repeat(design.weight, 2)
+    return Sets([weight * left.pixels.ravel()], left.control.reshape(-1, 1))
 
 
 def of_gnss(system, left):
@@ -40,7 +40,7 @@ def test_what_the_measurements_say_is_what_the_system_says_and_its_step_satisfie
     assert np.abs(wanted / scale).max() > 0.1
     assert np.abs((right - wanted) / scale).max() < 1e-9
     step = system.solve(wanted)
-    left, _ = design.back(sets, step)
+    left, *_ = design.back(sets, step)
     weight = system.columns.prior_weight[:, None]
     after = design.right(left) + of_gnss(system, gnss - system.gnss.jacobian @ step)
     after += system.right_of_priors[:, None] - weight * step
@@ -52,18 +52,17 @@ def test_each_of_many_sets_is_met_as_if_alone(system, count):
     """Sets are taken eight at a time, the last eight filled up."""
     rng = np.random.default_rng(count)
     design = Design(system, kept=True, followed=[3, 5])
-    image, control = own(system, design)
-    image = image + rng.standard_normal((len(image), count))
+    (image,), control, _ = own(system, design)
+    image = image + rng.standard_normal((count, len(image)))
     control = control + 0.01 * rng.standard_normal((len(control), count))
     step = 1e-3 * rng.standard_normal((len(system.columns), count))
-    right, (left, moved) = (
-        design.right(Sets(image, control)),
-        design.back(Sets(image, control), step),
-    )
-    for n in range(count):
-        some = Sets(image[:, [n]].copy(), control[:, [n]].copy())
-        alone, (back, following) = design.right(some), design.back(some, step[:, [n]])
+    each = [Sets(image[[n]], control[:, [n]]) for n in range(count)]
+    changed = Sets(image.copy(), control)
+    right, (left, moved, square) = design.right(changed), design.back(changed, step)
+    np.testing.assert_allclose(square, ((image - left.image) ** 2).sum(axis=1), rtol=1e-12)
+    for n, some in enumerate(each):
+        alone, (back, following, _) = design.right(some), design.back(some, step[:, [n]])
         np.testing.assert_allclose(right[:, [n]], alone, rtol=0, atol=1e-9 * np.abs(alone).max())
-        np.testing.assert_allclose(left.image[:, [n]], back.image, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(left.image[[n]], back.image, rtol=0, atol=1e-9)
         np.testing.assert_allclose(left.control[:, [n]], back.control, rtol=0, atol=1e-12)
         np.testing.assert_allclose(moved[..., [n]], following, rtol=0, atol=1e-12)

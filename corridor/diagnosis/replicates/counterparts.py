@@ -20,6 +20,7 @@ from corridor.brief import brief
 from corridor.diagnosis.replicates.replicator import EstimatedNoise, Replicator
 from corridor.diagnosis.replicates.statistics import Statistic, SummaryStatistics
 from corridor.errors import InputError
+from corridor.panels import PANEL
 from corridor.threads import one_thread
 
 if TYPE_CHECKING:
@@ -30,8 +31,8 @@ COUNT = 39
 LEAST = 19
 # Share of the raw noise below which a value says nothing: the adjustment makes it zero.
 ABSORBED = 0.01
-# Counterparts that are fitted together, and residuals of them.
-MOST_AT_ONCE, AT_ONCE = 8, 1_500_000
+# Counterparts that are fitted together: as many as go through the points at once.
+AT_ONCE = PANEL
 
 
 @brief
@@ -87,26 +88,20 @@ def counterparts(
         summary = SummaryStatistics(replicator)
         (measured,) = summary([replicator.fit])
         simulated = np.empty((count, len(measured)))
-        some = int(np.clip(AT_ONCE // len(replicator.is_tie), 1, MOST_AT_ONCE))
 
         def work(first: int) -> int:
-            several = range(first, min(first + some, count))
-            drawn = [replicator.draw(np.random.default_rng([seed, k])) for k in several]
+            several = range(first, min(first + AT_ONCE, count))
+            drawn = (replicator.draw(np.random.default_rng([seed, k])) for k in several)
             simulated[first : several.stop] = summary(replicator.fits(drawn))
             return len(several)
 
         done = 0
-        for more in _each(work, range(0, count, some), threads):
+        for more in _each(work, range(0, count, AT_ONCE), threads):
             done += more
             if progress:
                 progress(done, count)
-        streams = np.random.default_rng([seed, count]).spawn(8)
-        raw = np.concatenate(
-            [
-                summary([replicator.errors(replicator.draw(rng)) for rng in streams[k : k + some]])
-                for k in range(0, len(streams), some)
-            ]
-        )
+        streams = np.random.default_rng([seed, count]).spawn(AT_ONCE)
+        raw = summary([replicator.errors(replicator.draw(rng)) for rng in streams])
     # Signatures are normed to what is left of them.
     normed = np.repeat([s.kind == "signature" for s in summary.statistics], summary.lengths)
     absorbed = (_spread(simulated) < ABSORBED * _spread(raw)) & ~normed

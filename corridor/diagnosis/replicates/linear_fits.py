@@ -12,7 +12,7 @@ Source: Huber and Ronchetti 2009, "Robust statistics", section 7.8 (modified res
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -25,8 +25,6 @@ from corridor.diagnosis.replicates.statistics import Fit
 NO_SAY = 1e6
 # RMS of a step, over all unknowns, in standard deviations; a few robust weights creep for longer.
 SMALL, MOST = 0.02, 12
-# Observations that are weighted together: few enough for the cache.
-TOGETHER = 4096
 
 
 class Measured(NamedTuple):
@@ -72,65 +70,61 @@ class LinearFits:
         self._slope = slope[:, None]
         self._system = system = replace(system.measuring(sigma=sigma), loss=Loss())
         self._design = Design(system, kept=True, followed=check_points)
-        self._weight = np.repeat(1.0 / sigma, 2)[:, None]
+        self._weight = np.repeat(1.0 / sigma, 2)
         gnss = system.gnss
         self._gnss, self._gnss_weight = gnss.jacobian, gnss.sigma.reshape(-1, 1) ** -2.0
 
-    def __call__(self, drawn: Sequence[Measured]) -> list[Fit]:
+    def __call__(self, drawn: Iterable[Measured]) -> list[Fit]:
         """The fit to each of several sets of measurements; its state is that of the one."""
-        given, fit, k = self._measured, self._fit, len(drawn)
-
-        def differences(name: str) -> np.ndarray:
-            """Of what was measured and its fit's residual, a column a set."""
-            first = getattr(given, name)
-            return np.stack([(getattr(one, name) - first).ravel() for one in drawn], axis=1)
-
-        # Residuals of all images weigh most of what is in memory: they change where they lie.
-        image = differences("xy")
-        image += fit.pixels.reshape(-1, 1)
-        np.nan_to_num(image, copy=False)
-        image *= self._weight
-        gnss = differences("gnss") + fit.gnss.reshape(-1, 1)
-        control = differences("control") + fit.control.reshape(-1, 1)
+        given, fit = self._measured, self._fit
+        image, others = [], []
+        for one in drawn:
+            left = one.xy - given.xy
+            left += fit.pixels
+            image.append(np.nan_to_num(left, copy=False).ravel())
+            image[-1] *= self._weight
+            others.append(
+                [(new - old).ravel() for new, old in zip(one[1:], given[1:], strict=True)]
+            )
+        k = len(image)
+        others = Measured(None, *(np.stack(each, axis=1) for each in zip(*others, strict=True)))
+        gnss = others.gnss + fit.gnss.reshape(-1, 1)
+        sets = Sets(image, others.control + fit.control.reshape(-1, 1), self._counted)
         columns = self._system.columns
         weight = columns.prior_weight[:, None]
         prior = np.tile(self._system.right_of_priors[:, None], k)
-        prior[columns.shared_at] += weight[columns.shared_at] * differences("prior")
-        check = fit.check.reshape(-1, 1) - differences("check")
+        prior[columns.shared_at] += weight[columns.shared_at] * others.prior
+        check = fit.check.reshape(-1, 1) - others.check
         for _ in range(MOST):
-            counted = Sets(self._counted(image), control)
-            right = self._design.right(counted) + prior
+            right = self._design.right(sets) + prior
             right += self._gnss.T @ (self._gnss_weight * gnss)
             step = self._system.solve(right)
-            left, moved = self._design.back(counted, step)
-            change, control = counted.image, left.control
-            change -= left.image
-            image -= change
+            sets, moved, square = self._design.back(sets, step)
             gnss, prior = gnss - self._gnss @ step, prior - weight * step
             check = check + moved.reshape(-1, k)
-            length = np.einsum("nk,nk->k", change, change) / self._system.problem.unknown_count
+            length = square / self._system.problem.unknown_count
             if self._loss.kind == LOSSES["squares"] or length.max() < SMALL**2:
                 break
-        image /= self._weight
-        image[~np.isfinite(fit.pixels).ravel()] = np.nan
+        behind = ~np.isfinite(fit.pixels).ravel()
+        for one in image:
+            one /= self._weight
+            one[behind] = np.nan
         return [
-            Fit(fit.state, *(one[:, n].reshape(-1, width) for one, width in parts))
+            Fit(fit.state, image[n].reshape(-1, 2), *(one[:, n].reshape(-1, 3) for one in small))
             for n in range(k)
-            for parts in [((image, 2), (gnss, 3), (control, 3), (check, 3))]
+            for small in [(gnss, sets.control, check)]
         ]
 
-    def _counted(self, image: np.ndarray) -> np.ndarray:
-        """Residuals (2 n, k) as least squares would have to see them."""
-        image = image * self._used
+    def _counted(self, rows: slice, image: np.ndarray) -> None:
+        """Make of weighted residuals (rows, k) what least squares would have to see."""
+        image *= self._used[rows]
         if self._loss.kind == LOSSES["squares"]:
-            return image
+            return
         pairs = image.reshape(-1, 2, image.shape[1])
-        for first in range(0, len(pairs), TOGETHER):
-            some, slope = pairs[first : first + TOGETHER], self._slope[first : first + TOGETHER]
-            square = np.einsum("nck,nck->nk", some, some)
-            square /= slope
-            some *= (weight_of(self._loss, square) / slope)[:, None]
-        return image
+        slope = self._slope[rows.start // 2 : rows.stop // 2]
+        square = np.einsum("nck,nck->nk", pairs, pairs)
+        square /= slope
+        pairs *= (weight_of(self._loss, square) / slope)[:, None]
 
 
 def weight_of(loss: Loss, square: np.ndarray) -> np.ndarray:

@@ -80,7 +80,9 @@ class EstimatedNoise:
         """Errors (count, 2) in stated standard deviations, in any direction."""
         length = np.interp(rng.random(count), GRID, self.tie)
         angle = rng.uniform(0.0, 2 * np.pi, count)
-        return length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        error = np.column_stack([np.cos(angle), np.sin(angle)])
+        error *= length[:, None]
+        return error
 
 
 @dataclass(frozen=True)
@@ -259,7 +261,7 @@ class Replicator:
         for trial in range(TRIALS):
             left, squares = [], []
             plain = noise.changed(control=1.0)
-            drawn = [self.draw(np.random.default_rng([17, trial, k]), plain) for k in range(trials)]
+            drawn = (self.draw(np.random.default_rng([17, trial, k]), plain) for k in range(trials))
             for fit in self.fits(drawn):
                 again = fit.pixels / self.sigma[:, None]
                 left.append(again[ties])
@@ -297,10 +299,12 @@ class Replicator:
         noise = noise or self.noise
         fit, given = self.fit, self.measured
         tie, mark, gnss, control, check, prior = rng.spawn(6)
-        error = np.empty_like(fit.pixels)
-        error[self.is_tie] = noise.draw_tie(int(self.is_tie.sum()), tie)
+        xy = np.empty_like(fit.pixels)
+        xy[self.is_tie] = noise.draw_tie(int(self.is_tie.sum()), tie)
         marks = ~self.is_tie
-        error[marks] = noise.mark * mark.standard_normal((int(marks.sum()), 2))
+        xy[marks] = noise.mark * mark.standard_normal((int(marks.sum()), 2))
+        xy *= self.sigma[:, None]
+        xy += given.xy - fit.pixels
         antenna = np.zeros((0, 3)) if noise.gnss is None else noise.gnss.draw(gnss)
         ground = noise.control * self.system.control.sigma
         of_check = noise.control * self.check_sigma
@@ -312,7 +316,7 @@ class Replicator:
             sigma = weight[known] ** -0.5
             value[known] = columns.shared_value[known] + sigma * prior.standard_normal(len(sigma))
         return Measured(
-            xy=given.xy - fit.pixels + error * self.sigma[:, None],
+            xy=xy,
             gnss=given.gnss - fit.gnss + antenna,
             control=given.control
             - fit.control

@@ -37,13 +37,17 @@ class Signatures:
     single: of effects that each image has for itself, `slug parameter`.
     """
 
-    def __init__(self, replicator):
+    def __init__(self, replicator, limit: np.ndarray):
+        """limit (n,): px at which residuals of images are cut, 0 of those that have no say."""
         system = replace(replicator.system, loss=Loss())
         effects = _missing_effects(system)
         tested = system.testing(effects)
         p = tested.problem
         numbers = 2 * len(p.img) * (p.d + p.wide)
         self._design = Design(tested, kept=numbers < KEPT)
+        self._limit, self._image_weight = (
+            np.repeat(of_each, 2)[:, None] for of_each in (limit, self._design.weight)
+        )
         columns, gnss = tested.columns, tested.gnss
         groups = make_groups(columns, len(tested.control_names), effects, {})
         e = take_apart(tested, groups)
@@ -85,20 +89,23 @@ class Signatures:
                 self.single.append(f"{slug} {parameter.name}")
                 self._images.append((at[touched], raw[at[touched]]))
 
-    def scores(self, fits: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+    def scores(self, fits: Sequence) -> np.ndarray:
         """B'Wr (k, n) by all columns of the residuals of k fits.
 
-        Each: of images (n, 2) px, antenna (k, 3) m and control (c, 3) m. The state is that of the
-        replicator's own fit for all of them.
+        The state is that of the replicator's own fit for all of them.
         """
-        pixels, gnss, control = (
-            np.stack([one.ravel() for one in part], axis=1) for part in zip(*fits, strict=True)
-        )
-        np.nan_to_num(pixels, copy=False)
-        pixels *= np.repeat(self._design.weight, 2)[:, None]
-        found = self._design.right(Sets(pixels, control))
+        gnss = np.stack([fit.gnss.ravel() for fit in fits], axis=1)
+        control = np.stack([fit.control.ravel() for fit in fits], axis=1)
+        found = self._design.right(Sets([fit.pixels.ravel() for fit in fits], control, self._cut))
         found += self._gnss.T @ (self._weight[:, None] * gnss)
         return (found + self._priors).T
+
+    def _cut(self, rows: slice, pixels: np.ndarray) -> None:
+        """Cut residuals (rows, k) and weigh them."""
+        limit = self._limit[rows]
+        np.clip(pixels, -limit, limit, out=pixels)
+        np.nan_to_num(pixels, copy=False)
+        pixels *= self._image_weight[rows]
 
     def strengths(self, score: np.ndarray) -> np.ndarray:
         """What residuals share with each effect (names,), in standard deviations.

@@ -42,10 +42,7 @@ class SummaryStatistics:
         self.statistics = [form.statistic for form in self._forms]
 
     def __call__(self, fits: Sequence[Fit]) -> np.ndarray:
-        cut = [Residuals(fit, self._limits).pixels for fit in fits]
-        scores = self._found.scores(
-            [(pixels, fit.gnss, fit.control) for pixels, fit in zip(cut, fits, strict=True)]
-        )
+        scores = self._found.scores(fits)
         return np.array([self._of(fit, score) for fit, score in zip(fits, scores, strict=True)])
 
     def _of(self, fit: Fit, score: np.ndarray) -> np.ndarray:
@@ -73,7 +70,7 @@ class SummaryStatistics:
         yield from self._signatures(replicator)
 
     def _signatures(self, replicator) -> Iterator[Form]:
-        found, unit = Signatures(replicator), "stated deviations"
+        found, unit = Signatures(replicator, self._limits.image), "stated deviations"
         self._found, self.unseen = found, found.absorbed
         for name, effects, of in (
             ("signatures of the physical effects", found.names, found.strengths),
@@ -88,7 +85,7 @@ class Limits:
     """Where residuals are cut, the same for a block and all its replicates.
 
     frame: of the tie points, None without any. marks: rows of marks; mark (m,) px, gnss (3,) m:
-    their limits.
+    their limits. image (n,): px, of all image observations, 0 where held out.
     """
 
     def __init__(self, replicator):
@@ -96,10 +93,14 @@ class Limits:
         self.frame = TieFrame(b) if b.is_tie.any() else None
         self.marks = np.flatnonzero(~b.is_tie)
         self.mark = self.gnss = np.zeros(0)
+        self.image = np.zeros(len(b.sigma))
+        if self.frame is not None:
+            self.image[self.frame.used] = self.frame.limit[self.frame.used]
         if len(self.marks):
             sigma = b.sigma[self.marks]
             length = np.hypot(*b.fit.pixels[self.marks].T) / sigma
             self.mark = CLIPPED * robust_scale_of_lengths(length, least=1e-9) * sigma
+            self.image[self.marks] = self.mark
         if len(b.fit.gnss):
             self.gnss = CLIPPED * robust_scale(b.fit.gnss, axis=0, least=1e-9)
         self.antenna_rotation = b.system.images.rotation[b.system.gnss.image]
@@ -109,10 +110,10 @@ class Residuals:
     """Residuals of a fit, none beyond its limit.
 
     ties (u, 2), held (h, 2), marks (m, 2) px; gnss (k, 3) m. frame: see `TieFrame`. score: by the
-    columns of the signatures, where these are asked for.
+    columns of the signatures.
     """
 
-    def __init__(self, fit: Fit, limits: Limits, score: np.ndarray | None = None):
+    def __init__(self, fit: Fit, limits: Limits, score: np.ndarray):
         self.fit, self._limits, self.frame, self.score = fit, limits, limits.frame, score
         if self.frame is not None:
             self.ties = self._cut(fit.pixels, self.frame.used)
@@ -150,15 +151,6 @@ class Residuals:
     def gnss_in_camera(self) -> np.ndarray:
         """Of the antenna (k, 3), in the camera frame, m."""
         return np.einsum("nij,nj->ni", self._limits.antenna_rotation, self.gnss)
-
-    @cached_property
-    def pixels(self) -> np.ndarray:
-        """Of all image observations (n, 2), zero where held out."""
-        out = np.zeros_like(self.fit.pixels)
-        if self.frame is not None:
-            out[self.frame.used] = self.ties
-        out[self._limits.marks] = self.marks
-        return out
 
 
 def ground_forms(system, kind: str, rows: np.ndarray, of: Callable) -> Iterator[Form]:
