@@ -20,6 +20,7 @@ from corridor.brief import brief
 from corridor.diagnosis.replicates.replicator import EstimatedNoise, Replicator
 from corridor.diagnosis.replicates.statistics import Statistic, SummaryStatistics
 from corridor.errors import InputError
+from corridor.memory import give_back
 from corridor.panels import PANEL
 from corridor.threads import one_thread
 
@@ -88,6 +89,8 @@ def counterparts(
         summary = SummaryStatistics(replicator)
         (measured,) = summary([replicator.fit])
         simulated = np.empty((count, len(measured)))
+        # Many sets of residuals need the room that all before them has left.
+        give_back()
 
         def work(first: int) -> int:
             several = range(first, min(first + AT_ONCE, count))
@@ -100,6 +103,7 @@ def counterparts(
             done += more
             if progress:
                 progress(done, count)
+        give_back()
         streams = np.random.default_rng([seed, count]).spawn(AT_ONCE)
         raw = summary([replicator.errors(replicator.draw(rng)) for rng in streams])
     # Signatures are normed to what is left of them.
