@@ -334,8 +334,9 @@ def _undistort(pixels, interior, image, radials):
 
 
 def _rows(interior: np.ndarray, row: np.ndarray | None, count: int):
-    table = np.atleast_2d(np.asarray(interior, dtype=float))
-    rows = np.zeros(count, dtype=np.int64) if row is None else np.asarray(row, dtype=np.int64)
+    # One kind of array: kernels would be compiled anew for each other.
+    table = np.require(np.atleast_2d(interior), float, "CW")
+    rows = np.zeros(count, dtype=np.int64) if row is None else np.require(row, np.int64, "CW")
     return table, rows, radials_in_use(table)
 
 
