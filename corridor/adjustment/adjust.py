@@ -197,10 +197,13 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
         normal = Normal(problem, loss, threads=threads)
         if datum is not None:
             normal.held = datum.held
-        solution = solve(normal, run.max_iterations or ITERATIONS, progress=run.progress)
+        iterations = run.max_iterations or ITERATIONS
+        solution = solve(normal, iterations, progress=run.progress, equations=datum is None)
+        if datum is None:
+            system = LinearSystem.in_place(normal, solution.state, threads)
         del normal  # as large as the equations
-        system = at(solution.state)
         if datum is not None:
+            system = at(solution.state)
             if datum.null_space.shape[1] == 7:
                 system = at(helmert_onto(problem, solution.state, problem.start))
             datum = free_network(system)

@@ -175,6 +175,13 @@ class LinearSystem:
     threads: int = 1
     storage: str = "auto"
 
+    @classmethod
+    def in_place(cls, normal: Normal, state: State, threads: int) -> LinearSystem:
+        """The system whose equations `normal` holds, at this state and undamped."""
+        system = cls(normal.problem, state, normal.loss, threads=threads)
+        system.__dict__["_normal"] = normal
+        return system
+
     # --- other systems -----------------------------------------------------------------------
 
     def testing(self, effects: Iterable[Effect]) -> LinearSystem:

@@ -60,6 +60,7 @@ def solve(
     tolerance: float = 5e-5,
     progress: Callable[[dict], None] | None = None,
     near: bool = False,
+    equations: bool = False,
 ) -> Solution:
     """Minimise from the problem's start.
 
@@ -67,6 +68,7 @@ def solve(
     none that images share may move by more than `AT_REST` of its own standard deviation.
     A robust loss starts from the least squares solution: far from it every residual is an outlier;
     near: the start is near the solution, and the loss counts at once.
+    equations: leave those of the result in `normal`, undamped, for whoever goes on with them.
     Raises AdjustmentFailed where no step lowers the cost and the step is not small.
     """
     with one_thread():
@@ -74,18 +76,23 @@ def solve(
             if normal.has_image_effects:
                 # One step of Newton finds what they look at, but for a little of the last step.
                 tolerance /= 10
-            return _solve(normal, normal.problem.start, max_iterations, tolerance, progress, [])
+            start = normal.problem.start
+            return _solve(normal, start, max_iterations, tolerance, progress, [], equations)
         if near:
             start = normal.problem.start
-            return _solve(normal, start, max_iterations, 20 * tolerance, progress, [])
+            return _solve(normal, start, max_iterations, 20 * tolerance, progress, [], equations)
         loss, normal.loss = normal.loss, Loss()
         first = _solve(normal, normal.problem.start, max_iterations, ROUGH, progress, [])
         normal.loss = loss
         # Reweighting creeps along a few weak points long after everything else is at rest.
-        return _solve(normal, first.state, max_iterations, 20 * tolerance, progress, first.history)
+        return _solve(
+            normal, first.state, max_iterations, 20 * tolerance, progress, first.history, equations
+        )
 
 
-def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solution:
+def _solve(
+    normal, state, max_iterations, tolerance, progress, history, equations=False
+) -> Solution:
     p = normal.problem
     damping, release = FIRST_DAMPING, RELEASE
     normal.assemble(state, damping)
@@ -123,8 +130,11 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
             # behind: the cost knew less of them before than it does now, which hides more.
             hidden = (1e-8 if normal.has_image_effects else 1e-12) * cost
             tiny = length < max(tolerance, TINY)
-            if done:
+            if done and not equations:
                 reached, behind = normal.cost_at(trial, near)
+            elif done:
+                normal.assemble(trial, 0.0, near)
+                reached, behind = normal.cost, normal.behind
             else:
                 # The equations of the next step give the cost of this one.
                 normal.assemble(trial, relaxed, trial_near, matrix)
@@ -169,6 +179,8 @@ def _solve(normal, state, max_iterations, tolerance, progress, history) -> Solut
         state, cost, damping, near, last = trial, reached, relaxed, normal.modelled, length
         if done:
             return Solution(state, True, iteration, cost, history)
+    if equations:
+        normal.assemble(state, 0.0, near)
     return Solution(state, False, max_iterations, cost, history)
 
 
