@@ -43,11 +43,11 @@ def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block,
     )
     codes = marks.codes.to_numpy().astype(np.int32)
     point = np.concatenate([ties.codes.to_numpy(), codes + np.int32(len(ties.categories))])
-    image = np.concatenate(
-        [block.image_rows(table).astype(np.int32) for table in ("tie_points", "marks")]
-    )
+    image = np.concatenate([block.image_rows(table, np.int32) for table in ("tie_points", "marks")])
 
-    counts = ~unused[point]
+    counts = np.ones(len(point), dtype=bool)
+    first = len(block.tie_points)
+    counts[first:] = ~unused[point[first:]]
     keep, there = counts.copy(), np.ones(len(block.images), dtype=bool)
     alone, few = np.zeros(len(names), dtype=bool), {}
     while True:

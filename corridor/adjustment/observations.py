@@ -89,22 +89,17 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
     tie_names = tie["point"].dtype.categories
     mark_names = mark["point"].dtype.categories
     codes = [rows["point"].array.codes.astype(np.int32, copy=False) for rows in (tie, mark)]
-    point = _joined(codes[0], codes[1] + np.int32(len(tie_names)))
-    image = _joined(
-        block.image_rows("tie_points").astype(np.int32), block.image_rows("marks").astype(np.int32)
-    )
-    del codes
     count = len(tie_names) + len(mark_names)
     xyz = np.concatenate([block.positions("tie_points"), _starts_of_marks(block)])
-    skip = np.zeros(count, dtype=bool)
-    skip[len(tie_names) :] = [name in unused for name in mark_names]
+    skip = np.array([name in unused for name in mark_names], dtype=bool)
+    kept = np.flatnonzero(~skip[codes[1]])
+    point = _joined(codes[0], codes[1][kept] + np.int32(len(tie_names)))
+    image = _joined(
+        block.image_rows("tie_points", np.int32), block.image_rows("marks", np.int32)[kept]
+    )
+    del codes
     multiplicity = np.bincount(point, minlength=count)
-    _check_multiplicity(block, multiplicity, control, tie_names, mark_names, skip)
-    keep = None
-    if skip.any():
-        keep = np.flatnonzero(~skip[point])
-        point, image = point[keep], image[keep]
-        multiplicity[skip] = 0
+    _check_multiplicity(block, multiplicity, control, tie_names, mark_names)
     _check_images(block, image, images)
 
     order = corridor_order(point, image, xyz, images)
@@ -119,8 +114,9 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
     start = np.zeros(count, dtype=np.int64)
     start[codes] = ptr[:-1]
     img, row = sorted_rows(point, image, rank, start)
-    row = row if keep is None else keep[row].astype(np.int32)
-    del point, image, keep
+    of_marks = row >= len(tie)
+    row[of_marks] = len(tie) + kept[row[of_marks] - len(tie)]
+    del point, image, of_marks
     xy = np.empty((len(row), 2))
     for k, axis in enumerate("xy"):
         xy[:, k] = _joined(tie[axis].to_numpy(float), mark[axis].to_numpy(float))[row]
@@ -191,9 +187,9 @@ def _joined(ties: np.ndarray, marks: np.ndarray) -> np.ndarray:
     return np.concatenate([ties, marks]) if len(marks) else ties
 
 
-def _check_multiplicity(block, multiplicity, control, tie_names, mark_names, skip) -> None:
+def _check_multiplicity(block, multiplicity, control, tie_names, mark_names) -> None:
     """Refuse points that one image alone shows, unless their coordinates are given."""
-    single = (multiplicity == 1) & ~skip
+    single = multiplicity == 1
     for table, names, offset in (
         ("tie_points", tie_names, 0),
         ("marks", mark_names, len(tie_names)),

@@ -137,7 +137,10 @@ class Tables(Checked):
         sigma = {"tie": p.block.tie_sigma(), "mark": p.block.mark_sigma()}
 
         def lengths() -> np.ndarray:
-            length = np.hypot(*v)
+            length = np.empty(v.shape[1])
+            for first in range(0, len(length), _PART):
+                part = slice(first, first + _PART)
+                length[part] = np.sqrt(v[0, part] ** 2 + v[1, part] ** 2)
             length[: p.tie_count] /= sigma["tie"]
             length[p.tie_count :] /= sigma["mark"]
             return length
@@ -453,7 +456,9 @@ def _mean_square(v: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> float:
     total = 0.0
     for first in range(0, len(v), _PART):
         part = slice(first, first + _PART)
-        scaled = (v[part] / sigma[part])[kept[part]]
+        scaled = v[part] / sigma[part]
+        if not kept[part].all():
+            scaled = scaled[kept[part]]
         total += float(scaled @ scaled)
     return total / max(int(np.count_nonzero(kept)), 1)
 

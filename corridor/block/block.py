@@ -162,13 +162,13 @@ class Block:
             return np.zeros(len(self.images), dtype=np.int64), pd.array(["1"], dtype="str")
         return pd.factorize(self.images["flight"].array.fillna("1"))
 
-    def image_rows(self, table: str) -> np.ndarray:
-        """(n,) int: the row of `images` that each row of a table belongs to, -1 where none."""
+    def image_rows(self, table: str, kind: type = np.int64) -> np.ndarray:
+        """(n,) of a kind: the row of `images` that each row of a table belongs to, -1 for none."""
         column, names = getattr(self, table)["image"], self.images["image"]
         if not isinstance(column.dtype, pd.CategoricalDtype):
-            return places(column, names).astype(np.int64)
-        place = places(column.dtype.categories, names).astype(np.int64)
-        return np.append(place, -1)[column.array.codes]
+            return places(column, names).astype(kind)
+        place = places(column.dtype.categories, names).astype(kind)
+        return np.append(place, kind(-1))[column.array.codes]
 
     @frugal()
     def positions(self, table: str) -> np.ndarray:
@@ -182,7 +182,10 @@ class Block:
             at = places(source["point"], names)
             xyz = np.stack([source[axis].to_numpy(float) for axis in "xyz"], axis=1)
             known = (at >= 0) & np.isfinite(xyz).all(axis=1)
-            out[at[known]] = xyz[known]
+            if known.all():
+                out[at] = xyz
+            else:
+                out[at[known]] = xyz[known]
         return out
 
     @property

@@ -202,7 +202,7 @@ def _adjusted(task: Task) -> Row:
     if not adjustment.converged:
         raise not_converged(adjustment)
     adjustment.required = asked.required
-    adjustment.save(task.target, of_adjustment(adjustment), gis=asked.gis)
+    adjustment.save(task.target, of_adjustment, gis=asked.gis)
     return Row.of_adjustment(task.name, str(task.folder), adjustment)
 
 

@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> None:
             "\nNothing was written: -o OUT saves the report, the pictures and the adjusted block."
         )
         return
-    pictures = corridor.figures.of_adjustment(adjustment)
+    pictures = corridor.figures.of_adjustment
     wrote(*adjustment.save(options.output, pictures, gis=options.gis))
 
 

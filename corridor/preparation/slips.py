@@ -147,32 +147,34 @@ def _pictures(block: Block) -> Iterator[str]:
         mine = {
             table: np.flatnonzero(users[table] == n) if users else slice(None) for table in tables
         }
-        seen = [pixels[table][rows] for table, rows in mine.items()]
-        seen = seen[0] if len(seen) == 1 else np.concatenate(seen or [np.zeros((0, 2))])
-        if not len(seen):
+        parts = [pixels[table][rows] for table, rows in mine.items()]
+        count = sum(len(part) for part in parts)
+        if not count:
             continue
-        gone = ((seen < -0.5) | (seen > size - 0.5)).any(axis=1)
+        parts = [part for part in parts if len(part)]
+        low = np.min([part.min(axis=0) for part in parts], axis=0)
+        high = np.max([part.max(axis=0) for part in parts], axis=0)
+        beyond = float(np.maximum(-0.5 - low, high - (size - 0.5)).max())
+        gone = 0
+        # The rule is that none lies outside: then nobody asks which.
+        if not beyond <= 0.0:
+            seen = np.concatenate(parts)
+            gone = int(((seen < -0.5) | (seen > size - 0.5)).any(axis=1).sum())
         shape = f"{camera.width} x {camera.height} px"
-        if gone.sum() > _SHARE_OUTSIDE * len(seen):
+        if gone > _SHARE_OUTSIDE * count:
             yield (
-                f"{gone.sum():,} of {len(seen):,} observations of camera {camera.name} lie outside "
+                f"{gone:,} of {count:,} observations of camera {camera.name} lie outside "
                 f"its picture of {shape}: {_why_outside(seen, size)}"
             )
-        elif _beyond(seen, size) > _FAR_OUTSIDE * size.max():
+        elif beyond > _FAR_OUTSIDE * size.max():
             yield _outside(block, camera, mine, pixels)
-        elif len(seen) >= _ENOUGH and (seen.max(axis=0) < _FILLED * size).all():
-            x, y = seen.max(axis=0)
+        elif count >= _ENOUGH and (high < _FILLED * size).all():
+            x, y = high
             yield (
                 f"No observation of camera {camera.name} lies beyond x = {x:.0f}, y = {y:.0f} of "
                 f"its picture of {shape}: points measured on reduced pictures, or width and "
                 "height in block.toml too large?"
             )
-
-
-def _beyond(seen: np.ndarray, size: np.ndarray) -> float:
-    """How far the farthest of some pixels lies outside the picture, px; negative inside."""
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    return float(np.maximum(-0.5 - low, high - (size - 0.5)).max())
 
 
 def _why_outside(seen: np.ndarray, size: np.ndarray) -> str:

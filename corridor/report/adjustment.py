@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -128,7 +129,7 @@ def of_adjustment(adjustment: Adjusted) -> Report:
 def save_adjustment(
     adjustment: Adjusted,
     folder: str | os.PathLike,
-    pictures: Mapping[str, Any] | None = None,
+    pictures: Mapping[str, Any] | Callable[[Adjusted], Mapping[str, Any]] | None = None,
     captions: Mapping[str, str] = CAPTIONS,
     gis: bool = False,
 ) -> list[Path]:
@@ -137,16 +138,21 @@ def save_adjustment(
     adjustment.json, report.html (one page, pictures inside), block/ (the adjusted block), one
     PNG for each picture, check_points.csv, poses.csv, outliers.csv (image measurements held to be
     wrong) and effect_SLUG.csv for an effect of more than 50 groups.
-    pictures: matplotlib figures by name, as `corridor.figures.of_adjustment` makes them.
+    pictures: matplotlib figures by name, or what makes them: `corridor.figures.of_adjustment`.
     captions: one sentence for each, for the page.
     gis: also adjustment.gpkg (points, check vectors, cameras, footprints) and adjustment.las.
     An earlier result in `folder` is replaced; what else lies there stays. Raises InputError where
     `folder` is a file, or holds something but no earlier result; with gis, where the extra is
     missing.
     """
-    folder, pictures = Path(folder), pictures or {}
-    with whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part:
-        adjustment.block.write(part / "block", form=adjustment.block.form)
+    folder, block = Path(folder), adjustment.block
+    with (
+        whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part,
+        ThreadPoolExecutor(1) as aside,
+    ):
+        # Of a river both take as long, and a file is written while Python draws.
+        written = aside.submit(block.write, part / "block", form=block.form)
+        pictures = pictures(adjustment) if callable(pictures) else pictures or {}
         shown = []
         for name, figure in pictures.items():
             png = write_picture(figure, part / f"{name}.png")
@@ -157,12 +163,13 @@ def save_adjustment(
             write_csv(table, part / name)
         if gis:
             adjustment.write_gis(part / "adjustment")
+        written.result()
         content = adjustment_dict(adjustment)
         content["pictures"] = [f"{name}.png" for name in pictures]
         content["files"] = sorted([RESULT, *files_in(part)])
         write_json(content, part / RESULT)
-        written = files_in(part)
-    return [folder / name for name in written]
+        names = files_in(part)
+    return [folder / name for name in names]
 
 
 def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
