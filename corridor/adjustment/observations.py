@@ -10,6 +10,7 @@ from corridor.adjustment.ordering import (
     bandwidth,
     corridor_order,
     first_and_same,
+    pixels_of_rows,
     sorted_rows,
 )
 from corridor.block import Block, is_among
@@ -117,9 +118,8 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
     of_marks = row >= len(tie)
     row[of_marks] = len(tie) + kept[row[of_marks] - len(tie)]
     del point, image, of_marks
-    xy = np.empty((len(row), 2))
-    for k, axis in enumerate("xy"):
-        xy[:, k] = _joined(tie[axis].to_numpy(float), mark[axis].to_numpy(float))[row]
+    pixels = (one[axis].to_numpy(float) for one in (tie, mark) for axis in "xy")
+    xy = pixels_of_rows(row, *(np.ascontiguousarray(axis) for axis in pixels))
     weight = _weights(block, row)
     kinds = codes >= len(tie_names)
     return Network(

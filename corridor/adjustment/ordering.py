@@ -109,6 +109,19 @@ def sorted_rows(point, image, rank, start):
 
 
 @compiled()
+def pixels_of_rows(row, x, y, mark_x, mark_y):
+    """Pixels (n, 2) of rows of tie points, with those of marks counted on behind them."""
+    out = np.empty((len(row), 2))
+    for n in range(len(row)):
+        r = row[n]
+        if r < len(x):
+            out[n, 0], out[n, 1] = x[r], y[r]
+        else:
+            out[n, 0], out[n, 1] = mark_x[r - len(x)], mark_y[r - len(x)]
+    return out
+
+
+@compiled()
 def bandwidth(ptr, img):
     """Half bandwidth in images: 1 + the largest distance between images that share a point."""
     widest = 0

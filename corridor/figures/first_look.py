@@ -199,7 +199,9 @@ def in_cells(
     values = [table[name].to_numpy(dtype=float) for name in ("x", "y", *sums)]
     for first in range(0, len(table), ROWS_AT_ONCE):
         part = slice(first, first + ROWS_AT_ONCE)
-        x, y, *rest = (column[part][chosen[part]] for column in values)
+        x, y, *rest = (column[part] for column in values)
+        if not chosen[part].all():
+            x, y, *rest = (column[chosen[part]] for column in (x, y, *rest))
         inside = (x >= edges_x[0]) & (x <= edges_x[-1]) & (y >= edges_y[0]) & (y <= edges_y[-1])
         if not inside.all():
             x, y, *rest = (column[inside] for column in (x, y, *rest))

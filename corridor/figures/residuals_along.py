@@ -97,7 +97,7 @@ def _of_images(codes, counts, images: int, table: pd.DataFrame) -> np.ndarray:
     values = [None, *(table[name].to_numpy(dtype=float) for name in ("vx", "vy"))]
     for first in range(0, len(codes), ROWS_AT_ONCE):
         part = slice(first, first + ROWS_AT_ONCE)
-        kept = counts[part]
+        kept = slice(None) if counts[part].all() else counts[part]
         for k, column in enumerate(values):
             square = None if column is None else column[part][kept] ** 2
             out[k] += np.bincount(codes[part][kept], square, minlength=images)
