@@ -24,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from strips import corridor_block  # noqa: E402
 
+from benchmarks.spent import spent  # noqa: E402
 from corridor.simulation import add_noise  # noqa: E402
 
 SIZES, SHORT = (100, 180, 1000, 5000), (24, 48)
@@ -82,16 +83,10 @@ def timed(block: Path, out: Path, threads: int) -> dict[str, float]:
     ) as process:
         for _ in process.stdout:
             first = time.perf_counter() - began if first is None else first
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
+        taken = spent(process)
     if process.returncode:
         raise SystemExit(f"the diagnosis of {block.name} ended with status {process.returncode}")
-    return {
-        "wall_s": time.perf_counter() - began,
-        "cpu_s": used.ru_utime + used.ru_stime,
-        "first_s": first,
-        "peak_mb": used.ru_maxrss / (1024**2 if sys.platform == "darwin" else 1024),
-    }
+    return {"wall_s": time.perf_counter() - began, "first_s": first, **taken._asdict()}
 
 
 def exponent(rows: list[dict], images: int, cpu: float) -> float | None:

@@ -29,6 +29,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from benchmarks.spent import spent
 from corridor.block import Block
 from corridor.camera import project
 from corridor.geometry import quaternion_from_rotation, rotation_from_vector
@@ -243,8 +244,7 @@ def timed(block: Path, out: Path, threads: int) -> dict:
         process = subprocess.Popen(
             [*command, "--threads", str(threads)], stdout=subprocess.DEVNULL, stderr=told
         )
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
+        taken = spent(process)
         wall = time.perf_counter() - began
         told.seek(0)
         lines = told.read().splitlines()
@@ -254,8 +254,7 @@ def timed(block: Path, out: Path, threads: int) -> dict:
     stages = [json.loads(line) for line in lines if line.startswith("[")]
     return {
         "wall_s": wall,
-        "cpu_s": used.ru_utime + used.ru_stime,
-        "peak_mb": used.ru_maxrss / unit,
+        **taken._asdict(),
         "stages": [[stage, cpu, peak / unit] for stage, cpu, peak in stages],
     }
 

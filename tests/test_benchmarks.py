@@ -71,6 +71,15 @@ def test_a_river_is_adjusted_from_parquet_to_parquet_and_comes_out_right(tmp_pat
     assert (kept / "river_60_1_15" / "tie_points.parquet").is_file()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="peak memory is asked of Unix")
+def test_long_flights_are_simulated_and_timed(tmp_path):
+    done = run("simulation.py", "--short", "--json", str(tmp_path / "simulation.json"))
+    assert done.returncode == 0, done.stderr
+    rows = json.loads((tmp_path / "simulation.json").read_text())["rows"]
+    assert [row["images"] for row in rows] == [60, 120]
+    assert all(0 < row["cpu_s"] and row["peak_mb"] > 50 for row in rows)
+
+
 @pytest.mark.skipif(
     importlib.util.find_spec("pyceres") is not None, reason="pyceres is installed: the next test"
 )
