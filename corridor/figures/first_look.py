@@ -32,7 +32,11 @@ def first_look(block: Block, camera: str | None = None) -> Figure:
     """
     frame = maps.frame_of(block)
     cameras = frame.place(maps.centres(block))
-    points = frame.place(maps.columns(block.points))
+    known = maps.columns(block.points)
+    known = known[np.isfinite(known).all(axis=1)]
+    step = max(-(-len(known) // MOST_POINTS), 1)
+    # Where the map ends a twentieth of a river's points tells as well as all.
+    points = frame.place(known[:: max(step // 20, 1)])
     ground = frame.place(maps.columns(block.ground))
     limits = maps.extent(cameras, maps.body(points), ground)
     long = (limits[1] - limits[0]) > 1.4 * (limits[3] - limits[2])
@@ -52,7 +56,7 @@ def first_look(block: Block, camera: str | None = None) -> Figure:
         plan = maps.map_panel(figure, frame, limits, 0.8, 1.15, 4.7, height)
         _rays(style.panel(figure, 6.75, 1.25, 2.95, 1.75), block)
         _coverage(figure, block, camera, 6.75, 3.85, 2.35, 2.4)
-    style.legend(figure, 0.87, _plan(plan, frame, block, points))
+    style.legend(figure, 0.87, _plan(plan, frame, block, frame.place(known[::step]), step))
     return figure
 
 
@@ -82,16 +86,15 @@ def _multiplicity(observations: pd.DataFrame) -> np.ndarray:
     return count
 
 
-def _plan(axes: Axes, frame: maps.MapFrame, block: Block, points: np.ndarray) -> list:
+def _plan(axes: Axes, frame: maps.MapFrame, block: Block, points: np.ndarray, step: int) -> list:
+    """Cameras, one point in so many, and ground points; their keys."""
     keys = maps.draw_cameras(axes, frame, block)
-    known = points[np.isfinite(points).all(axis=1)]
-    if len(known):
-        step = -(-len(known) // MOST_POINTS)
-        axes.plot(*known[::step].T, zorder=1, **style.dot("o", "#b0b0b0", 1.7, "none"))
+    if len(points):
+        axes.plot(*points.T, zorder=1, **style.dot("o", "#b0b0b0", 1.7, "none"))
         text = "tie points" + (f" (one in {step:,})" if step > 1 else "")
         keys.append(style.key(text, **style.dot("o", "#b0b0b0", 2.5, "none")))
     keys += maps.draw_ground(axes, frame, block)
-    if not np.isfinite(maps.centres(block)).any() and not len(known):
+    if not np.isfinite(maps.centres(block)).any() and not len(points):
         style.quiet(axes, "no position is known yet: the adjustment finds start values")
     return keys
 

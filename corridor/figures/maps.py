@@ -35,7 +35,8 @@ class MapFrame:
         """Vectors (n, 2) in the world as they lie on the sheet."""
         cos, sin = np.cos(self.angle), np.sin(self.angle)
         vectors = np.asarray(vectors, dtype=float).reshape(-1, 2)
-        return vectors @ np.array([[cos, -sin], [sin, cos]])
+        x, y = vectors.T
+        return np.stack([cos * x + sin * y, cos * y - sin * x], axis=1)
 
     def place(self, xy: np.ndarray) -> np.ndarray:
         """Positions (n, 2) in the world as they lie on the sheet, metres."""

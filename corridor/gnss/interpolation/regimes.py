@@ -8,6 +8,7 @@ for plan and height apart: the density of the gusts, the share of the noise that
 where the track does not state them, the standard deviations of positions and velocities.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -172,10 +173,19 @@ def fit(epochs: Epochs, share: float | None) -> Model:
     found = _Search(epochs, share).run()
     axes = tuple(found[group] for group, (_, of) in enumerate(GROUPS) for _ in of)
     logs = np.zeros((n, len(_JERK)))
-    for axis, noise in enumerate(axes):
-        logs += _logs(epochs, axis, noise, _JERK)
-        # Seen from the other end, a row tells of the step that leads on from it.
-        logs[1:] += _logs(epochs, axis, noise, _JERK, back=True)[:0:-1]
+
+    def seen(way: tuple[int, bool]) -> np.ndarray:
+        axis, back = way
+        return _logs(epochs, axis, axes[axis], _JERK, back=back)
+
+    ways = [(axis, back) for axis in range(len(axes)) for back in (False, True)]
+    with ThreadPoolExecutor(2) as pool:
+        for (_, back), found in zip(ways, pool.map(seen, ways), strict=True):
+            if back:
+                # Seen from the other end, a row tells of the step that leads on from it.
+                logs[1:] += found[:0:-1]
+            else:
+                logs += found
     # Each step was seen twice, once from each side.
     _, weights = _levels(logs / 2, np.diff(epochs.time, prepend=epochs.time[0]))
     jerks = np.outer(weights @ _JERK, _OF_AXIS)
