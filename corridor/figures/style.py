@@ -126,9 +126,9 @@ def matrix(
     axes.set_yticks(range(len(rows)), rows, size=SMALL, parse_math=False)
     axes.tick_params(length=0)
     axes.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
-    for draw, count in ((axes.axvline, len(columns)), (axes.axhline, len(rows))):
-        for edge in np.arange(0.5, count - 1):
-            draw(edge, color="#ebebeb", lw=0.5, zorder=0.5)
+    look = {"color": "#ebebeb", "lw": 0.5, "zorder": 0.5}
+    axes.vlines(np.arange(0.5, len(columns) - 1), -0.5, len(rows) - 0.5, **look)
+    axes.hlines(np.arange(0.5, len(rows) - 1), -0.5, len(columns) - 0.5, **look)
     return figure, axes
 
 
