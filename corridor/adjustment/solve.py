@@ -34,6 +34,8 @@ ROUGH = 1.0
 NO_DAMPING = 1e-12
 AT_REST = 1e-3
 TINY = 5e-5
+# How much more slowly steps may shrink from now on than they did last.
+WARY = 10.0
 # After a longer step it is cheaper to look first where the points now lie than to assemble twice.
 LONG = 0.1
 # Where a step lowered the cost by this share of what the equations promised, damping ends.
@@ -65,7 +67,7 @@ def solve(
     """Minimise from the problem's start.
 
     tolerance: RMS of the step over all unknowns, in standard deviations of unit weight; besides,
-    none that images share may move by more than `AT_REST` of its own standard deviation.
+    none that images share may have further to go than `AT_REST` of its own standard deviation.
     A robust loss starts from the least squares solution: far from it every residual is an outlier;
     near: the start is near the solution, and the loss counts at once.
     equations: leave those of the result in `normal`, undamped, for whoever goes on with them.
@@ -122,9 +124,11 @@ def _solve(
             matrix = damping > 0.0 or length > min(QUICK, SHARE * last)
             if normal.has_image_effects and length > LONG:
                 trial_near = normal.modelled_at(trial, near, NEAR)
-            # A damped step is short along what is badly determined: it proves nothing.
+            # A damped step is short along what is badly determined: it proves nothing. Steps that
+            # shrink fast leave little of what the last one moved: it is the rest that counts.
+            rest = min(WARY * length / last, 1.0) if last < np.inf else 1.0
             done = length < tolerance and (
-                tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, shared, AT_REST))
+                tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, rest * shared, AT_REST))
             )
             # Rounding of the cost may hide the gain of a last, tiny step. Effects look one step
             # behind: the cost knew less of them before than it does now, which hides more.

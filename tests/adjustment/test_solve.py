@@ -1,10 +1,17 @@
 """The iterations come to their end where real flights are hard."""
 
+import numpy as np
 import pytest
 from kit.gyroscope import level_ground
 from strips import corridor_block
 
 import corridor
+from corridor.adjustment.linear_system import LinearSystem
+from corridor.adjustment.model import Loss, Model
+from corridor.adjustment.normal import Normal, shared_values
+from corridor.adjustment.problem import make_problem
+from corridor.adjustment.solve import AT_REST, solve
+from corridor.simulation import add_noise
 
 
 @pytest.fixture(scope="module")
@@ -42,3 +49,20 @@ def test_an_adjustment_from_a_result_starts_where_that_one_ended():
     again = corridor.adjust(first.block, camera="fixed")
     assert again.history[0]["step"] < 1e-4
     assert again.history[0]["cost"] == pytest.approx(first.cost, rel=1e-6)
+
+
+@pytest.mark.parametrize("effects", [(), ("rolling_shutter",)])
+@pytest.mark.parametrize("seed", range(6))
+def test_what_images_share_has_hardly_further_to_go_where_the_iterations_end(seed, effects):
+    """A thousandth of a standard deviation, against the end of far more iterations."""
+    start = (0.3, 0.003, 0.3)
+    block = corridor_block(48, 3, seed, observations_per_image=60, control=4, start_error=start)
+    block = add_noise(block, tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), seed=seed)
+    problem = make_problem(corridor.prepare(block).block, Model(effects=list(effects)))
+    normal = Normal(problem, Loss())
+    found, far = (solve(normal, 30, tolerance) for tolerance in (5e-5, 1e-9))
+    assert found.converged and len(found.history) < len(far.history)
+    system = LinearSystem(problem, far.state)
+    sigma = np.sqrt(np.diag(system.factorised[1].shared_inverse()))
+    left = np.abs(shared_values(problem, found.state) - shared_values(problem, far.state))
+    assert (left < AT_REST * sigma).all()
