@@ -7,7 +7,12 @@ have changed since, and the old machine code would go on.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -33,16 +38,21 @@ UNWRAPPED = SCALAR | {"no_cpython_wrapper": True}
 _SHARED = ("_nrt", "no_cfunc_wrapper", "error_model", "fastmath")
 KERNEL = {key: SCALAR[key] for key in _SHARED} | {"nogil": True}
 
+# A process that compiles for us has failed where it takes longer for one kernel, s.
+PATIENCE_S = 60.0
 
-def compiled(**options) -> Callable:
+
+def compiled(late: bool = False, **options) -> Callable:
     """Decorator: `numba.njit(cache=True)` whose cache holds as long as no source has changed.
 
-    options: those of `numba.njit`.
+    late: another process may be at it (`meanwhile`): it is waited for. options: of `numba.njit`.
     """
 
     def make(function: Callable) -> Dispatcher:
         made = njit(cache=True, **options)(function)
         made._cache._cache_file._source_stamp = _stamp(function)
+        if late:
+            made._cache.load_overload = _patient(made._cache.load_overload)
         return made
 
     return make
@@ -69,3 +79,66 @@ def _stamp(function: Callable) -> str:
 @cache
 def _digest(file: str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+# --- a second process ---------------------------------------------------------------------------
+
+
+class _Helper:
+    """The process that compiles late kernels, if there is one."""
+
+    process: subprocess.Popen | None = None
+
+
+@contextmanager
+def meanwhile(code: str) -> Iterator[None]:
+    """Let a second process compile what `code` calls, for as long as the `with` lasts.
+
+    Processes, since numba compiles in one thread at a time. Whatever becomes of it, what it has not
+    left in the cache is compiled here. On one core, or where no process can be started, it is none.
+    """
+    if (os.cpu_count() or 1) > 1:
+        # Our modules and no others: their cache is where they are.
+        path = os.pathsep.join(place or os.getcwd() for place in sys.path)
+        with suppress(OSError):
+            _Helper.process = subprocess.Popen(
+                [sys.executable, "-c", code],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env=os.environ | {"PYTHONPATH": path},
+            )
+    try:
+        yield
+    finally:
+        _stop()
+
+
+def is_kept(kernel: Dispatcher) -> bool:
+    """Whether any machine code of a kernel is in its cache, of this source."""
+    return bool(kernel._cache._cache_file._load_index())
+
+
+def _patient(load: Callable) -> Callable:
+    """`Cache.load_overload` that waits for a kernel as long as another process may be at it."""
+
+    def patient(signature, context):
+        until = time.monotonic() + PATIENCE_S
+        while True:
+            # Asked before: it may end just after it has left the kernel.
+            at_it = _Helper.process is not None and _Helper.process.poll() is None
+            found = load(signature, context)
+            if found is not None or not at_it:
+                return found
+            if time.monotonic() > until:
+                _stop()
+            time.sleep(0.03)
+
+    return patient
+
+
+def _stop() -> None:
+    process, _Helper.process = _Helper.process, None
+    if process is not None:
+        process.kill()
+        process.wait()

@@ -8,6 +8,7 @@ determines is `Singular`.
 
 from corridor.adjustment.absolute_orientation import AbsoluteOrientation, lay_on_control
 from corridor.adjustment.adjust import Run, adjust, complete
+from corridor.adjustment.ahead import compiling_ahead
 from corridor.adjustment.check_statistics import check_table
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.datum import QUANTITIES
@@ -56,6 +57,7 @@ __all__ = [
     "adjust",
     "camera_of",
     "check_table",
+    "compiling_ahead",
     "complete",
     "gnss_of_metres",
     "grave",

@@ -689,7 +689,7 @@ def _ray_sums(seen, n, first, count, scene, step, room, sums, kind):
 def make_substitute(d, sighted=False):
     """The way back to the points for images with `d` unknowns; sighted: as of `make_assemble`."""
 
-    @compiled(**KERNEL)
+    @compiled(late=True, **KERNEL)
     def core(first, last, scene, damping, step, moved, totals, room, sums):
         start = scene.observations.start
         p = first

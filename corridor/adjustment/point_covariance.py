@@ -163,8 +163,8 @@ def point_gains(wanted, first, last, scene, d, longest, inverse, own, shared):
     _gains(wanted, first, last, scene, d, room, out, inverse, own, shared)
 
 
-@compiled(**KERNEL)
-def _covariances(first, last, scene, d, known, asked, room, gained, together):
+@compiled(late=True, **KERNEL)
+def covariances(first, last, scene, d, known, asked, room, gained, together):
     """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and shared.
 
     asked: `Asked`, which receives them. room, gained: for a point's rays and what they gain.
@@ -247,7 +247,7 @@ def _covariances(first, last, scene, d, known, asked, room, gained, together):
 
 
 def point_covariance(first, last, scene, d, known, longest, asked):
-    """As `_covariances`, for images with `d` unknowns; longest: the most rays of a point."""
+    """As `covariances`, for images with `d` unknowns; longest: the most rays of a point."""
     room = make_room(longest, d, scene.columns.wide)
     gained = Gain(np.zeros((longest, d, 3)), np.zeros((len(known.shared), 3)))
     together = Together(
@@ -258,7 +258,7 @@ def point_covariance(first, last, scene, d, known, longest, asked):
         np.zeros((3, len(known.shared))),
         np.zeros((3, len(known.shared))),
     )
-    _covariances(first, last, scene, d, known, asked, room, gained, together)
+    covariances(first, last, scene, d, known, asked, room, gained, together)
 
 
 @njit(**UNWRAPPED)

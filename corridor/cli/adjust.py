@@ -67,11 +67,19 @@ def keywords(options: argparse.Namespace) -> dict:
 
 def run(options: argparse.Namespace) -> None:
     """Adjust, print the report, save what was asked for."""
+    from corridor.adjustment import compiling_ahead
+
+    announce_compilation("a quarter of a minute", "core")
+    # The report asks for covariances, whose kernel is late as well.
+    with compiling_ahead():
+        _run(options)
+
+
+def _run(options: argparse.Namespace) -> None:
     import corridor
     from corridor.adjustment import not_converged
     from corridor.report import check_gis
 
-    announce_compilation("half a minute", "assemble")
     with _Iterations(options.verbose) as progress:
         block = corridor.read(options.block)
         if options.gis:

@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> None:
     """Do it, print what needs attention, and end with status 1 where a block failed."""
     import corridor
 
-    announce_compilation("half a minute, and once in each new worker", "assemble")
+    announce_compilation("half a minute, and once in each new worker", "core")
     if options.verb == "diagnose":
         keywords = diagnose.keywords(options) | {"counterparts": options.counterparts}
     else:

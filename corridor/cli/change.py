@@ -110,7 +110,7 @@ def run(options: argparse.Namespace) -> None:
     from corridor.errors import InputError
     from corridor.report import check_folder
 
-    announce_compilation("half a minute", "assemble")
+    announce_compilation("half a minute", "core")
     model = _model.of_options(options)
     asked = _comparison(options)
     before, after = options.block, options.after

@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> None:
     import corridor
     from corridor.report import check_gis
 
-    announce_compilation("half a minute", "assemble")
+    announce_compilation("half a minute", "core")
     if options.output is not None:
         corridor.diagnosis.check_output(options.output)
     block = corridor.read(options.block)
