@@ -47,7 +47,7 @@ def compile_late() -> None:
     normal.substitute(state, 0.0, np.zeros((p.image_count, p.d)), np.zeros(q))
     blocks = normal.blocks
     near = Storage(blocks.flat, blocks.stride, blocks.neighbour_start, blocks.neighbour)
-    known = Inverse(near, np.zeros((n, q)), np.zeros((q, q)))
+    known = Inverse(near, np.zeros(n * q), np.zeros(q * q), q)
     asked = Asked(
         np.full(count, -1), np.zeros(0, dtype=np.int64), np.zeros((count, 6)), np.zeros((0, 3, 0))
     )

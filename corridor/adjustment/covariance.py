@@ -166,7 +166,8 @@ class Covariance:
         # Without `out` no entry of the images is looked at.
         flat = self._near if len(asked.out) else np.zeros(0)
         storage = Storage(flat, blocks.stride, blocks.neighbour_start, blocks.neighbour)
-        known = Inverse(storage, self.poses_shared, np.ascontiguousarray(self.shared))
+        q = self._system.q
+        known = Inverse(storage, self.poses_shared.ravel(), self.shared.ravel(), q)
 
         def work(thread: int, start: int, stop: int) -> None:
             for first, last in normal.chunks(start, stop):

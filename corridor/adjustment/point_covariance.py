@@ -1,4 +1,12 @@
-"""Covariance of every point, by one pass over the points like the assembly itself."""
+"""Covariance of every point, by one pass over the points like the assembly itself.
+
+With V^-1 = L^-T L^-1 of a point and Q of poses and shared unknowns its covariance is
+
+    L^-T (1 + Y Q Y') L^-1,    Y = L^-1 P'J    (`corridor.adjustment.kernels`)
+
+Points that the same images see need the same part of Q: up to eight of them go together, each in a
+lane of its own of all panels.
+"""
 
 from typing import NamedTuple
 
@@ -6,34 +14,29 @@ import numpy as np
 from numba import njit
 
 from corridor.adjustment.kernels import (
+    BLOCK,
+    GROUP,
     Storage,
     block_offset,
+    group_size,
     invert_cholesky,
-    same_images,
 )
-from corridor.adjustment.rays import U, fill_rows, make_room, three
+from corridor.adjustment.rays import U, aligned, fill_rows, make_room, put_rows
 from corridor.compiled import KERNEL, UNWRAPPED, compiled
-from corridor.panels import PANEL, panel, plus, put, zeros
+from corridor.panels import PANEL, panel, plus, put, same, transposed, zeros
 
-# Points seen by the same images that are gone over together: two panels.
-GROUP = 5
-LANES = -(-3 * GROUP // PANEL) * PANEL
+# Numbers of an unknown in Y: of each axis a panel, one lane a point.
+ROW = 3 * PANEL
 
 
 class Inverse(NamedTuple):
     """Covariances of images and shared unknowns: entries between images that share a point, stored
-    as the equations; poses_shared (n, q), shared (q, q)."""
+    as the equations; poses_shared (n, q) and shared (q, q), flat."""
 
     near: Storage
     poses_shared: np.ndarray
     shared: np.ndarray
-
-
-class Gain(NamedTuple):
-    """K = W V^-1 of one point: of its rays (longest, d, 3), of the shared unknowns (q, 3)."""
-
-    own: np.ndarray
-    shared: np.ndarray
+    q: int
 
 
 class Asked(NamedTuple):
@@ -48,304 +51,410 @@ class Asked(NamedTuple):
 
 
 class Together(NamedTuple):
-    """Points that the same images see. gains: K_c, a row of LANES numbers an unknown of the
-    images, three a point; moved: Q K_c of one image; offset (longest,): blocks of Q; sums
-    (GROUP, 6): lower halves. Of one point, (3, q): K_b' Q_ss, and that with K_c' Q_cs."""
+    """Points that the same images see, all flat. own: Y of the images, ROW numbers an unknown;
+    shared: the same of the shared unknowns; root: L^-1, a panel an entry; block (longest,): where
+    blocks of Q begin; found: eight numbers of each point."""
 
-    gains: np.ndarray
-    moved: np.ndarray
-    offset: np.ndarray
-    sums: np.ndarray
     own: np.ndarray
-    whole: np.ndarray
+    shared: np.ndarray
+    root: np.ndarray
+    block: np.ndarray
+    found: np.ndarray
 
 
-# Number by number: a line on whole arrays takes seconds to compile.
+def _together(longest: int, d: int, wide: int) -> Together:
+    """Room for points of so many rays at most."""
+    return Together(
+        aligned(longest * d * ROW),
+        aligned(wide * ROW),
+        aligned(6 * PANEL),
+        np.zeros(longest, dtype=np.int64),
+        aligned(PANEL * PANEL),
+    )
+
+
+# --- points that the same images see ------------------------------------------------------------
+
+
 @njit(**UNWRAPPED)
-def gain(p, scene, d, room, out):
-    """Fills K of point p; returns the lower half of V^-1, m^2. d: unknowns of an image."""
-    columns, control = scene.columns, scene.control
-    img, low, high, wide = scene.observations.image, columns.low, columns.high, columns.wide
-    d_ground = scene.derivatives.ground
-    sighted = scene.derivatives.sight.shape[0] > 0
-    kc, kb = out.own, out.shared
-    q = len(kb)
-    start = scene.observations.start[p]
-    m = scene.observations.start[p + 1] - start
-    for c in range(q):
-        for x in range(3):
-            kb[c, x] = 0.0
-    # No literal 0: all of it would be compiled once more for that.
-    fill_rows(p, p + 1, scene, room, (np.int64(0), wide), d)
-    jc, jb, row = room.own, room.shared, (d + PANEL) // PANEL * PANEL
+def _of_points(rows, at, apart, count):
+    """Numbers at, at + 1 ... of so many rows, `apart` from each other: a panel each, a lane a row.
+
+    Where there are fewer than eight, the last is there again.
+    """
+    last = U(count - 1)
+    return transposed(
+        (
+            panel(rows, at),
+            panel(rows, at + min(U(1), last) * apart),
+            panel(rows, at + min(U(2), last) * apart),
+            panel(rows, at + min(U(3), last) * apart),
+            panel(rows, at + min(U(4), last) * apart),
+            panel(rows, at + min(U(5), last) * apart),
+            panel(rows, at + min(U(6), last) * apart),
+            panel(rows, at + min(U(7), last) * apart),
+        )
+    )
+
+
+@njit(**UNWRAPPED)
+def _three(values, at):
+    """Three panels, one behind the other."""
+    return panel(values, at), panel(values, at + U(PANEL)), panel(values, at + U(2 * PANEL))
+
+
+@njit(**UNWRAPPED)
+def _put_three(out, at, a):
+    """Put three panels one behind the other."""
+    put(out, at, a[0])
+    put(out, at + U(PANEL), a[1])
+    put(out, at + U(2 * PANEL), a[2])
+
+
+@njit(**UNWRAPPED)
+def _half(root, a):
+    """L^-1 a of eight points, a: three panels."""
+    i0, i1, i2, i3, i4, i5 = root
+    return i0 * a[0], i1 * a[0] + i2 * a[1], i3 * a[0] + i4 * a[1] + i5 * a[2]
+
+
+@njit(**UNWRAPPED)
+def _other_half(root, a):
+    """L^-T a of eight points, a: three panels."""
+    i0, i1, i2, i3, i4, i5 = root
+    return i0 * a[0] + i1 * a[1] + i3 * a[2], i2 * a[1] + i4 * a[2], i5 * a[2]
+
+
+@njit(**UNWRAPPED)
+def _root(together):
+    """L^-1 of eight points: 00 10 11 20 21 22."""
+    i0, i1, i2 = _three(together.root, U(0))
+    i3, i4, i5 = _three(together.root, U(3 * PANEL))
+    return i0, i1, i2, i3, i4, i5
+
+
+@njit(**UNWRAPPED)
+def _scaled(root, s):
+    """L^-T s L^-1 of eight points; s and what is returned: 00 10 11 20 21 22."""
+    s0, s1, s2, s3, s4, s5 = s
+    zero = zeros()
+    # L^-T times the columns of s L^-1, of which only the lower halves are wanted.
+    i0, i1, i2, i3, i4, i5 = root
+    first = (
+        s0 * i0 + s1 * i1 + s3 * i3,
+        s1 * i0 + s2 * i1 + s4 * i3,
+        s3 * i0 + s4 * i1 + s5 * i3,
+    )
+    out0, out1, out3 = _other_half(root, first)
+    _, out2, out4 = _other_half(root, (zero, s2 * i2 + s4 * i4, s4 * i2 + s5 * i4))
+    return out0, out1, out2, out3, out4, i5 * s5 * i5
+
+
+@njit(**UNWRAPPED)
+def _fill(p, n, m, count, scene, d, room, together):
+    """Fill L^-1 and Y of `count` points from p on, the first ray of which is the n-th in the room.
+
+    m: rays of each; d: unknowns of an image.
+    """
+    columns, control, image = scene.columns, scene.control, scene.observations.image
+    own, shared, root = together.own, together.shared, together.root
+    row, wide, start = U((d + PANEL) // PANEL * PANEL), U(columns.wide), scene.observations.start[p]
     # Rows by the point, negative.
-    jp, apart = (room.point, PANEL) if sighted else (jc, row)
-    v0, v1, v2, v3, v4, v5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    by_point, p_row = room.own, row
+    if scene.derivatives.sight.shape[0] > 0:
+        by_point, p_row = room.point, U(PANEL)
+    v0, v1, v2, v3, v4, v5 = zeros(), zeros(), zeros(), zeros(), zeros(), zeros()
     for k in range(2 * m):
-        a0, a1, a2 = three(jp, U(k * apart))
-        v0 += a0 * a0
-        v1 += a1 * a0
-        v2 += a1 * a1
-        v3 += a2 * a0
-        v4 += a2 * a1
-        v5 += a2 * a2
-    r = control.row[p]
-    if r >= 0:
-        v0 += control.weight[r, 0]
-        v2 += control.weight[r, 1]
-        v5 += control.weight[r, 2]
-    i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v0, v1, v2, v3, v4, v5))
-    n00 = i0 * i0 + i1 * i1 + i3 * i3
-    n10 = i2 * i1 + i4 * i3
-    n11 = i2 * i2 + i4 * i4
-    n20 = i5 * i3
-    n21 = i5 * i4
-    n22 = i5 * i5
+        at = U(2 * n + k) * p_row
+        a0, a1, a2, _, _, _, _, _ = _of_points(by_point, at, U(2 * m) * p_row, count)
+        v0, v1, v2 = v0 + a0 * a0, v1 + a1 * a0, v2 + a1 * a1
+        v3, v4, v5 = v3 + a2 * a0, v4 + a2 * a1, v5 + a2 * a2
+    _put_three(root, U(0), (v0, v1, v2))
+    _put_three(root, U(3 * PANEL), (v3, v4, v5))
+    for j in range(PANEL):
+        at = U(j)
+        u0, u1, u2 = root[at], root[at + U(2 * PANEL)], root[at + U(5 * PANEL)]
+        given = control.row[p + j] if j < count else -1
+        if given >= 0:
+            u0 += control.weight[given, 0]
+            u1 += control.weight[given, 1]
+            u2 += control.weight[given, 2]
+        between = root[at + U(PANEL)], root[at + U(3 * PANEL)], root[at + U(4 * PANEL)]
+        i0, i1, i2, i3, i4, i5, _ = invert_cholesky(
+            (u0, between[0], u1, between[1], between[2], u2)
+        )
+        if j >= count:
+            i0, i1, i2, i3, i4, i5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        root[at], root[at + U(PANEL)], root[at + U(2 * PANEL)] = i0, i1, i2
+        at += U(3 * PANEL)
+        root[at], root[at + U(PANEL)], root[at + U(2 * PANEL)] = i3, i4, i5
+    inverse = _root(together)
+    for c in range(3 * columns.wide):
+        put(shared, U(c * PANEL), zeros())
     for k in range(m):
-        i = img[start + k]
-        for c in range(d):
-            for x in range(3):
-                kc[k, c, x] = 0.0
+        i = image[U(start + k)]
         for half in range(2):
-            a0, a1, a2 = three(jp, U((2 * k + half) * apart))
-            part = (
-                -(n00 * a0 + n10 * a1 + n20 * a2),
-                -(n10 * a0 + n11 * a1 + n21 * a2),
-                -(n20 * a0 + n21 * a1 + n22 * a2),
-            )
-            bt, jt = (2 * k + half) * wide, (2 * k + half) * row
-            for x in range(3):
-                for c in range(low[i], min(high[i], q)):
-                    kb[c, x] += jb[bt + c] * part[x]
-                for c in range(d):
-                    kc[k, c, x] += jc[jt + c] * part[x]
-    if r >= 0:
+            r = U(2 * (n + k) + half)
+            a0, a1, a2, _, _, _, _, _ = _of_points(
+                by_point, r * p_row, U(2 * m) * p_row, count
+            )  # fmt: skip
+            t = _half(inverse, (-a0, -a1, -a2))
+            for x in range(0, d, PANEL):
+                j = _of_points(room.own, r * row + U(x), U(2 * m) * row, count)
+                _add_outer(own, U((k * d + x) * ROW), t, j, min(PANEL, d - x), half == 0)
+            for x in range(columns.low[i], columns.high[i], PANEL):
+                j = _of_points(room.shared, r * wide + U(x), U(2 * m) * wide, count)
+                _add_outer(shared, U(x * ROW), t, j, PANEL, False)
+    given = control.row[p]
+    d_ground = scene.derivatives.ground
+    if given >= 0:
+        # Such a point stands alone, in the first lane.
         for s in range(d_ground.shape[2]):
-            c = columns.ground[r, s]
+            c = columns.ground[given, s]
             if c >= 0:
-                g0 = control.weight[r, 0] * d_ground[r, 0, s]
-                g1 = control.weight[r, 1] * d_ground[r, 1, s]
-                g2 = control.weight[r, 2] * d_ground[r, 2, s]
-                kb[c, 0] += n00 * g0 + n10 * g1 + n20 * g2
-                kb[c, 1] += n10 * g0 + n11 * g1 + n21 * g2
-                kb[c, 2] += n20 * g0 + n21 * g1 + n22 * g2
-    return n00, n10, n11, n20, n21, n22
+                g0 = control.weight[given, 0] * d_ground[given, 0, s]
+                g1 = control.weight[given, 1] * d_ground[given, 1, s]
+                g2 = control.weight[given, 2] * d_ground[given, 2, s]
+                t = _half(inverse, (g0 * same(1.0), g1 * same(1.0), g2 * same(1.0)))
+                at = U(c * ROW)
+                z = _three(shared, at)
+                _put_three(shared, at, (z[0] + t[0], z[1] + t[1], z[2] + t[2]))
+
+
+@njit(**UNWRAPPED)
+def _add_outer(out, at, t, j, count, anew):
+    """Add t x j to `count` rows of Y, or put it there `anew`; t: three panels, j: eight."""
+    for c in range(PANEL):
+        if c < count:
+            product = t[0] * j[c], t[1] * j[c], t[2] * j[c]
+            if not anew:
+                before = _three(out, at)
+                product = before[0] + product[0], before[1] + product[1], before[2] + product[2]
+            _put_three(out, at, product)
+            at += U(ROW)
+
+
+# --- what is asked ------------------------------------------------------------------------------
+
+
+@njit(**UNWRAPPED)
+def _nothing():
+    return zeros(), zeros(), zeros()
+
+
+@njit(**UNWRAPPED)
+def _plus_three(s, f, y):
+    return plus(s[0], f, y[0]), plus(s[1], f, y[1]), plus(s[2], f, y[2])
+
+
+@njit(**UNWRAPPED)
+def _add_columns(sums, values, at, y, first, count):
+    """Add what three columns of Q, from `at` on, make of `count` rows of Y: three panels each."""
+    s0, s1, s2 = sums
+    a0, a1, a2 = at
+    row = U(first * ROW)
+    for _ in range(count):
+        here = _three(y, row)
+        s0 = _plus_three(s0, values[a0], here)
+        s1 = _plus_three(s1, values[a1], here)
+        s2 = _plus_three(s2, values[a2], here)
+        a0 += U(1)
+        a1 += U(1)
+        a2 += U(1)
+        row += U(ROW)
+    return s0, s1, s2
+
+
+@njit(**UNWRAPPED)
+def _add_squares(s, y, z):
+    """Add y' z + z' y of eight points to s: 00 10 11 20 21 22, half of it on the diagonal."""
+    s0, s1, s2, s3, s4, s5 = s
+    return (
+        s0 + y[0] * z[0],
+        s1 + (y[1] * z[0] + y[0] * z[1]),
+        s2 + y[1] * z[1],
+        s3 + (y[2] * z[0] + y[0] * z[2]),
+        s4 + (y[2] * z[1] + y[1] * z[2]),
+        s5 + y[2] * z[2],
+    )
+
+
+@njit(**UNWRAPPED)
+def _products(start, m, scene, d, known, together):
+    """1 + Y Q Y' of points that the same m images see, the first ray of one being `start`."""
+    near, q = known.near.flat, known.q
+    stride, block = U(known.near.stride), together.block
+    own, shared, image = together.own, together.shared, scene.observations.image
+    zero = zeros()
+    s = zero, zero, zero, zero, zero, zero
+    for k in range(m):
+        i = image[U(start + k)]
+        for n in range(k, m):
+            block[U(n)] = block_offset(i, image[U(start + n)], i, d, known.near)
+        for c in range(0, d, 3):
+            # Half of the image's own block, of which there is half: what follows is symmetric.
+            c1, c2 = min(c + 1, d - 1), min(c + 2, d - 1)
+            at = U(block[U(k)])
+            sums = (
+                _half_column(near, at + U(c) * stride, own, k * d, c, d),
+                _half_column(near, at + U(c1) * stride, own, k * d, c1, d),
+                _half_column(near, at + U(c2) * stride, own, k * d, c2, d),
+            )
+            first = i * d
+            at = U((first + c) * q), U((first + c1) * q), U((first + c2) * q)
+            sums = _add_columns(sums, known.poses_shared, at, shared, np.int64(0), q)
+            for n in range(k + 1, m):
+                at = U(block[U(n)])
+                at = at + U(c) * stride, at + U(c1) * stride, at + U(c2) * stride
+                sums = _add_columns(sums, near, at, own, n * d, d)
+            s = _add_squares(s, _three(own, U((k * d + c) * ROW)), sums[0])
+            if c + 1 < d:
+                s = _add_squares(s, _three(own, U((k * d + c + 1) * ROW)), sums[1])
+            if c + 2 < d:
+                s = _add_squares(s, _three(own, U((k * d + c + 2) * ROW)), sums[2])
+    for c in range(q):
+        z = _half_column(known.shared, U(c * q), shared, np.int64(0), c, q)
+        s = _add_squares(s, _three(shared, U(c * ROW)), z)
+    return 1.0 + 2.0 * s[0], s[1], 1.0 + 2.0 * s[2], s[3], s[4], 1.0 + 2.0 * s[5]
+
+
+@njit(**UNWRAPPED)
+def _half_column(values, at, y, first, c, count):
+    """What column c of a symmetric block, which begins at `at`, makes of `count` rows of Y.
+
+    From the diagonal on, and that by half.
+    """
+    row, f, s = U((first + c) * ROW), 0.5, _nothing()
+    for e in range(c, count):
+        s = _plus_three(s, f * values[at + U(e)], _three(y, row))
+        f = 1.0
+        row += U(ROW)
+    return s
+
+
+@njit(**UNWRAPPED)
+def _with_shared(column, start, m, scene, d, known, together):
+    """Covariance of points that the same m images see with a shared unknown: three panels."""
+    q = known.q
+    image, own, shared = scene.observations.image, together.own, together.shared
+    s = _nothing()
+    for b in range(q):
+        s = _plus_three(s, known.shared[U(b * q + column)], _three(shared, U(b * ROW)))
+    for k in range(m):
+        first = image[U(start + k)] * d
+        for c in range(d):
+            f = known.poses_shared[U((first + c) * q + column)]
+            s = _plus_three(s, f, _three(own, U((k * d + c) * ROW)))
+    a, b, c = _other_half(_root(together), s)
+    return -a, -b, -c
+
+
+@njit(**UNWRAPPED)
+def _is_asked(p, count, number):
+    """Whether any of so many points from p on has a number."""
+    for j in range(count):
+        if number[p + j] >= 0:
+            return True
+    return False
+
+
+@njit(**UNWRAPPED)
+def _fill_rows(p, last, scene, d, number, every, room):
+    """Rows of some groups of points from p on, few enough for the cache; returns where they end.
+
+    number: as of `Asked`; with `every` all points are asked for.
+    """
+    start, stop, rays = scene.observations.start, p, np.int64(0)
+    while stop < last and rays < BLOCK:
+        count = group_size(stop, last, scene)
+        if not (every or _is_asked(stop, count, number)):
+            break
+        rays += count * (start[stop + 1] - start[stop])
+        stop += count
+    if stop > p:
+        # No literal 0: all of it would be compiled once more for that.
+        fill_rows(p, stop, scene, room, (np.int64(0), scene.columns.wide), d)
+    return stop
 
 
 @compiled(**KERNEL)
-def _gains(wanted, first, last, scene, d, room, out, inverse, own, shared):
+def _gains(wanted, first, last, scene, d, room, together, inverse, own, shared):
     """V^-1 and K of the points first..last whose number in wanted is not -1.
 
     inverse (k, 6): lower halves; shared (k, q, 3), by number. own (observations, d, 3).
     """
-    observations = scene.observations
-    for p in range(first, last):
-        number = wanted[p]
-        if number < 0:
-            continue
-        found = gain(p, scene, d, room, out)
-        for n in range(6):
-            inverse[number, n] = found[n]
-        for c in range(shared.shape[1]):
-            for x in range(3):
-                shared[number, c, x] = out.shared[c, x]
-        start = observations.start[p]
-        for k in range(observations.start[p + 1] - start):
-            for c in range(d):
-                for x in range(3):
-                    own[start + k, c, x] = out.own[k, c, x]
+    start, found = scene.observations.start, together.found
+    one, zero = same(1.0), zeros()
+    p = first
+    while p < last:
+        stop = _fill_rows(p, last, scene, d, wanted, False, room)
+        if stop == p:
+            p += group_size(p, last, scene)
+        n = np.int64(0)
+        while p < stop:
+            m, count = start[p + 1] - start[p], group_size(p, last, scene)
+            _fill(p, n, m, count, scene, d, room, together)
+            root = _root(together)
+            v = _scaled(root, (one, zero, one, zero, zero, one))
+            put_rows(found, U(0), U(PANEL), (v[0], v[1], v[2], v[3], v[4], v[5], zero, zero))
+            for j in range(count):
+                for x in range(6 if wanted[p + j] >= 0 else 0):
+                    inverse[wanted[p + j], x] = found[U(j * PANEL + x)]
+            for c in range(shared.shape[1]):
+                _put_three(found, U(0), _other_half(root, _three(together.shared, U(c * ROW))))
+                for j in range(count):
+                    for x in range(3 if wanted[p + j] >= 0 else 0):
+                        shared[wanted[p + j], c, x] = found[U(x * PANEL + j)]
+            for c in range(m * d):
+                _put_three(found, U(0), _other_half(root, _three(together.own, U(c * ROW))))
+                for j in range(count):
+                    for x in range(3 if wanted[p + j] >= 0 else 0):
+                        own[start[p + j] + c // d, c % d, x] = found[U(x * PANEL + j)]
+            p += count
+            n += count * m
 
 
 def point_gains(wanted, first, last, scene, d, longest, inverse, own, shared):
     """As `_gains`, for images with `d` unknowns; longest: the most rays of a point."""
-    room = make_room(longest, d, scene.columns.wide)
-    out = Gain(np.zeros((longest, d, 3)), np.zeros((shared.shape[1], 3)))
-    _gains(wanted, first, last, scene, d, room, out, inverse, own, shared)
+    wide = scene.columns.wide
+    room, together = make_room(BLOCK + GROUP * longest, d, wide), _together(longest, d, wide)
+    _gains(wanted, first, last, scene, d, room, together, inverse, own, shared)
 
 
 @compiled(late=True, **KERNEL)
-def covariances(first, last, scene, d, known, asked, room, gained, together):
-    """V^-1 + K' Q K of points first..last, with K = W V^-1 and Q of poses and shared.
-
-    asked: `Asked`, which receives them. room, gained: for a point's rays and what they gain.
-
-    Points that the same images see need the same part of Q: up to `GROUP` of them go together,
-    a panel of numbers at a time.
-    """
-    observations = scene.observations
-    img = observations.image
-    shared, poses_shared = known.shared, known.poses_shared
-    wanted, columns, out, cross = asked.number, asked.columns, asked.out, asked.cross
-    q = shared.shape[0]
-    kc, kb = gained.own, gained.shared
-    gains, sums = together.gains, together.sums
-    own, whole = together.own, together.whole
+def covariances(first, last, scene, d, known, asked, room, together):
+    """Covariances of points first..last; asked: `Asked`, which receives them."""
+    start, found = scene.observations.start, together.found
+    number, columns, out, cross = asked.number, asked.columns, asked.out, asked.cross
+    every, zero = out.shape[0] > 0, zeros()
     p = first
     while p < last:
-        start = observations.start[p]
-        m = observations.start[p + 1] - start
-        count = 1
-        while (
-            count < GROUP
-            and p + count < last
-            and same_images(
-                img,
-                start,
-                m,
-                observations.start[p + count],
-                observations.start[p + count + 1],
-            )
-        ):
-            count += 1
-        used = -(-3 * count // PANEL) * PANEL
-        for r in range(m * d):
-            for x in range(3 * count, used):
-                gains[r * LANES + x] = 0.0
-        for j in range(count):
-            number = wanted[p + j]
-            if number < 0 and out.shape[0] == 0:
-                continue
-            inverse = gain(p + j, scene, d, room, gained)
-            # cov(P, shared) = -(K_c' Q_cs + K_b' Q_ss)
-            for x in range(3):
-                for c in range(q):
-                    own[x, c] = 0.0
-                for b in range(q):
-                    f = kb[b, x]
-                    for c in range(q):
-                        own[x, c] += f * shared[b, c]
-                for c in range(q):
-                    whole[x, c] = own[x, c]
-            for k in range(m):
-                row = img[start + k] * d
-                for a in range(d):
-                    at = (k * d + a) * LANES + 3 * j
-                    for x in range(3):
-                        f = kc[k, a, x]
-                        gains[at + x] = f
-                        for c in range(q):
-                            whole[x, c] += f * poses_shared[row + a, c]
-            if number >= 0:
-                for x in range(3):
-                    for c in range(len(columns)):
-                        cross[number, x, c] = -whole[x, columns[c]]
-            # V^-1 + K_b' Q_sc K_c + K_c' Q_cs K_b + K_b' Q_ss K_b
-            n = 0
-            for x in range(3):
-                for w in range(x + 1):
-                    total = inverse[n]
-                    for b in range(q):
-                        total += whole[x, b] * kb[b, w] + (whole[w, b] - own[w, b]) * kb[b, x]
-                    sums[j, n] = total
-                    n += 1
-        if out.shape[0] > 0:
-            _sum_of_images(img, start, m, d, known.near, used, together)
-            for j in range(count):
-                for n in range(6):
-                    out[p + j, n] = sums[j, n]
-        p += count
+        stop = _fill_rows(p, last, scene, d, number, every, room)
+        if stop == p:
+            p += group_size(p, last, scene)
+        n = np.int64(0)
+        while p < stop:
+            m, count = start[p + 1] - start[p], group_size(p, last, scene)
+            _fill(p, n, m, count, scene, d, room, together)
+            if every:
+                root = _root(together)
+                v = _scaled(root, _products(start[p], m, scene, d, known, together))
+                put_rows(found, U(0), U(PANEL), (v[0], v[1], v[2], v[3], v[4], v[5], zero, zero))
+                for j in range(count):
+                    for x in range(6):
+                        out[p + j, x] = found[U(j * PANEL + x)]
+            for c in range(len(columns)):
+                v = _with_shared(columns[c], start[p], m, scene, d, known, together)
+                _put_three(found, U(0), v)
+                for j in range(count):
+                    for x in range(3 if number[p + j] >= 0 else 0):
+                        cross[number[p + j], x, c] = found[U(x * PANEL + j)]
+            p += count
+            n += count * m
 
 
 def point_covariance(first, last, scene, d, known, longest, asked):
     """As `covariances`, for images with `d` unknowns; longest: the most rays of a point."""
-    room = make_room(longest, d, scene.columns.wide)
-    gained = Gain(np.zeros((longest, d, 3)), np.zeros((len(known.shared), 3)))
-    together = Together(
-        np.zeros(longest * d * LANES),
-        np.zeros(d * LANES),
-        np.zeros(longest, dtype=np.int64),
-        np.zeros((GROUP, 6)),
-        np.zeros((3, len(known.shared))),
-        np.zeros((3, len(known.shared))),
-    )
-    covariances(first, last, scene, d, known, asked, room, gained, together)
-
-
-@njit(**UNWRAPPED)
-def _sum_of_images(img, start, m, d, storage, used, together):
-    """Add K_c' Q_cc K_c of points that the same m images see; used: numbers of a row of gains."""
-    near, stride = storage.flat, U(storage.stride)
-    gains, moved, sums = together.gains, together.moved, together.sums
-    offset = together.offset
-    for k in range(m):
-        i = img[start + k]
-        # Q K_c of the rays from this one on, half of its own: what follows is symmetric.
-        at = block_offset(i, i, i, d, storage)
-        for c in range(d):
-            column = at + U(c) * stride
-            for x in range(0, used, PANEL):
-                row = U((k * d + c) * LANES + x)
-                total = plus(zeros(), 0.5 * near[column + U(c)], panel(gains, row))
-                for e in range(c + 1, d):
-                    row += U(LANES)
-                    total = plus(total, near[column + U(e)], panel(gains, row))
-                put(moved, U(c * LANES + x), total)
-        for n in range(k + 1, m):
-            offset[n] = block_offset(i, img[start + n], i, d, storage)
-        for c in range(0, d - 5, 6):
-            _six_columns(k, m, d, c, storage, used, together)
-        for c in range(d // 6 * 6, d):
-            for x in range(0, used, PANEL):
-                total = panel(moved, U(c * LANES + x))
-                for n in range(k + 1, m):
-                    column = U(offset[n]) + U(c) * stride
-                    for e in range(d):
-                        row = U((n * d + e) * LANES + x)
-                        total = plus(total, near[column + U(e)], panel(gains, row))
-                put(moved, U(c * LANES + x), total)
-        for j in range(min(used // 3, GROUP)):
-            s0, s1, s2, s3, s4, s5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for c in range(d):
-                row = U((k * d + c) * LANES + 3 * j)
-                a0, a1, a2 = gains[row], gains[row + U(1)], gains[row + U(2)]
-                row = U(c * LANES + 3 * j)
-                b0, b1, b2 = moved[row], moved[row + U(1)], moved[row + U(2)]
-                s0 += 2.0 * (a0 * b0)
-                s1 += a1 * b0 + a0 * b1
-                s2 += 2.0 * (a1 * b1)
-                s3 += a2 * b0 + a0 * b2
-                s4 += a2 * b1 + a1 * b2
-                s5 += 2.0 * (a2 * b2)
-            sums[j, 0] += s0
-            sums[j, 1] += s1
-            sums[j, 2] += s2
-            sums[j, 3] += s3
-            sums[j, 4] += s4
-            sums[j, 5] += s5
-
-
-@njit(**UNWRAPPED)
-def _six_columns(k, m, d, c, storage, used, together):
-    """Add to six columns of Q K_c, from c on, what the images behind image k make of them."""
-    near, stride = storage.flat, U(storage.stride)
-    gains, moved, offset = together.gains, together.moved, together.offset
-    for x in range(0, used, PANEL):
-        to = U(c * LANES + x)
-        t0, t1 = panel(moved, to), panel(moved, to + U(LANES))
-        t2, t3 = panel(moved, to + U(2 * LANES)), panel(moved, to + U(3 * LANES))
-        t4, t5 = panel(moved, to + U(4 * LANES)), panel(moved, to + U(5 * LANES))
-        for n in range(k + 1, m):
-            at = U(offset[n]) + U(c) * stride
-            row = U(n * d * LANES + x)
-            for _ in range(d):
-                g = panel(gains, row)
-                column = at
-                t0 = plus(t0, near[column], g)
-                column += stride
-                t1 = plus(t1, near[column], g)
-                column += stride
-                t2 = plus(t2, near[column], g)
-                column += stride
-                t3 = plus(t3, near[column], g)
-                column += stride
-                t4 = plus(t4, near[column], g)
-                column += stride
-                t5 = plus(t5, near[column], g)
-                at += U(1)
-                row += U(LANES)
-        put(moved, to, t0)
-        put(moved, to + U(LANES), t1)
-        put(moved, to + U(2 * LANES), t2)
-        put(moved, to + U(3 * LANES), t3)
-        put(moved, to + U(4 * LANES), t4)
-        put(moved, to + U(5 * LANES), t5)
+    wide = scene.columns.wide
+    room, together = make_room(BLOCK + GROUP * longest, d, wide), _together(longest, d, wide)
+    covariances(first, last, scene, d, known, asked, room, together)
