@@ -11,7 +11,7 @@ _NEW_OBJECTS = 200_000
 def main() -> int:
     """Run the command line; Ctrl-C ends it with one line, also before it and after it."""
     # Libraries make some hundred thousand objects that stay; by default they are looked through
-    # every 700.
+    # again and again while more are made.
     gc.set_threshold(_NEW_OBJECTS)
     try:
         from corridor import cli

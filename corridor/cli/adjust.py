@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> None:
     """Adjust, print the report, save what was asked for."""
     from corridor.adjustment import compiling_ahead
 
-    announce_compilation("a quarter of a minute", "core")
+    announce_compilation("half a minute", "core")
     # The report asks for covariances, whose kernel is late as well.
     with compiling_ahead():
         _run(options)
