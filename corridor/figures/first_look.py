@@ -103,7 +103,7 @@ def _rays(axes: Axes, block: Block) -> None:
     style.open_frame(axes)
     style.caption(axes, "images a tie point was measured in")
     style.label(axes, "images", "points")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: _short_count(value)))
     axes.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
     if not len(block.tie_points):
         style.caption(axes, "no tie points")
@@ -125,6 +125,11 @@ def _rays(axes: Axes, block: Block) -> None:
                 lambda value, _: ("\u2265" if value == MOST_RAYS else "") + f"{value:.0f}"
             )
         )
+
+
+def _short_count(count: float) -> str:
+    """The count, in millions where it has so many digits that they would leave the sheet."""
+    return f"{count:,.0f}" if count < 1e6 else f"{count / 1e6:g} M"
 
 
 def _coverage(
