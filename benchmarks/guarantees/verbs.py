@@ -8,6 +8,8 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+from corridor.__main__ import main
+
 # {good} is the folder of the samples, {out} what is written.
 VERBS = {
     "adjust": "adjust {good}/block -o {out}",
@@ -47,13 +49,17 @@ def whole(verb: str, home: Path) -> set[str]:
 
 
 def begin(words: list[str], printed: Path, before=lambda: None) -> int:
-    """Start the command in a process that has the libraries already; its id.
+    """Start the command in a process that has the libraries already; its id, once it begins.
 
     printed: file of all that it prints. before: called in the process first.
     """
     sys.stdout.flush(), sys.stderr.flush()
+    begins, tell = os.pipe()
     pid = os.fork()
     if pid:
+        os.close(tell)
+        os.read(begins, 1)  # what comes before the command is ours, and not for it to answer for
+        os.close(begins)
         return pid
     status = 70
     try:
@@ -64,8 +70,7 @@ def begin(words: list[str], printed: Path, before=lambda: None) -> int:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.argv = ["corridor", *words]
         sys.stdout, sys.stderr = (open(k, "w", buffering=1, closefd=False) for k in (1, 2))  # noqa: SIM115
-        from corridor.__main__ import main
-
+        os.close(tell)
         status = main()
     except SystemExit as stop:
         status = stop.code
