@@ -19,6 +19,8 @@ def main() -> int:
         status = cli.main()
     except KeyboardInterrupt:
         print("interrupted: nothing was written.", file=sys.stderr)
+        # What was half made when Ctrl-C came (a progress bar) may complain as it goes.
+        sys.unraisablehook = lambda _: None
         status = 130
     # What is left is the end of Python: a traceback from there would be about nothing, and a
     # search for circles among all that was loaded takes half a second.
