@@ -264,6 +264,7 @@ class TestEndings:
 
         before = signal.getsignal(signal.SIGINT)
         monkeypatch.setattr("corridor.cli.main", pressed)
+        monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)  # put back afterwards
         try:
             assert command.main() == 130
         finally:
