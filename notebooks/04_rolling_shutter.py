@@ -155,7 +155,7 @@ else:
     picture = None
 picture
 
-# %%
+# %% tags=["nbval-ignore-output"]
 compare(ours, absent="the photographs are not here")
 
 # %% [markdown]
