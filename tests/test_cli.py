@@ -259,12 +259,17 @@ class TestEndings:
     def test_ctrl_c_before_there_is_a_command(self, monkeypatch, capsys):
         from corridor import __main__ as command
 
+        class HalfMade:
+            def __del__(self):
+                raise AttributeError("what was not made yet")
+
         def pressed(*_):
-            raise KeyboardInterrupt
+            bar = HalfMade()
+            raise KeyboardInterrupt(bar)
 
         before = signal.getsignal(signal.SIGINT)
         monkeypatch.setattr("corridor.cli.main", pressed)
-        monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)  # put back afterwards
+        monkeypatch.setattr(sys, "unraisablehook", sys.__unraisablehook__)
         try:
             assert command.main() == 130
         finally:
