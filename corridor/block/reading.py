@@ -4,10 +4,14 @@ A well-formed file takes the fast path. Only where something is wrong is it read
 to find the row and say what stands there.
 """
 
+from __future__ import annotations
+
 import csv
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -17,6 +21,9 @@ import pyarrow.csv
 
 from corridor.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns
 from corridor.errors import InputError
+
+if TYPE_CHECKING:
+    from pyarrow.parquet import ParquetFile
 
 _CODED = pa.dictionary(pa.int32(), pa.string())
 _NUMBER = r"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*$"
@@ -70,7 +77,7 @@ def row_numbers(path: Path, count: int) -> np.ndarray:
 # --- from Arrow to pandas --------------------------------------------------------------------
 
 
-def _coded(pieces: list[pa.ChunkedArray]) -> pd.Series:
+def _coded(pieces: Iterable[pa.ChunkedArray]) -> pd.Series:
     """Categorical of the pieces of a dictionary-encoded column."""
     chunks = [chunk for piece in pieces for chunk in piece.chunks]
     column = pa.chunked_array(chunks, type=_CODED).unify_dictionaries()
@@ -261,11 +268,15 @@ def _uneven_lines(path: Path, _modified: int, _size: int) -> np.ndarray | None:
 # --- .parquet --------------------------------------------------------------------------------
 
 
-def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
+def _opened(path: Path, layout: Layout) -> ParquetFile:
     from pyarrow.parquet import ParquetFile  # a tenth of a second, for few blocks
 
+    return ParquetFile(path, memory_map=False, read_dictionary=list(layout.coded))
+
+
+def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
     try:
-        with ParquetFile(path, memory_map=False, read_dictionary=list(layout.coded)) as file:
+        with _opened(path, layout) as file:
             names = file.schema_arrow.names
             missing = [name for name in layout.needed if name not in names]
             if missing:
@@ -278,7 +289,7 @@ def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
             for field in file.schema_arrow:
                 if field.name in layout.listed:
                     _check_type(path, field)
-            columns = {name: _parquet_column(file, layout, name) for name in names}
+            columns = _columns(file, path, layout)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
         reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
         raise InputError(f"{path.name} is not a Parquet file ({reason}); write it again") from None
@@ -298,37 +309,63 @@ def _check_type(path: Path, field: pa.Field) -> None:
         )
 
 
-def _parquet_column(file, layout: Layout, name: str) -> pd.Series | np.ndarray:
-    """A column, one row group after the other: what is in memory twice is never the whole."""
-    if name not in layout.listed:
-        return file.read(columns=[name])[name].to_pandas()
+def _columns(file: ParquetFile, path: Path, layout: Layout) -> dict[str, pd.Series | np.ndarray]:
+    """Every column, its first and its second half of the row groups by two threads.
 
-    def read():
-        for group in range(file.num_row_groups):
-            yield file.read_row_group(group, columns=[name], use_threads=False)[name]
+    While the names of one are brought together the next are read.
+    """
+    middle, groups = file.num_row_groups // 2, file.num_row_groups
+    halves = [half for half in (range(middle), range(middle, groups)) if half]
+    names = file.schema_arrow.names
+    with ThreadPoolExecutor(2) as pool:
+        read = {
+            name: [pool.submit(_part, path, layout, name, half) for half in halves]
+            for name in names
+            if name in layout.listed
+        }
+        columns = {}
+        for name in names:
+            if name not in read:
+                columns[name] = file.read(columns=[name])[name].to_pandas()
+                continue
+            parts = [job.result() for job in read.pop(name)]
+            if name in layout.coded:
+                columns[name] = _coded(parts)
+            elif name in NAMES:
+                chunks = [chunk for part in parts for chunk in part.chunks]
+                columns[name] = pa.chunked_array(chunks, type=pa.string()).to_pandas()
+            else:
+                columns[name] = np.concatenate(parts) if len(parts) > 1 else (parts or [np.zeros(0)])[0]
+    return columns
 
-    def pieces(kind: pa.DataType):
-        for column in read():
-            if pa.types.is_dictionary(column.type):
-                column = pc.cast(column, column.type.value_type)
-            yield pc.cast(column, kind, safe=kind != pa.float64())
 
-    if name in layout.coded:
-        return _coded([_encoded(column) for column in read()])
-    if name in NAMES:
-        chunks = [chunk for column in pieces(pa.string()) for chunk in column.chunks]
-        return pa.chunked_array(chunks, type=pa.string()).to_pandas()
-    return _numbers(pieces(pa.float64()), file.metadata.num_rows)
+def _part(path: Path, layout: Layout, name: str, groups: range) -> pa.ChunkedArray | np.ndarray:
+    """Some row groups of a column, one after the other: no more is ever in memory twice."""
+    with _opened(path, layout) as file:
+        read = (file.read_row_group(one, [name], use_threads=False)[name] for one in groups)
+        if name in layout.coded:
+            kind, pieces = _CODED, [_encoded(column) for column in read]
+        elif name in NAMES:
+            kind, pieces = pa.string(), [pc.cast(_plain(column), pa.string()) for column in read]
+        else:
+            rows = sum(file.metadata.row_group(one).num_rows for one in groups)
+            return _numbers((pc.cast(_plain(one), pa.float64(), safe=False) for one in read), rows)
+        return pa.chunked_array([chunk for one in pieces for chunk in one.chunks], type=kind)
 
 
 def _encoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
     """A column of names by codes, without a copy of every name where it is stored so already."""
+    if pa.types.is_dictionary(column.type) and column.type.index_type == pa.int32():
+        chunks = [
+            pa.DictionaryArray.from_arrays(c.indices, pc.cast(c.dictionary, pa.string()))
+            for c in column.chunks
+        ]
+        return pa.chunked_array(chunks, type=_CODED)
+    return pc.cast(_plain(column), pa.string()).dictionary_encode()
+
+
+def _plain(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """A column without a dictionary."""
     if pa.types.is_dictionary(column.type):
-        if column.type.index_type == pa.int32():
-            chunks = [
-                pa.DictionaryArray.from_arrays(c.indices, pc.cast(c.dictionary, pa.string()))
-                for c in column.chunks
-            ]
-            return pa.chunked_array(chunks, type=_CODED)
-        column = pc.cast(column, column.type.value_type)
-    return pc.cast(column, pa.string()).dictionary_encode()
+        return pc.cast(column, column.type.value_type)
+    return column
