@@ -176,7 +176,8 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
     if _incomplete(block):
         block = complete(block, run.say)
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
-    residual, behind = Normal(problem, loss).residuals(problem.start)
+    threads = min(run.threads, 2)
+    residual, behind = Normal(problem, loss, threads).residuals(problem.start)
     lost = _wild_starts(problem, residual)
     if behind:
         block, more = _ahead(block, problem, residual, lost)
@@ -186,8 +187,6 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
     if behind or lost:
         problem = make_problem(block, model)
     del residual  # as large as the observations
-
-    threads = min(run.threads, 2)
 
     def at(state: State) -> LinearSystem:
         return LinearSystem(problem, state, loss, threads=threads)

@@ -237,24 +237,26 @@ def invert_within_band(
     S21 = -S22 G and S11 = (L11 L11')^-1 + G' S22 G, from the end to the start.
     """
     size = max(ld - 1, 1)
+    lower = np.tri(size, dtype=bool)
     below = None
     for start in reversed(range(0, n, size)):
         stop = min(start + size, n)
         place = _window(flat, ld, (start, stop), (start, stop))
-        own = np.asfortranarray(np.tril(place))
+        inside = lower[: stop - start, : stop - start]
+        own = np.array(place, order="F")  # above the diagonal are other entries: nobody looks
         here, _ = lapack.dpotri(own, lower=1)
-        here = np.tril(here) + np.tril(here, -1).T
+        np.copyto(here, here.T, where=~inside)
         mine = right[start:stop].T
         if below is not None:
             after = min(stop + size, n)
             across_place = _window(flat, ld, (stop, after), (start, stop))
-            link = np.asfortranarray(np.triu(across_place))
+            within = lower.T[: after - stop, : stop - start]
+            link = np.asfortranarray(np.where(within, across_place, 0.0))
             gain = blas.dtrsm(1.0, own, link, side=1, lower=1)
             across = -(below @ gain)
             here -= gain.T @ across
-            inside = np.triu(np.ones(across.shape, dtype=bool))
-            np.copyto(across_place, across + left[stop:after] @ mine, where=inside)
-        np.copyto(place, here + left[start:stop] @ mine, where=np.tri(stop - start, dtype=bool))
+            np.copyto(across_place, across + left[stop:after] @ mine, where=within)
+        np.copyto(place, here + left[start:stop] @ mine, where=inside)
         below = here
 
 

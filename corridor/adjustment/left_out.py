@@ -9,6 +9,7 @@ import numpy as np
 
 from corridor.adjustment.gross import without_wild
 from corridor.adjustment.model import Model
+from corridor.adjustment.ordering import appearances
 from corridor.block import Block, is_among
 from corridor.errors import InputError, some
 from corridor.report import counted
@@ -53,11 +54,11 @@ def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block,
     while True:
         # Where all count, which is the rule, nothing is copied.
         rows = slice(None) if keep.all() else keep
-        single = (np.bincount(point[rows], minlength=len(names)) == 1) & ~held
+        single = (appearances(point[rows], len(names)) == 1) & ~held
         if single.any():
             keep &= ~single[point]
             rows = keep
-        seen = np.bincount(image[rows], minlength=len(there))
+        seen = appearances(image[rows], len(there))
         scarce = np.flatnonzero(there & (seen < LEAST_POINTS))
         if not single.any() and not len(scarce):
             break

@@ -350,7 +350,7 @@ class LinearSystem:
 
     def residuals(self) -> Residuals:
         """Measured minus modelled, effects that are only tested among the modelled."""
-        normal = Normal(self.problem, self.loss, storage=self.storage)
+        normal = Normal(self.problem, self.loss, self.threads, self.storage)
         pixels, behind = normal.residuals(self.state)
         gnss = np.zeros((0, 3))
         if len(self.problem.gnss_image):

@@ -545,15 +545,16 @@ class Normal:
         predicted, own, shared = self.antenna_rows(state, images)
         residual = p.gnss_given - predicted
         weight = p.gnss_weight
-        weighted = own * weight[:, :, None]
+        # `einsum` takes three times as long over as many small products.
+        weighted = (own * weight[:, :, None]).transpose(0, 2, 1)
         heavy = (shared * weight[:, :, None]).reshape(weight.size, q)
-        self.gradient[image] += np.einsum("nki,nk->ni", weighted, residual)
+        self.gradient[image] += (weighted @ residual[:, :, None])[:, :, 0]
         self.shared_gradient += heavy.T @ residual.ravel()
         if matrix:
-            blocks = np.einsum("nki,nkj->nij", weighted, own)
+            blocks = weighted @ own
             self.blocks.add_blocks(image, blocks)
             self.reference[image] += np.einsum("nii->ni", blocks)
-            self.cross[image, :, :q] += np.einsum("nki,nkj->nij", weighted, shared)
+            self.cross[image, :, :q] += weighted @ shared
             block = heavy.T @ shared.reshape(weight.size, q)
             self.shared_block += np.tril(block)
             self.shared_reference += np.diag(block)

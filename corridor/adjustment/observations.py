@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from corridor.adjustment.ordering import (
+    appearances,
     bandwidth,
     corridor_order,
     first_and_same,
@@ -99,7 +100,7 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
         block.image_rows("tie_points", np.int32), block.image_rows("marks", np.int32)[kept]
     )
     del codes
-    multiplicity = np.bincount(point, minlength=count)
+    multiplicity = appearances(point, count)
     _check_multiplicity(block, multiplicity, control, tie_names, mark_names)
     _check_images(block, image, images)
 
@@ -210,7 +211,7 @@ def _check_multiplicity(block, multiplicity, control, tie_names, mark_names) -> 
 
 def _check_images(block: Block, image: np.ndarray, images: Images) -> None:
     """Refuse images with too few points to have a pose."""
-    count = np.bincount(image, minlength=len(images.names))
+    count = appearances(image, len(images.names))
     few = np.flatnonzero(count < 3)
     if len(few):
         more = f" ({len(few) - 1} more images have too few)" if len(few) > 1 else ""

@@ -50,6 +50,15 @@ def _width(point: np.ndarray, image: np.ndarray, order: np.ndarray) -> int:
 
 
 @compiled()
+def appearances(codes, count):
+    """How often (count,) each code appears: as `np.bincount`, which copies the codes first."""
+    often = np.zeros(count, dtype=np.int64)
+    for code in codes:
+        often[code] += 1
+    return often
+
+
+@compiled()
 def _sums(point, image, position, known, count):
     """Sum (count, 3) of the known positions that each image shows, and how many these are."""
     total, seen = np.zeros((count, 3)), np.zeros(count, dtype=np.int64)

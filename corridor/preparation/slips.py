@@ -138,7 +138,10 @@ def _crs(text: str) -> Iterator[str]:
 def _pictures(block: Block) -> Iterator[str]:
     cameras = list(block.cameras.values())
     tables = [table for table in ("tie_points", "marks") if len(getattr(block, table))]
-    pixels = {table: block.numbers(table, "x", "y") for table in tables}
+    # An axis at a time: of a river both side by side take three times as long to look through.
+    pixels = {
+        table: [getattr(block, table)[axis].to_numpy(float) for axis in "xy"] for table in tables
+    }
     users = {}
     if len(cameras) > 1:
         users = {table: block.image_camera[block.image_rows(table)] for table in tables}
@@ -147,18 +150,18 @@ def _pictures(block: Block) -> Iterator[str]:
         mine = {
             table: np.flatnonzero(users[table] == n) if users else slice(None) for table in tables
         }
-        parts = [pixels[table][rows] for table, rows in mine.items()]
-        count = sum(len(part) for part in parts)
-        if not count:
+        parts = [[axis[rows] for axis in pixels[table]] for table, rows in mine.items()]
+        parts = [part for part in parts if len(part[0])]
+        if not parts:
             continue
-        parts = [part for part in parts if len(part)]
-        low = np.min([part.min(axis=0) for part in parts], axis=0)
-        high = np.max([part.max(axis=0) for part in parts], axis=0)
+        count = sum(len(x) for x, _ in parts)
+        low = np.min([[axis.min() for axis in part] for part in parts], axis=0)
+        high = np.max([[axis.max() for axis in part] for part in parts], axis=0)
         beyond = float(np.maximum(-0.5 - low, high - (size - 0.5)).max())
         gone = 0
         # The rule is that none lies outside: then nobody asks which.
         if not beyond <= 0.0:
-            seen = np.concatenate(parts)
+            seen = np.concatenate([np.stack(part, axis=1) for part in parts])
             gone = int(((seen < -0.5) | (seen > size - 0.5)).any(axis=1).sum())
         shape = f"{camera.width} x {camera.height} px"
         if gone > _SHARE_OUTSIDE * count:
@@ -195,11 +198,11 @@ def _outside(block, camera, mine, pixels) -> str:
     size = np.array([camera.width, camera.height], dtype=float)
     count, far, at = 0, 0.0, ("", 0)
     for table, rows in mine.items():
-        xy = pixels[table][rows]
+        xy = np.stack([axis[rows] for axis in pixels[table]], axis=1)
         away = np.maximum(-0.5 - xy, xy - (size - 0.5)).max(axis=1)
         count += int((away > 0).sum())
         if len(away) and away.max() > far:
-            row = int(np.arange(len(pixels[table]))[rows][away.argmax()])
+            row = int(np.arange(len(pixels[table][0]))[rows][away.argmax()])
             far, at = float(away.max()), (table, row)
     table, row = at
     there = getattr(block, table).iloc[row]
@@ -224,7 +227,8 @@ def _axes(block: Block) -> Iterator[str]:
     rotation = rotation_from_quaternion(pose[:, 3:])
     seen = np.einsum("nij,nj->ni", rotation, point - pose[:, :3])
     ahead = seen[:, 2] > 0
-    measured = block.numbers("tie_points", "x", "y")[::step][known][ahead]
+    every = np.stack([rows[axis].to_numpy(float)[::step] for axis in "xy"], axis=1)
+    measured = every[known][ahead]
     if len(measured) < _ENOUGH:
         return
     ray = seen[ahead, :2] / seen[ahead, 2:]

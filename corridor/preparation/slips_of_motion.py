@@ -43,7 +43,11 @@ def _backwards(block: Block) -> Iterator[str]:
     found, flights, flight_of = [], block.flight_names, block.image_flight
     for flight, called in enumerate(flights):
         mine = np.flatnonzero((flight_of == flight) & np.isfinite(time))
-        if len(set(cameras[mine])) == 1 and _falls(
+        if len(set(cameras[mine])) != 1:
+            continue
+        last, first = (names[mine[at(time[mine])]] for at in (np.argmax, np.argmin))
+        # Of a river the names take long to sort, and one look at two of them nearly always tells.
+        if _key(last) < _key(first) and _falls(
             time[sorted(mine, key=lambda n: _key(names[n]))]
         ):
             found.append(str(called))
