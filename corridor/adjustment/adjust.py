@@ -199,7 +199,8 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
         iterations = run.max_iterations or ITERATIONS
         solution = solve(normal, iterations, progress=run.progress, equations=datum is None)
         if datum is None:
-            system = LinearSystem.in_place(normal, solution.state, threads)
+            system = LinearSystem.in_place(normal, solution.state, threads, solution.factor)
+            solution.factor = None  # the system may let go of it
         del normal  # as large as the equations
         if datum is not None:
             system = at(solution.state)
@@ -264,7 +265,7 @@ def _incomplete(block: Block) -> bool:
         return True
     for table in ("tie_points", "marks"):
         known = np.isfinite(block.positions(table)).all(axis=1)
-        if not known[getattr(block, table)["point"].array.codes].all():
+        if not (known.all() or known[getattr(block, table)["point"].array.codes].all()):
             return True
     return False
 

@@ -176,10 +176,15 @@ class LinearSystem:
     storage: str = "auto"
 
     @classmethod
-    def in_place(cls, normal: Normal, state: State, threads: int) -> LinearSystem:
-        """The system whose equations `normal` holds, at this state and undamped."""
+    def in_place(
+        cls, normal: Normal, state: State, threads: int, factor: Bordered | None = None
+    ) -> LinearSystem:
+        """The system whose equations `normal` holds, at this state and undamped, or their factor."""
         system = cls(normal.problem, state, normal.loss, threads=threads)
-        system.__dict__["_normal"] = normal
+        if factor is None:
+            system.__dict__["_normal"] = normal
+        else:
+            system.__dict__["factorised"] = normal, factor
         return system
 
     # --- other systems -----------------------------------------------------------------------

@@ -47,13 +47,17 @@ QUICK, SHARE = 0.01, 0.03
 @brief
 @dataclass
 class Solution:
-    """Where the iterations ended."""
+    """Where the iterations ended.
+
+    factor: that of the equations there, in their place, where it was there to be had.
+    """
 
     state: State
     converged: bool
     iterations: int
     cost: float
     history: list[dict] = field(default_factory=list)
+    factor: Bordered | None = None
 
 
 def solve(
@@ -70,7 +74,8 @@ def solve(
     none that images share may have further to go than `AT_REST` of its own standard deviation.
     A robust loss starts from the least squares solution: far from it every residual is an outlier;
     near: the start is near the solution, and the loss counts at once.
-    equations: leave those of the result in `normal`, undamped, for whoever goes on with them.
+    equations: leave those of the result in `normal`, undamped, for whoever goes on with them, or
+        their factor, which `Solution` has then.
     Raises AdjustmentFailed where no step lowers the cost and the step is not small.
     """
     with one_thread():
@@ -100,12 +105,12 @@ def _solve(
     normal.assemble(state, damping)
     cost, near = normal.cost, normal.modelled
     # Of the step before: its length, and the factor, which is taken again without a new matrix.
-    last, system, matrix = np.inf, None, True
+    last, system, factor, matrix = np.inf, None, None, True
     for iteration in range(len(history) + 1, max_iterations + 1):
         raising = 4.0
         while True:
             try:
-                system = normal.factor() if matrix else system
+                system, fresh = normal.factor() if matrix else system, matrix
                 step, shared, down, square = _step(system, normal)
             except Singular:
                 if damping >= 1e4:
@@ -134,7 +139,10 @@ def _solve(
             # behind: the cost knew less of them before than it does now, which hides more.
             hidden = (1e-8 if normal.has_image_effects else 1e-12) * cost
             tiny = length < max(tolerance, TINY)
-            if done and not equations:
+            # After a step that is hardly one the matrix is the one that made it.
+            hardly = fresh and length < TINY
+            if done and (hardly or not equations):
+                factor = system if equations else None
                 reached, behind = normal.cost_at(trial, near)
             elif done:
                 normal.assemble(trial, 0.0, near)
@@ -182,7 +190,7 @@ def _solve(
             matrix = True
         state, cost, damping, near, last = trial, reached, relaxed, normal.modelled, length
         if done:
-            return Solution(state, True, iteration, cost, history)
+            return Solution(state, True, iteration, cost, history, factor)
     if equations:
         normal.assemble(state, 0.0, near)
     return Solution(state, False, max_iterations, cost, history)

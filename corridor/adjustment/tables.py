@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
 
@@ -130,9 +131,14 @@ class Tables(Checked):
         """Measured minus modelled, by kind: `tie`, `mark` (px), `gnss`, `control` (m)."""
         p = self.problem
         left = self.system.residuals()
-        v = np.full((2, len(p.block.tie_points) + len(p.block.marks)), np.nan)
-        for axis in range(2):
-            v[axis, p.row] = left.pixels[:, axis]
+        v = np.empty((2, len(p.block.tie_points) + len(p.block.marks)))
+
+        def in_rows(axis: int) -> None:
+            v[axis] = np.nan
+            v[axis][p.row] = left.pixels[:, axis]
+
+        with ThreadPoolExecutor(self.system.threads) as pool:
+            list(pool.map(in_rows, range(2)))
         left = replace(left, pixels=np.zeros((0, 2)))  # as large as the observations
         sigma = {"tie": p.block.tie_sigma(), "mark": p.block.mark_sigma()}
 

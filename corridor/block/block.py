@@ -180,8 +180,10 @@ class Block:
         out = np.full((len(names), 3), np.nan)
         for source in (self.points,) if table == "tie_points" else (self.points, self.ground):
             at = places(source["point"], names)
-            xyz = np.stack([source[axis].to_numpy(float) for axis in "xyz"], axis=1)
-            known = (at >= 0) & np.isfinite(xyz).all(axis=1)
+            # Of a river's points all are asked for, or few.
+            rows = slice(None) if (at >= 0).all() else np.flatnonzero(at >= 0)
+            xyz = np.stack([source[axis].to_numpy(float)[rows] for axis in "xyz"], axis=1)
+            at, known = at[rows], np.isfinite(xyz).all(axis=1)
             if known.all():
                 out[at] = xyz
             else:

@@ -41,26 +41,29 @@ def first_look(block: Block, camera: str | None = None) -> Figure:
     limits = maps.extent(cameras, maps.body(points), ground)
     long = (limits[1] - limits[0]) > 1.4 * (limits[3] - limits[2])
     title = f"{short(block.name, 60)}: first look"
+    rays = _multiplicity(block.tie_points)
+    rays = rays[rays > 0]
+    counts = _counts(block, len(rays))
     if long:
         height = maps.map_height(limits, 8.5, 4.5)
-        figure = style.sheet(1.15 + height + 0.95 + 2.3 + 0.55, title, _counts(block))
+        figure = style.sheet(1.15 + height + 0.95 + 2.3 + 0.55, title, counts)
         plan = maps.map_panel(figure, frame, limits, 0.8, 1.15, 8.5, height)
         top = 1.15 + height + 0.95
-        _rays(style.panel(figure, 0.8, top, 3.7, 2.3), block)
+        _rays(style.panel(figure, 0.8, top, 3.7, 2.3), rays)
         _coverage(figure, block, camera or _most_seen(block), 5.35, top, 3.75, 2.3)
     else:
         camera = camera or _most_seen(block)
         height = maps.map_height(limits, 4.7, 5.55)
         lowest = max(1.15 + height, 3.85 + _fitted(block.cameras[camera], 2.35, 2.4)[1])
-        figure = style.sheet(lowest + 0.65, title, _counts(block))
+        figure = style.sheet(lowest + 0.65, title, counts)
         plan = maps.map_panel(figure, frame, limits, 0.8, 1.15, 4.7, height)
-        _rays(style.panel(figure, 6.75, 1.25, 2.95, 1.75), block)
+        _rays(style.panel(figure, 6.75, 1.25, 2.95, 1.75), rays)
         _coverage(figure, block, camera, 6.75, 3.85, 2.35, 2.4)
     style.legend(figure, 0.87, _plan(plan, frame, block, frame.place(known[::step]), step))
     return figure
 
 
-def _counts(block: Block) -> str:
+def _counts(block: Block, tie_points: int) -> str:
     parts = [counted(len(block.images), "image")]
     flights = len(block.flight_names)
     if flights > 1:
@@ -68,8 +71,7 @@ def _counts(block: Block) -> str:
     if len(block.cameras) > 1:
         parts.append(counted(len(block.cameras), "camera"))
     if len(block.tie_points):
-        number = int(np.count_nonzero(_multiplicity(block.tie_points)))
-        parts.append(counted(number, "tie point"))
+        parts.append(counted(tie_points, "tie point"))
         parts.append(counted(len(block.tie_points), "tie observation"))
     if len(block.marks):
         parts.append(counted(len(block.marks), "mark"))
@@ -99,18 +101,17 @@ def _plan(axes: Axes, frame: maps.MapFrame, block: Block, points: np.ndarray, st
     return keys
 
 
-def _rays(axes: Axes, block: Block) -> None:
+def _rays(axes: Axes, rays: np.ndarray) -> None:
+    """rays (n,): in how many images each tie point was measured."""
     style.open_frame(axes)
     style.caption(axes, "images a tie point was measured in")
     style.label(axes, "images", "points")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: _short_count(value)))
     axes.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
-    if not len(block.tie_points):
+    if not len(rays):
         style.caption(axes, "no tie points")
         axes.set(xticks=[], yticks=[])
         return
-    rays = _multiplicity(block.tie_points)
-    rays = rays[rays > 0]
     most = int(min(rays.max(), MOST_RAYS))
     count = np.bincount(np.minimum(rays, MOST_RAYS), minlength=most + 1)
     number = np.arange(len(count))
@@ -170,6 +171,8 @@ def _coverage(
 
 def _most_seen(block: Block) -> str:
     """The camera with most observations."""
+    if len(block.cameras) == 1:
+        return next(iter(block.cameras))
     count = np.zeros(len(block.cameras))
     for table in (block.tie_points, block.marks):
         codes = camera_of(block, table).codes
@@ -191,7 +194,8 @@ def camera_of(block: Block, table: pd.DataFrame) -> pd.Categorical:
     image = table["image"].astype("category")
     names = of_image.reindex(image.cat.categories.astype(str))
     codes = pd.Index(list(block.cameras)).get_indexer(names).astype(np.int16)
-    return pd.Categorical.from_codes(codes[image.array.codes], list(block.cameras))
+    kind = pd.CategoricalDtype(list(block.cameras))
+    return pd.Categorical.from_codes(codes[image.array.codes], dtype=kind, validate=False)
 
 
 def in_cells(
@@ -208,15 +212,14 @@ def in_cells(
     for first in range(0, len(table), ROWS_AT_ONCE):
         part = slice(first, first + ROWS_AT_ONCE)
         x, y, *rest = (column[part] for column in values)
-        if not chosen[part].all():
-            x, y, *rest = (column[chosen[part]] for column in (x, y, *rest))
         inside = (x >= edges_x[0]) & (x <= edges_x[-1]) & (y >= edges_y[0]) & (y <= edges_y[-1])
+        inside &= chosen[part]
         if not inside.all():
             x, y, *rest = (column[inside] for column in (x, y, *rest))
         # What lies on the last edge belongs to the last cell.
-        column = np.minimum((x - edges_x[0]) / (edges_x[1] - edges_x[0]), shape[1] - 1)
-        row = np.minimum((y - edges_y[0]) / (edges_y[1] - edges_y[0]), shape[0] - 1)
-        cell = row.astype(np.int64) * shape[1] + column.astype(np.int64)
+        column = ((x - edges_x[0]) / (edges_x[1] - edges_x[0])).astype(np.int32)
+        row = ((y - edges_y[0]) / (edges_y[1] - edges_y[0])).astype(np.int32)
+        cell = np.minimum(row, shape[0] - 1) * shape[1] + np.minimum(column, shape[1] - 1)
         for k, weights in enumerate([None, *(w for v in rest for w in (v, v**2))]):
             out[k] += np.bincount(cell, weights, minlength=out.shape[1])
     return out.reshape(-1, *shape)

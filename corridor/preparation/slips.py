@@ -161,10 +161,15 @@ def _pictures(block: Block) -> Iterator[str]:
         gone = 0
         # The rule is that none lies outside: then nobody asks which.
         if not beyond <= 0.0:
-            seen = np.concatenate([np.stack(part, axis=1) for part in parts])
-            gone = int(((seen < -0.5) | (seen > size - 0.5)).any(axis=1).sum())
+            gone = sum(
+                np.count_nonzero(
+                    (x < -0.5) | (x > size[0] - 0.5) | (y < -0.5) | (y > size[1] - 0.5)
+                )
+                for x, y in parts
+            )
         shape = f"{camera.width} x {camera.height} px"
         if gone > _SHARE_OUTSIDE * count:
+            seen = np.concatenate([np.stack(part, axis=1) for part in parts])
             yield (
                 f"{gone:,} of {count:,} observations of camera {camera.name} lie outside "
                 f"its picture of {shape}: {_why_outside(seen, size)}"
