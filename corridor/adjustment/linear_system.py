@@ -179,7 +179,7 @@ class LinearSystem:
     def in_place(
         cls, normal: Normal, state: State, threads: int, factor: Bordered | None = None
     ) -> LinearSystem:
-        """The system whose equations `normal` holds, at this state and undamped, or their factor."""
+        """The system whose equations, or their factor, `normal` holds, here and undamped."""
         system = cls(normal.problem, state, normal.loss, threads=threads)
         if factor is None:
             system.__dict__["_normal"] = normal

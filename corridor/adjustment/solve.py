@@ -143,6 +143,7 @@ def _solve(
             hardly = fresh and length < TINY
             if done and (hardly or not equations):
                 factor = system if equations else None
+                normal.assembled = None  # of the state before, with all its points
                 reached, behind = normal.cost_at(trial, near)
             elif done:
                 normal.assemble(trial, 0.0, near)

@@ -135,7 +135,9 @@ class Tables(Checked):
 
         def in_rows(axis: int) -> None:
             v[axis] = np.nan
-            v[axis][p.row] = left.pixels[:, axis]
+            for first in range(0, len(p.row), _PART):
+                part = slice(first, first + _PART)
+                v[axis][p.row[part]] = left.pixels[part, axis]
 
         with ThreadPoolExecutor(self.system.threads) as pool:
             list(pool.map(in_rows, range(2)))

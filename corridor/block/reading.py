@@ -335,7 +335,9 @@ def _columns(file: ParquetFile, path: Path, layout: Layout) -> dict[str, pd.Seri
                 chunks = [chunk for part in parts for chunk in part.chunks]
                 columns[name] = pa.chunked_array(chunks, type=pa.string()).to_pandas()
             else:
-                columns[name] = np.concatenate(parts) if len(parts) > 1 else (parts or [np.zeros(0)])[0]
+                columns[name] = (
+                    parts[0] if len(parts) == 1 else np.concatenate([*parts, np.zeros(0)])
+                )
     return columns
 
 

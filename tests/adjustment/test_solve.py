@@ -1,5 +1,7 @@
 """The iterations come to their end where real flights are hard."""
 
+import importlib
+
 import numpy as np
 import pytest
 from kit.gyroscope import level_ground
@@ -66,3 +68,28 @@ def test_what_images_share_has_hardly_further_to_go_where_the_iterations_end(see
     sigma = np.sqrt(np.diag(system.factorised[1].shared_inverse()))
     left = np.abs(shared_values(problem, found.state) - shared_values(problem, far.state))
     assert (left < AT_REST * sigma).all()
+
+
+@pytest.mark.parametrize("effects", [(), ("rolling_shutter",)])
+@pytest.mark.parametrize("loss", ["squares", "huber:2"])
+def test_the_factor_of_the_last_step_is_that_of_the_equations_at_the_result(
+    effects, loss, monkeypatch
+):
+    """Within a millionth: the step was shorter than 1e-4 of a standard deviation."""
+    # A matrix that served two steps is made anew for the result.
+    monkeypatch.setattr(importlib.import_module("corridor.adjustment.solve"), "QUICK", 0.0)
+    start = (0.3, 0.003, 0.3)
+    block = corridor_block(48, 3, observations_per_image=60, control=4, start_error=start)
+    block = add_noise(block, tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), seed=2)
+    problem = make_problem(corridor.prepare(block).block, Model(effects=list(effects)))
+    normal = Normal(problem, Loss.parse(loss))
+    found = solve(normal, tolerance=2e-6, equations=True)
+    mine = LinearSystem.in_place(normal, found.state, 1, found.factor)
+    anew = LinearSystem(problem, found.state, normal.loss)
+    assert found.factor is not None
+    ours, theirs = (one.factorised[1].shared_inverse() for one in (mine, anew))
+    sigma = np.sqrt(np.diag(theirs))
+    assert np.abs((ours - theirs) / np.outer(sigma, sigma)).max() < 1e-6
+    assert mine.right == pytest.approx(anew.right, rel=1e-6, abs=1e-6 * np.abs(anew.right).max())
+    cost, _ = normal.cost_at(found.state)
+    assert found.cost == pytest.approx(cost, rel=1e-9)
