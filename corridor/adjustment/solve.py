@@ -34,6 +34,8 @@ ROUGH = 1.0
 NO_DAMPING = 1e-12
 AT_REST = 1e-3
 TINY = 5e-5
+# After so short a step, in standard deviations, the covariances are those of before to 1e-6 of it.
+HARDLY = 1e-5
 # How much more slowly steps may shrink from now on than they did last.
 WARY = 10.0
 # After a longer step it is cheaper to look first where the points now lie than to assemble twice.
@@ -139,8 +141,9 @@ def _solve(
             # behind: the cost knew less of them before than it does now, which hides more.
             hidden = (1e-8 if normal.has_image_effects else 1e-12) * cost
             tiny = length < max(tolerance, TINY)
-            # After a step that is hardly one the matrix is the one that made it.
-            hardly = fresh and length < TINY
+            # After a step that is hardly one the matrix is the one that made it, but for effects
+            # that look one step behind.
+            hardly = fresh and length < HARDLY and not normal.has_image_effects
             if done and (hardly or not equations):
                 factor = system if equations else None
                 normal.assembled = None  # of the state before, with all its points
