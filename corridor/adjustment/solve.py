@@ -34,7 +34,7 @@ ROUGH = 1.0
 NO_DAMPING = 1e-12
 AT_REST = 1e-3
 TINY = 5e-5
-# After so short a step, in standard deviations, the covariances are those of before to 1e-6 of it.
+# After so short a step, in standard deviations, covariances change by a millionth of themselves.
 HARDLY = 1e-5
 # How much more slowly steps may shrink from now on than they did last.
 WARY = 10.0

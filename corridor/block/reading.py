@@ -335,14 +335,12 @@ def _columns(file: ParquetFile, path: Path, layout: Layout) -> dict[str, pd.Seri
                 chunks = [chunk for part in parts for chunk in part.chunks]
                 columns[name] = pa.chunked_array(chunks, type=pa.string()).to_pandas()
             else:
-                columns[name] = (
-                    parts[0] if len(parts) == 1 else np.concatenate([*parts, np.zeros(0)])
-                )
+                columns[name] = np.concatenate([np.zeros(0), *parts])
     return columns
 
 
 def _part(path: Path, layout: Layout, name: str, groups: range) -> pa.ChunkedArray | np.ndarray:
-    """Some row groups of a column, one after the other: no more is ever in memory twice."""
+    """Some row groups of a column, one after the other."""
     with _opened(path, layout) as file:
         read = (file.read_row_group(one, [name], use_threads=False)[name] for one in groups)
         if name in layout.coded:

@@ -47,7 +47,7 @@ def _backwards(block: Block) -> Iterator[str]:
             continue
         last, first = (names[mine[at(time[mine])]] for at in (np.argmax, np.argmin))
         # Of a river the names take long to sort, and one look at two of them nearly always tells.
-        if _key(last) < _key(first) and _falls(time[sorted(mine, key=lambda n: _key(names[n]))]):
+        if _key(last) <= _key(first) and _falls(time[sorted(mine, key=lambda n: _key(names[n]))]):
             found.append(str(called))
     if found:
         which = f" of flight {', '.join(found[:5])}" if len(flights) > 1 else ""
