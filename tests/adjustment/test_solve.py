@@ -75,7 +75,7 @@ def test_what_images_share_has_hardly_further_to_go_where_the_iterations_end(see
 def test_the_factor_of_the_last_step_is_that_of_the_equations_at_the_result(
     effects, loss, monkeypatch
 ):
-    """Within a millionth: the step was shorter than 1e-5 of a standard deviation."""
+    """Within a millionth: the step was shorter than 1e-6 of a standard deviation."""
     # A matrix that served two steps is made anew for the result.
     monkeypatch.setattr(importlib.import_module("corridor.adjustment.solve"), "QUICK", 0.0)
     start = (0.3, 0.003, 0.3)
@@ -83,7 +83,7 @@ def test_the_factor_of_the_last_step_is_that_of_the_equations_at_the_result(
     block = add_noise(block, tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), seed=2)
     problem = make_problem(corridor.prepare(block).block, Model(effects=list(effects)))
     normal = Normal(problem, Loss.parse(loss))
-    found = solve(normal, tolerance=2e-7, equations=True)
+    found = solve(normal, tolerance=2e-8, equations=True)
     mine = LinearSystem.in_place(normal, found.state, 1, found.factor)
     anew = LinearSystem(problem, found.state, normal.loss)
     assert found.factor is not None
