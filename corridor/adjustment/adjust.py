@@ -32,6 +32,7 @@ from corridor.effects import Effect, check_needs
 from corridor.errors import AdjustmentFailed, InputError, some
 from corridor.options import options
 from corridor.preparation import Prepared, doubts, prepare
+from corridor.report import counted
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
 ITERATIONS = 100
@@ -39,6 +40,8 @@ ITERATIONS = 100
 START_LENS = {"k1": 0.1, "k2": 0.1}
 # Start values beyond the pictures: of more points than this share, something else is wrong.
 _WILD = 0.1
+# A point that ends this near to a camera, of where it began, has fallen into it.
+_FALLEN = 0.1
 
 
 @dataclass(frozen=True)
@@ -191,13 +194,17 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
     def at(state: State) -> LinearSystem:
         return LinearSystem(problem, state, loss, threads=threads)
 
+    solution, iterations = None, run.max_iterations or ITERATIONS
     try:
         datum = free_network(at(problem.start))
         normal = Normal(problem, loss, threads=threads)
         if datum is not None:
             normal.held = datum.held
-        iterations = run.max_iterations or ITERATIONS
         solution = solve(normal, iterations, progress=run.progress, equations=datum is None)
+        if iterations >= ITERATIONS and not solution.converged:
+            fallen = _fallen(problem, solution.state)
+            if fallen:
+                return _without_fallen(start, block, fallen, model, run)
         if datum is None:
             system = LinearSystem.in_place(normal, solution.state, threads, solution.factor)
             solution.factor = None  # the system may let go of it
@@ -211,6 +218,9 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
             system = replace(system, held=datum.held)
         covariance = Covariance(system, None if datum is None else datum.null_space)
     except Singular as singular:
+        fallen = _fallen(problem, solution.state) if solution else set()
+        if fallen:
+            return _without_fallen(start, block, fallen, model, run)
         raise explain(at(problem.start), singular) from None
     solution.state = system.state
     return Adjustment(
@@ -320,13 +330,47 @@ def _ahead(
     if not still:
         return block, []
     hopeless = _names_of(again, np.isnan(residual[:, 0]))
-    keep = ~block.tie_points["point"].isin(hopeless)
-    block.tie_points = block.tie_points[keep].reset_index(drop=True)
-    block.tie_points["point"] = block.tie_points["point"].cat.remove_unused_categories()
-    return block, [
+    return _without_ties(block, hopeless), [
         f"{len(hopeless)} tie points lie behind a camera that measured them and are left out "
         f"({some(sorted(hopeless), 5)}): their matches are wrong."
     ]
+
+
+def _fallen(problem: Problem, state: State) -> set[str]:
+    """Names of tie points that the iterations drew into a camera.
+
+    Where two images stand nearly at one place, or a match is wrong, the angle between two rays is
+    that of their errors: what they fit best is a point in the camera itself, from which nothing is
+    determined any more.
+    """
+    point = np.repeat(np.arange(len(problem.ptr) - 1), np.diff(problem.ptr))
+    before, after = (
+        np.linalg.norm(at.points[point] - at.centre[problem.img], axis=1)
+        for at in (problem.start, state)
+    )
+    return _names_of(problem, after < _FALLEN * before) & set(problem.block.tie_points["point"])
+
+
+def _without_fallen(
+    start: Block, block: Block, names: set[str], model: Model, run: Run
+) -> Adjustment:
+    """The adjustment, from its start again, without tie points that fell into a camera."""
+    found = _once(_without_ties(block, names), model, run)
+    found.start = start
+    found.add_note(
+        f"{counted(len(names), 'tie point')} that the adjustment drew into a camera left out "
+        f"({some(sorted(names), 5)}): their rays are nearly parallel, or their matches are wrong."
+    )
+    return found
+
+
+def _without_ties(block: Block, names: set[str]) -> Block:
+    """The block without tie points of these names."""
+    block = block.copy()
+    keep = ~block.tie_points["point"].isin(names)
+    block.tie_points = block.tie_points[keep].reset_index(drop=True)
+    block.tie_points["point"] = block.tie_points["point"].cat.remove_unused_categories()
+    return block
 
 
 def _names_of(problem: Problem, rays: np.ndarray) -> set[str]:
