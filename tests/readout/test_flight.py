@@ -290,7 +290,7 @@ def test_garfield_tells_what_its_maker_states(real_data, tmp_path):
     # The record comes some 43 ms late, as data/sequoia's does.
     assert told.turns.estimated[0][1] == pytest.approx(0.043, abs=0.005)
     # Chapter 5 finds the turn too, and never names a shutter that velocities move (128 ms) alone.
-    # Matching is drawn anew each time: of nine drawings six name it with these values, two leave
+    # Matching is drawn anew each time: of eight drawings five name it with these values, two leave
     # it ambiguous between both, one names it with 130 ms.
     (found,) = corridor.diagnose(block).findings.effects
     assert "rolling_shutter_rotation" in (found.slug, *found.alternatives)
