@@ -27,6 +27,7 @@ class ReferenceModel:
 
     model: what the user believes in; its priors are also of candidates. begun: where poses, points
     and cameras were left by an adjustment: the next one starts from there, its robust loss anew.
+    astray: that one went far: what is added begins where the block states, not in its wrong valley.
     scale: of Student's t in stated standard deviations, as that adjustment's tie points have it.
     run: how it is adjusted, in silence; max_iterations None: as the settings say.
     """
@@ -36,6 +37,7 @@ class ReferenceModel:
     run: Run = Run()
     begun: Block | None = None
     scale: float = 1.0
+    astray: bool = False
 
     @classmethod
     def of(cls, block: Block, model: Model, run: Run | None = None) -> ReferenceModel:
@@ -102,7 +104,7 @@ class ReferenceModel:
                 if np.isfinite(sigma):
                     priors.setdefault(f"{effect.slug}.{parameter.name}", (0.0, sigma))
         block = self.block if block is None else block
-        if self.begun is not None:
+        if self.begun is not None and not (more and self.astray):
             near = self.begun
             block = replace(block, images=near.images, points=near.points, cameras=near.cameras)
         model = replace(
@@ -116,6 +118,7 @@ class ReferenceModel:
         if self.begun is not None:
             return result
         _refuse_astray(result)
+        self.astray = result.iterations > SETTINGS.usual_iterations
         self.begun, self.scale = result.start_again, _scale(result)
         result = self.adjust(more)
         _refuse_astray(result)
