@@ -50,8 +50,8 @@ class Run:
 
     threads: 1 or 2. progress: called with a dictionary: after each iteration iteration, cost,
     damping, step and accepted; else message. max_iterations: None: as many as is usual. strict:
-    refuse wild cells, points that one image alone shows, and images with fewer than three points,
-    which are left out and named in `warnings` otherwise.
+    refuse wild cells, points that one image alone shows or that fall into a camera, and images with
+    fewer than three points, which are left out and named in `warnings` otherwise.
     """
 
     threads: int = 1
@@ -201,7 +201,7 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
         if datum is not None:
             normal.held = datum.held
         solution = solve(normal, iterations, progress=run.progress, equations=datum is None)
-        if iterations >= ITERATIONS and not solution.converged:
+        if not (solution.converged or run.strict) and iterations >= ITERATIONS:
             fallen = _fallen(problem, solution.state)
             if fallen:
                 return _without_fallen(start, block, fallen, model, run)
@@ -218,7 +218,7 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
             system = replace(system, held=datum.held)
         covariance = Covariance(system, None if datum is None else datum.null_space)
     except Singular as singular:
-        fallen = _fallen(problem, solution.state) if solution else set()
+        fallen = _fallen(problem, solution.state) if solution and not run.strict else set()
         if fallen:
             return _without_fallen(start, block, fallen, model, run)
         raise explain(at(problem.start), singular) from None

@@ -19,7 +19,7 @@ from corridor.diagnosis.rounds import Question, course_of
 from corridor.diagnosis.verification.verification import Verification
 from corridor.options import options
 from corridor.preparation import derived, doubts, prepare
-from corridor.report import plain
+from corridor.report import counted, plain
 from corridor.threads import one_thread
 
 
@@ -92,6 +92,13 @@ def diagnose(
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
     course = course_of(believed, asked, run.say)
+    fallen = len(block.tie_points) - len(believed.block.tie_points)
+    if fallen:
+        block = believed.block
+        notes.append(
+            f"{counted(fallen, 'measurement')} of tie points that the believed model drew into a "
+            "camera left out: their rays are nearly parallel, or their matches are wrong."
+        )
     run.say("measuring the gap")
     held = Verification(believed, course, findings(course), asked.seed)
     before, last = course.first, course.last

@@ -76,8 +76,10 @@ class ReferenceModel:
         most = self.run.max_iterations or SETTINGS.iterations
         few = min(SETTINGS.iterations_of_shapes, most)
         for iterations in (few, most) if brief else (most,):
-            # What is held out must not take images with it: the block is sound, or refused.
-            run = Run(self.run.threads, max_iterations=iterations, strict=True)
+            # What is held out must not take images with it: after the first the block is sound, or
+            # refused, and all adjustments are of the same observations.
+            strict = self.run.strict or self.begun is not None
+            run = Run(self.run.threads, max_iterations=iterations, strict=strict)
             result = adjustment.adjust(block, model=model, run=run)
             *_, before, last = (0.0, 0.0, *(step["cost"] for step in result.history))
             if result.converged or abs(before - last) < SETTINGS.creeping * last:
@@ -120,6 +122,7 @@ class ReferenceModel:
         _refuse_astray(result)
         self.astray = result.iterations > SETTINGS.usual_iterations
         self.begun, self.scale = result.start_again, _scale(result)
+        self.block = replace(self.block, tie_points=result.block.tie_points)
         result = self.adjust(more)
         _refuse_astray(result)
         return result

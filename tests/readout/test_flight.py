@@ -311,3 +311,10 @@ def test_errors_are_as_large_as_stated(rocking):
     assert len(ratios) >= 4
     low, high = scipy.stats.chi2.ppf([0.001, 0.999], len(ratios))
     assert low < (ratios**2).sum() < 2 * high
+
+
+def test_every_adjustment_of_a_diagnosis_is_of_the_same_points(real_data):
+    """Sequoia's images stand nearly at one place: some refits draw points into a camera."""
+    found = corridor.diagnose(real_data / "sequoia" / "flight_block")
+    for one in (found.before, found.after, found.course.last.adjustment):
+        assert len(one.block.tie_points) == len(found.block.tie_points)
