@@ -24,7 +24,7 @@ class Settings:
     # Prior sigma of an adjusted effect that could stand in for the camera; of values per image.
     prior_of_adjusted: float = 10.0
     prior_of_adjusted_per_image: float = 1.0
-    # Flights without GNSS worth the name take 71 to 83 (special_plot, brighton, garfield). Shapes
+    # Flights without GNSS worth the name take 71 to 83 (special_plot, brighton). Shapes
     # with a hundred parameters creep to their end, and need not reach it (the cost of special_plot
     # falls by 0.3 % in the last of six; that of garfield, far from its start, by 17 % and more).
     iterations: int = 200
