@@ -245,9 +245,14 @@ def _features(pycolmap, database, folder, names, photos, cheaply) -> Iterator[in
         stated = stated_focal(first, max(size))
         if stated:
             options.camera_params = f"{stated.px}, {size[0] / 2}, {size[1] / 2}, 0, 0"
+        options.existing_camera_id = _camera_id(pycolmap, database, names[rows[0]])
+        # Extraction numbers images as they are done; in their order, one import is like another.
+        pycolmap.import_images(
+            database, folder, camera_mode=pycolmap.CameraMode.SINGLE,
+            image_names=[names[row] for row in rows], options=options,
+        )  # fmt: skip
         for start in range(0, len(rows), step):
             batch = [names[row] for row in rows[start : start + step]]
-            options.existing_camera_id = _camera_id(pycolmap, database, names[rows[0]])
             extraction = pycolmap.FeatureExtractionOptions()
             extraction.sift.max_num_features = _features_in(size)
             # A second orientation is the same point again, and matching costs the square.
@@ -275,9 +280,7 @@ def _size_of(photo, cheaply):
 
 
 def _camera_id(pycolmap, database, name):
-    """The camera that an earlier batch made of this image: each batch would make its own."""
-    if not database.is_file():
-        return -1
+    """The camera that an interrupted run made of this image, -1 without one."""
     with pycolmap.Database.open(database) as base:
         if not base.exists_image(name):
             return -1
@@ -305,13 +308,20 @@ def _pairs(photos: list[Metadata]) -> list[tuple[int, int]]:
 
 def _matches(pycolmap, database, place, names, pairs) -> Iterator[int]:
     listed = place / "pairs.txt"
+    verified = pycolmap.TwoViewGeometryOptions()
+    verified.ransac.random_seed = 0  # one import is like another
     for first in range(0, len(pairs), _BATCH_PAIRS):
         batch = pairs[first : first + _BATCH_PAIRS]
         text = "".join(f"{names[i]} {names[j]}\n" for i, j in batch)
         listed.write_text(text, encoding="utf-8")
         options = pycolmap.ImportedPairingOptions()
         options.match_list_path = str(listed)
-        pycolmap.match_image_pairs(database, pairing_options=options, device=pycolmap.Device.cpu)
+        pycolmap.match_image_pairs(
+            database,
+            pairing_options=options,
+            verification_options=verified,
+            device=pycolmap.Device.cpu,
+        )
         yield first + len(batch)
 
 
