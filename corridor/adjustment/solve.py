@@ -133,7 +133,7 @@ def _solve(
                 trial_near = normal.modelled_at(trial, near, NEAR)
             # A damped step is short along what is badly determined: it proves nothing. Steps that
             # shrink fast leave little of what the last one moved: it is the rest that counts.
-            rest = min(WARY * length / last, 1.0) if last < np.inf else 1.0
+            rest = min(WARY * length / last, 1.0) if 0.0 < last < np.inf else 1.0
             done = length < tolerance and (
                 tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, rest * shared, AT_REST))
             )
