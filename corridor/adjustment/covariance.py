@@ -73,7 +73,7 @@ class Covariance:
         """B^-1 E (n, q)."""
         _, system = self.system.factorised  # which another covariance may have used up
         if isinstance(system.blocks, Band):
-            return system.blocks.other_half(system.z.copy())
+            return system.blocks.other_half(system.z)
         return system.x
 
     @cached_property
@@ -169,13 +169,13 @@ class Covariance:
         q = self._system.q
         known = Inverse(storage, self.poses_shared.ravel(), self.shared.ravel(), q)
 
-        def work(thread: int, start: int, stop: int) -> None:
+        def work(piece: int, start: int, stop: int) -> None:
             for first, last in normal.chunks(start, stop):
                 scene = normal.scene(view, modelled, first, last)
                 point_covariance(first, last, scene, p.d, known, normal.longest, asked)
 
         if some is None:
-            normal.run(work)
+            normal.pieces.run(work)
             return
         for at in some:
             work(0, int(at), int(at) + 1)

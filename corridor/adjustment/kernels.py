@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.linalg.blas import dtbsv
 
 from corridor.adjustment.rays import (
     INNER,
@@ -84,7 +83,7 @@ class Equations(NamedTuple):
 
     Of images: storage, gradient and diagonal (m, d), cross (m, d, wide) to what is shared; of the
     shared: block (wide, wide, lower half), shared_gradient, shared_diagonal (wide,). Columns of
-    images >= split go `extra` images later, so that two threads do not meet. matrix: whether more
+    images >= split go `extra` images later, so that pieces do not meet. matrix: whether more
     than the gradients is wanted.
     """
 
@@ -785,53 +784,3 @@ def _move(p, a, b, scene, damping, step, moved):
     # With the reduced gradients this adds up to step . gradient of the whole system.
     n0, n1, n2 = i0 * g0, i1 * g0 + i2 * g1, i3 * g0 + i4 * g1 + i5 * g2
     return n0 * n0 + n1 * n1 + n2 * n2, s0 * v0 * s0 + s1 * v2 * s1 + s2 * v5 * s2
-
-
-# --- triangular solutions with the band ---------------------------------------------------------
-
-
-def forward(band, ld, n, right):
-    """Solve L X = right in place; L (n) in LAPACK lower band storage, right (n, m) row by row."""
-    if right.shape[1] == 1:
-        right[:, 0] = dtbsv(ld - 1, band[: n * ld].reshape(n, ld).T, right[:, 0], lower=1)
-    else:
-        _forward(band, ld, n, right)
-
-
-def backward(band, ld, n, right):
-    """Solve L' X = right in place; L (n) in LAPACK lower band storage, right (n, m) row by row."""
-    if right.shape[1] == 1:
-        lower = band[: n * ld].reshape(n, ld).T
-        right[:, 0] = dtbsv(ld - 1, lower, right[:, 0], lower=1, trans=1)
-    else:
-        _backward(band, ld, n, right)
-
-
-@compiled(**KERNEL)
-def _forward(band, ld, n, right):
-    m = right.shape[1]
-    for j in range(n):
-        at = j * ld
-        inverse = 1.0 / band[at]
-        for c in range(m):
-            right[j, c] *= inverse
-        for r in range(1, min(ld, n - j)):
-            factor = band[at + r]
-            if factor != 0.0:
-                for c in range(m):
-                    right[j + r, c] -= factor * right[j, c]
-
-
-@compiled(**KERNEL)
-def _backward(band, ld, n, right):
-    m = right.shape[1]
-    for j in range(n - 1, -1, -1):
-        at = j * ld
-        for r in range(1, min(ld, n - j)):
-            factor = band[at + r]
-            if factor != 0.0:
-                for c in range(m):
-                    right[j, c] -= factor * right[j + r, c]
-        inverse = 1.0 / band[at]
-        for c in range(m):
-            right[j, c] *= inverse

@@ -10,12 +10,11 @@ B belongs to the images (d unknowns each), D to what they share. B is a band alo
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.sparse import bsr_array, csc_array
 from scipy.sparse.linalg import splu
 
-from corridor.adjustment.kernels import backward, forward
-from corridor.panels import PANEL
+from corridor.adjustment import triangular
 
 # A pivot this small against the unknown's own diagonal is rounding: nothing determines it.
 SINGULAR = 1e-13
@@ -35,24 +34,20 @@ class Singular(ArithmeticError):
 class Band:
     """B as a band: storage, Cholesky factor, solutions."""
 
-    def __init__(self, images: int, d: int, width: int, spare: int):
+    def __init__(self, images: int, d: int, width: int, rows: int):
+        """rows: of images, and behind them what pieces keep apart (see `Pieces`)."""
         self.images, self.d = images, d
         self.n = images * d
         self.ld = min(width * d, self.n)
         self.stride = self.ld - 1
-        # Columns behind the last belong to the second thread's overlap (see kernels).
-        self.flat = np.zeros((images + spare) * d * self.ld)
+        self.flat = np.zeros(rows * d * self.ld)
         self.neighbour_start = np.zeros(0, dtype=np.int64)
         self.neighbour = np.zeros(0, dtype=np.int64)
 
-    def clear(self) -> None:
-        self.flat[:] = 0.0
-
-    def fold(self, split: int, spare: int) -> None:
-        """Add the overlap that the first thread kept apart."""
-        width = self.d * self.ld
-        mine = self.flat[split * width : (split + spare) * width]
-        mine += self.flat[self.images * width : self.images * width + len(mine)]
+    @property
+    def rows(self) -> np.ndarray:
+        """Of every image one, and of what lies apart behind."""
+        return self.flat.reshape(-1, self.d * self.ld)
 
     def add_blocks(self, image: np.ndarray, blocks: np.ndarray) -> None:
         """Add symmetric blocks (k, d, d) to the diagonal blocks of images (k,)."""
@@ -119,30 +114,20 @@ class Band:
 
         Raises Singular.
         """
-        band = self.flat[: self.n * self.ld].reshape(self.n, self.ld).T
-        factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
-        if info > 0:
-            raise Singular(*divmod(info - 1, self.d))
-        if not np.shares_memory(factor, self.flat):
-            self.flat[: self.n * self.ld] = factor.T.ravel()
+        weak = triangular.factor(self.flat, self.ld, self.n)
+        if weak is not None:
+            raise Singular(*divmod(weak, self.d))
         weak = self.diagonal() ** 2 < SINGULAR * reference
         if weak.any():
             raise Singular(*(int(v) for v in np.argwhere(weak)[0]))
 
     def half(self, right: np.ndarray) -> np.ndarray:
         """L^-1 right for right (n, k): half a solution; products need no more."""
-        count = right.shape[1]
-        # Whole vectors of the processor take two thirds of the time of some and a rest.
-        wide = np.zeros((self.n, count if count < 2 else -(-count // PANEL) * PANEL))
-        wide[:, :count] = right
-        forward(self.flat, self.ld, self.n, wide)
-        return wide[:, :count]
+        return triangular.forward(self.flat, self.ld, self.n, right)
 
     def other_half(self, right: np.ndarray) -> np.ndarray:
-        """L'^-1 right for right (n, k), in place."""
-        right = np.ascontiguousarray(right)
-        backward(self.flat, self.ld, self.n, right)
-        return right
+        """L'^-1 right for right (n, k)."""
+        return triangular.backward(self.flat, self.ld, self.n, right)
 
 
 class Sparse:
@@ -163,11 +148,10 @@ class Sparse:
         self._column = (column[:, None] * d + c).ravel()
         self._own = start[:-1]
 
-    def clear(self) -> None:
-        self.flat[:] = 0.0
-
-    def fold(self, split: int, spare: int) -> None:
-        """Nothing was kept apart: one thread only."""
+    @property
+    def rows(self) -> np.ndarray:
+        """What pieces add to, as one row: where there is one piece alone, nothing lies apart."""
+        return self.flat[None]
 
     def add_blocks(self, image: np.ndarray, blocks: np.ndarray) -> None:
         d = self.d

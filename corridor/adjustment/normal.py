@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,6 +11,7 @@ import numpy as np
 from corridor.adjustment import kernels, rays
 from corridor.adjustment.matrix import Band, Bordered, Sparse
 from corridor.adjustment.model import Loss
+from corridor.adjustment.pieces import Pieces
 from corridor.adjustment.problem import Problem, State
 from corridor.adjustment.unknowns import is_per_image, per_image_code
 from corridor.camera import INTERIOR, radials_in_use
@@ -95,25 +95,14 @@ class Normal:
         p = problem
         if storage == "auto":
             storage = "sparse" if _band_costs_more(p) else "band"
-        self.threads = threads if storage == "band" else 1
-        self.split, self.spare = p.image_count, 0
-        if self.threads > 1:
-            half = p.ptr[np.searchsorted(p.ptr, p.ptr[-1] // 2)]
-            self.half = int(np.searchsorted(p.ptr, half))
-            self.split = int(p.img[p.ptr[self.half]]) if self.half < len(p.ptr) - 1 else 0
-            # Points of one thread must not begin in an image of the other.
-            first = p.img[p.ptr[:-1]]
-            self.half = int(np.searchsorted(first, self.split))
-            self.spare = min(p.bandwidth, p.image_count - self.split)
-            if self.half in (0, len(first)):
-                self.threads, self.spare, self.split = 1, 0, p.image_count
+        self.pieces = Pieces.of(p, threads if storage == "band" else 1)
+        rows = p.image_count + self.pieces.apart
         self.blocks: Band | Sparse = (
-            Band(p.image_count, p.d, p.bandwidth, self.spare)
+            Band(p.image_count, p.d, p.bandwidth, rows)
             if storage == "band"
             else Sparse(p.image_count, p.d, p.ptr, p.img)
         )
         self.longest = int(np.diff(p.ptr).max(initial=1))
-        rows = p.image_count + self.spare
         self.gradient = np.zeros((rows, p.d))
         self.reference = np.zeros((rows, p.d))
         self.cross = np.zeros((rows, p.d, p.wide))
@@ -306,17 +295,6 @@ class Normal:
             yield first, upto
             first = upto
 
-    def run(self, work) -> None:
-        """Call work(thread, first, last) for the points of each thread."""
-        count = len(self.problem.ptr) - 1
-        if self.threads == 1:
-            work(0, 0, count)
-            return
-        with ThreadPoolExecutor(2) as pool:
-            jobs = [pool.submit(work, 0, 0, self.half), pool.submit(work, 1, self.half, count)]
-            for job in jobs:
-                job.result()
-
     # --- residuals ---------------------------------------------------------------------------
 
     def modelled_at(
@@ -380,9 +358,9 @@ class Normal:
         out = out if plain else np.zeros((0, 2))
         for _ in range(PASSES if self.has_image_effects else 1):
             before = modelled.pixel[:, :2].copy()
-            totals = np.zeros((self.threads, 2))
+            totals = np.zeros((len(self.pieces), 2))
 
-            def work(thread: int, start: int, stop: int, totals=totals) -> None:
+            def work(piece: int, start: int, stop: int, totals=totals) -> None:
                 room = rays.make_room(kernels.BLOCK + self.longest, 6, 0)
                 for first, last in self.chunks(start, stop):
                     shift = self._shift(view, modelled, first, last)
@@ -390,9 +368,9 @@ class Normal:
                     if plain:
                         unweighted = scene.observations._replace(weight=np.ones(1))
                         scene = scene._replace(observations=unweighted, loss=Loss())
-                    totals[thread] += kernels.look(first, last, scene, out, room)
+                    totals[piece] += kernels.look(first, last, scene, out, room)
 
-            self.run(work)
+            self.pieces.run(work)
             moved = np.abs(modelled.pixel[:, :2] - before)
             if not np.max(moved, initial=0.0) > within:
                 break
@@ -418,47 +396,41 @@ class Normal:
     def _assemble(self, view: View, damping: float, matrix: bool) -> None:
         p, state = self.problem, view.state
         q, wide = p.shared_count, p.wide
+        kept = [self.gradient]
         if matrix:
-            self.blocks.clear()
-        for array in (self.gradient, self.reference, self.cross) if matrix else (self.gradient,):
-            array[:] = 0.0
-        block = np.zeros((self.threads, wide * wide))
-        shared = np.zeros((self.threads, 2, wide))
-        totals = np.zeros((self.threads, 3))
+            kept += [self.reference, self.cross, self.blocks.rows]
+        block = np.zeros((len(self.pieces), wide * wide))
+        shared = np.zeros((len(self.pieces), 2, wide))
+        totals = np.zeros((len(self.pieces), 3))
         kernel = assemble_for(p.d, self.sighted)
         blocks = self.blocks
         storage = kernels.Storage(
             blocks.flat, blocks.stride, blocks.neighbour_start, blocks.neighbour
         )
 
-        def work(thread: int, start: int, stop: int) -> None:
+        def work(piece: int, start: int, stop: int) -> None:
             equations = kernels.Equations(
                 storage,
                 self.gradient.ravel(),
                 self.reference.ravel(),
                 self.cross.ravel(),
-                block[thread],
-                shared[thread, 0],
-                shared[thread, 1],
-                split=self.split if thread == 0 else p.image_count,
-                extra=p.image_count - self.split if thread == 0 else 0,
-                matrix=matrix,
+                block[piece],
+                shared[piece, 0],
+                shared[piece, 1],
+                *self.pieces.shift(piece),
+                matrix,
             )
+            for array in kept:
+                self.pieces.clear(piece, array)
             for first, last in self.chunks(start, stop):
                 scene = self.scene(view, self.modelled, first, last)
-                kernel(first, last, scene, damping, equations, totals[thread], self.longest)
+                kernel(first, last, scene, damping, equations, totals[piece], self.longest)
 
-        self.run(work)
-        if self.threads > 1:
-            n, s, k = p.image_count, self.split, self.spare
-            for array in (
-                (self.gradient, self.reference, self.cross) if matrix else (self.gradient,)
-            ):
-                array[s : s + k] += array[n : n + k]
+        self.pieces.run(work)
+        for array in kept:
+            self.pieces.fold(array)
         self.shared_gradient = shared[:, 0].sum(axis=0)[:q]
         if matrix:
-            if self.threads > 1:
-                self.blocks.fold(self.split, self.spare)
             self.shared_block = np.tril(block.sum(axis=0).reshape(wide, wide)[:q, :q])
             self.shared_reference = shared[:, 1].sum(axis=0)[:q]
         cost, behind, self.weak = totals.sum(axis=0)
@@ -612,18 +584,18 @@ class Normal:
             self.stand_at(state)
         view = self.assembled
         moved = np.empty_like(state.points)
-        totals = np.zeros((self.threads, 2))
+        totals = np.zeros((len(self.pieces), 2))
         padded = np.zeros(p.wide)
         padded[: len(shared)] = shared
         kernel = substitute_for(p.d, self.sighted)
         whole = self._step(view, step, padded)
 
-        def work(thread: int, start: int, stop: int) -> None:
+        def work(piece: int, start: int, stop: int) -> None:
             for first, last in self.chunks(start, stop):
                 scene = self.scene(view, self.modelled, first, last, anew=False)
-                kernel(first, last, scene, damping, whole, moved, totals[thread], self.longest)
+                kernel(first, last, scene, damping, whole, moved, totals[piece], self.longest)
 
-        self.run(work)
+        self.pieces.run(work)
         down, square = totals.sum(axis=0)
         return moved, float(down), float(square)
 
