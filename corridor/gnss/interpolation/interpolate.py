@@ -1,5 +1,6 @@
 """Where the antenna was at the moments of exposure, and how well that is known."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -122,25 +123,33 @@ def interpolate(
     piece, why = _pieces_of(times, pieces, flight)
     position, sigma, velocity, v_sigma = (np.full((len(times), 3), np.nan) for _ in range(4))
     curves, noise = [], []
+    parts = []
     for number, row in enumerate(pieces.itertuples()):
         chosen = piece == number
         if not chosen.any() or row.epochs < 2:
             why[chosen] = "the track has one epoch only here"
             piece[chosen] = -1
-            continue
-        part = slice(row.first, row.last + 1)
+        else:
+            parts.append((number, slice(row.first, row.last + 1), chosen))
+
+    def along(job):
+        _, part, chosen = job
         dense = _along(epochs.time[part], len(pieces))
         at = np.concatenate([times[chosen], dense])
         if method == "smoother":
-            made, model, used = _smoothed(_cut(epochs, part), at, interpolation.slow_share)
-            noise += _noise_rows(number, model, used)
-        else:
-            made = _curve(method, epochs, part, at)
-        count = int(chosen.sum())
-        position[chosen], sigma[chosen], velocity[chosen], v_sigma[chosen] = (
-            each[:count] for each in made
-        )
-        curves.append(_curve_rows(number, dense, made[0][count:], made[1][count:]))
+            return dense, *_smoothed(_cut(epochs, part), at, interpolation.slow_share)
+        return dense, _curve(method, epochs, part, at), None, None
+
+    with ThreadPoolExecutor(2) as pool:
+        for (number, _, chosen), found in zip(parts, pool.map(along, parts), strict=True):
+            dense, made, model, used = found
+            if model is not None:
+                noise += _noise_rows(number, model, used)
+            count = int(chosen.sum())
+            position[chosen], sigma[chosen], velocity[chosen], v_sigma[chosen] = (
+                each[:count] for each in made
+            )
+            curves.append(_curve_rows(number, dense, made[0][count:], made[1][count:]))
     weak = (why == "") & (np.nanmax(np.nan_to_num(sigma, nan=-1.0), axis=1) > max_sigma)
     largest = np.max(np.nan_to_num(sigma, nan=0.0), axis=1, initial=0.0)
     why[weak] = [f"sigma {value:.2f} m is above {max_sigma:g} m" for value in largest[weak]]
