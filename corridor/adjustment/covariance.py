@@ -1,9 +1,9 @@
 """Exact covariances of cameras, effects, lever arms, poses and points.
 
-The band's inverse is needed inside the band only: the recursion of Takahashi over its blocks
-gives it at the price of a few factorisations, and with it every pose and every point.
+The band's inverse is needed inside the band only (see `band_inverse`); with it comes every pose and
+every point.
 
-Source: Takahashi et al. 1973; Triggs et al. 2000, section 9 (free networks: S-transformation).
+Source: Triggs et al. 2000, section 9 (free networks: S-transformation).
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
-from scipy.linalg import blas, lapack
 
+from corridor.adjustment.band_inverse import invert_within
 from corridor.adjustment.datum import centred
 from corridor.adjustment.kernels import Storage
 from corridor.adjustment.linear_system import LinearSystem
@@ -116,7 +115,7 @@ class Covariance:
             self.system.let_go_factor()
             blocks = system.blocks
             flat, blocks.flat = blocks.flat, np.zeros(0)
-            invert_within_band(flat, blocks.n, blocks.ld, *self._low_rank())
+            invert_within(flat, blocks.n, blocks.ld, *self._low_rank())
             return flat
 
     def _low_rank(self) -> tuple[np.ndarray, np.ndarray]:
@@ -225,46 +224,3 @@ class Covariance:
         cross = np.empty((len(chosen), 3, len(columns)))
         self._of_points(Asked(wanted, columns, np.zeros((0, 6)), cross))
         return cross
-
-
-def invert_within_band(
-    flat: np.ndarray, n: int, ld: int, left: np.ndarray, right: np.ndarray
-) -> None:
-    """Entries of (L L')^-1 + left right' inside the band, in lower band storage (flat, n * ld).
-
-    flat: L so stored, which they take the place of; left, right: (n, k).
-    Blocks of the bandwidth make the matrix block tridiagonal: with G = L21 L11^-1,
-    S21 = -S22 G and S11 = (L11 L11')^-1 + G' S22 G, from the end to the start.
-    """
-    size = max(ld - 1, 1)
-    lower = np.tri(size, dtype=bool)
-    below = None
-    for start in reversed(range(0, n, size)):
-        stop = min(start + size, n)
-        place = _window(flat, ld, (start, stop), (start, stop))
-        inside = lower[: stop - start, : stop - start]
-        own = np.array(place, order="F")  # above the diagonal are other entries: nobody looks
-        here, _ = lapack.dpotri(own, lower=1)
-        np.copyto(here, here.T, where=~inside)
-        mine = right[start:stop].T
-        if below is not None:
-            after = min(stop + size, n)
-            across_place = _window(flat, ld, (stop, after), (start, stop))
-            within = lower.T[: after - stop, : stop - start]
-            link = np.asfortranarray(np.where(within, across_place, 0.0))
-            gain = blas.dtrsm(1.0, own, link, side=1, lower=1)
-            across = -(below @ gain)
-            here -= gain.T @ across
-            np.copyto(across_place, across + left[stop:after] @ mine, where=within)
-        np.copyto(place, here + left[start:stop] @ mine, where=inside)
-        below = here
-
-
-def _window(flat: np.ndarray, ld: int, rows: tuple[int, int], columns: tuple[int, int]):
-    """Rows and columns of a matrix in lower band storage as a view, right inside the band only.
-
-    Entry (r, c) lies at c ld + r - c = c (ld - 1) + r.
-    """
-    (r0, r1), (c0, c1) = rows, columns
-    step = flat.itemsize
-    return as_strided(flat[c0 * (ld - 1) + r0 :], (r1 - r0, c1 - c0), (step, (ld - 1) * step))

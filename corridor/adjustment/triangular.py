@@ -49,39 +49,48 @@ def _factor(band, ld, n, room, corner):
         if j + PANEL - base > fits:
             # What is further away than the band is wide has done its part.
             kept = min(ld, j)
-            _copy(room, U((j - kept - base) * apart), room, U(0), U(kept * apart))
+            copy(room, U((j - kept - base) * apart), room, U(0), U(kept * apart))
             base = j - kept
         here, width = U(j - base), min(PANEL, n - j)
         diagonal = here * U(apart)
-        for c in range(PANEL):
-            to, rows = U((j + c - base) * apart), U(max(min(ld, n - j - c), 0))
-            _copy(band, U((j + c) * ld), room, to, rows)
-            for r in range(to + rows, to + U(apart)):
-                room[r] = 0.0
-            if c >= width:
-                room[to] = 1.0
+        take_columns(band, ld, n, j, room, diagonal, apart)
         first = max(j - ld + 1, 0)
         at = U(first - base) * step + here
-        sums = _products(_nothing(), _nothing(), room, at, at, step, j - first)[0]
-        _keep(sums, corner)
+        sums = products(nothing(), nothing(), room, at, step, room, at, step, U(j - first))[0]
+        keep(sums, corner, U(0), U(PANEL))
         weak = _factor_corner(room, diagonal, step, corner)
         if weak < PANEL:
             return j + weak
         for i in range(j + PANEL, min(j + PANEL + ld - 1, n), _ROWS):
             first = min(max(i - ld + 1, 0), j)
             at, of = U(first - base) * step, U(i - base)
-            low, high = _products(_nothing(), _nothing(), room, at + of, at + here, step, j - first)
+            low, high = products(
+                nothing(), nothing(), room, at + of, step, room, at + here, step, U(j - first)
+            )
             of += here * step
             _finish(low, room, of, diagonal, step)
             _finish(high, room, of + U(PANEL), diagonal, step)
         for c in range(width):
             at, rows = U((j + c - base) * apart), U(min(ld, n - j - c))
-            _copy(room, at, band, U((j + c) * ld), rows)
+            copy(room, at, band, U((j + c) * ld), rows)
     return n
 
 
 @njit(**UNWRAPPED)
-def _copy(a, at, b, to, count):
+def take_columns(band, ld, n, j, room, at, apart):
+    """Eight columns of the band, with zeros behind; beyond the last those of a unit matrix."""
+    for c in range(PANEL):
+        rows = U(max(min(ld, n - j - c), 0))
+        copy(band, U((j + c) * ld), room, at, rows)
+        for r in range(at + rows, at + U(apart)):
+            room[r] = 0.0
+        if j + c >= n:
+            room[at] = 1.0
+        at += U(apart)
+
+
+@njit(**UNWRAPPED)
+def copy(a, at, b, to, count):
     """b[to : to + count] = a[at : at + count]; `to` is not behind `at` where they are the same."""
     for _ in range(count // U(PANEL)):
         put(b, to, panel(a, at))
@@ -114,40 +123,43 @@ def _factor_corner(room, diagonal, step, corner):
 
 
 @njit(**UNWRAPPED)
-def _nothing():
+def nothing():
+    """Eight empty sums."""
     return zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros()
 
 
 @njit(**UNWRAPPED)
-def _products(low, high, room, at, of, step, count):
-    """Add L(i, k) L(c, k), over so many columns k, to sum c of eight, each of eight rows i.
+def products(low, high, a, at, apart, b, of, step, count):
+    """Add a(i, k) b(k, c), over so many k, to sum c of eight, each of eight rows i.
 
     low, high: sums of the rows from `at` on, and of the next eight. at, of: where rows i and c
-    begin in the first of the columns.
+    begin for the first k; apart, step: how much further they do for the next.
     """
     s0, s1, s2, s3, s4, s5, s6, s7 = low
     t0, t1, t2, t3, t4, t5, t6, t7 = high
     for _ in range(count):
-        p, q = panel(room, at), panel(room, at + U(PANEL))
-        s0, t0 = plus(s0, room[of], p), plus(t0, room[of], q)
-        s1, t1 = plus(s1, room[of + U(1)], p), plus(t1, room[of + U(1)], q)
-        s2, t2 = plus(s2, room[of + U(2)], p), plus(t2, room[of + U(2)], q)
-        s3, t3 = plus(s3, room[of + U(3)], p), plus(t3, room[of + U(3)], q)
-        s4, t4 = plus(s4, room[of + U(4)], p), plus(t4, room[of + U(4)], q)
-        s5, t5 = plus(s5, room[of + U(5)], p), plus(t5, room[of + U(5)], q)
-        s6, t6 = plus(s6, room[of + U(6)], p), plus(t6, room[of + U(6)], q)
-        s7, t7 = plus(s7, room[of + U(7)], p), plus(t7, room[of + U(7)], q)
-        at += step
+        p, q = panel(a, at), panel(a, at + U(PANEL))
+        s0, t0 = plus(s0, b[of], p), plus(t0, b[of], q)
+        s1, t1 = plus(s1, b[of + U(1)], p), plus(t1, b[of + U(1)], q)
+        s2, t2 = plus(s2, b[of + U(2)], p), plus(t2, b[of + U(2)], q)
+        s3, t3 = plus(s3, b[of + U(3)], p), plus(t3, b[of + U(3)], q)
+        s4, t4 = plus(s4, b[of + U(4)], p), plus(t4, b[of + U(4)], q)
+        s5, t5 = plus(s5, b[of + U(5)], p), plus(t5, b[of + U(5)], q)
+        s6, t6 = plus(s6, b[of + U(6)], p), plus(t6, b[of + U(6)], q)
+        s7, t7 = plus(s7, b[of + U(7)], p), plus(t7, b[of + U(7)], q)
+        at += apart
         of += step
     return (s0, s1, s2, s3, s4, s5, s6, s7), (t0, t1, t2, t3, t4, t5, t6, t7)
 
 
 @njit(**UNWRAPPED)
-def _keep(sums, out):
-    for c in range(PANEL):
+def keep(sums, out, at, apart):
+    """out[at + k * apart :][:8] = sum k of eight."""
+    for _ in range(PANEL):
         s0, s1, s2, s3, s4, s5, s6, s7 = sums
-        put(out, U(c * PANEL), s0)
+        put(out, at, s0)
         sums = s1, s2, s3, s4, s5, s6, s7, s0
+        at += apart
 
 
 @njit(**UNWRAPPED)
@@ -272,20 +284,32 @@ def _backward(band, ld, n, right, m):
 @njit(**UNWRAPPED)
 def _gather_eight(band, diagonal, step, right, at, m, rows):
     """Take so many rows below eight columns, times their solution, from the eight."""
-    s0, s1, s2, s3, s4, s5, s6, s7 = _nothing()
-    for i in range(U(PANEL), U(PANEL) + rows):
-        of, p = diagonal + i, panel(right, at + i * m)
-        s0 = plus(s0, band[of], p)
-        s1 = plus(s1, band[of + step], p)
-        s2 = plus(s2, band[of + U(2) * step], p)
-        s3 = plus(s3, band[of + U(3) * step], p)
-        s4 = plus(s4, band[of + U(4) * step], p)
-        s5 = plus(s5, band[of + U(5) * step], p)
-        s6 = plus(s6, band[of + U(6) * step], p)
-        s7 = plus(s7, band[of + U(7) * step], p)
-    sums = s0, s1, s2, s3, s4, s5, s6, s7
+    below, of = at + U(PANEL) * m, diagonal + U(PANEL)
+    sums = gathered(nothing(), band, of, step, U(1), right, below, m, rows)
     for _ in range(PANEL):
         s0, s1, s2, s3, s4, s5, s6, s7 = sums
         put(right, at, panel(right, at) - s0)
         sums = s1, s2, s3, s4, s5, s6, s7, s0
         at += m
+
+
+@njit(**UNWRAPPED)
+def gathered(sums, a, of, step, along, b, at, apart, count):
+    """Add a(c, k) b(k, :8), over so many k, to sum c of eight.
+
+    of, at: where both begin; step: from one c to the next; along, apart: from one k to the next.
+    """
+    s0, s1, s2, s3, s4, s5, s6, s7 = sums
+    for _ in range(count):
+        p = panel(b, at)
+        s0 = plus(s0, a[of], p)
+        s1 = plus(s1, a[of + step], p)
+        s2 = plus(s2, a[of + U(2) * step], p)
+        s3 = plus(s3, a[of + U(3) * step], p)
+        s4 = plus(s4, a[of + U(4) * step], p)
+        s5 = plus(s5, a[of + U(5) * step], p)
+        s6 = plus(s6, a[of + U(6) * step], p)
+        s7 = plus(s7, a[of + U(7) * step], p)
+        of += along
+        at += apart
+    return s0, s1, s2, s3, s4, s5, s6, s7

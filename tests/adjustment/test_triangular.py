@@ -1,9 +1,10 @@
-"""Factor of a band and solutions with it, against the dense ones."""
+"""Factor of a band, solutions with it and the inverse inside it, against the dense ones."""
 
 import numpy as np
 import pytest
 
 from corridor.adjustment import triangular
+from corridor.adjustment.band_inverse import invert_within
 from corridor.adjustment.pieces import Pieces
 
 SHAPES = [(1, 1), (5, 3), (9, 2), (16, 4), (23, 1), (31, 16), (37, 37), (100, 20), (700, 108)]
@@ -51,6 +52,17 @@ def test_solutions_are_those_of_the_dense_factor(n, ld, columns, rng):
     assert forward == pytest.approx(np.linalg.solve(factor, right), rel=1e-11, abs=1e-13)
     assert backward == pytest.approx(np.linalg.solve(factor.T, right), rel=1e-11, abs=1e-13)
     assert np.array_equal(right, given)
+
+
+@pytest.mark.parametrize("columns", [0, 1, 5])
+@pytest.mark.parametrize(("n", "ld"), SHAPES)
+def test_the_inverse_inside_the_band_is_that_of_the_dense_matrix(n, ld, columns, rng):
+    dense = positive(n, ld, rng)
+    left, right = rng.normal(size=(2, n, columns))
+    band = band_of(np.linalg.cholesky(dense), ld)
+    invert_within(band, n, ld, left, right)
+    inverse = band_of(np.linalg.inv(dense) + left @ right.T, ld)
+    assert band == pytest.approx(inverse, rel=1e-11, abs=1e-13, nan_ok=True)
 
 
 @pytest.mark.parametrize("ld", [20, 480])
