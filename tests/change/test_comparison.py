@@ -52,6 +52,7 @@ def test_gnss_of_metres_alone_is_no_datum():
     assert usual_datum((here, corridor.adjust(block))) == "stated"
 
 
+@pytest.mark.slow
 def test_dates_on_gnss_of_metres_are_laid_together_and_said_to_be():
     """A block that lies 2 m higher by its GNSS has not risen."""
     first, second = coarse(), coarse()

@@ -95,6 +95,7 @@ class TestOneThatIsGivenAsItIs:
         assert np.abs(pixels(flown) - pixels(plain)).max() == pytest.approx(AMPLITUDE, rel=0.01)
         assert flown.truth["effects"] == {"ripple": {"amplitude": AMPLITUDE}}
 
+    @pytest.mark.slow
     def test_is_part_of_what_a_diagnosis_believes(self, plain):
         flown = seen_through(plain, Ripple())
         found = corridor.diagnose(flown, camera="fixed", effects=[Ripple()])
