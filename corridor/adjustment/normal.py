@@ -513,23 +513,26 @@ class Normal:
         p = self.problem
         if not len(p.gnss_image):
             return 0.0
-        image, q = p.gnss_image, p.shared_count
+        image = p.gnss_image
         predicted, own, shared = self.antenna_rows(state, images)
+        # Cameras and most effects do not move the antenna.
+        used = np.flatnonzero(shared.any(axis=(0, 1)))
+        shared = shared[:, :, used]
         residual = p.gnss_given - predicted
         weight = p.gnss_weight
         # `einsum` takes three times as long over as many small products.
         weighted = (own * weight[:, :, None]).transpose(0, 2, 1)
-        heavy = (shared * weight[:, :, None]).reshape(weight.size, q)
+        heavy = (shared * weight[:, :, None]).reshape(weight.size, len(used))
         self.gradient[image] += (weighted @ residual[:, :, None])[:, :, 0]
-        self.shared_gradient += heavy.T @ residual.ravel()
+        self.shared_gradient[used] += heavy.T @ residual.ravel()
         if matrix:
             blocks = weighted @ own
             self.blocks.add_blocks(image, blocks)
             self.reference[image] += np.einsum("nii->ni", blocks)
-            self.cross[image, :, :q] += weighted @ shared
-            block = heavy.T @ shared.reshape(weight.size, q)
-            self.shared_block += np.tril(block)
-            self.shared_reference += np.diag(block)
+            self.cross[image[:, None, None], np.arange(p.d)[:, None], used] += weighted @ shared
+            block = heavy.T @ shared.reshape(weight.size, len(used))
+            self.shared_block[np.ix_(used, used)] += np.tril(block)
+            self.shared_reference[used] += np.diag(block)
         return float(np.sum(weight * residual**2))
 
     def from_priors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
