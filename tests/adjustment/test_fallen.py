@@ -2,7 +2,6 @@
 
 import numpy as np
 import pandas as pd
-import pytest
 from strips import corridor_block
 
 import corridor
@@ -20,10 +19,9 @@ def joined(table, more):
     return both.astype(dict.fromkeys(names, "category"))
 
 
-@pytest.fixture(scope="module")
-def block():
+def with_twin(seed):
     """An error-free strip; the twin of one image stands where that one does."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     flown = corridor_block(images=12, strips=2, observations_per_image=60, seed=1)
     block = flown.copy()
     mine = flown.tie_points[flown.tie_points["image"] == HERE]
@@ -45,19 +43,26 @@ def left_out(found):
     return [line for line in found.warnings if "drew into a camera" in line]
 
 
-def test_points_that_fall_into_a_camera_are_left_out_and_the_rest_is_as_flown(block):
-    found = corridor.adjust(block, loss=LOSS)
-    assert found.converged and left_out(found)
-    kept = set(found.block.tie_points["point"])
-    gone = set(block.tie_points["point"]) - kept
-    assert gone and all(name.startswith("wrong") for name in gone)
-    flown = block.images["image"] != "twin.tif"
-    away = np.linalg.norm((found.block.poses - block.poses)[flown, :3], axis=1)
-    assert away.max() < 2e-3
-    assert found.start.tie_points.equals(block.tie_points)
+def test_points_that_fall_into_a_camera_are_left_out_and_the_rest_is_as_flown():
+    """Matches so wrong drew points into a camera in four of six drawings when this was written."""
+    times = 0
+    for seed in range(1, 7):
+        block = with_twin(seed)
+        found = corridor.adjust(block, loss=LOSS)
+        assert found.converged
+        gone = set(block.tie_points["point"]) - set(found.block.tie_points["point"])
+        assert bool(gone) == bool(left_out(found))
+        assert all(name.startswith("wrong") for name in gone)
+        flown = block.images["image"] != "twin.tif"
+        away = np.linalg.norm((found.block.poses - block.poses)[flown, :3], axis=1)
+        assert away.max() < min(block.sigma["gnss_m"])
+        assert found.start.tie_points.equals(block.tie_points)
+        times += bool(gone)
+    assert times >= 2
 
 
-def test_strictly_nothing_is_left_out(block):
+def test_strictly_nothing_is_left_out():
+    block = with_twin(1)
     try:
         found = corridor.adjust(block, loss=LOSS, strict=True)
     except InputError as error:
