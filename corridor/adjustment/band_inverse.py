@@ -127,4 +127,21 @@ def _put_near(room, here, size, own):
         keep(rows, room.near, here * size + at, size)
         if at != here:
             keep(transposed(rows), room.near, at * size + here, size)
-    keep(own, room.near, here * size + here, size)
+    keep(_even(own, transposed(own)), room.near, here * size + here, size)
+
+
+@njit(**UNWRAPPED)
+def _even(a, b):
+    """The mean of a square and its transpose: what rounding makes uneven would grow and grow."""
+    a0, a1, a2, a3, a4, a5, a6, a7 = a
+    b0, b1, b2, b3, b4, b5, b6, b7 = b
+    return (
+        0.5 * (a0 + b0),
+        0.5 * (a1 + b1),
+        0.5 * (a2 + b2),
+        0.5 * (a3 + b3),
+        0.5 * (a4 + b4),
+        0.5 * (a5 + b5),
+        0.5 * (a6 + b6),
+        0.5 * (a7 + b7),
+    )

@@ -11,7 +11,7 @@ import corridor
 from corridor.adjustment import Covariance, LinearSystem, make_problem
 from corridor.adjustment.datum import free_network
 from corridor.adjustment.normal import shared_values
-from corridor.simulation import add_noise
+from corridor.simulation import add_noise, read_plan
 
 # --- the dense inverse -----------------------------------------------------------------------
 
@@ -306,3 +306,17 @@ class TestAgainstTheSpreadOfDraws:
     def test_sigma_naught_is_one(self, spread):
         """Its mean over 200 draws: 1 within 1 / sqrt(2 r 200) or 0.0025 here, four of them."""
         assert spread["sigma naught"].mean() == pytest.approx(1.0, abs=0.01)
+
+
+def test_sigmas_of_a_chain_that_is_hardly_held_are_those_of_single_solutions():
+    """Motions of single images: what rounding makes uneven would grow along the strip to 1e-3."""
+    plan = read_plan("thesis_viabon_n40")
+    plan = replace(plan, tie_points=replace(plan.tie_points, per_image=50))
+    block = corridor.simulate(plan, seed=0).copy()
+    spare = ["vx", "vy", "vz", "wx", "wy", "wz"]
+    block.images = block.images.drop(columns=[c for c in spare if c in block.images])
+    found = corridor.adjust(block, camera="fraser8", effects=["motion_per_image"])
+    some = np.arange(0, len(block.images), 7)
+    alone = np.array([np.diag(found.covariance.poses([image])) for image in some])
+    among = np.array([np.diag(one) for one in found.covariance.each_pose[some]])
+    assert among == pytest.approx(alone, rel=1e-7)
