@@ -128,7 +128,8 @@ def _cells(found: SurfaceChange) -> csr_array:
     where = np.column_stack([found.cores.station, found.cores.across])
     size = 2.0 * found.cores.radius
     while True:
-        cell = np.floor(where / size).astype(int)
+        # A core on an edge is of the next cell, whatever rounding makes of it.
+        cell = np.floor(where / size + 1e-6).astype(int)
         _, number, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
         if len(count) <= MOST_CELLS:
             break
