@@ -114,9 +114,9 @@ class Band:
 
         Raises Singular.
         """
-        weak = triangular.factor(self.flat, self.ld, self.n)
-        if weak is not None:
-            raise Singular(*divmod(weak, self.d))
+        column = triangular.factor(self.flat, self.ld, self.n)
+        if column is not None:
+            raise Singular(*divmod(column, self.d))
         weak = self.diagonal() ** 2 < SINGULAR * reference
         if weak.any():
             raise Singular(*(int(v) for v in np.argwhere(weak)[0]))

@@ -245,14 +245,14 @@ def _features(pycolmap, database, folder, names, photos, cheaply) -> Iterator[in
         stated = stated_focal(first, max(size))
         if stated:
             options.camera_params = f"{stated.px}, {size[0] / 2}, {size[1] / 2}, 0, 0"
-        options.existing_camera_id = _camera_id(pycolmap, database, names[rows[0]])
-        # Extraction numbers images as they are done; in their order, one import is like another.
-        pycolmap.import_images(
-            database, folder, camera_mode=pycolmap.CameraMode.SINGLE,
-            image_names=[names[row] for row in rows], options=options,
-        )  # fmt: skip
         for start in range(0, len(rows), step):
             batch = [names[row] for row in rows[start : start + step]]
+            options.existing_camera_id = _camera_id(pycolmap, database, names[rows[0]])
+            # Extraction numbers images as they are done: in their order, imports are alike.
+            pycolmap.import_images(
+                database, folder, camera_mode=pycolmap.CameraMode.SINGLE, image_names=batch,
+                options=options,
+            )  # fmt: skip
             extraction = pycolmap.FeatureExtractionOptions()
             extraction.sift.max_num_features = _features_in(size)
             # A second orientation is the same point again, and matching costs the square.
@@ -280,7 +280,7 @@ def _size_of(photo, cheaply):
 
 
 def _camera_id(pycolmap, database, name):
-    """The camera that an interrupted run made of this image, -1 without one."""
+    """The camera that an earlier batch or run made of this image, -1 without one."""
     with pycolmap.Database.open(database) as base:
         if not base.exists_image(name):
             return -1
