@@ -34,9 +34,9 @@ ROUGH = 1.0
 NO_DAMPING = 1e-12
 AT_REST = 1e-3
 TINY = 5e-5
-# After so short a step, in standard deviations, covariances change by less than 1e-5 of themselves:
+# After so short a step, in standard deviations, covariances change by less than 1e-6 of themselves:
 # measured are 0.001 to 0.7 times the step.
-HARDLY = 1e-5
+HARDLY = 1e-6
 # How much more slowly steps may shrink from now on than they did last.
 WARY = 10.0
 # After a longer step it is cheaper to look first where the points now lie than to assemble twice.

@@ -71,11 +71,11 @@ def test_what_images_share_has_hardly_further_to_go_where_the_iterations_end(see
 
 
 @pytest.mark.parametrize("effects", [(), ("rolling_shutter",)])
-@pytest.mark.parametrize(("loss", "tolerance"), [("squares", 5e-5), ("huber:2", 4e-7)])
+@pytest.mark.parametrize("loss", ["squares", "huber:2"])
 def test_the_factor_of_the_last_step_is_that_of_the_equations_at_the_result(
-    effects, loss, tolerance, monkeypatch
+    effects, loss, monkeypatch
 ):
-    """Within 1e-5: the step was shorter than that part of a standard deviation."""
+    """Within a millionth: the step was shorter than 1e-6 of a standard deviation."""
     # A matrix that served two steps is made anew for the result.
     monkeypatch.setattr(importlib.import_module("corridor.adjustment.solve"), "QUICK", 0.0)
     start = (0.3, 0.003, 0.3)
@@ -83,14 +83,13 @@ def test_the_factor_of_the_last_step_is_that_of_the_equations_at_the_result(
     block = add_noise(block, tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), seed=2)
     problem = make_problem(corridor.prepare(block).block, Model(effects=list(effects)))
     normal = Normal(problem, Loss.parse(loss))
-    found = solve(normal, tolerance=tolerance, equations=True)
-    assert 1e-6 < found.history[-1]["step"] < 1e-5
+    found = solve(normal, tolerance=2e-8, equations=True)
     mine = LinearSystem.in_place(normal, found.state, 1, found.factor)
     anew = LinearSystem(problem, found.state, normal.loss)
     assert found.factor is not None
     ours, theirs = (one.factorised[1].shared_inverse() for one in (mine, anew))
     sigma = np.sqrt(np.diag(theirs))
-    assert np.abs((ours - theirs) / np.outer(sigma, sigma)).max() < 1e-5
+    assert np.abs((ours - theirs) / np.outer(sigma, sigma)).max() < 1e-6
     assert mine.right == pytest.approx(anew.right, rel=1e-6, abs=1e-6 * np.abs(anew.right).max())
     cost, _ = normal.cost_at(found.state)
     assert found.cost == pytest.approx(cost, rel=1e-9)
