@@ -354,6 +354,8 @@ def _grown(pycolmap, database, folder, count, progress, held):
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = _LEAST
     options.random_seed = 0
+    # Several threads race for the first pair. Small models are adjusted by one anyway.
+    options.num_threads = 1 if count <= _ALL else -1
     options.ba_refine_focal_length = not held
     options.mapper.abs_pose_refine_focal_length = not held
     done = 2
