@@ -80,13 +80,27 @@ def row_numbers(path: Path, count: int) -> np.ndarray:
 def _coded(pieces: Iterable[pa.ChunkedArray]) -> pd.Series:
     """Categorical of the pieces of a dictionary-encoded column."""
     chunks = [chunk for piece in pieces for chunk in piece.chunks]
-    column = pa.chunked_array(chunks, type=_CODED).unify_dictionaries()
-    codes = np.empty(len(column), dtype=np.int32)
+    different, which = [], []
+    for chunk in chunks:
+        # A row group in two chunks has one dictionary, and its names are looked up once.
+        if not different or not chunk.dictionary.equals(different[-1]):
+            different.append(chunk.dictionary)
+        which.append(len(different) - 1)
+    joined = pa.chunked_array(different, type=pa.string()).dictionary_encode()
+    found = [pc.fill_null(one.indices, -1).to_numpy() for one in joined.chunks]
+    ends = np.cumsum([len(one) for one in different])[:-1]
+    # Code -1, an empty cell, takes the last.
+    place = [
+        np.append(one, np.int32(-1))
+        for one in np.split(np.concatenate([*found, np.zeros(0, np.int32)]), ends)
+    ]
+    codes = np.empty(sum(map(len, chunks)), dtype=np.int32)
     row = 0
-    for chunk in column.chunks:
-        codes[row : row + len(chunk)] = pc.fill_null(chunk.indices, -1)
+    for chunk, one in zip(chunks, which, strict=True):
+        into = codes[row : row + len(chunk)]
+        np.take(place[one], pc.fill_null(chunk.indices, -1), out=into, mode="wrap")
         row += len(chunk)
-    names = column.chunk(0).dictionary if column.num_chunks else pa.array([], pa.string())
+    names = joined.chunk(0).dictionary if joined.num_chunks else pa.array([], pa.string())
     return pd.Series(categorical(codes, pd.Index(names.to_pandas())))
 
 
