@@ -104,7 +104,7 @@ def adjust(
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
     iterations get nowhere.
     """
-    prepared = prepare(read(block))
+    prepared = prepare(read(block), velocities=bool(model.effects))
     block = prepared.block
     check_needs(block, model.effects)
     block, left_out = sound_part(block, model, run.strict)

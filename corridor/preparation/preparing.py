@@ -29,10 +29,11 @@ class Prepared(NamedTuple):
     notes: list[str]
 
 
-def prepare(block: Block | str | os.PathLike) -> Prepared:
+def prepare(block: Block | str | os.PathLike, velocities: bool = True) -> Prepared:
     """The block with antenna positions, velocities, flights and angular rates it can tell itself.
 
-    block: as read, or its folder.
+    block: as read, or its folder. velocities: and angular rates too, which only effects look at; of
+    100,000 images they take seconds.
     Antenna positions: from track.csv where there is no gnss.csv. Velocities vx, vy, vz with their
     sigmas svx, svy, svz (m/s, world): by the smoother of `corridor.gnss`, from track.csv, else
     gnss.csv, else the poses of images.csv; a drone that brakes or turns between two positions has
@@ -51,8 +52,9 @@ def prepare(block: Block | str | os.PathLike) -> Prepared:
     known = np.isfinite(made.column("images", "time_s"))
     if len(made.track) and known.any():
         _flights_of_track(made)
-    flown = _antenna(made, notes) if len(made.track) and known.any() else None
-    if known.all():
+    asked = len(made.track) and known.any() and (velocities or not len(made.gnss))
+    flown = _antenna(made, notes) if asked else None
+    if velocities and known.all():
         _velocities(made, flown)
         _rates(made)
     # Whatever is derived is recorded.

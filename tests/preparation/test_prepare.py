@@ -146,6 +146,13 @@ class TestVelocities:
 
 
 class TestPreparing:
+    def test_a_model_without_effects_looks_at_no_velocities(self):
+        block = with_a_track_alone(velocities=False)
+        plain = corridor.adjust(block, camera="fixed").block
+        assert len(plain.gnss) and not plain.has("images.vx")
+        shutter = corridor.adjust(block, camera="fixed", effects=["rolling_shutter"]).block
+        assert shutter.has("images.vx") and not block.has("images.vx")
+
     def test_a_block_that_has_all_is_left_as_it_is(self):
         block = corridor_block(images=12, strips=1, observations_per_image=40)
         assert prepare(block) == (block, [], [])
