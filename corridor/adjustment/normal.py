@@ -254,7 +254,9 @@ class Normal:
             pixel[:, axis] += 1.0
             ray[:, axis] += step
             look = Context(view.images, image, pixel=pixel, ray=ray, position=position)
-            by[:, :, axis] = p.stack.shift("image", look, view.state.effects) - shift
+            # At infinity, beside its camera, an observation has no slope; it counts as behind.
+            with np.errstate(invalid="ignore"):
+                by[:, :, axis] = p.stack.shift("image", look, view.state.effects) - shift
         (a, b), (c, d) = by[:, 0].T, by[:, 1].T
         inverse = 1.0 / ((1.0 - a) * (1.0 - d) - b * c)
         found = np.stack([1.0 - d, b, c, 1.0 - a], axis=1) * inverse[:, None]
@@ -371,8 +373,7 @@ class Normal:
                     totals[piece] += kernels.look(first, last, scene, out, room)
 
             self.pieces.run(work)
-            moved = np.abs(modelled.pixel[:, :2] - before)
-            if not np.max(moved, initial=0.0) > within:
+            if not _farthest(modelled.pixel[:, :2], before) > within:
                 break
         return modelled, totals.sum(axis=0)
 
@@ -389,8 +390,7 @@ class Normal:
         for _ in range(PASSES):
             before = self.modelled.pixel[:, :2].copy()
             self._assemble(view, damping, matrix)
-            moved = np.abs(self.modelled.pixel[:, :2] - before)
-            if not np.max(moved, initial=0.0) > NEAR:
+            if not _farthest(self.modelled.pixel[:, :2], before) > NEAR:
                 return
 
     def _assemble(self, view: View, damping: float, matrix: bool) -> None:
@@ -647,6 +647,15 @@ def _for_kernels(rotation: np.ndarray, motion: np.ndarray, d_motion: np.ndarray)
     both[:, :, :3] = rotation[:, None] @ both[:, :, :3]
     both = _widened(both.transpose(0, 3, 1, 2), PANEL)
     return np.ascontiguousarray(both[:, 0]), np.ascontiguousarray(both[:, 1:])
+
+
+def _farthest(pixels: np.ndarray, before: np.ndarray) -> float:
+    """By how much (px) another look moved the observation that it moved most.
+
+    What stands beside its camera is at infinity in both, and at rest.
+    """
+    with np.errstate(invalid="ignore"):
+        return float(np.fmax.reduce(np.abs(pixels - before), axis=None, initial=0.0))
 
 
 def _cross(vector: np.ndarray) -> np.ndarray:

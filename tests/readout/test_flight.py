@@ -314,6 +314,7 @@ def test_errors_are_as_large_as_stated(rocking):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_every_adjustment_of_a_diagnosis_is_of_the_same_points(real_data):
     """Sequoia's images stand nearly at one place: some refits draw points into a camera."""
     found = corridor.diagnose(real_data / "sequoia" / "flight_block")
