@@ -86,22 +86,18 @@ def _coded(pieces: Iterable[pa.ChunkedArray]) -> pd.Series:
         if not different or not chunk.dictionary.equals(different[-1]):
             different.append(chunk.dictionary)
         which.append(len(different) - 1)
-    joined = pa.chunked_array(different, type=pa.string()).dictionary_encode()
-    found = [pc.fill_null(one.indices, -1).to_numpy() for one in joined.chunks]
+    names = pa.chunked_array(different, type=pa.string()).combine_chunks().dictionary_encode()
+    numbers = pc.fill_null(names.indices, -1).to_numpy()
     ends = np.cumsum([len(one) for one in different])[:-1]
     # Code -1, an empty cell, takes the last.
-    place = [
-        np.append(one, np.int32(-1))
-        for one in np.split(np.concatenate([*found, np.zeros(0, np.int32)]), ends)
-    ]
+    place = [np.append(one, np.int32(-1)) for one in np.split(numbers, ends)]
     codes = np.empty(sum(map(len, chunks)), dtype=np.int32)
     row = 0
     for chunk, one in zip(chunks, which, strict=True):
         into = codes[row : row + len(chunk)]
         np.take(place[one], pc.fill_null(chunk.indices, -1), out=into, mode="wrap")
         row += len(chunk)
-    names = joined.chunk(0).dictionary if joined.num_chunks else pa.array([], pa.string())
-    return pd.Series(categorical(codes, pd.Index(names.to_pandas())))
+    return pd.Series(categorical(codes, pd.Index(names.dictionary.to_pandas())))
 
 
 def _numbers(pieces: Iterable[pa.ChunkedArray], rows: int) -> np.ndarray:

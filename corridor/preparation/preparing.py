@@ -52,8 +52,7 @@ def prepare(block: Block | str | os.PathLike, velocities: bool = True) -> Prepar
     known = np.isfinite(made.column("images", "time_s"))
     if len(made.track) and known.any():
         _flights_of_track(made)
-    asked = len(made.track) and known.any() and (velocities or not len(made.gnss))
-    flown = _antenna(made, notes) if asked else None
+    flown = _antenna(made, notes, velocities) if len(made.track) and known.any() else None
     if velocities and known.all():
         _velocities(made, flown)
         _rates(made)
@@ -80,10 +79,11 @@ def _flights_of_track(block: Block) -> None:
     )  # fmt: skip
 
 
-def _antenna(block: Block, notes: list[str]) -> Antenna | None:
+def _antenna(block: Block, notes: list[str], velocities: bool) -> Antenna | None:
     """The track at the exposures; its positions go into gnss.csv where that is missing."""
     needed = not len(block.gnss)
-    if not needed and np.isfinite(block.numbers("images", *VELOCITY)).all():
+    lacking = velocities and not np.isfinite(block.numbers("images", *VELOCITY)).all()
+    if not needed and not lacking:
         return None
     try:
         flown = of_block(block)
