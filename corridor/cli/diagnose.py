@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> None:
         corridor.diagnosis.check_output(options.output)
     block = corridor.read(options.block)
     if options.gis:
-        check_gis(block.crs)
+        check_gis(corridor.gnss.world_crs(block))
     diagnosis = corridor.diagnose(block, progress=_progress, **keywords(options))
     diagnosis.required = options.required
     print(diagnosis)

@@ -7,9 +7,20 @@ from corridor.gnss.coordinates import (
     convert,
     geographic_positions,
     known_crs,
+    outside_area,
     to_local,
 )
 from corridor.gnss.exposures import Exposures
+from corridor.gnss.frames import (
+    about_the_middle,
+    grid_distortion,
+    in_metres,
+    in_world,
+    local_of,
+    local_table,
+    moved,
+    world_crs,
+)
 from corridor.gnss.interpolation import (
     CORRELATION_S,
     MAX_SIGMA_M,
@@ -40,19 +51,28 @@ __all__ = [
     "Local",
     "SlowNoise",
     "Track",
+    "about_the_middle",
     "align",
     "antenna",
     "check_quality",
     "convert",
     "frame_of_block",
     "geographic_positions",
+    "grid_distortion",
+    "in_metres",
+    "in_world",
     "interpolate",
     "known_crs",
+    "local_of",
+    "local_table",
+    "moved",
     "of_block",
+    "outside_area",
     "read_exposures",
     "read_track",
     "segments",
     "to_local",
+    "world_crs",
 ]
 
 

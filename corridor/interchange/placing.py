@@ -16,9 +16,10 @@ from corridor.geometry import (
     rotation_from_quaternion,
     similarity,
 )
-from corridor.gnss import GEOGRAPHIC, Local
-from corridor.interchange.ground import in_frame, rows_by_name
-from corridor.interchange.project import Project, local_of, local_table
+from corridor.gnss import GEOGRAPHIC, Local, local_of, local_table
+from corridor.interchange.ground import in_frame
+from corridor.interchange.names import Names
+from corridor.interchange.project import Project
 from corridor.photographs import (
     Metadata,
     of_picture,
@@ -62,13 +63,12 @@ def add_photographs(
     """
     images = project.block.images["image"]
     files = photographs_in(folder)
-    row_of = rows_by_name(list(images))
+    names = Names(images)
     mine: dict[int, Path] = {}
     for file in files:
         inside = file.relative_to(folder).as_posix()
-        row = next(
-            (row_of[name] for name in (inside, file.name, file.stem) if name in row_of), None
-        )
+        found = map(names.row, (inside, file.name, file.stem))
+        row = next((row for row in found if row is not None), None)
         if row is not None:
             mine.setdefault(row, file)
     if not mine:

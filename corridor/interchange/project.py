@@ -14,7 +14,7 @@ from corridor.brief import brief
 from corridor.camera import Camera
 from corridor.errors import InputError
 from corridor.geometry import quaternion_from_rotation
-from corridor.gnss import Local
+from corridor.gnss import Local, local_table
 from corridor.interchange.cameras import NoModel
 from corridor.interchange.rows import rows_of
 
@@ -59,17 +59,6 @@ class Project:
             warnings=[*self.warnings, *warnings],
             placed=self.placed if placed is None else placed,
         )
-
-
-def local_table(local: Local) -> dict[str, float]:
-    """`local_frame` of block.toml."""
-    return {"lat_deg": local.lat_deg, "lon_deg": local.lon_deg, "height": local.height}
-
-
-def local_of(block: Block) -> Local | None:
-    """The block's east, north, up frame on Earth, None where it has none."""
-    local = block.extra.get("local_frame")
-    return Local(local["lat_deg"], local["lon_deg"], local["height"]) if local else None
 
 
 def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:

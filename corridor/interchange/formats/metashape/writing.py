@@ -10,9 +10,8 @@ import pandas as pd
 
 from corridor.block import Block
 from corridor.geometry import rotation_from_quaternion
-from corridor.gnss import GEOCENTRIC, GEOGRAPHIC, convert
+from corridor.gnss import GEOCENTRIC, GEOGRAPHIC, convert, local_of
 from corridor.interchange.cameras import in_the_middle
-from corridor.interchange.project import local_of
 from corridor.interchange.rows import camera_positions
 from corridor.textfile import add_xml, write_xml
 

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from corridor.block import Block
 from corridor.errors import InputError
+from corridor.gnss import local_of
 from corridor.interchange.cameras import in_the_middle
 from corridor.interchange.columns import numbered, text_of, write_rows
-from corridor.interchange.project import local_of
 from corridor.interchange.rows import camera_positions, rows_of
 
 MAIN = "reconstruction.json"
