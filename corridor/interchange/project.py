@@ -18,6 +18,11 @@ from corridor.gnss import Local, local_table
 from corridor.interchange.cameras import NoModel
 from corridor.interchange.rows import rows_of
 
+# What the keys of [sigma] in block.toml are of.
+_OF_SIGMA = {
+    "tie_px": "tie points", "mark_px": "marks", "gnss_m": "camera positions",
+    "control_m": "ground points",
+}  # fmt: skip
 # From here on a float32 of another program, or a difference of cubes, loses what a survey needs.
 _FAR_M = 10_000.0
 
@@ -254,7 +259,8 @@ class Pieces:
     the images and of the camera of each. centre (n, 3), rotation (n, 3, 3), world to camera; NaN
     where an image has no pose. columns: more of images.csv. ties, marks: what is seen of points.
     points: names and places (p, 3), or None: where the rays of the ties meet. ground, gnss: as in
-    a block. local: the east, north, up frame of the coordinates.
+    a block. sigma: what the project states of the defaults of a block. local: the east, north, up
+    frame of the coordinates.
     """
 
     name: str
@@ -269,6 +275,7 @@ class Pieces:
     points: tuple[Sequence[str] | pd.Index, np.ndarray] | None = None
     ground: pd.DataFrame | None = None
     gnss: pd.DataFrame | None = None
+    sigma: dict[str, float] = field(default_factory=dict)
     local: Local | None = None
     offset: np.ndarray | None = None
     crs: str | None = None
@@ -292,11 +299,18 @@ class Pieces:
             points=self.points and points_table(*self.points),
             ground=self.ground,
             gnss=self.gnss,
+            sigma=self.sigma,
             offset=np.zeros(3) if self.offset is None else self.offset,
             crs=self.crs,
             description=self.description,
             extra={} if self.local is None else {"local_frame": local_table(self.local)},
         )
+        if self.sigma:
+            told = ", ".join(
+                f"{_OF_SIGMA[key]} {value:g} {key.rpartition('_')[2]}"
+                for key, value in self.sigma.items()
+            )
+            self.notes.append(f"standard deviations as the project states them: {told}")
         if set(block.ground["point"]) | set(block.marks["point"].cat.categories):
             block = apart(block, self.notes)
         if self.points is None and self.ties is not None:
