@@ -15,7 +15,7 @@ from corridor.block import checking, writing
 from corridor.block.reading import place, read_table
 from corridor.block.settings import FILE, SIGMA, read_settings
 from corridor.block.summary import Summary, summarise
-from corridor.block.tables import LAYOUTS, POSE, SIGMAS, frugal, is_among, places, tidy
+from corridor.block.tables import LAYOUTS, POSE, SIGMAS, composed, frugal, is_among, places, tidy
 from corridor.brief import in_words
 from corridor.camera import Camera
 from corridor.errors import InputError
@@ -417,7 +417,7 @@ def read(folder: str | os.PathLike | Block) -> Block:
     found = {table: pair for table, pair in tables.items() if pair is not None}
     block = Block(
         **settings,
-        **{table: frame for table, (frame, _) in found.items()},
+        **{table: composed(frame) for table, (frame, _) in found.items()},
         folder=folder,
         _files={table: path for table, (_, path) in found.items()},
     )

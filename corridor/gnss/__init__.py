@@ -33,7 +33,7 @@ from corridor.gnss.interpolation import (
 )
 from corridor.gnss.reading import read_exposures, read_track
 from corridor.gnss.slow_noise import SlowNoise
-from corridor.gnss.track import GEOCENTRIC, GEOGRAPHIC, QUALITY, Track, check_quality
+from corridor.gnss.track import GEOCENTRIC, GEOGRAPHIC, QUALITY, Track, with_quality
 
 __all__ = [
     "CORRELATION_S",
@@ -54,7 +54,6 @@ __all__ = [
     "about_the_middle",
     "align",
     "antenna",
-    "check_quality",
     "convert",
     "frame_of_block",
     "geographic_positions",
@@ -72,6 +71,7 @@ __all__ = [
     "read_track",
     "segments",
     "to_local",
+    "with_quality",
     "world_crs",
 ]
 

@@ -35,11 +35,15 @@ def local_of(block: Block) -> Local | None:
 
     Raises InputError where block.toml has one without latitude and longitude.
     """
-    local = block.extra.get(FRAME)
-    if not local:
+    return local_frame(block.extra.get(FRAME))
+
+
+def local_frame(table: object) -> Local | None:
+    """The frame of a table `[local_frame]` of block.toml. Raises InputError as `local_of`."""
+    if not table:
         return None
     try:
-        place = local["lat_deg"], local["lon_deg"], local.get("height", 0.0)
+        place = table["lat_deg"], table["lon_deg"], table.get("height", 0.0)
         return Local(*map(float, place))
     except (AttributeError, KeyError, TypeError, ValueError):
         raise InputError(
@@ -187,9 +191,9 @@ def _turns(over, places: np.ndarray, block: Block) -> np.ndarray:
 def grid_distortion(block: Block) -> tuple[float, float] | None:
     """How far a block's grid is from Cartesian: scale less 1, and curvature, m; None: it has none.
 
-    The first is the scale of the projection at the middle of the block; the second is the largest
-    distance of cameras and points from their places on Earth after the best similarity, which the
-    adjustment cannot undo.
+    The first is the scale of the projection over the block, which heights do not have: focal
+    lengths take it up. The second is the largest distance of cameras and points from their places
+    on Earth after the best similarity, with heights of that scale: what no adjustment takes up.
     """
     if block.crs is None or local_of(block) is not None or not known_crs(block.crs).is_projected:
         return None
@@ -201,9 +205,11 @@ def grid_distortion(block: Block) -> tuple[float, float] | None:
         return None
     local = about_the_middle(block)
     true = local.from_crs(places + block.offset, block.crs)
-    found = similarity(places, true)
-    away = np.linalg.norm(found.apply(places) - true, axis=1)
-    return 1 / found.scale - 1, float(away.max())
+    level = places - places.mean(axis=0)
+    scale = 1 / similarity(places, true).scale
+    level[:, 2] *= scale
+    away = np.linalg.norm(similarity(level, true).apply(level) - true, axis=1)
+    return scale - 1, float(away.max())
 
 
 def in_metres(crs: str) -> None:

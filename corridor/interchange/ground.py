@@ -17,6 +17,7 @@ import pandas as pd
 
 from corridor.block import LAYOUTS, SIGMAS, Block, Layout, place, read_columns
 from corridor.errors import InputError, some
+from corridor.geometry import similarity
 from corridor.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
 from corridor.interchange.faults import blaming
 from corridor.interchange.ground_text import read_text, role_of
@@ -26,6 +27,8 @@ from corridor.interchange.project import Project, Views, apart, ground_table
 from corridor.textfile import Line, filled, opening
 
 _XYZ = ["x", "y", "z"]
+# Points of one name are the same where they lie apart by less than this share of their extent.
+_ALIKE = 0.05
 _UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
 
 
@@ -255,8 +258,12 @@ def add_to(project: Project, ground: Ground) -> Project:
     if new["point"].duplicated().any():
         twice = new["point"][new["point"].duplicated()].iloc[0]
         raise InputError(f"{ground.path.name}: ground point {twice!r} stands there twice")
+    given = new[_XYZ].to_numpy(float)
+    if len(new):
+        places = in_frame(block, given, ground.crs, ground.path.name)
+        new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
     if not ground.marks:
-        block = _measured_already(block, new["point"], notes)
+        block = _measured_already(block, new, project.placed, notes)
     block = apart(block, notes, [*new["point"], *(mark[0] for mark in ground.marks)])
     tables = {"tie_points": block.tie_points, "points": block.points, "marks": block.marks}
     rows = _rows_of_marks(ground, block, notes, warnings)
@@ -269,9 +276,6 @@ def add_to(project: Project, ground: Ground) -> Project:
         rows += [row for row in old if row[:2] not in mine]
         tables["marks"] = Views.of(rows, "marks").table(list(block.images["image"]), warnings)
     if len(new):
-        given = new[_XYZ].to_numpy(float)
-        places = in_frame(block, given, ground.crs, ground.path.name)
-        new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
         old = block.ground[~block.ground["point"].isin(new["point"])]
         tables["ground"] = pd.concat([old, new], ignore_index=True) if len(old) else new
     made = project.having(notes=notes, warnings=warnings, **tables)
@@ -283,27 +287,39 @@ def add_to(project: Project, ground: Ground) -> Project:
     return made
 
 
-def _measured_already(block: Block, points: pd.Series, notes: list[str]) -> Block:
-    """The block with its tie points of these names as marks, where the project has no marks.
+def _measured_already(block: Block, ground: pd.DataFrame, placed: bool, notes: list[str]) -> Block:
+    """The block with its tie points of these names as marks, where they are the same points.
 
-    Programs without a table of control measure all points alike.
+    Programs without a table of control measure all points alike. Numbers of tie points and of
+    ground points are often alike by chance: three or more have to lie alike, too.
     """
     names = block.tie_points["point"].cat.categories
-    same = names.isin(set(points))
-    # A few of many: numbers of tie points and of ground points are often alike by chance.
-    if len(block.marks) or len(block.ground) or not same.any() or same.sum() < len(points):
+    same = names.isin(set(ground["point"]))
+    if same.sum() < 3 or len(block.marks) or len(block.ground):
         return block
-    mine = same[block.tie_points["point"].cat.codes]
-    marks = block.tie_points[mine].reset_index(drop=True)
-    ties = block.tie_points[~mine].reset_index(drop=True)
+    mine = names[same]
+    here = block.positions("tie_points")[same]
+    there = ground.set_index("point").loc[mine, _XYZ].to_numpy(float)
+    known = np.isfinite(here).all(axis=1)
+    wide = float(np.linalg.norm(np.ptp(there[known], axis=0))) if known.any() else 0.0
+    try:
+        moved = here if placed else similarity(here[known], there[known]).apply(here)
+    except InputError:
+        return block
+    away = np.linalg.norm(moved - there, axis=1)[known]
+    if known.sum() < 3 or not np.median(away) < _ALIKE * wide:
+        return block
+    of_ground = same[block.tie_points["point"].cat.codes]
+    marks = block.tie_points[of_ground].reset_index(drop=True)
+    ties = block.tie_points[~of_ground].reset_index(drop=True)
     for table in (marks, ties):
         table["point"] = table["point"].cat.remove_unused_categories()
     notes.append(
-        f"{int(same.sum())} points that the project measures {int(mine.sum())} times have the "
-        "names of these ground points: their measurements became marks"
+        f"{len(mine)} points that the project measures {int(of_ground.sum())} times have the names "
+        "of these ground points: their measurements became marks"
     )
-    points = block.points[~block.points["point"].isin(set(names[same]))]
-    return replace(block, tie_points=ties, marks=marks, points=points.reset_index(drop=True))
+    points = block.points[~block.points["point"].isin(set(mine))].reset_index(drop=True)
+    return replace(block, tie_points=ties, marks=marks, points=points)
 
 
 def _rows_of_marks(ground, block, notes, warnings) -> list[tuple[str, int, float, float]]:

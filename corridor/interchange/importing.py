@@ -127,13 +127,15 @@ def import_project(
     with blaming(path, "a whole project"):
         proof = prove(project)
     try:
-        demand(proof, force)
+        demand(proof, force or project.own)
     except InputError as error:
         said = "".join(f"{sentence}. " for sentence in project.warnings)
         raise InputError(f"{path}: {said}{error}") from None
     if added.to_crs is not None:
         project = in_local_frame(project, added.to_crs)
-    if proof.verdict == "refused":
+    if project.own:
+        pass
+    elif proof.verdict == "refused":
         project = project.having(warnings=[f"written with --force although {proof.refusal()}"])
     elif proof.verdict == "unproved":
         project = project.having(warnings=[proof.refusal()])

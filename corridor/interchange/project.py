@@ -37,6 +37,8 @@ class Project:
     together, for the proof only. notes: sentences on what was decided or left out. warnings:
     sentences on what may be wrong. placed: the coordinates are metres in a known or stated frame,
     not the free frame of a reconstruction. image_to_ray: the format's distortion goes that way.
+    rounding: how far the digits of the file let poses be off: centres (m), angles (rad). own: the
+    conventions are those of this package, and nothing has to be proved.
     """
 
     form: str
@@ -47,6 +49,8 @@ class Project:
     warnings: list[str] = field(default_factory=list)
     placed: bool = True
     image_to_ray: bool = False
+    rounding: tuple[float, float] = (0.0, 0.0)
+    own: bool = False
 
     def having(
         self,
@@ -214,6 +218,7 @@ class Views:
     """Where points are seen: one row an observation.
 
     point (m,): into names. image (m,): into the images. pixels (m, 2). what: the format's word.
+    sigma (m,): px, NaN where the project states none.
     """
 
     point: np.ndarray
@@ -221,19 +226,20 @@ class Views:
     image: np.ndarray
     pixels: np.ndarray
     what: str = "observations"
+    sigma: np.ndarray | None = None
 
     @classmethod
     def of(
         cls, rows: Sequence[tuple[str, int, float, float]], what: str = "observations"
     ) -> Views | None:
-        """Of rows (name of the point, row of the image, x, y); None without any."""
+        """Of rows (name of the point, row of the image, x, y, perhaps sigma); None without any."""
         if not rows:
             return None
-        names, image, x, y = zip(*rows, strict=True)
+        names, image, x, y, *sigma = zip(*rows, strict=True)
         codes, known = pd.factorize(np.array(names, dtype=object))
-        return cls(
-            codes, pd.Index(known, dtype="str"), np.array(image), np.column_stack([x, y]), what
-        )
+        pixels = np.column_stack([x, y])
+        sigma = np.array(sigma[0], dtype=float) if sigma else None
+        return cls(codes, pd.Index(known, dtype="str"), np.array(image), pixels, what, sigma)
 
     def in_images(self, keep: np.ndarray) -> Views:
         """Those in the images that are kept (n,), numbered anew."""
@@ -243,11 +249,14 @@ class Views:
             point=self.point[mine],
             image=(np.cumsum(keep) - 1)[self.image[mine]],
             pixels=self.pixels[mine],
+            sigma=None if self.sigma is None else self.sigma[mine],
         )
 
     def table(self, images: Sequence[str], warnings: list[str]) -> pd.DataFrame:
         """tie_points.csv or marks.csv; a second view of a point in one image is left out."""
         table = observations_table(self.point, self.names, self.image, images, self.pixels)
+        if self.sigma is not None and (self.sigma > 0).any():
+            table["sigma"] = np.where(self.sigma > 0, self.sigma, np.nan)
         return same_point_once(table, self.what, warnings)
 
 
