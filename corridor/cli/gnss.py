@@ -105,7 +105,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _doubt(images, found):
-    """What the poses in images.csv, where there are some, say against the positions, and how far."""
+    """What poses in images.csv say against the positions found, and how far they lie, m."""
     import numpy as np
     import pandas as pd
 
