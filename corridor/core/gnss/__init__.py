@@ -1,0 +1,80 @@
+"""The antenna's track: reading it, its coordinates, and where the antenna was at each exposure."""
+
+from corridor.core.gnss.alignment import Alignment, align
+from corridor.core.gnss.antenna_positions import Antenna, antenna, frame_of_block, of_block
+from corridor.core.gnss.coordinates import (
+    Local,
+    convert,
+    geographic_positions,
+    known_crs,
+    outside_area,
+    to_local,
+)
+from corridor.core.gnss.exposures import Exposures
+from corridor.core.gnss.frames import (
+    about_the_middle,
+    grid_distortion,
+    in_metres,
+    in_world,
+    local_of,
+    local_table,
+    moved,
+    world_crs,
+)
+from corridor.core.gnss.interpolation import (
+    CORRELATION_S,
+    MAX_SIGMA_M,
+    METHODS,
+    SLOW_SHARES,
+    Interpolated,
+    Interpolation,
+    interpolate,
+    segments,
+)
+from corridor.core.gnss.reading import read_exposures, read_track
+from corridor.core.gnss.slow_noise import SlowNoise
+from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, QUALITY, Track, with_quality
+
+__all__ = [
+    "CORRELATION_S",
+    "GEOCENTRIC",
+    "GEOGRAPHIC",
+    "MAX_SIGMA_M",
+    "METHODS",
+    "QUALITY",
+    "SLOW_SHARES",
+    "Alignment",
+    "Antenna",
+    "Exposures",
+    "Interpolated",
+    "Interpolation",
+    "Local",
+    "SlowNoise",
+    "Track",
+    "about_the_middle",
+    "align",
+    "antenna",
+    "convert",
+    "frame_of_block",
+    "geographic_positions",
+    "grid_distortion",
+    "in_metres",
+    "in_world",
+    "interpolate",
+    "known_crs",
+    "local_of",
+    "local_table",
+    "moved",
+    "of_block",
+    "outside_area",
+    "read_exposures",
+    "read_track",
+    "segments",
+    "to_local",
+    "with_quality",
+    "world_crs",
+]
+
+
+def __dir__():
+    return sorted(__all__)

@@ -1,0 +1,364 @@
+"""Ground points and marks from files beside a project.
+
+OpenDroneMap's gcp_list.txt, OpenSfM's ground_control_points.json, MicMac's and MMVII's XML,
+Metashape's marker XML, ground.csv (with marks.csv beside it) of a block, and plain text
+(`ground_text`). Coordinates go into the block's frame: by its crs, by its place on Earth, or as
+they are; where they then lie far from what the images see, they are refused (`plausible`).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.block import LAYOUTS, SIGMAS, Block, Layout, place, read_columns
+from corridor.core.errors import InputError, some
+from corridor.core.geometry import similarity
+from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
+from corridor.core.textfile import Line, filled, opening
+from corridor.tools.formats.faults import blaming
+from corridor.tools.formats.ground_text import read_text, role_of
+from corridor.tools.formats.names import Names
+from corridor.tools.formats.plausible import judged
+from corridor.tools.formats.project import Project, Views, apart, ground_table
+
+_XYZ = ["x", "y", "z"]
+# Points of one name are the same where they lie apart by less than this share of their extent.
+_ALIKE = 0.05
+_UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
+
+
+@dataclass
+class Ground:
+    """Ground points of a file.
+
+    crs: of the coordinates; None: those of the block. table: as ground.csv; None: marks only.
+    marks: point, image, x, y (px). notes: sentences.
+    """
+
+    path: Path
+    crs: str | None
+    table: pd.DataFrame | None
+    marks: list[tuple[str, str, float, float]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def read_ground(path: Path, block: Block) -> Ground:
+    """Ground points of a file; the format is told by the content.
+
+    Raises InputError naming file and line.
+    """
+    if path.is_dir():
+        path = path / "ground.csv"
+    head = opening(path)
+    if head.lstrip().startswith("<"):
+        return _xml(path)
+    if path.suffix.lower() == ".json":
+        from corridor.tools.formats.programs import formats
+
+        if local_of(block) is None:
+            raise InputError(
+                f"{path.name} has latitude and longitude, and the block has no place on Earth; "
+                "give ground points in the block's coordinates"
+            )
+        return formats()["opensfm"].read_ground(path, block, local_of(block))
+    first = head.split("\n", 1)[0]
+    if {"point", "x", "y", "z"} <= {word.strip() for word in first.split(",")}:
+        return _block_table(path)
+    if _is_gcp_list(head):
+        return read_gcp_list(path)
+    found = read_text(path)
+    return Ground(path, found.crs, found.table, notes=found.notes)
+
+
+def _is_gcp_list(head: str) -> bool:
+    """Whether a text is a gcp_list.txt: lines of x y z column row image, or a system before all."""
+    rows = [row for row in head.splitlines() if row.strip() and not row.lstrip().startswith("#")]
+    if not rows:
+        return False
+    if crs_of_line(rows[0]) is not None:
+        return True
+    # The last line of the head may be cut off.
+    words = rows[1 if len(rows) > 1 else 0].split()
+    listed = len(words) > 5 and all(map(_is_number, words[:5])) and not _is_number(words[5])
+    return listed and "," not in "".join(words[:5])
+
+
+def crs_of_line(text: str) -> str | None:
+    """The reference system that the first line of a gcp_list.txt names, else None."""
+    text = text.strip()
+    match = _UTM.fullmatch(text)
+    if match:
+        return f"EPSG:{(32600 if match[2].upper() == 'N' else 32700) + int(match[1])}"
+    code = re.fullmatch(r"(?i)(EPSG:\d+)\s*(?:\+\s*(?:EPSG:)?(\d+))?", text)
+    if code:
+        return code[1].upper() + (f"+{code[2]}" if code[2] else "")
+    if "+proj=" in text or re.match(r"[A-Z_]{4,}\s*\[", text):
+        return text
+    return None
+
+
+def read_gcp_list(path: Path) -> Ground:
+    """OpenDroneMap's gcp_list.txt: system, then x y z column row image [name] a line.
+
+    Points without a name are told apart by their coordinates. (0, 0) is the centre of the first
+    pixel. Feet become metres, in height too. Raises InputError naming file and line.
+    """
+    rows, crs = [], None
+    for line in filled(path, comment="#"):
+        if crs is None:
+            crs = _known_system(line)
+            continue
+        words = line.text.split()
+        if len(words) == 5 and not _is_number(words[4]):
+            # x y column row image: a point without height
+            words = [*words[:2], "0", *words[2:]]
+        if len(words) < 6:
+            line.numbers(words[:5], "a coordinate")
+            raise line.wrong(
+                f"{len(words)} words where x y z column row image [name] belong; separate them by "
+                "blanks"
+            )
+        place = line.numbers(words[:3], "a coordinate")
+        pixel = line.numbers(words[3:5], "a pixel")
+        rows.append((tuple(place), tuple(pixel), words[5], words[6] if len(words) > 6 else None))
+    if crs is None or not rows:
+        raise InputError(f"{path.name} holds no ground point; write one a line")
+    places: dict[str, tuple] = {}
+    unnamed: dict[tuple, str] = {}
+    marks = []
+    for place, pixel, image, name in rows:
+        name = name or unnamed.setdefault(place, f"gcp{len(unnamed) + 1}")
+        if places.setdefault(name, place) != place:
+            raise InputError(
+                f"{path.name}: ground point {name!r} has two different positions; correct one"
+            )
+        marks.append((name, image, *pixel))
+    return Ground(path, crs, ground_table(list(places), list(places.values())), marks)
+
+
+def _known_system(line: Line) -> str:
+    crs, text = crs_of_line(line.text), line.text.strip()
+    if crs is None and re.match(r"(?i)wgs\s*-?84", text):
+        raise line.wrong(
+            f"{text[:40]!r} does not say which coordinates of WGS 84 they are; write EPSG:4326 for "
+            "longitude, latitude, height, or the zone, as WGS84 UTM 16N"
+        )
+    if crs is None:
+        raise line.wrong(
+            f"{text[:40]!r} names no coordinate system; write it there, as EPSG:32616 or WGS84 UTM "
+            "16N"
+        )
+    try:
+        known_crs(crs)
+    except InputError as error:
+        raise line.wrong(str(error)) from None
+    return crs
+
+
+def _is_number(word):
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _xml(path):
+    from corridor.tools.formats.programs import formats
+
+    micmac = formats()["micmac"]
+    ground, marks = micmac.ground_of(path), micmac.marks_of(path)
+    if ground is not None or marks is not None:
+        return Ground(path, None, ground, marks or [])
+    other = formats()["metashape"].read(path).block
+    local, ground = local_of(other), other.ground
+    places = ground[_XYZ].to_numpy() + other.offset
+    if local and len(places):
+        places = local.to_geographic(places)
+    ground = ground.assign(**dict(zip("xyz", places.T, strict=True)))
+    return Ground(path, GEOGRAPHIC if local else None, ground, _marks_of(other.marks))
+
+
+def _block_table(path):
+    table = _columns(path, Layout(("point", *_XYZ), optional=(*SIGMAS, "role")))
+    sigmas = None
+    if set(SIGMAS) & set(table):
+        sigmas = table.reindex(columns=SIGMAS).to_numpy(float)
+    roles = None
+    if "role" in table:
+        given = table["role"].fillna("")
+        roles = [role_of(word) or word for word in given]
+    table = ground_table(list(table["point"]), table[_XYZ].to_numpy(), sigmas, roles)
+    beside = path.with_name("marks.csv")
+    marks = _marks_of(_columns(beside, LAYOUTS["marks"])) if beside.is_file() else []
+    return Ground(path, None, table, marks)
+
+
+def _marks_of(table):
+    named = table[["point", "image", "x", "y"]].astype({"point": str, "image": str})
+    return list(named.itertuples(index=False, name=None))
+
+
+def _columns(path, layout):
+    table = read_columns(path, layout)
+    for name in layout.needed:
+        if table[name].isna().any():
+            row = int(np.argmax(table[name].isna()))
+            raise InputError(f"{place(path, row)}: {name} is empty; write it there")
+    return table
+
+
+def in_frame(block: Block, places: np.ndarray, crs: str | None, what: str) -> np.ndarray:
+    """Places (n, 3) of a system in the block's coordinates.
+
+    Raises InputError where the block has no place on Earth to bring them to.
+    """
+    places = np.asarray(places, dtype=float).reshape(-1, 3)
+    if crs is None:
+        return places - block.offset
+    outside = outside_area(places, crs)
+    if outside:
+        turned = outside_area(places[:, [1, 0, 2]], crs)
+        told = "" if turned else "; with x and y exchanged they lie in it: x is east or longitude"
+        raise InputError(f"{what}: {outside}{told}")
+    if block.crs is not None:
+        return convert(places, crs, block.crs) - block.offset
+    local = local_of(block)
+    if local is not None:
+        return local.from_geographic(_metres(places, crs)) - block.offset
+    raise InputError(
+        f"{what} is in {crs[:60]}, and the block has no place on Earth; import it with --photos "
+        "whose positions place it, or give coordinates of the block's own frame"
+    )
+
+
+def _metres(places, crs):
+    """Longitude, latitude, height; a height in feet of a system in feet becomes metres."""
+    system = known_crs(crs)
+    unit = system.axis_info[0].unit_conversion_factor if system.is_projected else 1.0
+    geographic = convert(places, crs, GEOGRAPHIC)
+    if unit != 1.0 and len(system.axis_info) == 2:
+        geographic[:, 2] = places[:, 2] * unit
+    return geographic
+
+
+def add_to(project: Project, ground: Ground) -> Project:
+    """The project with these ground points and marks in the place of those of the same names.
+
+    Tie points of their names are measurements of the same points, where the project has no marks
+    of its own. Raises InputError where no mark belongs to an image, or the places cannot be right.
+    """
+    block, notes, warnings = project.block, list(ground.notes), []
+    new = block.ground[:0] if ground.table is None else ground.table
+    if new["point"].duplicated().any():
+        twice = new["point"][new["point"].duplicated()].iloc[0]
+        raise InputError(f"{ground.path.name}: ground point {twice!r} stands there twice")
+    given = new[_XYZ].to_numpy(float)
+    if len(new):
+        places = in_frame(block, given, ground.crs, ground.path.name)
+        new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
+    if not ground.marks:
+        block = _measured_already(block, new, project.placed, notes)
+    block = apart(block, notes, [*new["point"], *(mark[0] for mark in ground.marks)])
+    tables = {"tie_points": block.tie_points, "points": block.points, "marks": block.marks}
+    rows = _rows_of_marks(ground, block, notes, warnings)
+    if rows:
+        old = zip(
+            block.marks["point"].astype(str), block.image_rows("marks").tolist(),
+            block.marks["x"], block.marks["y"], strict=True,
+        )  # fmt: skip
+        mine = {row[:2] for row in rows}
+        rows += [row for row in old if row[:2] not in mine]
+        tables["marks"] = Views.of(rows, "marks").table(list(block.images["image"]), warnings)
+    if len(new):
+        old = block.ground[~block.ground["point"].isin(new["point"])]
+        tables["ground"] = pd.concat([old, new], ignore_index=True) if len(old) else new
+    made = project.having(notes=notes, warnings=warnings, **tables)
+    if len(new) and (project.placed or block.crs or local_of(block)):
+        wrong, odd = judged(made.block, list(new["point"]), given, ground.crs, in_frame)
+        if wrong:
+            raise InputError(f"{ground.path.name}: {wrong}")
+        made = made.having(warnings=[f"{ground.path.name}: {odd}"] if odd else [])
+    return made
+
+
+def _measured_already(block: Block, ground: pd.DataFrame, placed: bool, notes: list[str]) -> Block:
+    """The block with its tie points of these names as marks, where they are the same points.
+
+    Programs without a table of control measure all points alike. Numbers of tie points and of
+    ground points are often alike by chance: three or more have to lie alike, too.
+    """
+    names = block.tie_points["point"].cat.categories
+    same = names.isin(set(ground["point"]))
+    if same.sum() < 3 or len(block.marks) or len(block.ground):
+        return block
+    mine = names[same]
+    here = block.positions("tie_points")[same]
+    there = ground.set_index("point").loc[mine, _XYZ].to_numpy(float)
+    known = np.isfinite(here).all(axis=1)
+    wide = float(np.linalg.norm(np.ptp(there[known], axis=0))) if known.any() else 0.0
+    try:
+        moved = here if placed else similarity(here[known], there[known]).apply(here)
+    except InputError:
+        return block
+    away = np.linalg.norm(moved - there, axis=1)[known]
+    if known.sum() < 3 or not np.median(away) < _ALIKE * wide:
+        return block
+    of_ground = same[block.tie_points["point"].cat.codes]
+    marks = block.tie_points[of_ground].reset_index(drop=True)
+    ties = block.tie_points[~of_ground].reset_index(drop=True)
+    for table in (marks, ties):
+        table["point"] = table["point"].cat.remove_unused_categories()
+    notes.append(
+        f"{len(mine)} points that the project measures {int(of_ground.sum())} times have the names "
+        "of these ground points: their measurements became marks"
+    )
+    points = block.points[~block.points["point"].isin(set(mine))].reset_index(drop=True)
+    return replace(block, tie_points=ties, marks=marks, points=points)
+
+
+def _rows_of_marks(ground, block, notes, warnings) -> list[tuple[str, int, float, float]]:
+    """Point, row of the image, x, y of the marks; those without image are told."""
+    names = Names(block.images["image"])
+    found = [(mark, names.row(mark[1])) for mark in ground.marks]
+    lost = [mark[1] for mark, row in found if row is None]
+    if lost:
+        first = f"{ground.path.name}: {len(lost)} of {len(found)} marks are in images"
+        have = block.images["image"].iloc[0]
+        if len(lost) == len(found):
+            raise InputError(
+                f"{first} the project does not have ({lost[0]}, ...; the project has {have}, "
+                "...); correct the names"
+            )
+        others = ", ".join(list(dict.fromkeys(lost))[:5])
+        warnings.append(f"{first} the project does not have and were left out: {others}")
+    notes += names.told(ground.path.name)
+    return [(str(mark[0]), row, *mark[2:]) for mark, row in found if row is not None]
+
+
+def add_ground(project: Project, path: Path, crs: str | None = None) -> Project:
+    """The project with the ground points (and marks) of a file.
+
+    crs: of its coordinates, where the file does not say. Raises InputError.
+    """
+    with blaming(path, "a file of ground points"):
+        ground = read_ground(path, project.block)
+        if crs is not None:
+            if ground.crs not in (None, crs):
+                raise InputError(
+                    f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it"
+                )
+            known_crs(crs)
+            ground = replace(ground, crs=crs)
+        project = add_to(project, ground)
+    names = [] if ground.table is None else list(ground.table["point"])
+    notes = [f"{path.name}: {len(names)} ground points, {len(ground.marks)} marks"]
+    unseen = [n for n in names if n not in set(project.block.marks["point"].cat.categories)]
+    if unseen:
+        notes.append(f"{len(unseen)} ground points are measured in no image: {some(unseen, 5)}")
+    return project.having(notes=notes)
