@@ -5,7 +5,6 @@ import dataclasses
 import errno
 import json
 import os
-import pkgutil
 import re
 import signal
 import subprocess
@@ -16,16 +15,13 @@ import joblib
 import pytest
 
 import corridor
-import corridor.cli
-from corridor.cli import main
-from corridor.errors import AdjustmentFailed
-from corridor.parallel import parallel
+import corridor.interface.cli
+from corridor.core import registry
+from corridor.core.errors import AdjustmentFailed
+from corridor.core.parallel import parallel
+from corridor.interface.cli import main
 
-VERBS = sorted(
-    module.name.rstrip("_").replace("_", "-")
-    for module in pkgutil.iter_modules(corridor.cli.__path__)
-    if not module.name.startswith("_")
-)
+VERBS = sorted(registry.verbs())
 
 
 def helps():
@@ -33,13 +29,15 @@ def helps():
     out = {}
 
     def visit(name, parser):
-        out[name] = parser.format_help()
+        out.setdefault(name, parser.format_help())
         for action in parser._actions:
             if isinstance(action, argparse._SubParsersAction):
                 for below, one in action.choices.items():
                     visit(f"{name} {below}", one)
 
-    visit("corridor", corridor.cli._parser())
+    out["corridor"] = corridor.cli._parser().format_help()
+    for verb in VERBS:
+        visit("corridor", corridor.cli._parser(verb))
     return out
 
 
@@ -48,7 +46,7 @@ def folder(tmp_path_factory):
     """A small block with noise of known size, as a folder."""
     from strips import corridor_block
 
-    from corridor.simulation import add_noise
+    from corridor.core.simulation import add_noise
 
     block = corridor_block(images=9, strips=3, observations_per_image=60, seed=4)
     noise = dict(tie_px=0.5, mark_px=0.3, gnss_m=0.02, control_m=0.01)
@@ -225,7 +223,7 @@ class TestEndings:
         def pressed(self, step):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("corridor.cli.adjust._Iterations.__call__", pressed)
+        monkeypatch.setattr("corridor.interface.cli.verbs.adjust._Iterations.__call__", pressed)
         out = tmp_path / "out"
         last = self._ended(capsys, 130, "adjust", str(folder), "-o", str(out))
         assert last == "interrupted: nothing was written."
@@ -238,7 +236,7 @@ class TestEndings:
             except KeyboardInterrupt:
                 raise ImportError("the C-extensions failed") from None
 
-        monkeypatch.setattr("corridor.cli.effects.run", load)
+        monkeypatch.setattr("corridor.interface.cli.verbs.effects.run", load)
         assert self._ended(capsys, 130, "effects") == "interrupted: nothing was written."
 
     @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -252,7 +250,7 @@ class TestEndings:
             for _ in range(500):
                 time.sleep(0.01)
 
-        monkeypatch.setattr("corridor.cli.effects.run", load)
+        monkeypatch.setattr("corridor.interface.cli.verbs.effects.run", load)
         assert main(["effects"]) == 130
         assert capsys.readouterr().err == "interrupted: nothing was written.\n"
 
@@ -268,7 +266,7 @@ class TestEndings:
             raise KeyboardInterrupt(bar)
 
         before = signal.getsignal(signal.SIGINT)
-        monkeypatch.setattr("corridor.cli.main", pressed)
+        monkeypatch.setattr("corridor.interface.cli.main", pressed)
         monkeypatch.setattr(sys, "unraisablehook", sys.__unraisablehook__)
         try:
             assert command.main() == 130

@@ -2,7 +2,7 @@
 
     python -m benchmarks.diagnosis.real_noise FOLDER       writes NAME, NAME_twin, NAME.truth.json
     python -m benchmarks.diagnosis.real_rates FOLDER OUT   diagnoses them, and counts
-    corridor benchmark-diagnosis --blocks FOLDER -o OUT    the same beside twins and other methods
+    python -m benchmarks.diagnosis --blocks FOLDER -o OUT    the same beside twins and other methods
 
 A measured block is adjusted once; at its adjusted poses, points and camera every measurement is
 moved by what the effect does to it there, so residuals, outliers and the lens stay those of the
@@ -27,7 +27,7 @@ import pandas as pd
 
 import corridor
 from corridor import Adjustment, Block
-from corridor.errors import InputError
+from corridor.core.errors import InputError
 
 DATA = Path(os.environ.get("CORRIDOR_DATA", Path(__file__).parents[3] / "shared" / "data"))
 # What is still believed of a drone: beyond it, an amplitude tests nothing that happens.
