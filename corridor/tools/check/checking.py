@@ -16,7 +16,7 @@ from corridor.core import adjustment as least_squares
 from corridor.core.adjustment import Model
 from corridor.core.block import Block, read
 from corridor.core.brief import brief
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import AdjustmentFailed, InputError, WorkFailed
 from corridor.core.gnss import known_crs, local_of
 from corridor.core.output import plain, whole_file, write_json
 from corridor.core.photographs import photographs_in
@@ -106,8 +106,8 @@ def check_project(
 
     Each stage (block/, adjusted/, missing/, take_back/) is written when it is whole, and is not
     done again by the same call: after an interruption it goes on.
-    Raises InputError where the project cannot be read; AdjustmentFailed where photographs do not
-    become a model. A block that does not adjust is an answer, too.
+    Raises InputError where the project cannot be read; WorkFailed where photographs do not become a
+    model. A block that does not adjust is an answer, too.
     """
     project, output = Path(project), Path(output)
     if not project.exists():
@@ -276,7 +276,7 @@ def _diagnosed(block: Block, folder: Path, required, threads: int, progress) -> 
 
     try:
         diagnosis = registry.room("diagnosis").diagnose(block, threads=threads, progress=say)
-    except (AdjustmentFailed, InputError) as failed:
+    except (WorkFailed, InputError) as failed:
         return {"verdict": "failed", "sentence": f"No diagnosis was possible: {failed}."}
     diagnosis.required = required
     diagnosis.save(folder, threads=threads, progress=say)

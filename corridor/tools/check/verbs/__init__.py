@@ -1,1 +1,1 @@
-"""Verbs of formats, one a file."""
+"""The verb of the check."""
