@@ -49,9 +49,9 @@ class Settings:
         named = [one for one in (found or {}).get("effects") or [] if one.get("class") == "named"]
         observed = adjustment["observations"]
         image = {
-            _RESIDUALS[kind]: math.hypot(*observed[kind]["rms"][:2]) / math.sqrt(2)
-            for kind in _RESIDUALS
-            if kind in observed and observed[kind].get("rms") and observed[kind]["rms"][0]
+            said: float(observed[kind]["rms"])
+            for kind, said in _RESIDUALS.items()
+            if observed.get(kind, {}).get("rms")
         }
         arms = {
             flight: [(arm[axis]["value"], arm[axis]["sigma"]) for axis in "xyz"]

@@ -257,7 +257,7 @@ def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[
     calibrated = all(camera.calibrated for camera in block.cameras.values())
     model = Model(camera="fixed" if calibrated else "fraser8", effects=effects)
     try:
-        adjustment = least_squares.adjust(block, model, threads=threads)
+        adjustment = least_squares.adjust(block, model=model, threads=threads)
     except AdjustmentFailed as failed:
         return {"converged": False, "warnings": [f"{failed}."], "doubts": []}
     adjustment.required = required

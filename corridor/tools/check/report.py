@@ -29,7 +29,7 @@ def _report(checked: Checked) -> Report:
             notes.append(f"files: {checked.taken_back.folder}")
             notes += [f"proof: {checked.taken_back.proof}"] if checked.taken_back.proof else []
             notes += checked.taken_back.sentences
-        title = f"What to take back to {checked.form}"
+        title = f"What to take back (the project is read as {checked.form})"
         tables.append(Table(title, (), rows, "w", tuple(notes)))
     if checked.imported:
         rows = tuple((sentence,) for sentence in checked.imported)

@@ -39,8 +39,8 @@ def take_back(result: Path, folder: Path, form: str, settings: Settings) -> Take
     """Writes what to take back of a result of `corridor adjust`, and imports it again.
 
     settings.txt; camera.toml; positions.csv (camera positions by GNSS, corrected for the antenna,
-    with sigmas), ground.csv and gcp_list.txt (control and its marks, effects taken out), in the
-    block's system; project/: the whole project in its own format, where that is written.
+    with sigmas), ground.csv, marks.csv and gcp_list.txt (control and its marks, effects taken out),
+    in the block's system; project/: the whole project in its own format, where that is written.
     """
     formats = registry.room("interchange")
     block, effects = formats.read_adjusted(result)
@@ -134,10 +134,13 @@ def _write_ground(folder: Path, block: Block) -> None:
     (folder / "ground.csv").write_text(text, encoding="utf-8", newline="\n")
     crs = world_crs(block)
     used = ground[ground["role"] != "unused"].set_index("point")
-    if crs is None or not len(block.marks) or not len(used):
+    if not len(block.marks):
+        return
+    marks = block.marks[["point", "image", "x", "y"]].astype({"point": str, "image": str})
+    marks.to_csv(folder / "marks.csv", index=False, float_format="%.4f", lineterminator="\n")
+    if crs is None or not len(used):
         return
     lines = [crs]
-    marks = block.marks[["point", "image", "x", "y"]].astype({"point": str, "image": str})
     for point, image, x, y in marks.itertuples(index=False):
         if point in used.index:
             place = used.loc[point, _XYZ].to_numpy(float)

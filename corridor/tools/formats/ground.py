@@ -23,7 +23,7 @@ from corridor.core.textfile import Line, filled, opening
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.ground_text import read_text, role_of
 from corridor.tools.formats.names import Names
-from corridor.tools.formats.plausible import judged
+from corridor.tools.formats.plausible import judged, remedy
 from corridor.tools.formats.project import Project, Views, apart, ground_table
 
 _XYZ = ["x", "y", "z"]
@@ -223,9 +223,7 @@ def in_frame(block: Block, places: np.ndarray, crs: str | None, what: str) -> np
         return places - block.offset
     outside = outside_area(places, crs)
     if outside:
-        turned = outside_area(places[:, [1, 0, 2]], crs)
-        told = "" if turned else "; with x and y exchanged they lie in it: x is east or longitude"
-        raise InputError(f"{what}: {outside}{told}")
+        raise InputError(f"{what}: {outside}")
     if block.crs is not None:
         return convert(places, crs, block.crs) - block.offset
     local = local_of(block)
@@ -259,22 +257,29 @@ def add_to(project: Project, ground: Ground) -> Project:
         twice = new["point"][new["point"].duplicated()].iloc[0]
         raise InputError(f"{ground.path.name}: ground point {twice!r} stands there twice")
     given = new[_XYZ].to_numpy(float)
+    rows = _rows_of_marks(ground, block, notes, warnings)
+    marks = block.marks
+    if rows:
+        old = zip(
+            marks["point"].astype(str), block.image_rows("marks").tolist(), marks["x"], marks["y"],
+            strict=True,
+        )  # fmt: skip
+        mine = {row[:2] for row in rows}
+        rows += [row for row in old if row[:2] not in mine]
+        marks = Views.of(rows, "marks").table(list(block.images["image"]), warnings)
     if len(new):
-        places = in_frame(block, given, ground.crs, ground.path.name)
+        try:
+            places = in_frame(block, given, ground.crs, ground.path.name)
+        except InputError as error:
+            marked = replace(block, marks=marks)
+            told = remedy(marked, list(new["point"]), given, ground.crs, in_frame)
+            raise InputError(f"{error}; {told}" if told else str(error)) from None
         new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
+    block = replace(block, marks=marks)
     if not ground.marks:
         block = _measured_already(block, new, project.placed, notes)
     block = apart(block, notes, [*new["point"], *(mark[0] for mark in ground.marks)])
     tables = {"tie_points": block.tie_points, "points": block.points, "marks": block.marks}
-    rows = _rows_of_marks(ground, block, notes, warnings)
-    if rows:
-        old = zip(
-            block.marks["point"].astype(str), block.image_rows("marks").tolist(),
-            block.marks["x"], block.marks["y"], strict=True,
-        )  # fmt: skip
-        mine = {row[:2] for row in rows}
-        rows += [row for row in old if row[:2] not in mine]
-        tables["marks"] = Views.of(rows, "marks").table(list(block.images["image"]), warnings)
     if len(new):
         old = block.ground[~block.ground["point"].isin(new["point"])]
         tables["ground"] = pd.concat([old, new], ignore_index=True) if len(old) else new

@@ -38,15 +38,38 @@ def judged(
     what they are called, the places in the block's frame.
     """
     placed = block.numbers("ground", *"xyz")[block.ground["point"].isin(points).to_numpy()]
-    met = _met(block, points)
+    met, centres = _met(block, points), _centres(block)
     seen = np.isfinite(met).all(axis=1)
-    centres = block.poses[:, :3]
-    centres = centres[np.isfinite(centres).all(axis=1)]
     if seen.sum() >= 2:
         return _of_rays(block, placed[seen], met[seen], given[seen], crs, in_frame)
     if not len(centres):
         return "", ""
     return _of_reach(block, placed, centres, given, crs, in_frame), ""
+
+
+def remedy(
+    block: Block, points: list[str], given: np.ndarray, crs: str | None, in_frame: Callable
+) -> str:
+    """What makes coordinates fit that are none in their system; empty where nothing does.
+
+    As `judged`; block: with the marks.
+    """
+    met, centres = _met(block, points), _centres(block)
+    seen = np.isfinite(met).all(axis=1)
+    for told, other in _slips(block, given, crs, in_frame):
+        if seen.sum() >= 2:
+            near = _distance(other[seen], met[seen]) < _FAR_M
+        else:
+            near = bool(len(centres)) and _beside(other, centres) < _reach(block, centres)
+        if near:
+            return told.rstrip(";")
+    return ""
+
+
+def _centres(block: Block) -> np.ndarray:
+    """(n, 3): known places of the cameras."""
+    centres = block.numbers("images", *"xyz")
+    return centres[np.isfinite(centres).all(axis=1)]
 
 
 def _met(block: Block, points: list[str]) -> np.ndarray:
@@ -71,7 +94,7 @@ def _of_rays(block, placed, met, given, crs, in_frame) -> tuple[str, str]:
         # Less than start poses may miss; the adjustment says what is left.
         return "", ""
     if away > _CLOSE_M:
-        for told, other in _slips(block, given, placed, crs, in_frame):
+        for told, other in _slips(block, given, crs, in_frame):
             left = _distance(other, met)
             if left < min(away / _BETTER, max(_NEAR_M, 0.05 * away)):
                 return (
@@ -101,7 +124,7 @@ def _of_reach(block, placed, centres, given, crs, in_frame) -> str:
     away = _beside(placed, centres)
     if away < reach:
         return ""
-    for told, other in _slips(block, given, placed, crs, in_frame):
+    for told, other in _slips(block, given, crs, in_frame):
         left = _beside(other, centres)
         if left < reach and left < away / _BETTER:
             return f"{told} the points lie {_shown(away)} from the images"
@@ -133,7 +156,7 @@ def _reach(block: Block, places: np.ndarray) -> float:
     return float(np.linalg.norm(high - low)) + _BESIDE_M
 
 
-def _slips(block, given, placed, crs, in_frame):
+def _slips(block, given, crs, in_frame):
     """(what is wrong, the places in the block's frame without it) of every usual slip."""
 
     def framed(places, system):
