@@ -5,13 +5,13 @@ print(corridor.interchange.prove(project))
 project.block.write("block")
 """
 
+from corridor.interchange.control import add_ground
 from corridor.interchange.exporting import (
     Exported,
     export_names,
     export_project,
     read_adjusted,
 )
-from corridor.interchange.ground import add_ground
 from corridor.interchange.importing import Additions, Imported, complete, import_project
 from corridor.interchange.project import Project
 from corridor.interchange.proof import Proof, Residuals, demand, prove

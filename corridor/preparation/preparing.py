@@ -12,7 +12,7 @@ import pandas as pd
 from corridor.block import RATES, SIGMAS, VELOCITY, Block, read
 from corridor.errors import AdjustmentFailed, InputError
 from corridor.gnss import Antenna, of_block
-from corridor.preparation.record import Derived, derived, record
+from corridor.preparation.record import ARBITRARY, FRAME, Derived, derived, record
 from corridor.preparation.smoothing import FASTEST_M_S, motion, of_gnss, of_poses
 
 _VELOCITY_SIGMA = ("svx", "svy", "svz")
@@ -145,7 +145,9 @@ def _sources(block: Block, flown: Antenna | None):
         yield "track.csv", lambda: motion(flown.interpolated)
     elif len(block.gnss):
         yield "gnss.csv", lambda: of_gnss(block)
-    yield "the poses of images.csv", lambda: of_poses(block)
+    # Without a scale, what poses fly in a second is no speed.
+    if block.extra.get(FRAME) != ARBITRARY:
+        yield "the poses of images.csv", lambda: of_poses(block)
 
 
 def _rates(block: Block) -> None:
