@@ -67,7 +67,8 @@ def headings(photos: Sequence[Metadata], seen: np.ndarray | None = None) -> Head
         return Headings(np.full(len(photos), np.nan), "", (against,))
     source, yaw = ("the yaw of the flight", body) if _many(body) else ("the yaw", gimbal)
     way = _way(yaw, course)
-    if way.says != AGREES and _many(gimbal) and _alike(gimbal, 0 * gimbal) and not _one_way(course):
+    other_way = not _one_way(course) or seen is not None and not _turned_as_one(seen, yaw)
+    if way.says != AGREES and _many(gimbal) and _alike(gimbal, 0 * gimbal) and other_way:
         # All near zero on strips to and fro: from the nose, with nothing that says where that is.
         return Headings(np.full(len(photos), np.nan), "", (way,))
     return Headings(yaw, source if _many(yaw) else "", (way,) if _many(yaw) else ())

@@ -59,18 +59,23 @@ def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
     if not turned.any():
         return project
     gain = _gain(project.block, rows[turned])
-    said = _sentence(photos, rows, turned)
+    names = [photo.name for photo in photos.values()]
+    which = listed([photos[row].name for row in rows[turned]], names)
+    many = f"{turned.sum()} of {len(rows)} photographs"
+    against = f"the yaw in the metadata of {many} is 180 degrees from their poses: {which}"
     if gain is None or abs(gain) < _DECIDES:
         return project.having(
             warnings=[
-                f"{said}, which the residuals of an adjustment neither prove nor disprove: nothing "
-                "was turned; look whether these pictures stand on their heads beside the others"
+                f"{against}; the residuals of an adjustment neither prove nor disprove that a "
+                "viewer has turned their pixels, so nothing was turned: look whether these "
+                "pictures stand on their heads beside the others"
             ]
         )
     if gain < 0:
         return project.having(
-            notes=[f"{said}, but the residuals fit the pictures as they are: nothing was turned"]
+            notes=[f"{against}; the residuals fit the pictures as they are: nothing was turned"]
         )
+    said = f"{many} are turned by 180 degrees against their own yaw in the metadata: {which}"
     tools = {photos[row].tags.get("CreatorTool", "") for row in rows[turned]} - {""}
     others = {photos[row].tags.get("CreatorTool", "") for row in rows[~turned]}
     # It speaks only where the others were not saved by it.
@@ -88,15 +93,6 @@ def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
         )
     return _turned_back(project, rows[turned]).having(
         notes=[f"{said}: their measurements were turned back; the files stay as they are"]
-    )
-
-
-def _sentence(photos, rows, turned) -> str:
-    names = [photo.name for photo in photos.values()]
-    mine = [photos[row].name for row in rows[turned]]
-    return (
-        f"{len(mine)} of {len(rows)} photographs are turned by 180 degrees against their own "
-        f"yaw in the metadata: {listed(mine, names)}"
     )
 
 
