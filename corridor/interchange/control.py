@@ -1,8 +1,9 @@
 """Ground control as evidence of where a project lies, and in which pictures it was measured.
 
 Marks and poses give each ground point a place in the project's frame; the list of ground points
-gives it another. From both follow the size of the pictures that marks were measured in, the place of
-a project that has no positions, and the height system of one that has. What fits neither is refused.
+gives it another. From both follow the size of the pictures that marks were measured in, the place
+of a project that has no positions, and the height system of one that has. What fits neither is
+refused.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class Seen(NamedTuple):
 def add_ground(
     project: Project, path: Path, photos: Mapping[int, Metadata] | None = None
 ) -> Project:
-    """The project with the ground points (and marks) of a file, placed by them if nothing else does.
+    """The project with the ground points (and marks) of a file, which place it if nothing else does.
 
     photos: by row of images.csv; they tell which pictures marks may have been measured in. Raises
     InputError where the file is damaged, or its points lie nowhere near where marks see them.
@@ -276,8 +277,8 @@ def _in_one_height_system(project: Project, name: str) -> Project:
         raise InputError(
             f"{name}: its points lie {plan:,.1f} m in plan and {up:+,.1f} m in height from where "
             f"the marks in the pictures see them (median of {len(seen.names)}), so the {what} and "
-            "the ground points are not in one system; check --crs, the order of the coordinates and "
-            "the names of the points"
+            "the ground points are not in one system; check --crs, the order of the coordinates "
+            "and the names of the points"
         )
     shift = np.array([0.0, 0.0, up])
     moved = moved_by(project, Similarity(1.0, np.eye(3), shift))
@@ -344,7 +345,7 @@ def marks_refused(project: Project) -> str | None:
         return None
     told = f"{off:,.0f} px" if np.isfinite(off) else "behind the cameras"
     return (
-        f"the marks lie {told} (median) from where ground points and poses put them, in pictures of "
-        f"{limit:.0f} px: ground points and poses are not in one system; check the coordinate "
+        f"the marks lie {told} (median) from where ground points and poses put them, in pictures "
+        f"of {limit:.0f} px: ground points and poses are not in one system; check the coordinate "
         "system, the order of the coordinates, the heights and the names of the points"
     )

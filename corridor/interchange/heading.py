@@ -46,7 +46,9 @@ def headings(photos: Sequence[Metadata], seen: np.ndarray | None = None) -> Head
     from_nose = body + gimbal
     if _many(gimbal) and _many(body):
         if _alike(gimbal, body):
-            seen_so = Witness("FlightYawDegree", AGREES, f"the same to {_off(gimbal, body)} degrees")
+            seen_so = Witness(
+                "FlightYawDegree", AGREES, f"the same to {_off(gimbal, body)} degrees"
+            )
             return Headings(gimbal, "the yaw of the gimbal", (seen_so, _way(gimbal, course)))
         if _alike(gimbal, np.zeros(len(gimbal))):
             told = (

@@ -288,8 +288,8 @@ def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Pro
     if not (has_north(project) or project.placed and witness.says == AGREES):
         return project.having(
             warnings=[
-                f"{told}, were left out: nothing says where north is in the project's frame, or how "
-                "long a metre; give ground points (--ground) with their system, or photographs "
+                f"{told}, were left out: nothing says where north is in the project's frame, or "
+                "how long a metre; give ground points (--ground) with their system, or photographs "
                 "with positions"
             ]
         )

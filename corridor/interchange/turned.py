@@ -81,8 +81,8 @@ def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
     # It speaks only where the others were not saved by it.
     by = f" ({', '.join(sorted(tools))} saved them)" if tools and not tools & others else ""
     said += (
-        f", and the residuals fit decisively better so (log likelihood {gain:.0f} higher): a viewer "
-        f"has turned their pixels{by}"
+        f", and the residuals fit decisively better so (log likelihood {gain:.0f} higher): a "
+        f"viewer has turned their pixels{by}"
     )
     if project.form != "photos":
         return project.having(

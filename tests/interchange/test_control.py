@@ -1,4 +1,4 @@
-"""Ground control places a project, tells its height system, and in which pictures it was measured."""
+"""Ground control places a project, and tells its height system and the size of its pictures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,8 @@ from corridor.preparation import derived
 
 from .conftest import exact_block
 
-FREE = Similarity(0.07, rotation_from_vector(np.array([[0.3, -1.2, 0.7]]))[0], np.array([1, 2, 3.0]))
+TURN = rotation_from_vector(np.array([[0.3, -1.2, 0.7]]))[0]
+FREE = Similarity(0.07, TURN, np.array([1.0, 2.0, 3.0]))
 
 
 @pytest.fixture
