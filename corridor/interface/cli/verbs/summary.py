@@ -1,0 +1,34 @@
+"""Show what is in a block, and what cannot be done for lack of data.
+
+examples:
+  corridor summary data_synthetic/dike
+      the shipped block: what is in it, and what looks wrong
+  corridor summary BLOCK -o out/look
+      also saves a first-look picture there
+"""
+
+import argparse
+
+from corridor.core.command.options import option, wrote
+
+OPTIONS = {"block": {}, "--output": option("folder for the first-look picture")}
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the summary and the effects that want more data; draw the block if asked."""
+    import corridor
+    from corridor.core import output as report
+    from corridor.core.preparation import derived_table, doubts, prepare
+
+    block = corridor.read(options.block)
+    look = corridor.summary(block)
+    look.notes = [*doubts(block), *look.notes]
+    print(look)
+    table = derived_table(prepare(block).block)
+    if table is not None:
+        print(f"\n{table}")
+    if options.output is not None:
+        path = options.output / "first_look.png"
+        with report.whole_file(path) as part:
+            report.write_picture(corridor.figures.first_look(block), part)
+        wrote(path)
