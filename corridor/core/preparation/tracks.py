@@ -17,7 +17,7 @@ from corridor.core.block import Block
 # along one strip is as long as the strip. Where drones fly side by side, nearer to each other than
 # they fly from picture to picture, the ways are hardly shorter, but they are straight (the cosine
 # of the turn from step to step, median) where the one way reverses.
-_SHORTER, _HARDLY, _STRAIGHT = 0.5, 0.9, 0.7
+_SHORTER, _HARDLY, _STRAIGHT = 0.5, 1.05, 0.7
 # One jump, or two, are no going to and fro; a track has so many images.
 _LEAST_JUMPS, _LEAST = 4, 4
 # The best split of so many images is looked for; each later one goes to the nearer track.
@@ -55,63 +55,83 @@ class Interleaved(NamedTuple):
 
 
 def interleaved(block: Block) -> Interleaved | None:
-    """The tracks of a block whose images of one flight and camera are of several; None if not."""
+    """The tracks of a block whose images of one flight and camera are of several; None if not.
+
+    What images are called is tried first; positions alone otherwise.
+    """
     time = block.column("images", "time_s")
     place = np.full((len(time), 3), np.nan)
     rows = block.image_rows("gnss") if len(block.gnss) else np.zeros(0, int)
     place[rows[rows >= 0]] = block.numbers("gnss", *"xyz")[rows >= 0]
-    lacking = ~np.isfinite(place).all(axis=1)
     # Of two sources only one: positions and start poses may lie in different frames.
-    if lacking.any():
+    if not np.isfinite(place).all():
         place = block.numbers("images", *"xyz")
     camera = pd.factorize(block.images["camera"])[0]
     group = block.image_flight * (camera.max(initial=0) + 1) + camera
-    track, apart = np.zeros(len(time), int), []
+    known = np.isfinite(time) & np.isfinite(place).all(axis=1)
+    order = np.argsort(time, kind="stable")
+    track, apart, named = np.zeros(len(time), int), [], []
     for one in np.unique(group):
-        mine = np.flatnonzero((group == one) & np.isfinite(time) & np.isfinite(place).all(axis=1))
-        mine = mine[np.argsort(time[mine], kind="stable")]
-        parts = _parts(place[mine])
-        base = track.max(initial=0) + 1 if track.any() or apart else 0
-        for number, part in enumerate(parts):
-            track[mine[part]] = base + number
-        if len(parts) > 1:
-            apart.append(_apart(time[mine], place[mine], parts))
+        mine = order[(group == one)[order] & known[order]]
+        said, split = next(_by_names(block, mine, place[mine]), ("", None))
+        split = _by_positions(place[mine]) if split is None else split
+        track[mine] = split + track.max(initial=-1) + 1
+        if split.max(initial=0) > 0:
+            apart.append(_apart(time[mine], place[mine], split))
+            named.append(said)
     if not apart:
         return None
-    return Interleaved(pd.factorize(track)[0], float(np.median(apart)), _named(block, time, track))
+    by = named[0] if len(set(named)) == 1 else ""
+    return Interleaved(pd.factorize(track)[0], float(np.median(apart)), by)
 
 
-def _parts(place: np.ndarray) -> list[np.ndarray]:
-    """Rows of each track, of positions (n, 3) in order of time; one track where it is one."""
-    parts, done = [np.arange(len(place))], []
-    while parts and len(parts) + len(done) < _MOST_TRACKS:
-        rows = parts.pop()
-        second = _split(place[rows])
-        if second is None:
-            done.append(rows)
+def _by_names(block: Block, mine: np.ndarray, place: np.ndarray):
+    """(what says so, track (n,)) of each way that names tell the images apart and positions agree.
+
+    mine: rows of images.csv in order of time. place: (n, 3) their positions.
+    """
+    names = block.images["image"].astype(str).iloc[mine]
+    number = names.str.extract(r"(\d+)\D*$", expand=False)
+    told = {
+        "the folders of the images": names.str.extract(r"^(.*)[/\\]", expand=False).fillna(""),
+        "the images' names": names.str.replace(r"\d+\D*$", "", regex=True),
+    }
+    if number.notna().all() and len(number):
+        # Each drone counts its own pictures one by one.
+        number = number.astype(float).to_numpy()
+        upwards = np.argsort(number, kind="stable")
+        run = np.zeros(len(number), int)
+        run[upwards] = np.cumsum(np.diff(number[upwards], prepend=number[upwards][:1]) > 1)
+        told["the images' numbers"] = pd.Series(run)
+    for what, key in told.items():
+        track = pd.factorize(key)[0]
+        if _holds(place, track):
+            yield what, track
+
+
+def _by_positions(place: np.ndarray) -> np.ndarray:
+    """Track (n,) of each of positions (n, 3) in order of time; all 0 where it is one."""
+    track, looked = np.zeros(len(place), int), 0
+    while looked <= track.max(initial=0) < _MOST_TRACKS:
+        rows = np.flatnonzero(track == looked)
+        second = _shortest_two(place[rows]) if len(rows) >= 2 * _LEAST else np.zeros(0, bool)
+        if len(second) and _holds(place[rows], second.astype(int)):
+            track[rows[second]] = track.max() + 1
         else:
-            parts += [rows[~second], rows[second]]
-    return sorted([*done, *parts], key=lambda rows: rows[0] if len(rows) else -1)
+            looked += 1
+    return track
 
 
-def _split(place: np.ndarray) -> np.ndarray | None:
-    """Which rows (n,) are of the second of two tracks; None where one way is not much longer."""
-    if len(place) < 2 * _LEAST:
-        return None
-    second = _shortest_two(place[:_LOOKED_AT])
-    for row in range(len(second), len(place)):
-        last = [np.flatnonzero(second == which)[-1] for which in (False, True)]
-        nearer = np.linalg.norm(place[last] - place[row], axis=1).argmin()
-        second = np.append(second, bool(nearer))
-    jumps = int(np.sum(second[1:] != second[:-1]))
-    fewest = min(second.sum(), (~second).sum())
-    if jumps < _LEAST_JUMPS or fewest < _LEAST:
-        return None
-    share = (_length(place[second]) + _length(place[~second])) / max(_length(place), 1e-9)
-    straight = min(_turning(place[second]), _turning(place[~second])) > _STRAIGHT
-    if share < _SHORTER or share < _HARDLY and straight and _turning(place) < 0:
-        return second
-    return None
+def _holds(place: np.ndarray, track: np.ndarray) -> bool:
+    """Whether positions (n, 3) in order of time are rather of these tracks (n,) than of one."""
+    each = np.bincount(track)
+    jumps = int(np.sum(track[1:] != track[:-1]))
+    if not 1 < len(each) <= _MOST_TRACKS or jumps < _LEAST_JUMPS or each.min() < _LEAST:
+        return False
+    ways = [place[track == one] for one in range(len(each))]
+    share = sum(map(_length, ways)) / max(_length(place), 1e-9)
+    reverses = _turning(place) < 0 and min(map(_turning, ways)) > _STRAIGHT
+    return share < _SHORTER or share < _HARDLY and reverses
 
 
 def _turning(place):
@@ -129,8 +149,9 @@ def _shortest_two(place: np.ndarray) -> np.ndarray:
     """The split (n,) of positions in order of time into two ways that are shortest together.
 
     Dynamic programming: after image k one way ends there, the other at an earlier j, or nowhere.
+    Beyond the first images each goes to the nearer way.
     """
-    count = len(place)
+    count = min(len(place), _LOOKED_AT)
     # cost[j + 1]: of the best two ways that end at k and at j; 0: the second is not begun.
     cost, came = np.full(count + 1, np.inf), np.zeros(count, int)
     cost[0] = 0.0
@@ -141,7 +162,7 @@ def _shortest_two(place: np.ndarray) -> np.ndarray:
         came[k + 1] = int(leap.argmin())  # where the other way ended, if it goes on at k + 1
         cost[: k + 1] += step
         cost[k + 1] = leap.min()
-    second = np.zeros(count, bool)
+    second = np.zeros(len(place), bool)
     other, k = int(cost[:count].argmin()), count - 1
     which = True
     while k >= 0:
@@ -150,34 +171,19 @@ def _shortest_two(place: np.ndarray) -> np.ndarray:
             other, k, which = came[k], k - 1, not which
         else:
             k -= 1
-    return second if not second[0] else ~second
+    if second[0]:
+        second[:count] = ~second[:count]
+    if count == len(place) or not _holds(place[:count], second[:count].astype(int)):
+        return second
+    last = [np.flatnonzero(second[:count] == which)[-1] for which in (False, True)]
+    for row in range(count, len(place)):
+        nearer = int(np.linalg.norm(place[last] - place[row], axis=1).argmin())
+        second[row], last[nearer] = bool(nearer), row
+    return second
 
 
-def _apart(time, place, parts) -> float:
+def _apart(time, place, track) -> float:
     """Distance of the first two tracks at the times of the second, median, m."""
-    one, other = parts[0], parts[1]
+    one, other = track == 0, track == 1
     there = np.column_stack([np.interp(time[other], time[one], axis[one]) for axis in place.T])
     return float(np.median(np.linalg.norm(there - place[other], axis=1)))
-
-
-def _named(block: Block, time: np.ndarray, track: np.ndarray) -> str:
-    """What of the images' names goes with the tracks; empty where nothing does."""
-    names = block.images["image"].astype(str)
-    for what, key in (
-        ("the folders of the images", names.str.extract(r"^(.*)[/\\]", expand=False).fillna("")),
-        ("the images' names", names.str.replace(r"\d+\D*$", "", regex=True)),
-    ):
-        pairs = set(zip(pd.factorize(key)[0].tolist(), track.tolist(), strict=True))
-        if len(pairs) == len(set(track)) == key.nunique():
-            return what
-    numbers = names.str.extract(r"(\d+)\D*$", expand=False)
-    if numbers.isna().any():
-        return ""
-    number = numbers.astype("int64").to_numpy()
-    order = np.argsort(time, kind="stable")
-    alone = [np.diff(number[order][track[order] == one]) for one in range(track.max() + 1)]
-    # Each drone counts its own pictures one by one; both together do not.
-    one_by_one = [np.mean(steps == 1) for steps in alone if len(steps)]
-    if min(one_by_one) > 0.8 and np.mean(np.diff(number[order]) == 1) < 0.5:
-        return "the images' numbers"
-    return ""

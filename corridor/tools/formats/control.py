@@ -55,7 +55,7 @@ class Seen(NamedTuple):
 def add_ground(
     project: Project, path: Path, photos: Mapping[int, Metadata] | None = None
 ) -> Project:
-    """The project with the ground points (and marks) of a file, which place it if nothing else does.
+    """The project with the ground points and marks of a file, which place it if nothing else does.
 
     photos: by row of images.csv; they tell which pictures marks may have been measured in. Raises
     InputError where the file is damaged, or its points lie nowhere near where marks see them.
