@@ -20,7 +20,7 @@ from corridor.interchange.cameras import moved_to
 from corridor.interchange.formats import writers
 from corridor.interchange.proof import MEDIAN_PX, Residuals
 from corridor.interchange.rows import rows_of
-from corridor.report import whole_folder
+from corridor.report import file_lines, whole_folder
 
 _MARK = "exported_by_corridor.txt"
 _RESULT = "adjustment.json"
@@ -127,7 +127,8 @@ def export_project(
     with whole_folder(folder, _MARK) as part:
         target.write(exported, part, form)
         (part / _MARK).write_text(
-            "\n".join([f"block {block.name} as {form}", *sentences]) + "\n", encoding="utf-8"
+            "\n".join([f"block {block.name} as {form}", *sentences, file_lines(part)]),
+            encoding="utf-8",
         )
     observations = len(exported.tie_points) + len(exported.marks)
     return Exported(form, Path(folder), len(exported.images), observations, sentences)

@@ -19,6 +19,7 @@ from corridor.report.adjustment import (
 from corridor.report.files import (
     check_folder,
     check_writable,
+    file_lines,
     files_in,
     folder_of,
     forget_parts,
@@ -71,6 +72,7 @@ __all__ = [
     "coefficient",
     "counted",
     "doubted",
+    "file_lines",
     "files_in",
     "fixed",
     "folder_of",

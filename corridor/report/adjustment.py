@@ -15,7 +15,6 @@ from scipy.special import chdtri
 
 from corridor.report.files import (
     files_in,
-    listed_in,
     whole_folder,
     write_csv,
     write_json,
@@ -147,7 +146,7 @@ def save_adjustment(
     """
     folder, block = Path(folder), adjustment.block
     with (
-        whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part,
+        whole_folder(folder, RESULT) as part,
         ThreadPoolExecutor(1) as aside,
     ):
         # Of a river both take as long, and a file is written while Python draws.

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import zipfile
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from corridor import cli
 from corridor.errors import InputError
 from corridor.interchange import prove, read_project
+from corridor.interchange.formats import metashape
 from corridor.interchange.ground import read_gcp_list
 
 from .fuzzing import run
@@ -204,3 +206,12 @@ def test_a_thousand_damaged_files():
     """More of them: python -m tests.interchange.fuzzing 10000."""
     outcomes = run(1000, seed=100)
     assert outcomes["silent"] == 0
+
+
+def test_a_photoscan_project_that_grows_beyond_measure_is_refused(tmp_path):
+    path = tmp_path / "bomb.psz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("doc.xml", b" " * 80_000_000)
+    assert path.stat().st_size < 100_000
+    with pytest.raises(InputError, match=r"doc\.xml unpacks to more than 100 times its size"):
+        metashape.read(path)

@@ -14,7 +14,7 @@ from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.report.page import make_page
 from corridor.effects import Values
 from corridor.errors import AdjustmentFailed, InputError
-from corridor.report import check_folder, files_in, listed_in, whole_folder, write_csv, write_json
+from corridor.report import check_folder, files_in, whole_folder, write_csv, write_json
 
 RESULT = "diagnosis.json"
 
@@ -53,7 +53,7 @@ def save(
     compared = beside(diagnosis, counterparts, threads, say)
     notes = [*diagnosis.notes, *compared.notes]
     slugs, adjustment = _believable(diagnosis, say)
-    with whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part:
+    with whole_folder(folder, RESULT) as part:
         say({"message": "writing the blocks"})
         adjustment.block.write(part / "block")
         corrected(diagnosis.block, adjustment, slugs).write(part / "corrected")
