@@ -17,6 +17,7 @@ from corridor.report.adjustment import (
     steps,
 )
 from corridor.report.files import (
+    as_it_was,
     check_folder,
     check_writable,
     file_lines,
@@ -55,6 +56,7 @@ from corridor.report.table import WIDTH, Link, Table
 from corridor.report.units import UnitTable, named_with_units, with_units
 
 __all__ = [
+    "as_it_was",
     "CAPTIONS",
     "DASH",
     "Layer",

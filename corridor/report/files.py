@@ -12,6 +12,7 @@ import io
 import json
 import math
 import os
+import re
 import shutil
 import time
 import uuid
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from corridor.errors import InputError
 from corridor.report.json import json_text
@@ -30,6 +32,8 @@ from corridor.report.units import named_with_units
 # The smallest result has a table and a picture.
 LEAST_FREE = 1_000_000
 _FILE = "file: "
+# Also behind blanks and control characters, which some spreadsheets pass over; and in full width.
+_FORMULA = re.compile(r"'*[\s\x00-\x1f]*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 
 
 @contextmanager
@@ -171,9 +175,38 @@ def write_json(content: Mapping[str, Any], path: Path) -> None:
     path.write_text(json_text(content), encoding="utf-8", newline="\n")
 
 
-def write_csv(frame: pd.DataFrame, path: Path) -> None:
-    """A table with ten digits and units in its column names; empty where a number is unknown."""
-    named_with_units(frame).to_csv(path, index=False, float_format="%.10g", lineterminator="\n")
+def write_csv(frame: pd.DataFrame, path: Path, digits: int = 10) -> None:
+    """A table with so many digits and units in its column names; empty where a number is unknown.
+
+    These tables are opened in spreadsheets, which would run a name like `=cmd|...`: a text that
+    begins so gets an apostrophe before it (`harmless`).
+    """
+    table = named_with_units(frame).rename(columns=harmless)
+    for name in table.columns[[not is_numeric_dtype(kind) for kind in table.dtypes]]:
+        table[name] = table[name].map(harmless)
+    table.to_csv(path, index=False, float_format=f"%.{digits}g", lineterminator="\n")
+
+
+def harmless(text: object) -> object:
+    """The same, with an apostrophe before a text that a spreadsheet would take for a formula.
+
+    A number is none, whatever its sign. Source: OWASP, CSV injection.
+    """
+    if not isinstance(text, str):
+        return text
+    text = text.replace("\r", " ")  # it would begin a row of its own
+    if not _FORMULA.match(text):
+        return text
+    try:
+        float(text)
+    except ValueError:
+        return f"'{text}"
+    return text
+
+
+def as_it_was(text: str) -> str:
+    """What `harmless` was given."""
+    return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
 def png(figure, dpi: float = 144) -> bytes:

@@ -1,17 +1,20 @@
 """Files and folders appear whole or not at all, also where two runs write the same ones."""
 
+import csv
 import json
 import multiprocessing
 import sys
 import threading
 from contextlib import contextmanager
 
+import pandas as pd
 import pytest
 from made_up import adjustment, corridor
 from matplotlib.figure import Figure
 
 from corridor import InputError
 from corridor.report import (
+    as_it_was,
     check_folder,
     file_lines,
     listed_in,
@@ -19,9 +22,10 @@ from corridor.report import (
     whole_file,
     whole_files,
     whole_folder,
+    write_csv,
     write_json,
 )
-from corridor.report.files import _alone_in
+from corridor.report.files import _alone_in, harmless
 
 SIZE = 40
 
@@ -232,3 +236,31 @@ class TestWhatIsSomebodyElses:
         assert (tmp_path / "out" / "block").read_text() == "mine"
         assert (tmp_path / "out" / "a.csv").read_text() == "ours"
         assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+class TestWhatASpreadsheetWouldRun:
+    @pytest.mark.parametrize(
+        "name",
+        ["=cmd|'/C calc'!A0", "+A1", "-A1+B2", "@SUM(A1)", "\t=A1", " =A1", "'=A1", "\uff1d1+1"],
+    )
+    def test_is_a_text_in_every_table_of_a_result(self, name, tmp_path):
+        frame = pd.DataFrame({"point": ["a", name], name: ["b", name], "x": [1.5, -2.5]})
+        frame["kind"] = frame["point"].astype("category")
+        write_csv(frame, tmp_path / "t.csv")
+        with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+            head, first, second = csv.reader(file)
+        assert as_it_was(f"'{name}") == name == as_it_was(harmless(name))
+        assert head == ["point", f"'{name}", "x", "kind"] and first == ["a", "b", "1.5", "a"]
+        assert second == [f"'{name}", f"'{name}", "-2.5", f"'{name}"]
+
+    @pytest.mark.parametrize("name", ["a", "-12", "+7.5", "-1e5", "a=b", "", "G-1"])
+    def test_is_no_number_and_no_ordinary_name(self, name, tmp_path):
+        write_csv(pd.DataFrame({"point": [name]}), tmp_path / "t.csv")
+        with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+            assert list(csv.reader(file))[1] == [name]
+        assert as_it_was(name) == name
+
+    def test_begins_no_row_of_its_own(self, tmp_path):
+        write_csv(pd.DataFrame({"point": ["a\r=A1", "a\n=A1"]}), tmp_path / "t.csv")
+        with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+            assert len(list(csv.reader(file))) == 3
