@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from kit import apart, classroom, guarded
 
-from corridor.errors import AdjustmentFailed, InputError
+from corridor.core.errors import AdjustmentFailed, InputError
 
 PAGE = classroom.PAGE.read_text(encoding="utf-8")
 

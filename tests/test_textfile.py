@@ -8,10 +8,10 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from corridor import textfile
-from corridor.errors import InputError
-from corridor.interchange.columns import NumberLines
-from corridor.textfile import Following, Json, Line, Xml, filled, lines, number, read_lines
+from corridor.core import textfile
+from corridor.core.errors import InputError
+from corridor.core.textfile import Following, Json, Line, Xml, filled, lines, number, read_lines
+from corridor.tools.formats.columns import NumberLines
 
 
 def test_lines_of_any_encoding_and_ending_are_counted_from_one(tmp_path):

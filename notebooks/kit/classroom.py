@@ -21,9 +21,9 @@ from http.server import ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import parse_qsl, urlsplit
 
-from corridor import figures
-from corridor.errors import AdjustmentFailed, InputError
-from corridor.readout import Readout
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.interface import figures
+from corridor.tools.readout import Readout
 from kit import lesson
 from kit.apart import Apart
 from kit.guarded import GuardedHandler, GuardedServer, Refused, addresses
