@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from corridor.core.brief import brief
+<<<<<<< HEAD
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.photographs import (
     FAULTS,
@@ -20,6 +21,10 @@ from corridor.core.photographs import (
     open_picture,
     read_metadata,
 )
+=======
+from corridor.core.errors import InputError, ReadoutFailed
+from corridor.core.photographs import Metadata, read_metadata
+>>>>>>> main
 
 _TURNS = {
     2: "mirrored",
@@ -32,7 +37,7 @@ _TURNS = {
 }
 
 
-class CannotMeasure(AdjustmentFailed):
+class CannotMeasure(ReadoutFailed):
     """The pictures are readable and show no measurable readout: one sentence says why."""
 
 
