@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from kit import apart, classroom, guarded
 
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import WorkFailed, InputError
 
 PAGE = classroom.PAGE.read_text(encoding="utf-8")
 
@@ -246,12 +246,12 @@ def test_work_apart_ends_in_a_sentence_and_the_next_piece_is_done():
         with pytest.raises(InputError, match="cannot be measured"):
             work("fault")
         if sys.platform == "linux":
-            with pytest.raises(AdjustmentFailed, match="more than the 500 MB"):
+            with pytest.raises(WorkFailed, match="more than the 500 MB"):
                 work("grow")
         first = work._process.pid
-        with pytest.raises(AdjustmentFailed, match="longer than 1 s"):
+        with pytest.raises(WorkFailed, match="longer than 1 s"):
             work("sleep")
-        with pytest.raises(AdjustmentFailed, match="or the file is damaged"):
+        with pytest.raises(WorkFailed, match="or the file is damaged"):
             work("die")
         assert work("well") == "well" and work._process.pid != first
     finally:

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import WorkFailed, InputError
 
 # Loading the libraries, where the machine is busy with other things, s.
 _LOADING_S = 120.0
@@ -23,7 +23,7 @@ class Apart:
 
     work: a function of a module, with one argument. seconds: for one piece. megabytes: more than
     the process has when it is loaded (where the system can limit it: Linux).
-    Raises AdjustmentFailed beyond a limit, and InputError as the work does, each a sentence.
+    Raises WorkFailed beyond a limit, and InputError as the work does, each a sentence.
     """
 
     def __init__(self, work: Callable, seconds: float, megabytes: int):
@@ -39,18 +39,18 @@ class Apart:
                     self._start()
                 self._pipe.send(asked)
                 if not self._pipe.poll(self._seconds):
-                    raise AdjustmentFailed(
+                    raise WorkFailed(
                         f"this took longer than {self._seconds:g} s, so it was stopped: give "
                         "smaller pictures"
                     )
                 kind, answer = self._pipe.recv()
-            except (EOFError, OSError, AdjustmentFailed) as error:
+            except (EOFError, OSError, WorkFailed) as error:
                 self._stop()
-                if isinstance(error, AdjustmentFailed):
+                if isinstance(error, WorkFailed):
                     raise
                 kind = "memory"
         if kind == "memory":
-            raise AdjustmentFailed(
+            raise WorkFailed(
                 f"this needs more than the {self._megabytes} MB of memory that are allowed, or the "
                 "file is damaged: give smaller pictures"
             )
@@ -69,7 +69,7 @@ class Apart:
         self._process.start()
         theirs.close()
         if not self._pipe.poll(_LOADING_S):
-            raise AdjustmentFailed("the computer is too busy to measure: try again in a minute")
+            raise WorkFailed("the computer is too busy to measure: try again in a minute")
         self._pipe.recv()
 
     def _stop(self):
@@ -99,7 +99,7 @@ def _serve(pipe, work, megabytes):
             answer = "done", work(asked)
         except MemoryError:
             answer = "memory", None
-        except (InputError, AdjustmentFailed) as error:
+        except (InputError, WorkFailed) as error:
             answer = "input", str(error)
         except Exception:
             answer = "input", "this cannot be measured: take the photographs again"

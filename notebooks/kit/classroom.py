@@ -21,7 +21,7 @@ from http.server import ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import parse_qsl, urlsplit
 
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import WorkFailed, InputError
 from corridor.interface import figures
 from corridor.tools.readout import Readout
 from kit import lesson
@@ -151,7 +151,7 @@ class Lesson(GuardedHandler):
             status, said = refused.status, str(refused)
         except InputError as error:
             status, said = HTTPStatus.BAD_REQUEST, str(error)
-        except AdjustmentFailed as error:
+        except WorkFailed as error:
             said = str(error)
         except (OSError, ValueError):  # the visitor has gone
             self.close_connection = True

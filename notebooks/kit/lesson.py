@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from corridor.core.camera import Camera
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import WorkFailed, InputError
 from corridor.core.photographs import MOST_PIXELS
 from corridor.tools.readout import Photograph, Readout, readout_from_wheel, render
 from corridor.tools.readout.photograph import decode
@@ -106,7 +106,7 @@ def or_sentence(work, *arguments):
     """The result, or the sentence that says why there is none."""
     try:
         return work(*arguments)
-    except (AdjustmentFailed, InputError) as reason:
+    except (WorkFailed, InputError) as reason:
         return str(reason)
 
 

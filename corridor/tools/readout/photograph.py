@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from corridor.core.brief import brief
-<<<<<<< HEAD
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, ReadoutFailed
 from corridor.core.photographs import (
     FAULTS,
     MOST_PIXELS,
@@ -21,10 +20,6 @@ from corridor.core.photographs import (
     open_picture,
     read_metadata,
 )
-=======
-from corridor.core.errors import InputError, ReadoutFailed
-from corridor.core.photographs import Metadata, read_metadata
->>>>>>> main
 
 _TURNS = {
     2: "mirrored",
