@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from kit import apart, classroom, guarded
 
-from corridor.core.errors import WorkFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 
 PAGE = classroom.PAGE.read_text(encoding="utf-8")
 

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 
-from corridor.core.errors import WorkFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 
 # Loading the libraries, where the machine is busy with other things, s.
 _LOADING_S = 120.0

@@ -21,7 +21,7 @@ from http.server import ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import parse_qsl, urlsplit
 
-from corridor.core.errors import WorkFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.interface import figures
 from corridor.tools.readout import Readout
 from kit import lesson

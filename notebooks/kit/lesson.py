@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from corridor.core.camera import Camera
-from corridor.core.errors import WorkFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.core.photographs import MOST_PIXELS
 from corridor.tools.readout import Photograph, Readout, readout_from_wheel, render
 from corridor.tools.readout.photograph import decode

@@ -28,18 +28,11 @@ def fetch(
 ) -> list[str]:
     """Writes a set of data to a folder; returns sentences on what it is and what was checked.
 
-    <<<<<<< HEAD
-        mirror: an address that has the set's files by their names, in place of its public source;
-        for sets of which hashes are known.
-        Raises InputError for an unknown name, a folder that holds something else or a mirror of what
-        cannot be verified, and
-        AdjustmentFailed where a file cannot be had, is not the one known, or does not come to the
-    =======
-        mirror: an address that has the set's files by their names, in place of its public source.
-        Raises InputError for an unknown name or a folder that holds something else, and
-        FetchFailed where a file cannot be had, is not the one known, or does not come to the
-    >>>>>>> main
-        figures that are known of it; then nothing is left behind.
+    mirror: an address that has the set's files by their names, in place of its public source;
+    for sets of which hashes are known.
+    Raises InputError for an unknown name, a folder that holds something else or a mirror of what
+    cannot be verified, and FetchFailed where a file cannot be had, is not the one known, or does
+    not come to the figures that are known of it; then nothing is left behind.
     """
     from corridor.core.output import check_folder, file_lines, whole_folder
 
