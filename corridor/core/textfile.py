@@ -14,7 +14,7 @@ import math
 import re
 import zlib
 from collections.abc import Iterator
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import BinaryIO
 from xml.etree import ElementTree
@@ -188,11 +188,12 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
         with unpacked(path) as data:
             encoding = "utf-16" if data.read(2) in _UTF16 else "utf-8-sig"
             data.seek(size)
-            for at, text in enumerate(io.TextIOWrapper(data, encoding), start=passed + 1):
-                line = Line(path, at, text.rstrip("\n"))
-                if "\0" in text:
-                    raise line.wrong("this is no text; name a text")
-                yield line
+            with io.TextIOWrapper(data, encoding) as texts:
+                for at, text in enumerate(texts, start=passed + 1):
+                    line = Line(path, at, text.rstrip("\n"))
+                    if "\0" in text:
+                        raise line.wrong("this is no text; name a text")
+                    yield line
     except UnicodeError:
         raise Line(path, at + 1, "").wrong(
             "the text is not UTF-8; save the file as UTF-8"
@@ -261,7 +262,9 @@ def read_lines(path: Path) -> list[str]:
         with path.open("rb") as file:
             packed = file.read(2) == b"\x1f\x8b"
         with _bounded(gzip.open(path), path) if packed else path.open("rb") as file:
-            data = file.read(_MOST_HELD + 1)
+            # In one piece, room for all of it would be made at once.
+            pieces = iter(lambda: file.read(_PIECE), b"")
+            data = b"".join(islice(pieces, _MOST_HELD // _PIECE + 1))
     except (OSError, EOFError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path.name} cannot be read ({reason}); correct the path") from error
