@@ -16,14 +16,13 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.block import LAYOUTS, SIGMAS, Block, Layout, place, read_columns
-from corridor.core.errors import InputError, some
+from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
 from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
 from corridor.core.textfile import Line, filled, opening
-from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.ground_text import read_text, role_of
 from corridor.tools.formats.names import Names
-from corridor.tools.formats.plausible import judged, remedy
+from corridor.tools.formats.plausible import remedy
 from corridor.tools.formats.project import Project, Views, apart, ground_table
 
 _XYZ = ["x", "y", "z"]
@@ -283,13 +282,7 @@ def add_to(project: Project, ground: Ground) -> Project:
     if len(new):
         old = block.ground[~block.ground["point"].isin(new["point"])]
         tables["ground"] = pd.concat([old, new], ignore_index=True) if len(old) else new
-    made = project.having(notes=notes, warnings=warnings, **tables)
-    if len(new) and (project.placed or block.crs or local_of(block)):
-        wrong, odd = judged(made.block, list(new["point"]), given, ground.crs, in_frame)
-        if wrong:
-            raise InputError(f"{ground.path.name}: {wrong}")
-        made = made.having(warnings=[f"{ground.path.name}: {odd}"] if odd else [])
-    return made
+    return project.having(notes=notes, warnings=warnings, **tables)
 
 
 def _measured_already(block: Block, ground: pd.DataFrame, placed: bool, notes: list[str]) -> Block:
@@ -344,26 +337,3 @@ def _rows_of_marks(ground, block, notes, warnings) -> list[tuple[str, int, float
         warnings.append(f"{first} the project does not have and were left out: {others}")
     notes += names.told(ground.path.name)
     return [(str(mark[0]), row, *mark[2:]) for mark, row in found if row is not None]
-
-
-def add_ground(project: Project, path: Path, crs: str | None = None) -> Project:
-    """The project with the ground points (and marks) of a file.
-
-    crs: of its coordinates, where the file does not say. Raises InputError.
-    """
-    with blaming(path, "a file of ground points"):
-        ground = read_ground(path, project.block)
-        if crs is not None:
-            if ground.crs not in (None, crs):
-                raise InputError(
-                    f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it"
-                )
-            known_crs(crs)
-            ground = replace(ground, crs=crs)
-        project = add_to(project, ground)
-    names = [] if ground.table is None else list(ground.table["point"])
-    notes = [f"{path.name}: {len(names)} ground points, {len(ground.marks)} marks"]
-    unseen = [n for n in names if n not in set(project.block.marks["point"].cat.categories)]
-    if unseen:
-        notes.append(f"{len(unseen)} ground points are measured in no image: {some(unseen, 5)}")
-    return project.having(notes=notes)

@@ -24,14 +24,12 @@ _NEAR_M = 5.0
 _CLOSE_M = 10.0
 # A code receiver is not off by more horizontally; heights of drones are.
 _FAR_M = 100.0
-# Heights that differ by more than a code receiver's, and by no more than a geoid's.
-_UP_M, _GEOID_M = 5.0, 120.0
 
 
-def judged(
+def refusal(
     block: Block, points: list[str], given: np.ndarray, crs: str | None, in_frame: Callable
-) -> tuple[str, str]:
-    """Why ground points cannot lie where they are put, and what is odd about them; else empty.
+) -> str:
+    """Why ground points cannot lie where they are put, and what would explain it; else empty.
 
     block: with the ground points in ground.csv and the marks. points: those to look at. given:
     their coordinates (n, 3) as the file has them, in `crs`. in_frame: of a block, places, crs and
@@ -42,9 +40,7 @@ def judged(
     seen = np.isfinite(met).all(axis=1)
     if seen.sum() >= 2:
         return _of_rays(block, placed[seen], met[seen], given[seen], crs, in_frame)
-    if not len(centres):
-        return "", ""
-    return _of_reach(block, placed, centres, given, crs, in_frame), ""
+    return _of_reach(block, placed, centres, given, crs, in_frame) if len(centres) else ""
 
 
 def remedy(
@@ -52,7 +48,7 @@ def remedy(
 ) -> str:
     """What makes coordinates fit that are none in their system; empty where nothing does.
 
-    As `judged`; block: with the marks.
+    As `refusal`; block: with the marks.
     """
     met, centres = _met(block, points), _centres(block)
     seen = np.isfinite(met).all(axis=1)
@@ -88,35 +84,20 @@ def _met(block: Block, points: list[str]) -> np.ndarray:
     return met
 
 
-def _of_rays(block, placed, met, given, crs, in_frame) -> tuple[str, str]:
+def _of_rays(block, placed, met, given, crs, in_frame) -> str:
     away = _distance(placed, met)
-    if away < _UP_M:
+    if away < _CLOSE_M:
         # Less than start poses may miss; the adjustment says what is left.
-        return "", ""
-    if away > _CLOSE_M:
-        for told, other in _slips(block, given, crs, in_frame):
-            left = _distance(other, met)
-            if left < min(away / _BETTER, max(_NEAR_M, 0.05 * away)):
-                return (
-                    f"{told} the points lie {_shown(away)} from where the rays of their marks "
-                    f"meet; otherwise {_shown(left)}"
-                ), ""
-    shift = np.median(placed - met, axis=0)
-    spread = float(np.median(np.abs(placed - met - shift)))
-    level = float(np.hypot(*shift[:2]))
-    same = ", all by the same vector" if spread < 0.01 * away else ""
-    if level > _FAR_M:
-        return (
-            f"the points lie {_shown(away)} from where the rays of their marks meet{same}; are "
-            "they of this project, and in its coordinates? Give the system with --ground-crs"
-        ), ""
-    cause = ""
-    if level < 0.1 * abs(shift[2]) and abs(shift[2]) < _GEOID_M and spread < _UP_M:
-        cause = ": are they above the geoid, and the project's above the ellipsoid, or the reverse?"
-    return "", (
-        f"the ground points lie {shift[0]:+.1f}, {shift[1]:+.1f}, {shift[2]:+.1f} m (median) from "
-        f"where the rays of their marks meet{cause or same}"
-    )
+        return ""
+    for told, other in _slips(block, given, crs, in_frame):
+        left = _distance(other, met)
+        if left < min(away / _BETTER, max(_NEAR_M, 0.05 * away)):
+            return (
+                f"{told} the points lie {_shown(away)} from where the rays of their marks meet; "
+                f"otherwise {_shown(left)}"
+            )
+    # What no slip explains is told by `control`, with both numbers.
+    return ""
 
 
 def _of_reach(block, placed, centres, given, crs, in_frame) -> str:

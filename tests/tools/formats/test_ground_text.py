@@ -5,8 +5,8 @@ import pytest
 
 from corridor.core.errors import InputError
 from corridor.core.gnss import Local, local_table, moved
-from corridor.tools.formats import Additions, complete, read_gcp_list
-from corridor.tools.formats.ground import add_ground, read_ground
+from corridor.tools.formats import Additions, add_ground, complete, read_gcp_list
+from corridor.tools.formats.ground import read_ground
 from corridor.tools.formats.ground_text import read_text, role_of
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Project
@@ -66,7 +66,7 @@ def test_every_form_gives_the_same_points(tmp_path, form, separator):
     names, places = surveyed(project)
     path = tmp_path / "points.csv"
     path.write_text(as_text(names, places, form, separator), encoding="utf-8")
-    made = add_ground(project, path, UTM).block.ground
+    made = add_ground(project, path, crs=UTM).block.ground
     assert list(made["point"]) == names
     known = project.block.ground[["x", "y", "z"]].to_numpy(float)
     # Printed to a tenth of a millimetre.
@@ -109,7 +109,7 @@ def test_what_cannot_be_meant_is_refused_with_its_remedy(tmp_path, form, crs, sa
     path = tmp_path / "points.csv"
     path.write_text(as_text(names, places, form), encoding="utf-8")
     with pytest.raises(InputError, match=said):
-        add_ground(project, path, crs)
+        add_ground(project, path, crs=crs)
 
 
 @pytest.mark.parametrize("foot", [0.3048, 1200 / 3937], ids=["feet", "US survey feet"])
@@ -119,7 +119,7 @@ def test_feet_are_known_by_their_ratio(tmp_path, foot):
     path = tmp_path / "points.csv"
     path.write_text(as_text(names, places / foot, ("", PENZ)))
     with pytest.raises(InputError, match="feet"):
-        add_ground(project, path, UTM)
+        add_ground(project, path, crs=UTM)
 
 
 def test_heights_above_the_geoid_are_told_with_their_difference(tmp_path):
@@ -127,8 +127,8 @@ def test_heights_above_the_geoid_are_told_with_their_difference(tmp_path):
     names, places = surveyed(project)
     path = tmp_path / "points.csv"
     path.write_text(as_text(names, places - [0, 0, 47.9], ("", PENZ)))
-    made = add_ground(project, path, UTM)
-    assert any("-47.9 m" in told and "geoid" in told for told in made.warnings)
+    made = add_ground(project, path, crs=UTM)
+    assert any("47.9 m below" in told and "another height system" in told for told in made.notes)
 
 
 def test_points_far_away_are_noticed_without_marks(tmp_path):

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.core.errors import InputError
-from corridor.core.textfile import Xml, missing
+from corridor.core.textfile import Xml, check_growth, missing
 
 _DOCUMENT = "doc.xml"
 # What a frame keeps its tie points in.
@@ -99,15 +99,23 @@ class Archive:
     def _read(self, path: Path) -> Xml:
         self._at = path
         with zipfile.ZipFile(path) as archive:
-            return Xml.parse(archive.read(_DOCUMENT), path)
+            return Xml.parse(_unpacked(archive, _DOCUMENT), path)
 
     def _members(self, path: Path) -> Members:
         def read(name: str) -> bytes:
             self._at = path
             with zipfile.ZipFile(path) as archive:
-                return archive.read(name)
+                return _unpacked(archive, name)
 
         return read
+
+
+def _unpacked(archive: zipfile.ZipFile, name: str) -> bytes:
+    """The bytes of a member. Raises InputError where it is packed beyond all measure."""
+    found = archive.getinfo(name)
+    # What its head says is the most that is unpacked.
+    check_growth(name, found.compress_size, found.file_size)
+    return archive.read(found)
 
 
 def _put(element: Xml, inner: Xml) -> None:
