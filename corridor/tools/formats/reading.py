@@ -13,6 +13,7 @@ from corridor.core.errors import InputError
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
+from corridor.tools.formats.strange import strange
 
 
 @np.errstate(all="ignore")
@@ -78,6 +79,9 @@ def _found(path: Path) -> tuple[str, Path, list[str]]:
     found = candidates(path)
     if not found:
         known = ", ".join(formats())
+        named = strange(path)
+        if named:
+            raise InputError(f"{path} is {named}")
         raise InputError(
             f"{path} is no project that corridor recognises ({known}); name the exported file or "
             "folder, and its format in place of auto"
