@@ -525,3 +525,14 @@ class TestSummary:
         # 150 m above ground, f 8192 px: 18.3 mm; points 10 m below the markers widen it a little.
         gsd = read(real_data / "saraburi/block").summary().gsd_m
         assert gsd == pytest.approx(150 / 8192, rel=0.05)
+
+
+def test_a_table_whose_first_chunk_is_empty_is_written_as_it_is(tmp_path):
+    """Marks alone: points.csv is the empty table of tie points with ground points behind."""
+    from corridor.core.block.writing import write_table
+
+    empty = pd.DataFrame({"point": pd.array([], dtype="str"), "x": np.zeros(0)})
+    new = pd.DataFrame({"point": pd.array([f"G{k}" for k in range(7)], dtype="str"), "x": 1.0})
+    write_table(pd.concat([empty, new], ignore_index=True), tmp_path / "points.csv")
+    lines = (tmp_path / "points.csv").read_text().splitlines()
+    assert lines == ["point,x", *(f"G{k},1" for k in range(7))]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -27,9 +26,6 @@ from corridor.tools.check.taking_back import TakenBack, take_back
 # What a folder of a check is known by, from its first second on.
 MARK = "check.state.json"
 RESULT = "check.json"
-# A diagnosis of a block of some hundred images takes so many times as long as its adjustment with
-# report; measured on the shipped blocks (dike, wall). For an estimate only.
-_TIMES_AS_LONG = 12
 _MOST_FILES = 20_000
 
 
@@ -121,14 +117,12 @@ def check_project(
         stages.done("imported", imported)
     block = read(output / "block")
     adjustment = stages.get("adjusted")
-    began = time.perf_counter()
     if adjustment is None:
         progress(f"adjusting {len(block.images)} images")
         adjustment = _adjusted(block, output / "adjusted", required, threads, [])
         stages.done("adjusted", adjustment)
-        took = time.perf_counter() - began
         if diagnose and adjustment["converged"]:
-            progress(f"diagnosing, which takes some {_minutes(_TIMES_AS_LONG * took)}")
+            progress("diagnosing, which takes most of the time (--quick leaves it out)")
     found = stages.get("diagnosed")
     if found is None and diagnose and adjustment["converged"]:
         found = _diagnosed(block, output / "missing", required, threads, progress)
@@ -303,10 +297,6 @@ def _told(final: dict, found: dict | None, imported: dict, home: Path):
     for old, new in put.items():
         actions = [action.replace(old, new) for action in actions]
     return list(dict.fromkeys(wrong)), actions
-
-
-def _minutes(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} minutes"
 
 
 def _write(checked: Checked, folder: Path) -> list[str]:
