@@ -157,6 +157,29 @@ class Covariance:
                 out[:, r, c] = out[:, c, r] = entry
         return out
 
+    def of_images(self, images: np.ndarray) -> np.ndarray:
+        """Of the unknowns (k d, k d) of images (k,) in rising order, of which any two share a
+        point."""
+        d, blocks, near = self.system.problem.d, self._system.blocks, self._near
+        k, inner = len(images), np.arange(d)
+        out = np.empty((k, d, k, d))
+        for a, i in enumerate(images):
+            for b in range(a, k):
+                j = images[b]
+                if isinstance(blocks, Band):
+                    column = i * d + inner
+                    row = j * d + inner[:, None]
+                    low, high = np.minimum(row, column), np.maximum(row, column)
+                    block = near[low * blocks.ld + high - low]
+                else:
+                    start, stop = blocks.neighbour_start[i : i + 2]
+                    at = start + np.searchsorted(blocks.neighbour[start:stop], j)
+                    block = near[at * d * d : (at + 1) * d * d].reshape(d, d).T
+                    if i == j:
+                        block = np.tril(block) + np.tril(block, -1).T
+                out[b, :, a], out[a, :, b] = block, block.T
+        return out.reshape(k * d, k * d)
+
     def _of_points(self, asked: Asked, some: Iterable[int] | None = None) -> None:
         """Fill what is asked for, of some points alone; see `point_covariance`."""
         p, normal, blocks = self.system.problem, self.normal, self._system.blocks

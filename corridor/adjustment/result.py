@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cached_property
 
+import pandas as pd
+
 from corridor import report
 from corridor.adjustment.covariance import Covariance
 from corridor.adjustment.export import write_gis
@@ -62,6 +64,18 @@ class Adjustment(Tables):
         """A sentence to stand first among the warnings."""
         self._notes.insert(0, sentence)
         self.__dict__.pop("warnings", None)
+
+    def keep_notes(self, earlier: Adjustment) -> None:
+        """What was said of an earlier adjustment, of which this one is the continuation."""
+        self._notes = [*(note for note in earlier._notes if note not in self._notes), *self._notes]
+
+    @cached_property
+    def variance_components(self) -> pd.DataFrame:
+        """Sigma naught of each kind of observation, of antenna positions of each flight, with its
+        redundancy and its test; see `corridor.adjustment.variance_components.components`."""
+        from corridor.adjustment.variance_components import components
+
+        return components(self)
 
     @cached_property
     def warnings(self) -> list[str]:

@@ -15,6 +15,7 @@ from corridor.adjustment.linear_system import LinearSystem
 from corridor.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId
 from corridor.adjustment.observation_table import observation_table
 from corridor.adjustment.parameters import Found, Parameters
+from corridor.adjustment.reliability import Reliability
 from corridor.adjustment.solve import Solution
 from corridor.block import POSE, Block, frugal, places
 from corridor.camera import INTERIOR
@@ -226,6 +227,11 @@ class Tables(Checked):
                 "gross": int(gross.sum()),
             }
         return out
+
+    @cached_property
+    def reliability(self) -> Reliability:
+        """What could have hidden: redundancy, tests and least errors that show; see `Reliability`."""
+        return Reliability(self)
 
     # --- what images share -------------------------------------------------------------------
 
