@@ -28,7 +28,7 @@ from corridor.adjustment.readjusting import (
 )
 from corridor.adjustment.result import Adjustment
 from corridor.adjustment.solve import solve
-from corridor.adjustment.variance_components import with_gnss_as_it_is
+from corridor.adjustment.group_variances import with_gnss_as_it_is
 from corridor.block import Block, read
 from corridor.effects import Effect, check_needs
 from corridor.errors import AdjustmentFailed, InputError, some
@@ -104,7 +104,7 @@ def adjust(
         is left.
     weights: `estimated`: where antenna positions contradict their stated standard deviations, they
         are weighted as they are, a block of false ones apart from the rest, and coarse ones with
-        the offset they share; a sentence says so (`corridor.adjustment.variance_components`).
+        the offset they share; a sentence says so (`Adjustment.variance_components`).
         `stated`: as stated.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.

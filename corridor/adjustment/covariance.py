@@ -157,6 +157,15 @@ class Covariance:
                 out[:, r, c] = out[:, c, r] = entry
         return out
 
+    @cached_property
+    def of_marked(self) -> dict[int, np.ndarray]:
+        """By the number of each marked point: of the images that show it, as `of_images`."""
+        p = self.system.problem
+        return {
+            point: self.of_images(np.unique(p.img[p.ptr[point] : p.ptr[point + 1]]))
+            for point in np.flatnonzero(p.point_kinds).tolist()
+        }
+
     def of_images(self, images: np.ndarray) -> np.ndarray:
         """Of the unknowns (k d, k d) of images (k,) in rising order, of which any two share a
         point."""
@@ -218,9 +227,9 @@ class Covariance:
         out = np.empty((count, 6))
         nothing = np.zeros(0, dtype=np.int64)
         self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))))
-        # The poses' are small beside what both are taken from: as large as the equations, and
-        # nobody needs it after this.
-        _ = self.each_pose
+        # What is small beside what all are taken from, as large as the equations, which nobody
+        # needs after this.
+        _ = self.each_pose, self.of_marked
         del self._near
         return out
 

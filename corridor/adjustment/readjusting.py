@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from corridor.adjustment.cofactors import of_antennas
 from corridor.adjustment.model import Model, Setting, Settings, arms_unseen
 from corridor.adjustment.result import Adjustment
-from corridor.adjustment.variance_components import (
+from corridor.adjustment.group_variances import (
     AXES,
     RARE,
     contradicting,

@@ -15,7 +15,6 @@ from scipy.stats import chi2, norm
 
 from corridor.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
 from corridor.adjustment.snooping import SHOWN, Blunder, blunders
-
 from corridor.report import with_units
 
 if TYPE_CHECKING:
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 ALPHA, BETA = 1e-3, 0.2
 # Non-centrality of a test of that size and power, in sigmas: 4.13.
 DELTA = float(norm.isf(ALPHA / 2) + norm.isf(BETA))
-
 
 
 class Reliability:
@@ -94,8 +92,9 @@ class Reliability:
         """A row for each kind: count of numbers, redundancy together, its mean and least,
         largest w, and the median and largest least error."""
         rows, taken = {}, 0.0
-        for kind, unit in (("control", "m"), ("gnss", "m"), ("marks", "px")):
-            table = getattr(self, kind)
+        tables = (("control", self.control), ("gnss", self.gnss), ("mark", self.marks))
+        for kind, table in tables:
+            unit = "px" if kind == "mark" else "m"
             if not len(table):
                 continue
             share = table["redundancy"]
@@ -108,7 +107,7 @@ class Reliability:
         if ties:
             # What is left; of priors each takes at most one.
             left = self._of.redundancy - taken
-            rows["ties"] = (ties, left, left / ties, *[np.nan] * 4, "px")
+            rows["tie"] = (ties, left, left / ties, *[np.nan] * 4, "px")
         columns = ["count", "redundancy", "mean", "least", "largest_w", "median_least_error",
                    "largest_least_error", "unit"]  # fmt: skip
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("kind")
@@ -168,15 +167,24 @@ class Reliability:
 
     def to_dict(self) -> dict:
         """For adjustment.json: `summary`, `wrong_control`, and the tables of ground points."""
-        out = {
+        return {
             "alpha": ALPHA,
             "power": 1.0 - BETA,
             "summary": self.summary.reset_index().to_dict(orient="records"),
             "wrong_control": self.wrong_control.to_dict(orient="records"),
+            "control": self.control.to_dict(orient="records"),
+            "check": self.check.to_dict(orient="records"),
         }
-        for kind in ("control", "check", "gnss", "marks"):
-            out[kind] = getattr(self, kind).to_dict(orient="records")
-        return out
+
+    def to_frame(self) -> pd.DataFrame:
+        """All tables in one, with the column `kind` before them; metres, marks in px."""
+        tables = {kind: getattr(self, kind) for kind in ("control", "check", "gnss", "marks")}
+        parts = [pd.DataFrame(t).assign(kind=kind) for kind, t in tables.items() if len(t)]
+        if not parts:
+            return pd.DataFrame(columns=["kind"])
+        whole = pd.concat(parts, ignore_index=True)
+        first = [name for name in ("kind", "point", "image", "axis") if name in whole]
+        return whole[[*first, *(name for name in whole if name not in first)]]
 
 
 def _table(key, residuals: pd.DataFrame, share: np.ndarray, unit: str) -> pd.DataFrame:

@@ -72,8 +72,8 @@ class Adjustment(Tables):
     @cached_property
     def variance_components(self) -> pd.DataFrame:
         """Sigma naught of each kind of observation, of antenna positions of each flight, with its
-        redundancy and its test; see `corridor.adjustment.variance_components.components`."""
-        from corridor.adjustment.variance_components import components
+        redundancy and its test; see `corridor.adjustment.group_variances.components`."""
+        from corridor.adjustment.group_variances import components
 
         return components(self)
 

@@ -199,7 +199,7 @@ class TestText:
         asks = []
         for times in (1.0, 5.0):
             made = adjustment(block)
-            sigma = report.check_sigma(made)
+            sigma = made.check_points[["sx", "sy", "sz"]].to_numpy()
             made.check_points[["dx", "dy", "dz"]] = times * sigma
             asks.append("diagnose" in " ".join(report.of_adjustment(made).actions))
         assert asks == [False, True]

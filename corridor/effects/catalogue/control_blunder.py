@@ -43,6 +43,11 @@ class ControlBlunder(LinearEffect):
     )
     variants = (_OF_THE_BLOCK,)
 
+    def form(self, block):
+        """A datum for each group of points that were surveyed together, where there are several."""
+        several = len(set(block.ground_groups)) > 1
+        return self.per("survey") if self.group == "block" and several else self
+
     def parameters(self, block):
         return [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]
 

@@ -44,9 +44,11 @@ _SILENT = 1e3
 
 
 def components(adjustment: Adjustment) -> pd.DataFrame:
-    """A row for each group: kind (tie, mark, gnss, control), part (plan, height; empty: all), flight
-    (of gnss), count of numbers, redundancy, sigma0 = sqrt(v'Pv / r), and p, the probability of one
-    so far from 1 on either side where all is as stated.
+    """A row for each group of observations and what its residuals say of its sigmas.
+
+    Columns: kind (tie, mark, gnss, control), part (plan, height; empty: all), flight (of gnss),
+    count of numbers, redundancy, sigma0 = sqrt(v'Pv / r), and p, the probability of one so far
+    from 1 on either side where all is as stated.
 
     Redundancies are exact, those of tie points what the others leave (priors among them).
     """
@@ -114,7 +116,7 @@ def with_gnss_as_it_is(result: Adjustment, again: Again) -> Adjustment:
         for (part, flight), factor in doubtful.items():
             factors[part, flight] = factor
             _scale(start, found, part, flight, factor)
-        found, before = from_where_it_ended(found, start, found.problem.model, again), found
+        found = from_where_it_ended(found, start, found.problem.model, again)
         if not found.converged:
             return result
         if max(abs(np.log(f)) for f in factors.values()) < _SETTLED:
@@ -172,9 +174,7 @@ def _restate(start: Block, rows: np.ndarray, axes: slice, factor: float | np.nda
     start.put("gnss", ("sx", "sy", "sz"), sigma)
 
 
-def from_where_it_ended(
-    result: Adjustment, start: Block, model: Model, again: Again
-) -> Adjustment:
+def from_where_it_ended(result: Adjustment, start: Block, model: Model, again: Again) -> Adjustment:
     """Adjusted with positions and stated arms of `start`, from the poses that were found."""
     ended = result.start_again
     ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
@@ -202,9 +202,9 @@ def _told(before: Adjustment, found: Adjustment) -> list[str]:
                 parts.append(f"{used:.2g} m in {part} where {stated:.2g} m is stated")
         if parts:
             notes.append(
-                f"GNSS of flight {name}: residuals contradict the stated standard deviations, and "
-                f"are weighted with {' and '.join(parts)}. Either these are too small, or the model "
-                "lacks something: `corridor diagnose` asks what."
+                f"GNSS of flight {name}: residuals contradict the stated standard deviations; the "
+                f"positions count with {' and '.join(parts)}. Either these are too small, or the "
+                "model lacks something: `corridor diagnose` asks what."
             )
     return notes
 
@@ -298,8 +298,10 @@ def _told_false(names: np.ndarray, miss: np.ndarray, size: float) -> str:
     middle = np.median(miss, axis=0)
     together = np.linalg.norm(miss - middle, axis=1).mean() < 0.5 * np.linalg.norm(middle)
     vector = ", ".join(f"{value:+.2f}" for value in middle)
-    by = f"by one vector ({vector} m)" if together and len(names) > 2 else "by up to " + (
-        f"{np.linalg.norm(miss, axis=1).max():.2f} m"
+    by = (
+        f"by one vector ({vector} m)"
+        if together and len(names) > 2
+        else "by up to " + (f"{np.linalg.norm(miss, axis=1).max():.2f} m")
     )
     cause = ": a float solution, or a lost fix?" if len(names) > 2 else ": a false fix?"
     return (
