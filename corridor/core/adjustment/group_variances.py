@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
+from corridor.core.adjustment.cofactors import of_antennas
 from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.block import Block
@@ -261,7 +262,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     mine = np.isin(_flights(result), flights)
     names = table["image"].astype(str).to_numpy()
     sigma = table[["sx", "sy", "sz"]].to_numpy()
-    length = _lengths(table, sigma)
+    length = _lengths(result, sigma)
     quantile = chi2.ppf(_BEST, 3)
     order = np.argsort(length[mine], kind="stable")
     best = ~mine
@@ -277,7 +278,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
             return None
         if not found.converged:
             return None
-        length = _lengths(found.residuals["gnss"], sigma)
+        length = _lengths(found, sigma)
         # Of a chi-square of three axes six tenths lie below the quantile.
         scale = np.sqrt(np.quantile(length[mine] ** 2, _BEST) / quantile)
         before, best = best, ~mine | (length < OUTLIER * max(scale, 1.0))
@@ -289,9 +290,19 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     return ~best
 
 
-def _lengths(table: pd.DataFrame, sigma: np.ndarray) -> np.ndarray:
-    """Residuals (k,) in sigmas, all axes together."""
-    return np.linalg.norm(table[["vx", "vy", "vz"]].to_numpy() / sigma, axis=1)
+def _lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
+    """Residuals (k,) of the antenna positions in their own sigmas, all axes together, where the
+    positions are good to sigma (k, 3), m; some may count for nothing in what is found."""
+    table = found.residuals["gnss"]
+    v, used = table[["vx", "vy", "vz"]].to_numpy(), table[["sx", "sy", "sz"]].to_numpy()
+    share = of_antennas(found.covariance)
+    outer = used[:, :, None] * used[:, None, :]
+    silent = (used > 2.0 * sigma).any(axis=1)
+    # What counts has part in its own prediction; what does not is predicted by all others.
+    left_out = outer * (np.eye(3) - share) + np.eye(3) * (sigma**2)[:, :, None]
+    variance = np.where(silent[:, None, None], left_out, outer * share)
+    variance += 1e-6 * np.eye(3) * (sigma**2)[:, :, None]
+    return np.sqrt(np.einsum("ni,ni->n", v, np.linalg.solve(variance, v[:, :, None])[:, :, 0]))
 
 
 def _told_false(names: np.ndarray, miss: np.ndarray, size: float) -> str:

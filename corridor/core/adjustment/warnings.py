@@ -297,6 +297,9 @@ def _wrong_control(a):
     # The search needs covariances; of residuals this small none comes out.
     if not a.converged or len(table) < 2 or not np.abs(scaled).max() > _LOOK:
         return
+    # Where antenna positions contradict what is stated, nobody knows who is right.
+    if a.statistics["gnss"] and a.statistics["gnss"]["sigma0"] > 2.0:
+        return
     found = a.reliability.wrong_control
     if not len(found):
         return
