@@ -24,7 +24,7 @@ def flown(seed=1, images=10, control=4, **options):
 
 
 def dense(adjusted):
-    """Cofactors of all residuals in units of the stated sigmas, and where GNSS and control begin."""
+    """Cofactors of all residuals in units of the stated sigmas; where GNSS and control begin."""
     p = adjusted.problem
     j = jacobian(adjusted.state, p)
     ties, marks = 2 * len(p.block.tie_points), 2 * len(p.block.marks)
