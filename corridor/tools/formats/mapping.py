@@ -24,7 +24,7 @@ from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import Local
 from corridor.core.output import whole_folder
 from corridor.core.photographs import Metadata, photographs_in, read_metadata, stated_focal
-from corridor.tools.formats.joining import why_lost
+from corridor.tools.formats.joining import listed, places_apart, why_lost
 from corridor.tools.formats.programs import colmap
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.starting import from_attitudes
@@ -115,12 +115,13 @@ def _with_lost_named(project, place, names, photos, force):
     """Says which photographs are not in the model and why. Raises where they are most."""
     there = set(project.block.images["image"])
     joined = {row for row, name in enumerate(names) if name in there}
-    left = len(names) - len(joined)
-    if not left:
+    lost = [name for name in names if name not in there]
+    if not lost:
         return project
+    apart = places_apart(photos, names)
     said = (
-        f"{left} of {len(names)} photographs could not be connected to the others: "
-        f"{why_lost(photos, joined)}"
+        f"{len(lost)} of {len(names)} photographs could not be connected to the others "
+        f"({listed(lost, names)}): {apart or why_lost(photos, joined)}"
     )
     if len(joined) < _KEPT * len(names):
         said += f"; features and matches are kept in {place}, the same command goes on from there"
@@ -129,7 +130,7 @@ def _with_lost_named(project, place, names, photos, force):
             f"only {len(joined)} of {len(names)} photographs make one model, which is no block. "
             f"{said[0].upper()}{said[1:]}; --force writes the block of those that are joined"
         )
-    return project.having(warnings=[said])
+    return replace(project.having(warnings=[said]), lost=lost)
 
 
 def _with_focal_compared(project, names, photos):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pandas as pd
 
 from corridor.core import gnss
 from corridor.core.block import POSE
-from corridor.core.errors import InputError
+from corridor.core.errors import InputError, some
 from corridor.core.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
@@ -41,9 +42,13 @@ from corridor.tools.formats.project import Project, local_of, local_table
 
 VELOCITY = ("vx", "vy", "vz")
 _LEAST_PAIRS = 5
+# A drone that takes no picture for so long, and for so many times the usual, has landed between:
+# batteries are changed in some minutes, and lines are joined in less than one.
+_LANDED_S, _LANDED = 180.0, 20.0
 # Published readout times that differ by more than this are of different modes.
 _SAME_MODE = 1.15
 # Where a maker gives no standard deviation: of a code receiver, of a float and a fixed solution.
+_STATUS = {0: "no solution", 16: "a single position without corrections"}
 _ASSUMED = {50: (0.03, 0.03, 0.06), 34: (0.5, 0.5, 1.0), 16: (3.0, 3.0, 6.0)}
 
 
@@ -97,6 +102,7 @@ def add_photographs(
     photos = {row: read_metadata(file) for row, file in sorted(mine.items())}
     project, exposures = _with_times(project, folder, photos)
     for step in (
+        _with_flights,
         _with_sizes_compared,
         _with_resized_named,
         _with_temperatures,
@@ -150,6 +156,46 @@ def _with_times(project, folder, photos):
         ),
         replace(exposures, table=table),
     )
+
+
+def _with_flights(project, photos):
+    """Flights of images.csv: one of each drone, by its serial number, and of each long stay."""
+    block = project.block
+    if block.has("images.flight"):
+        return project
+    serial = np.array([""] * len(block.images), dtype=object)
+    for row, photo in photos.items():
+        serial[row] = photo.serial
+    time = block.column("images", "time_s")
+    drones = pd.factorize(serial)[0] if len(photos) == len(serial) and all(serial) else 0
+    flight, witnesses = np.zeros(len(serial), int) + drones, []
+    if np.max(drones) > 0:
+        witnesses.append(Witness("serial numbers", AGREES, f"{np.max(drones) + 1} drones"))
+    gaps = []
+    for drone in np.unique(flight):
+        mine = np.flatnonzero((flight == drone) & np.isfinite(time))
+        mine = mine[np.argsort(time[mine], kind="stable")]
+        step = np.diff(time[mine])
+        if not len(step):
+            continue
+        long = step > max(_LANDED_S, _LANDED * float(np.median(step)))
+        gaps += step[long].tolist()
+        flight[mine[1:]] += (np.max(flight) + 1) * np.cumsum(long)
+    if gaps:
+        witnesses.append(
+            Witness("times", AGREES, f"a gap of {min(gaps):.0f} s and more between flights")
+        )
+    if not witnesses:
+        return project
+    order = {one: k for k, one in enumerate(dict.fromkeys(flight[np.argsort(time)].tolist()), 1)}
+    names = pd.array([f"F{order[one]}" for one in flight.tolist()], dtype="str")
+    project = project.having(images=_having(project, flight=names))
+    block = project.block.copy()
+    told = f"{len(order)} flights: {', and '.join(f'{w.source} ({w.text})' for w in witnesses)}"
+    record_derived(
+        block, "images.flight", "the photographs", None, f"{told}.", witnesses=witnesses
+    )  # fmt: skip
+    return project.having(notes=[told], extra=block.extra)
 
 
 def _having(project, **columns):
@@ -328,8 +374,18 @@ def _by_camera(project, photos):
 
 def _with_readout(project, photos):
     cameras, notes = dict(project.block.cameras), []
+    turned = _turned_by_a_quarter(photos)
+    if turned:
+        project = project.having(
+            warnings=[
+                f"{len(turned)} of {len(photos)} photographs are turned by 90 degrees against the "
+                f"others of their camera ({some(turned)}): they became a camera of their own, "
+                "whose rows follow each other along x, or whose pixels a viewer has turned. It "
+                "gets no readout time. Take the originals, or turn them back, and import again"
+            ]
+        )
     for camera, photo in _by_camera(project, photos):
-        if not photo.model or camera.readout_s is not None:
+        if not photo.model or camera.readout_s is not None or photo.name in turned:
             continue
         name, (readout, source) = camera.name, readout_of(photo, camera.height)
         if readout is None:
@@ -341,6 +397,18 @@ def _with_readout(project, photos):
             f"camera {name}: readout {1000 * readout:.1f} ms, {source}; 0 if its shutter is global"
         )
     return project.having(notes=notes, cameras=cameras)
+
+
+def _turned_by_a_quarter(photos) -> list[str]:
+    """Names of photographs that stand upright where more of the same camera lie on their side."""
+    many = Counter((photo.model, photo.width, photo.height_px) for photo in photos.values())
+    return [
+        photo.name
+        for photo in photos.values()
+        if photo.width != photo.height_px
+        and many[photo.model, photo.height_px, photo.width]
+        > many[photo.model, photo.width, photo.height_px]
+    ]
 
 
 def _with_focal(project, photos):
@@ -426,21 +494,31 @@ def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, str, list[str]]
     Where the maker states no sigma, that of the kind of solution is assumed: a sentence, or "".
     """
     rows, notes, assumed, without, told = [], [], 0, 0, ""
+    poor: Counter[int] = Counter()
     for photo in photos:
         if photo.lat_deg is None:
             continue
         without += photo.height is None
-        sigma = photo.sigma
+        flag, sigma = photo.flag, photo.sigma
+        kind = 50 if flag == 50 else 34 if flag is not None and 32 <= flag <= 49 else 16
+        poor[flag] += flag not in (None, 50)
         if sigma is None:
             assumed += 1
-            flag = photo.flag if photo.flag is not None else 16
-            kind = 50 if flag == 50 else 34 if 32 <= flag <= 49 else 16
             sigma = _ASSUMED[kind]
+        elif flag not in (None, 50):
+            # What a receiver states of a position that is no fix is its noise, not its error.
+            sigma = tuple(np.maximum(sigma, _ASSUMED[kind]))
         rows.append((photo.name, photo.lon_deg, photo.lat_deg, photo.height or 0.0, *sigma))
     if assumed:
         told = (
             f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m in plan "
             "and 6 m in height were assumed where no RTK flag says better"
+        )
+    for flag, many in sorted((f, n) for f, n in poor.items() if n):
+        what = "a float solution" if 32 <= flag <= 49 else _STATUS.get(flag, "which is no fix")
+        notes.append(
+            f"{many} of {len(rows)} positions have RtkFlag {flag}, {what}: they count as good to "
+            f"{_ASSUMED[34 if 32 <= flag <= 49 else 16][0]:g} m in plan, whatever they state"
         )
     if without:
         notes.append(f"{without} positions have no height: 0 was taken")
