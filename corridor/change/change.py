@@ -11,6 +11,15 @@ import numpy as np
 from corridor import adjustment, simulation
 from corridor.adjustment import Adjustment, Model
 from corridor.block import Block, read
+from corridor.change.admission import (
+    BOTH_FLIGHTS,
+    FLIGHTS,
+    Coordinates,
+    Objection,
+    held_apart,
+    misfits,
+    strange_effects,
+)
 from corridor.change.comparison import (
     Comparison,
     check_blocks,
@@ -36,6 +45,11 @@ from corridor.simulation import Plan, read_plan, ready_made
 
 Dated = Block | Adjustment | str | os.PathLike
 _DATES = ("the first date", "the second date")
+_NO_COMMON_CONTROL = (
+    "No control point is common to both dates: a constant error of the GNSS of either date moves "
+    "everything and is in no standard deviation. State how large it may be (--gnss-bias 0.02), or "
+    "measure control that stands still at both dates."
+)
 
 
 def change(
@@ -61,8 +75,12 @@ def change(
     blocks = tuple(one.start if isinstance(one, Adjustment) else read(one) for one in given)
     check_blocks(*blocks)
     run = _Run(model or Model(), asked, threads, progress or (lambda text: None), blocks)
+    # Laid together on what stands still, dates may have other coordinates.
+    surveys = None if asked.datum == "stable" else Coordinates.of(*blocks)
+    mistaken = [] if surveys is None else surveys.mistaken
+    run.without_control(mistaken)
     adjusted = tuple(
-        one if isinstance(one, Adjustment) else run.adjust(block, name)
+        one if isinstance(one, Adjustment) and not mistaken else run.adjust(block, name)
         for one, block, name in zip(given, blocks, _DATES, strict=True)
     )
     for one in adjusted:
@@ -72,7 +90,7 @@ def change(
         run.asked = asked = replace(asked, datum=usual_datum(adjusted))
     check_datum(*adjusted, asked.datum)
     compared = run.apart(adjusted)
-    gained, notes = None, []
+    gained, notes = None, [] if surveys is None else list(surveys.notes())
     if asked.together:
         run.stable = _stable_names(compared, asked.stable)
         notes.append(_told(run.stable, asked.same_camera))
@@ -82,8 +100,14 @@ def change(
     remaining, explanation = None, None
     if asked.camera and (compared.points is not None or compared.surface is not None):
         compared, remaining, explanation = run.explained(compared)
+    objections = [] if surveys is None else list(surveys.objections())
+    objections += _objections(remaining or compared, run.model)
+    if not compared.joint.common_control and asked.bias is None and asked.datum == "stated":
+        notes.append(_NO_COMMON_CONTROL)
     names = tuple(block.name for block in blocks)
-    return Change(names, asked, compared, remaining, explanation, gained, tuple(notes))
+    return Change(
+        names, asked, compared, remaining, explanation, gained, tuple(notes), tuple(objections)
+    )
 
 
 def detection(
@@ -129,6 +153,18 @@ def _cores(joint: Joint, asked: Comparison, known: Cores | None = None) -> Cores
     return make_cores(*pair, known.spacing, known.radius, asked.normal, at=known.xyz)
 
 
+def _objections(compared: Compared, model: Model) -> list[Objection]:
+    """What of the epochs does not fit their own model."""
+    out, adjusted = [], compared.adjustments
+    believed = {effect.slug for effect in model.effects}
+    who = (BOTH_FLIGHTS,) if compared.joint.together else FLIGHTS
+    for one, name in zip(adjusted, who, strict=False):
+        out += misfits(one, name)
+        out += strange_effects(one, set(one.values) - believed, name)
+    out += held_apart(compared.points, min(one.sigma0 for one in adjusted))
+    return out
+
+
 @dataclass
 class _Run:
     """One comparison and how it is made. cores: those of the first surface. stable: ground points
@@ -141,6 +177,16 @@ class _Run:
     blocks: tuple[Block, Block]
     cores: Cores | None = None
     stable: list[str] | None = None
+
+    def without_control(self, names: list[str]) -> None:
+        """Take some ground points for check points, whatever their role."""
+        if names:
+            control = self.model.control
+            self.model = replace(
+                self.model,
+                control=None if control is None else [n for n in control if n not in names],
+                check=[*(self.model.check or ()), *names],
+            )
 
     def adjust(self, block: Block, name: str, slugs: Iterable[str] = ()) -> Adjustment:
         """The block adjusted, with some effects more and what one expects of them beforehand."""
@@ -157,7 +203,9 @@ class _Run:
             effects=(*self.model.effects, *slugs),
             priors={**known, **self.model.priors},
         )
-        return adjustment.adjust(block, model=model, threads=self.threads)
+        return adjustment.adjust(
+            block, model=model, threads=self.threads, reject_gnss=self.asked.reject_gnss
+        )
 
     def apart(
         self, adjusted: tuple[Adjustment, ...], shown: tuple[set[str], ...] = (set(), set())

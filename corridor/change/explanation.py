@@ -52,8 +52,9 @@ class Evidence:
 
     @property
     def every(self) -> tuple[set[str], ...]:
-        """All effects of each epoch."""
-        return tuple(set(signature.effects) for signature in self.signatures)
+        """What each epoch could have: effects of camera and flight, and what its measurements
+        show, were it a shape that stands for the unknown."""
+        return tuple(s.named | s.shown() | s.unknown for s in self.signatures)
 
     def without(self, slugs: tuple[set[str], ...]) -> tuple[np.ndarray, np.ndarray]:
         """Value and covariance once effects of each epoch are estimated with their priors."""
@@ -217,7 +218,7 @@ def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
     for n, (signatures, effect) in enumerate(
         zip(evidence.signatures, evidence.effect, strict=True)
     ):
-        for slug in signatures.effects:
+        for slug in sorted(signatures.named | signatures.unknown):
             some = [set()] * len(evidence.signatures)
             some[n] = {slug}
             value, covariance = evidence.without(tuple(some))

@@ -40,6 +40,7 @@ _VERDICTS = {
     "camera": "the camera explains it",
     "undecided": "cannot be told apart",
     "nothing": "no change",
+    "unfit": "cannot be told",
 }
 
 
@@ -69,6 +70,7 @@ def to_dict(change) -> dict:
         "verdict_in_words": _VERDICTS[change.verdict],
         "sentence": verdict_sentence(change),
         "remedies": remedies(change),
+        "objections": [vars(one) for one in change.objections],
         "level": change.asked.level,
         "common": list(change.asked.common),
         "datum": change.asked.datum,
@@ -286,7 +288,7 @@ def _adjusted(change, most: int = 3) -> list[str]:
     found: dict[str, list[str]] = {}
     dates = ("First date", "Second date") if not change.asked.together else ("Both dates",)
     for date, one in zip(dates, change.final.adjustments, strict=False):
-        for sentence in grave(one)[:most]:
+        for sentence in [*one.doubts, *one.notes, *grave(one)[:most]]:
             found.setdefault(sentence, []).append(date)
     both = {2: "Both dates"}
     return [f"{both.get(len(of), of[0])}: {sentence}" for sentence, of in found.items()]

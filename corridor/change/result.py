@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from corridor.adjustment import Adjustment
+from corridor.change.admission import Objection
 from corridor.change.comparison import Comparison
 from corridor.change.explanation import Explanation
 from corridor.change.joint import Joint
@@ -30,6 +31,7 @@ class Change:
 
     names: of both blocks. compared: as adjusted. remaining: with the effects modelled that the
     measurements of an epoch show (None: none is). explanation: None where it was not asked for.
+    objections: why the dates cannot be compared, see `corridor.change.admission`.
     gained: with one adjustment of both dates, the median standard deviations (m) of the surface
     apart and together. notes: sentences.
     """
@@ -41,6 +43,7 @@ class Change:
     explanation: Explanation | None
     gained: tuple[float, float] | None
     notes: tuple[str, ...]
+    objections: tuple[Objection, ...] = ()
 
     @property
     def final(self) -> Compared:
@@ -64,7 +67,10 @@ class Change:
 
     @property
     def verdict(self) -> str:
-        """`moved`, `camera`, `undecided` or `nothing`; see `Explanation.verdict`."""
+        """`unfit` where an epoch does not fit its own model, else `moved`, `camera`, `undecided`
+        or `nothing`; see `Explanation.verdict`."""
+        if self.objections:
+            return "unfit"
         if self.explanation is not None:
             return self.explanation.verdict
         moved = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from corridor.change.admission import WHOLE
 from corridor.change.explanation import Explanation
 from corridor.change.points import PointChanges
 from corridor.change.surface import SurfaceChange
@@ -29,6 +30,8 @@ def millimetres(value: float, sigma: float) -> str:
 def verdict_sentence(change) -> str:
     """What the two dates say, in one or two sentences; change: a `Change`."""
     surface, told = change.surface, change.explanation
+    if change.verdict == "unfit":
+        return _unfit(change.objections)
     if change.verdict == "moved":
         besides = "" if told is None or not any(told.shown) else _besides(told)
         return _moved(surface, change.points) + besides
@@ -43,8 +46,20 @@ def verdict_sentence(change) -> str:
     return f"{said}; half of the surface would show {seen:.0f} mm (95 %)."
 
 
+def _unfit(objections) -> str:
+    """Who does not fit, and how: the first of each."""
+    first = objections[0]
+    how = [one.what for one in objections if one.who == first.who][:2]
+    if first.who == WHOLE:
+        return f"Cannot be told: {first.who} {how[0]}."
+    return f"Cannot be told: {first.who} does not fit its own model: {'; '.join(how)}."
+
+
 def remedies(change, most: int = 3) -> list[str]:
-    """What would tell ground and camera apart, by the effects that stand between them."""
+    """What would tell ground and camera apart, by the effects that stand between them; what to do
+    where an epoch does not fit."""
+    if change.objections:
+        return list(dict.fromkeys(one.remedy for one in change.objections))[:most]
     if change.explanation is None or change.verdict != "undecided":
         return []
     hiding = _hiding(change.explanation)
