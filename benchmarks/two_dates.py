@@ -22,9 +22,9 @@ import corridor
 from benchmarks.diagnosis.rates import Rate
 from benchmarks.draws import kept
 from benchmarks.guarantees import table
-from corridor.block import Block
-from corridor.camera import Camera
-from corridor.report import whole_file, write_json
+from corridor.core.block import Block
+from corridor.core.camera import Camera
+from corridor.core.output import whole_file, write_json
 
 WIDTH, HEIGHT, FOCAL = 4000, 3000, 3000.0
 CENTRE = np.array([2006.5, 1494.5])
@@ -112,9 +112,7 @@ class World:
         out = cls(images, np.zeros((0, 3)), {}, waves)
         z = out.height(np.vstack([places, marked]))
         ties = np.column_stack([places, z[:count]])
-        marks = {
-            n: np.append(xy, h) for n, xy, h in zip(names, marked, z[count:], strict=True)
-        }
+        marks = {n: np.append(xy, h) for n, xy, h in zip(names, marked, z[count:], strict=True)}
         return replace(out, ties=ties, marks=marks)
 
     def height(self, xy: np.ndarray) -> np.ndarray:
@@ -175,7 +173,9 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
             )  # fmt: skip
             if date.blur:
                 cycle = 3.0 * 2 * np.pi * pixel[:, 1] / HEIGHT + wave[k]
-                pixel = pixel + date.blur * np.sqrt(2) * np.column_stack([np.cos(cycle), np.sin(cycle)])
+                pixel = pixel + date.blur * np.sqrt(2) * np.column_stack(
+                    [np.cos(cycle), np.sin(cycle)]
+                )
             if date.spot:
                 away = np.linalg.norm(pixel - [1200.0, 900.0], axis=1) / 700.0
                 pixel = pixel + date.spot * np.exp(-(away**2))[:, None] * [1.0, 0.6]
@@ -195,7 +195,9 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
         mark[mark[:, 0] == names.index("C1"), 2:] += [date.mark, 0.0]
     if date.water:
         # Nobody finds the same wave again in the next strip.
-        tie[:, 0] += len(ties) * (flowing[tie[:, 0].astype(int)] & (strip[tie[:, 1].astype(int)] > 0))
+        tie[:, 0] += len(ties) * (
+            flowing[tie[:, 0].astype(int)] & (strip[tie[:, 1].astype(int)] > 0)
+        )
     tie = tie[np.bincount(tie[:, 0].astype(int))[tie[:, 0].astype(int)] > 1]
 
     to_world = rotation.transpose(0, 2, 1)
@@ -225,7 +227,9 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
     images["strip"] = [f"S{s}" for s in strip]
     images["time_s"], images["temperature_c"] = time, 20.0 + 5.0 * share
     images[["x", "y", "z"]] = centre + draw.normal(0, 0.2, (count, 3))
-    turned = [_attitude(h, e) for h, e in zip(heading, draw.normal(0, 0.02, (count, 3)), strict=True)]
+    turned = [
+        _attitude(h, e) for h, e in zip(heading, draw.normal(0, 0.02, (count, 3)), strict=True)
+    ]
     images[["qw", "qx", "qy", "qz"]] = [_quaternion(r) for r in turned]
     images[["vx", "vy", "vz"]] = velocity
     stations = pd.DataFrame({"image": image})
@@ -239,12 +243,20 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
         cameras={"A": camera},
         images=images,
         tie_points=pd.DataFrame(
-            {"point": [f"T{int(p)}" for p in tie[:, 0]], "image": image[tie[:, 1].astype(int)],
-             "x": tie[:, 2], "y": tie[:, 3]}
+            {
+                "point": [f"T{int(p)}" for p in tie[:, 0]],
+                "image": image[tie[:, 1].astype(int)],
+                "x": tie[:, 2],
+                "y": tie[:, 3],
+            }
         ),  # fmt: skip
         marks=pd.DataFrame(
-            {"point": [names[int(p)] for p in mark[:, 0]], "image": image[mark[:, 1].astype(int)],
-             "x": mark[:, 2], "y": mark[:, 3]}
+            {
+                "point": [names[int(p)] for p in mark[:, 0]],
+                "image": image[mark[:, 1].astype(int)],
+                "x": mark[:, 2],
+                "y": mark[:, 3],
+            }
         ),  # fmt: skip
         ground=ground,
         gnss=stations,
@@ -354,7 +366,10 @@ KINDS = {
     "moving water": {"water": 0.5},
     "readout 20 ms": {"readout": 0.02},
     "readout 20 ms, turning": {"readout": 0.02, "turning": 0.02},
-    "focal length held": {"focal": lambda share, flight, draw: 5e-4 + 0 * share, "calibrated": True},
+    "focal length held": {
+        "focal": lambda share, flight, draw: 5e-4 + 0 * share,
+        "calibrated": True,
+    },
     "lens of F2": {"lens": (0.003, 0.03, 0.0)},
     "crop of F2": {"shift": (-20.0, -12.0)},
     "focus hunts": {"focal": _hunting},
