@@ -9,22 +9,13 @@ Every draw is kept in FOLDER as soon as it is done: the same command goes on whe
 
 from __future__ import annotations
 
-import argparse
-from collections import Counter
 from dataclasses import dataclass, field, replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-import corridor
-from benchmarks.diagnosis.rates import Rate
-from benchmarks.draws import kept
-from benchmarks.guarantees import table
 from corridor.core.block import Block
 from corridor.core.camera import Camera
-from corridor.core.output import whole_file, write_json
 
 WIDTH, HEIGHT, FOCAL = 4000, 3000, 3000.0
 CENTRE = np.array([2006.5, 1494.5])
