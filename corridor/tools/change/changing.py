@@ -46,7 +46,7 @@ from corridor.tools.change.points import point_changes
 from corridor.tools.change.registration import brought
 from corridor.tools.change.result import Change, Compared
 from corridor.tools.change.signature import Signatures
-from corridor.tools.change.surface import SurfaceChange, surface_change, volume
+from corridor.tools.change.surface import PatchChange, SurfaceChange, surface_change, volume
 from corridor.tools.change.together import joined
 
 Dated = Block | Adjustment | str | os.PathLike
@@ -103,9 +103,7 @@ def change(
         apart, compared = compared, run.together()
         if apart.surface is not None:
             gained = float(np.median(apart.surface.sigma)), float(np.median(compared.surface.sigma))
-    remaining, explanation = None, None
-    if asked.camera and (compared.points is not None or compared.surface is not None):
-        compared, remaining, explanation = run.explained(compared)
+    compared, remaining, explanation = run.explained(compared)
     objections = [] if surveys is None else list(surveys.objections())
     objections += _objections(remaining or compared, run.model)
     if not compared.joint.common_control and asked.bias is None and asked.datum == "stated":
@@ -257,30 +255,37 @@ class _Run:
 
     def explained(self, compared: Compared) -> tuple[Compared, Compared | None, Explanation | None]:
         """The change, the one with what the measurements show modelled, and what effects say."""
-        self.say("what the camera could do to the ground")
-        evidence, level = _evidence(compared), self.asked.level
-        if evidence is None:
+        level = self.asked.level
+        compared, evidence = self._judged(compared)
+        if evidence is None or not self.asked.camera:
             return compared, None, None
-        compared = replace(compared, points=evidence.judged(compared.points, level))
-        first = explain(evidence, level)
+        first = explain(evidence, level, compared.moved)
         if not any(first.shown):
             return compared, None, first
         if self.stable is None:
             remaining = self.apart(compared.adjustments, first.shown)
         else:
             remaining = self.together(first.shown)
-        again = _evidence(remaining)
-        remaining = replace(remaining, points=again.judged(remaining.points, level))
-        return compared, remaining, explained_again(first, evidence, again, level)
+        remaining, again = self._judged(remaining)
+        return compared, remaining, explained_again(first, evidence, again, level, remaining.moved)
 
-
-def _evidence(compared: Compared) -> Evidence | None:
-    """What is tested of a comparison; None where that is nothing."""
-    held = compared.points is None or compared.points.held.all()
-    if held and compared.surface is None:
-        return None
-    signatures = tuple(Signatures(epoch) for epoch in compared.joint.epochs)
-    return gathered(compared.joint, compared.points, compared.surface, signatures)
+    def _judged(self, compared: Compared) -> tuple[Compared, Evidence | None]:
+        """The comparison with what moved beside every effect, and what was tested for that; None
+        where that is nothing."""
+        points, surface, level = compared.points, compared.surface, self.asked.level
+        if (points is None or points.held.all()) and surface is None:
+            return compared, None
+        signatures = ()
+        if self.asked.camera:
+            self.say("what the camera could do to the ground")
+            signatures = tuple(Signatures(epoch) for epoch in compared.joint.epochs)
+        evidence = gathered(compared.joint, points, surface, signatures)
+        found = tuple(
+            PatchChange.of(surface, evidence.cores_of(one), one.probability)
+            for one in evidence.patches(0.5 * level)
+        )
+        points = evidence.judged(points, level)
+        return replace(compared, points=points, patches=found), evidence
 
 
 def _stable_names(compared: Compared, stable: Iterable[str] | None) -> list[str]:

@@ -41,6 +41,11 @@ class Cores:
         corners = 0.5 * self.spacing * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ self.axes
         return self.xyz[:, None, :2] + corners
 
+    def along(self, places: np.ndarray) -> np.ndarray:
+        """Station and across (2, n), m, of places (n, 2+) in plan."""
+        away = (places[:, :2] - self.xyz[0, :2]) @ self.axes.T
+        return away.T + np.array([[self.station[0]], [self.across[0]]])
+
     def only(self, rows: np.ndarray) -> Cores:
         """Some of the core points."""
         parts = {name: getattr(self, name)[rows] for name in ("xyz", "normal", "station", "across")}

@@ -11,7 +11,7 @@ from corridor.tools.change.explanation import Explanation
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.report import of_change
-from corridor.tools.change.surface import SurfaceChange, Volume
+from corridor.tools.change.surface import PatchChange, SurfaceChange, Volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +23,12 @@ class Compared:
     points: PointChanges | None
     surface: SurfaceChange | None
     volumes: dict[str, Volume]
+    patches: tuple[PatchChange, ...] = ()
+
+    @property
+    def moved(self) -> bool:
+        """Whether a point or a patch of the surface did."""
+        return bool(self.patches) or (self.points is not None and bool(self.points.moved.any()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +79,7 @@ class Change:
             return "unfit"
         if self.explanation is not None:
             return self.explanation.verdict
-        moved = [
-            part is not None and bool(part.moved.any()) for part in (self.points, self.surface)
-        ]
-        return "moved" if any(moved) else "nothing"
+        return "moved" if self.final.moved else "nothing"
 
     def __repr__(self) -> str:
         return f"Change from {self.names[0]} to {self.names[1]}: {self.verdict}"
