@@ -8,7 +8,7 @@ from pathlib import Path
 
 from corridor.core.block import Block
 from corridor.core.brief import brief
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import known_crs
 from corridor.core.photographs import photographs_in, read_metadata
 from corridor.tools.formats.faults import blaming
@@ -146,13 +146,13 @@ def _can_start(folder: Path, added: Additions) -> bool:
 
 
 def _straight(project: Project, output: Path, force: bool) -> Project:
-    """Raises AdjustmentFailed where a model contradicts the positions, unless nobody minds."""
+    """Raises WorkFailed where a model contradicts the positions, unless nobody minds."""
     said = bent(project.block)
     if said is None:
         return project
     if not force:
         others = "".join(f"{sentence}. " for sentence in project.warnings)
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"{others}{said[0].upper()}{said[1:]}; features and matches are kept in "
             f"{workplace(output)}; --force writes the block as it is"
         )
