@@ -9,13 +9,22 @@ Every draw is kept in FOLDER as soon as it is done: the same command goes on whe
 
 from __future__ import annotations
 
+import argparse
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+import corridor
+from benchmarks.diagnosis.rates import Rate
+from benchmarks.draws import kept
 from corridor.core.block import Block
 from corridor.core.camera import Camera
+from corridor.core.output import whole_file, write_json
 
 WIDTH, HEIGHT, FOCAL = 4000, 3000, 3000.0
 CENTRE = np.array([2006.5, 1494.5])
@@ -63,8 +72,9 @@ class Date:
     motion: object = None
 
 
-def _bowl(xy, depth, station=70.0, radius=30.0):
-    away = np.linalg.norm(xy - START - [station, 0.0], axis=1) / radius
+def _bowl(xy, depth):
+    """Height (n,), m, of a bowl with a cosine as its profile."""
+    away = np.linalg.norm(xy - START - [STATION, 0.0], axis=1) / RADIUS
     return -depth * 0.5 * (1.0 + np.cos(np.pi * np.minimum(away, 1.0)))
 
 
@@ -346,8 +356,7 @@ def _geoid(names, xyz):
     return np.outer(xyz[:, 0] - START[0], [0.0, 0.0, 1e-3])
 
 
-# What is wrong with the second date (`first`: with both). An effect of the camera that the
-# catalogue knows; one that it does not; one of the given coordinates.
+# What is wrong with the second date. Of the examination of 27 November 2026, and new ones.
 KINDS = {
     "rest": {},
     "outliers 2 %": {"outliers": 0.02},
@@ -372,6 +381,7 @@ KINDS = {
     "control point 0.05 m": {"control": _blunder(2, 0.05)},
     "datum 1 m": {"control": _whole, "bias": (1.0, 0.0, 0.0)},
     "names exchanged": {"exchanged": True},
+    "vegetation": {"raised": 0.03},
     # New ones.
     "slow GNSS": {"gnss_slow": 0.03},
     "GNSS 3 x its sigma": {"gnss_factor": 3.0},
@@ -380,19 +390,111 @@ KINDS = {
     "drop on the lens": {"spot": 2.0},
     "mark of C1 5 px off": {"mark": 5.0},
 }
-VEGETATION = {"raised": 0.03}
-# What the ground does, and the largest displacement.
-BOWL = 0.05
+# Verdicts that are right where the ground does not move, for kinds where one is.
+RIGHT = {
+    "rest": {"nothing"},
+    "outliers 2 %": {"nothing"},
+    "GNSS float": {"unfit"},
+    "readout 20 ms": {"camera"},
+    "readout 20 ms, turning": {"camera"},
+    "crop of F2": {"camera"},
+    "clock 50 ms": {"camera", "nothing"},
+    "arm 3 cm": {"nothing", "camera"},
+    "focal length held": {"nothing", "camera"},
+    "control point 0.10 m": {"nothing"},
+    "control point 0.05 m": {"nothing"},
+    "datum 1 m": {"unfit"},
+    "geoid of control": {"unfit"},
+    "names exchanged": {"nothing"},
+}
+# Kinds that are flown with a motion of the ground too, and how deep it is, m.
+MOVING = ("rest", "readout 20 ms", "readout 20 ms, turning", "crop of F2", "control point 0.10 m")
+BOWL = 0.08
+STATION, RADIUS = 70.0, 30.0
 
 
 def pair(kind: str, seed: int, moving: bool = False, images: int = 14, count: int = 1800):
     """Both dates (two blocks) of one draw."""
     draw = np.random.default_rng(seed)
     world = World.of(draw, images, count)
-    wrong = dict(VEGETATION if kind == "vegetation" else KINDS[kind])
+    wrong = dict(KINDS[kind])
     if wrong.get("readout") is not None and isinstance(wrong["readout"], str):
         wrong["readout"] = draw.uniform(0.005, 0.04, 2 * images)
     if moving:
         wrong["motion"] = lambda xyz: np.outer(_bowl(xyz[:, :2], BOWL), [0.0, 0.0, 1.0])
     both = {name: wrong[name] for name in ("without", "calibrated") if name in wrong}
     return fly(world, Date(**both), draw, "a"), fly(world, Date(**wrong), draw, "b")
+
+
+def told(kind: str, moving: bool, k: int) -> dict:
+    """What is said of a draw: the verdict; place, sign and size right, where a motion is named."""
+    found = corridor.change(*pair(kind, 1000 + k, moving))
+    out = {"verdict": found.verdict, "place": False, "size": False, "sign": False}
+    if not (moving and found.verdict == "moved"):
+        return out
+    points, patches = found.points, found.final.patches
+    if len(points.leading):
+        first = points.leading[0]
+        where, (value, sigma) = points.xyz[first], (points.shift[first, 2], points.sigma[first, 2])
+        true = _bowl(where[None, :2], BOWL)[0]
+    else:
+        one = max(patches, key=lambda p: abs(p.change / p.sigma))
+        cores = found.surface.cores.xyz[one.rows]
+        where = np.average(cores, axis=0, weights=found.surface.distance[one.rows] ** 2)
+        value, sigma, true = one.change, one.sigma, _bowl(cores[:, :2], BOWL).mean()
+    away = np.linalg.norm(where[:2] - START - [STATION, 0.0])
+    return out | {
+        # A point in the bowl is in the right place wherever it stands there.
+        "place": away < (RADIUS if len(points.leading) else 10.0),
+        "sign": bool(value < 0),
+        "size": bool(abs(value - true) < 2.0 * sigma),
+    }
+
+
+def rates(draws: int, folder: Path | None = None, kinds=tuple(KINDS), moving=MOVING) -> dict:
+    """By kind: verdicts, share of `moved` where nothing moved, share of right verdicts."""
+
+    def every(kind, moves):
+        draw = partial(told, kind, moves)
+        if folder is None:
+            return [draw(k) for k in range(draws)]
+        return kept(folder / f"{kind}{', moving' if moves else ''}", range(draws), draw)
+
+    out, false = {}, 0
+    for kind in kinds:
+        found = [str(one["verdict"]) for one in every(kind, False)]
+        false += found.count("moved")
+        out[kind] = {"verdicts": dict(Counter(found)), "moved": _share(v == "moved" for v in found)}
+        if kind in RIGHT:
+            out[kind]["right"] = _share(v in RIGHT[kind] for v in found)
+    out["moved where nothing moved"] = Rate(false, draws * len(kinds)).to_dict()
+    for kind in moving:
+        found = every(kind, True)
+        verdicts = Counter(str(one["verdict"]) for one in found)
+        right = {what: _share(one[what] for one in found) for what in ("place", "sign", "size")}
+        out[f"{kind}, moving"] = {"verdicts": dict(verdicts), **right}
+    return out
+
+
+def _share(found: Iterable[bool]) -> dict:
+    return Rate.of(bool(one) for one in found).to_dict()
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the kinds and write two_dates.json."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--draws", type=int, default=30)
+    parser.add_argument("--kind", action="append", choices=KINDS, help="only this one")
+    options = parser.parse_args(arguments)
+    kinds = tuple(options.kind or KINDS)
+    moving = tuple(kind for kind in MOVING if kind in kinds)
+    found = rates(options.draws, options.output / "draws", kinds, moving)
+    for kind, one in found.items():
+        print(kind, one.get("verdicts", one), one.get("right", {}).get("share", ""))
+    with whole_file(options.output / "two_dates.json") as part:
+        write_json(found, part)
+
+
+if __name__ == "__main__":
+    main()

@@ -125,7 +125,7 @@ def gathered(
     value, places = (np.concatenate([part[n] for part in parts]) for n in (1, 2))
     of_surface = np.repeat([part[3] for part in parts], [len(part[1]) for part in parts])
     covariance = joint.covariance(functions, rough=True)
-    effect = tuple(s.on(part) for s, part in zip(signatures, joint.parts(functions), strict=True))
+    effect = tuple(s.on(p) for s, p in zip(signatures, joint.parts(functions), strict=False))
     freedom, redundancy = np.full(len(value), np.inf), np.inf
     laying = None if surface is None else surface.laying
     if laying is not None:

@@ -78,8 +78,7 @@ def _moved(found) -> str:
     points, surface = found.points, found.surface
     said = []
     if points is not None and points.moved.any():
-        order = np.argsort(-np.sum((points.shift / points.sigma) ** 2, axis=1))
-        order = [k for k in order if points.moved[k]]
+        order = points.leading
         first, names = order[0], [str(points.names[k]) for k in order]
         where = ""
         if surface is not None:
