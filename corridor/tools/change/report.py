@@ -22,6 +22,7 @@ from corridor.core.output import (
     whole_folder,
     write_csv,
     write_geopackage,
+    write_geotiff,
     write_json,
     write_las,
     write_picture,
@@ -109,7 +110,8 @@ def to_dict(change) -> dict:
 def save(change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
     """Writes report.html, change.json, points.csv, surface.csv and pictures, whole or not at all.
 
-    gis: also change.gpkg (pyogrio) and change.laz or change.las (laspy), where these are installed.
+    gis: also change.gpkg (pyogrio), change.tif (rasterio) and change.las (laspy), where these are
+    installed.
     Raises InputError where `folder` holds something else.
     """
     folder = Path(folder)
@@ -130,8 +132,8 @@ def save(change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
 
 
 def _write_gis(change, folder: Path) -> list[str]:
-    """Writes change.gpkg (points, cells) and change.las into a folder; a sentence on each that
-    could not be."""
+    """Writes change.gpkg (points, cells), change.tif and change.las into a folder; a sentence on
+    each that could not be."""
     block, points, surface = change.compared.adjustments[0].block, change.points, change.surface
     layers, missing = {}, []
     if points is not None:
@@ -151,6 +153,12 @@ def _write_gis(change, folder: Path) -> list[str]:
         }
         places = surface.cores.xyz + block.offset
         missing += _tried(write_las, folder / "change.las", places, fields, block.crs)
+        bands = {"change": surface.distance, "sigma": surface.total}
+        bands["detection_95"] = surface.detection
+        spacing = surface.cores.spacing
+        missing += _tried(
+            write_geotiff, folder / "change.tif", places[:, :2], spacing, bands, block.crs
+        )
     if layers:
         missing += _tried(write_geopackage, folder / "change.gpkg", layers, block.crs)
     return missing
