@@ -23,7 +23,15 @@ from PIL import Image
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import Local
 from corridor.core.output import whole_folder
-from corridor.core.photographs import Metadata, photographs_in, read_metadata, stated_focal
+from corridor.core.photographs import (
+    FAULTS,
+    Metadata,
+    fault,
+    open_picture,
+    photographs_in,
+    read_metadata,
+    stated_focal,
+)
 from corridor.tools.formats.joining import why_lost
 from corridor.tools.formats.programs import colmap
 from corridor.tools.formats.project import Project
@@ -215,13 +223,19 @@ def _pictures(folder, place, names, photos, cheaply, progress) -> Path:
         if to.is_file():
             continue
         to.parent.mkdir(parents=True, exist_ok=True)
-        with Image.open(photo.path) as picture:
-            # A JPEG is decoded at a half or a quarter where that is enough, which is quick.
-            picture.draft("L", (2 * size, 2 * size))
-            grey = picture.convert("L")
-            grey.thumbnail((size, size), Image.Resampling.LANCZOS, reducing_gap=3.0)
-            part = to.with_name(f".{to.name}")
-            grey.save(part, format=picture.format, quality=95)
+        try:
+            with open_picture(photo.path) as picture:
+                # A JPEG is decoded at a half or a quarter where that is enough, which is quick.
+                picture.draft("L", (2 * size, 2 * size))
+                grey, form = picture.convert("L"), picture.format
+        except FAULTS as error:
+            raise InputError(
+                f"{name} cannot be read whole ({fault(error)}); copy it again, or take it out of "
+                "the folder"
+            ) from None
+        grey.thumbnail((size, size), Image.Resampling.LANCZOS, reducing_gap=3.0)
+        part = to.with_name(f".{to.name}")
+        grey.save(part, format=form, quality=95)
         part.replace(to)
         progress(f"pictures made smaller: {done} of {len(names)}")
     return smaller
