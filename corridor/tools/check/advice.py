@@ -122,7 +122,10 @@ def _median(block: Block):
 def verdict_of(final: dict, found: dict | None, required: float | None) -> tuple[str, str]:
     """Whether it is good enough, as a word and in sentences."""
     if not final["converged"]:
-        return "failed", "The block does not adjust: what contradicts what is listed below."
+        return (
+            "failed",
+            "The block does not adjust, so nothing is known of its accuracy: the reason stands below.",
+        )
     rms = (final["check_points"].get("rms") or {}).get("3d")
     rows = final["check_points"].get("rows") or []
     said = _diagnosis_said(found)

@@ -252,12 +252,12 @@ def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[
     model = Model(camera="fixed" if calibrated else "fraser8", effects=effects)
     try:
         adjustment = least_squares.adjust(block, model=model, threads=threads)
-    except AdjustmentFailed as failed:
-        return {"converged": False, "warnings": [f"{failed}."], "doubts": []}
+    except (AdjustmentFailed, InputError) as failed:
+        return {"converged": False, "warnings": [f"{failed}."]}
     adjustment.required = required
     if not adjustment.converged:
         doubts = [*adjustment.doubts, *adjustment.start_misfit()]
-        return {"converged": False, "warnings": doubts, "doubts": doubts}
+        return {"converged": False, "warnings": doubts}
     adjustment.save(folder, registry.room("figures").of_adjustment)
     report = registry.room("report").of_adjustment(adjustment)
     return adjustment.to_dict() | {"opening": report.opening, "actions": list(report.actions)}

@@ -91,7 +91,7 @@ WRONG = {
     "a zone before the easting": (
         ("", ("{p}", "32{e:.4f}", "{n:.4f}", "{h:.4f}")), UTM, "number of the zone",
     ),
-    "another zone": (("", PENZ), "EPSG:25835", "km from where the rays|outside the area"),
+    "another zone": (("", PENZ), "EPSG:25835", "m in plan|outside the area"),
     "unknown words": (("name,alpha,beta,gamma", PENZ), UTM, "does not name the coordinates"),
     "no height": (("name,easting,northing", PENZ[:3]), UTM, "does not name the coordinates"),
     "two eastings": (("name,x,easting,z", PENZ), UTM, "two columns"),
