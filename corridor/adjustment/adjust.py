@@ -23,6 +23,7 @@ from corridor.adjustment.readjusting import (
     weighted_by_scatter,
     with_held_focal_asked,
     without_false_fixes,
+    with_motion_as_seen,
     without_unseen_arms,
 )
 from corridor.adjustment.result import Adjustment
@@ -121,7 +122,9 @@ def adjust(
             found.start = part
             return found
 
-    judges = (weighted_by_scatter, without_unseen_arms, with_held_focal_asked)
+    judges = (
+        weighted_by_scatter, without_unseen_arms, with_motion_as_seen, with_held_focal_asked,
+    )  # fmt: skip
 
     def whole(part: Block) -> Adjustment:
         found = again(part)

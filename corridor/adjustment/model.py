@@ -125,6 +125,8 @@ class Model:
         are too coarse to see it.
     loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
     parameters: what is wanted of single ones: `model.parameters["camera.P1.k3"].vary = False`.
+    motion_s: seconds by which the standard deviations of velocities, and of angular rates, count
+        while an image is read (see `uncertain_motion`); None: what the adjustment finds.
     """
 
     camera: str | Iterable[str] | Mapping[str, str] | None = None
@@ -135,6 +137,7 @@ class Model:
     lever_arm: str | None = None
     loss: str = "squares"
     parameters: Settings = field(default_factory=Settings)
+    motion_s: tuple[float, float] | None = None
 
     def __post_init__(self):
         if isinstance(self.camera, Mapping):

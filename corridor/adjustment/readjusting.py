@@ -16,6 +16,7 @@ import numpy as np
 
 from corridor.adjustment.model import Model, Setting, Settings, arms_unseen
 from corridor.adjustment.result import Adjustment
+from corridor.adjustment.uncertain_motion import USUAL_S
 from corridor.block import Block
 from corridor.errors import AdjustmentFailed, InputError, some
 from corridor.preparation import derived, record_derived
@@ -41,6 +42,13 @@ _FOCAL_SIGMAS = 5.0
 # Heat moves a focal length by less than a thousandth; a rolling shutter of 50 ms, which takes it
 # along at 5 m/s, by a quarter of a metre of the 50 that a picture shows from as high.
 _FOCAL_SHARE = 0.01
+# Below this a readout scales no error of a velocity any more: a global shutter, s.
+_LEAST_S = 0.002
+# A scale of uncertain motion that changes by less is the same; it settles within some rounds.
+_SAME, _MOTION_ROUNDS = 0.1, 4
+# The stated deviations of velocities count as so many of their own beside what the pictures say of
+# their size: a flight of few pictures cannot say it.
+_STATED_COUNTS = 5.0
 
 
 def without_false_fixes(result: Adjustment, again: Again) -> Adjustment:
@@ -213,3 +221,55 @@ def with_held_focal_asked(result: Adjustment, again: Again) -> Adjustment:
                 "camera, focus or picture size? `--camera fraser8` estimates the camera."
             )
     return result
+
+
+def with_motion_as_seen(result: Adjustment, again: Again) -> Adjustment:
+    """Adjusted with the motions' deviations as the readout that was found, and the pictures, say.
+
+    Källström's restricted likelihood would need every eigenvalue; v'Pv / r needs what is there.
+    """
+    for _ in range(_MOTION_ROUNDS):
+        p = result.problem
+        if not p.beside or not result.converged:
+            return result
+        before = p.model.motion_s or (USUAL_S, USUAL_S)
+        now = _scales(result)
+        if all(abs(np.log(a / b)) < _SAME for a, b in zip(now, before, strict=True)):
+            return result
+        start = result.start
+        result = again(result.block, replace(p.model, motion_s=now))
+        result.start = start
+    return result
+
+
+def _scales(result: Adjustment) -> tuple[float, float]:
+    """Seconds by which deviations of velocities and of rates count, by this result."""
+    p = result.problem
+    readout = _readout(result)
+    value = np.stack(
+        [result.state.effects[slug][:, k] for slug, k in p.per_image_unknowns if slug == p.beside],
+        axis=1,
+    )
+    own = [6 + n for n, (slug, _) in enumerate(p.per_image_unknowns) if slug == p.beside]
+    weight = p.per_image_prior[1][:, [n - 6 for n in own]]
+    left = np.einsum("nii->ni", result.covariance.each_pose)[:, own]
+    share = np.clip(1.0 - left * weight, 0.0, 1.0)
+    before = p.model.motion_s or (USUAL_S, USUAL_S)
+    out = []
+    for axes, scale in zip((slice(0, 3), slice(3, 6)), before, strict=True):
+        if not value[:, axes].size:
+            out.append(scale)
+            continue
+        # In units of what is stated, for the readout that was found.
+        ratio = (scale / readout) ** 2
+        seen = float(np.sum(value[:, axes] ** 2 * weight[:, axes])) * ratio
+        counts = float(np.sum(share[:, axes]))
+        factor = (seen + _STATED_COUNTS) / (counts + _STATED_COUNTS)
+        out.append(readout * float(np.sqrt(factor)))
+    return tuple(out)
+
+
+def _readout(result: Adjustment) -> float:
+    """The size of the readout that was found, s."""
+    of = [row for row in result.effects.itertuples() if row.parameter == "readout"]
+    return max([_LEAST_S, *(abs(row.value) for row in of if np.isfinite(row.value))])
