@@ -291,7 +291,7 @@ class LinearSystem:
     def effects(self) -> dict[str, Effect]:
         """The effects that are estimated, by slug."""
         p = self.problem
-        return {slug: m.effect for slug, m in p.stack.members.items() if slug != p.beside}
+        return {slug: m.effect for slug, m in p.stack.members.items() if slug not in p.beside}
 
     @property
     def arms_free(self) -> bool:

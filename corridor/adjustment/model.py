@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from corridor.adjustment import rays
+from corridor.adjustment.uncertain_motion import MotionScale
 from corridor.block import Block
 from corridor.camera import INTERIOR, parameters_named
 from corridor.effects import Effect, find
@@ -125,8 +126,8 @@ class Model:
         are too coarse to see it.
     loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
     parameters: what is wanted of single ones: `model.parameters["camera.P1.k3"].vary = False`.
-    motion_s: seconds by which the standard deviations of velocities, and of angular rates, count
-        while an image is read (see `uncertain_motion`); None: what the adjustment finds.
+    motion: by what deviations of velocities and of angular rates count while an image is read (a
+        `MotionScale`); None: what the adjustment finds.
     """
 
     camera: str | Iterable[str] | Mapping[str, str] | None = None
@@ -137,7 +138,7 @@ class Model:
     lever_arm: str | None = None
     loss: str = "squares"
     parameters: Settings = field(default_factory=Settings)
-    motion_s: tuple[float, float] | None = None
+    motion: MotionScale | None = None
 
     def __post_init__(self):
         if isinstance(self.camera, Mapping):

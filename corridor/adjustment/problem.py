@@ -17,7 +17,7 @@ from corridor.adjustment.observations import (
     gnss_of,
     network_of,
 )
-from corridor.adjustment.uncertain_motion import free_motion, prior_sigma
+from corridor.adjustment.uncertain_motion import MotionScale, prior_sigma, velocity_errors
 from corridor.adjustment.unknowns import (
     Priors,
     State,
@@ -43,8 +43,8 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
 
     images: in the order of the problem. roles: of the rows of ground.csv, as asked for. free:
     interior parameters of each camera. idle (k, 2): image and unknown 6.. that nothing can
-    determine, held at its start. beside: slug of what each image has for itself because its
-    velocity is uncertain, "" for nothing. notes: sentences for the reader.
+    determine, held at its start. beside: slugs of errors of velocities, which no table lists.
+    notes: sentences for the reader.
     """
 
     block: Block
@@ -57,7 +57,7 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
     idle: np.ndarray
     start: State
     notes: list[str]
-    beside: str = ""
+    beside: tuple[str, ...] = ()
 
     @property
     def image_count(self) -> int:
@@ -121,7 +121,7 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
         out = []
         held = self.model.held
         for slug, member in self.stack.members.items():
-            if slug == self.beside:
+            if slug in self.beside:
                 continue
             # Values of images are kept in the order of the problem.
             of_images = member.effect.place != "ground" and member.effect.group == "image"
@@ -160,8 +160,8 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     # Whatever is wrong with the effects is said before the network is looked at.
     effects = list(model.effects)
     Stack(block, effects, list(names[asked]), as_given)
-    beside = free_motion(block, effects)
-    effects += [beside] if beside else []
+    beside = velocity_errors(block, effects)
+    effects += beside
     network = network_of(block, images, set(names[asked]), set(names[roles == "unused"]))
     images = images.reordered(network.order)
     rank = np.empty_like(network.order)
@@ -176,10 +176,14 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     unknowns = unknowns_of(images, stack, wanted)
     own = per_image_names(stack, unknowns.per_image_unknowns)
     priors = priors_of(unknowns.unknowns, own, settings, len(rank))
-    if beside:
-        mine = [n for n, which in enumerate(own) if which.owner == beside.slug]
-        sigma = prior_sigma(block, len(mine), model)[network.order]
-        priors.per_image_prior[1][:, mine] = sigma**-2.0
+    for effect in beside:
+        sigma = prior_sigma(block, effect, model.motion or MotionScale())
+        if effect.group == "image":
+            mine = [n for n, which in enumerate(own) if which.owner == effect.slug]
+            priors.per_image_prior[1][:, mine] = sigma[network.order] ** -2.0
+        else:
+            mine = [n for n, u in enumerate(unknowns.unknowns) if u.owner == effect.slug]
+            priors.prior_weight[mine] = sigma.ravel() ** -2.0
     refuse_twice(stack, free, unknowns.unknowns, own, priors)
     state = State(
         centre=images.centre,
@@ -205,7 +209,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
         idle=_idle(stack, unknowns, gnss, priors, len(rank)),
         start=started(state, images, stack, settings),
         notes=notes,
-        beside=beside.slug if beside else "",
+        beside=tuple(effect.slug for effect in beside),
     )
 
 
@@ -255,7 +259,7 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
         p,
         **vars(unknowns),
         stack=stack,
-        beside="" if p.beside in slugs else p.beside,
+        beside=tuple(slug for slug in p.beside if slug not in slugs),
         prior_value=value,
         prior_weight=weight,
         per_image_prior=np.array(per_image_priors).reshape(-1, *free.shape).transpose(1, 2, 0),

@@ -16,7 +16,7 @@ import numpy as np
 
 from corridor.adjustment.model import Model, Setting, Settings, arms_unseen
 from corridor.adjustment.result import Adjustment
-from corridor.adjustment.uncertain_motion import USUAL_S
+from corridor.adjustment.uncertain_motion import MotionScale
 from corridor.block import Block
 from corridor.errors import AdjustmentFailed, InputError, some
 from corridor.preparation import derived, record_derived
@@ -46,9 +46,10 @@ _FOCAL_SHARE = 0.01
 _LEAST_S = 0.002
 # A scale of uncertain motion that changes by less is the same; it settles within some rounds.
 _SAME, _MOTION_ROUNDS = 0.1, 4
-# The stated deviations of velocities count as so many of their own beside what the pictures say of
+# The stated deviations of velocities count as one of their own beside what the pictures say of
 # their size: a flight of few pictures cannot say it.
-_STATED_COUNTS = 5.0
+_STATED_COUNTS = 1.0
+_TURNS = ("turn_x", "turn_y", "turn_z")
 
 
 def without_false_fixes(result: Adjustment, again: Again) -> Adjustment:
@@ -224,52 +225,45 @@ def with_held_focal_asked(result: Adjustment, again: Again) -> Adjustment:
 
 
 def with_motion_as_seen(result: Adjustment, again: Again) -> Adjustment:
-    """Adjusted with the motions' deviations as the readout that was found, and the pictures, say.
-
-    Källström's restricted likelihood would need every eigenvalue; v'Pv / r needs what is there.
-    """
+    """Adjusted with errors of velocities of the size that the readout and the pictures say."""
     for _ in range(_MOTION_ROUNDS):
-        p = result.problem
+        model, p = result.problem.model, result.problem
         if not p.beside or not result.converged:
             return result
-        before = p.model.motion_s or (USUAL_S, USUAL_S)
-        now = _scales(result)
+        before, now = model.motion or MotionScale(), _motion_scale(result)
         if all(abs(np.log(a / b)) < _SAME for a, b in zip(now, before, strict=True)):
             return result
         start = result.start
-        result = again(result.block, replace(p.model, motion_s=now))
+        result = again(result.block, replace(model, motion=now))
         result.start = start
     return result
 
 
-def _scales(result: Adjustment) -> tuple[float, float]:
-    """Seconds by which deviations of velocities and of rates count, by this result."""
+def _motion_scale(result: Adjustment) -> MotionScale:
+    """By what the deviations of velocities and of angular rates count, by this result.
+
+    Source: Förstner 1979 (v'Pv / r); what is stated counts as some observations of its own.
+    """
     p = result.problem
-    readout = _readout(result)
-    value = np.stack(
-        [result.state.effects[slug][:, k] for slug, k in p.per_image_unknowns if slug == p.beside],
-        axis=1,
-    )
-    own = [6 + n for n, (slug, _) in enumerate(p.per_image_unknowns) if slug == p.beside]
-    weight = p.per_image_prior[1][:, [n - 6 for n in own]]
-    left = np.einsum("nii->ni", result.covariance.each_pose)[:, own]
-    share = np.clip(1.0 - left * weight, 0.0, 1.0)
-    before = p.model.motion_s or (USUAL_S, USUAL_S)
-    out = []
-    for axes, scale in zip((slice(0, 3), slice(3, 6)), before, strict=True):
-        if not value[:, axes].size:
-            out.append(scale)
-            continue
-        # In units of what is stated, for the readout that was found.
-        ratio = (scale / readout) ** 2
-        seen = float(np.sum(value[:, axes] ** 2 * weight[:, axes])) * ratio
-        counts = float(np.sum(share[:, axes]))
-        factor = (seen + _STATED_COUNTS) / (counts + _STATED_COUNTS)
-        out.append(readout * float(np.sqrt(factor)))
-    return tuple(out)
-
-
-def _readout(result: Adjustment) -> float:
-    """The size of the readout that was found, s."""
-    of = [row for row in result.effects.itertuples() if row.parameter == "readout"]
-    return max([_LEAST_S, *(abs(row.value) for row in of if np.isfinite(row.value))])
+    before = p.model.motion or MotionScale()
+    table = result.effects
+    found = table.loc[table["parameter"] == "readout", "value"].abs()
+    readout = max([_LEAST_S, *found[np.isfinite(found)]])
+    factors = []
+    for axes, factor in (("x", "y", "z"), before.moved), (_TURNS, before.turned):
+        own = [
+            (n, slug, k)
+            for n, (slug, k) in enumerate(p.per_image_unknowns)
+            if slug in p.beside and p.stack.members[slug].parameters[k].name in axes
+        ]
+        if own:
+            number = [n for n, _, _ in own]
+            value = np.stack([result.state.effects[slug][:, k] for _, slug, k in own], axis=1)
+            weight = p.per_image_prior[1][:, number]
+            left = np.einsum("nii->ni", result.covariance.each_pose)[:, 6 + np.array(number)]
+            stated = factor * before.readout / readout
+            seen = float(np.sum(value**2 * weight)) * stated**2
+            counts = float(np.sum(np.clip(1.0 - left * weight, 0.0, 1.0)))
+            factor = float(np.sqrt((seen + _STATED_COUNTS) / (counts + _STATED_COUNTS)))
+        factors.append(factor)
+    return MotionScale(readout, *factors)

@@ -30,17 +30,29 @@ from corridor.effects.registry import every_effect, find, forget, register, summ
 from corridor.effects.stack import ROW_REACH, Arrays, Member, Stack, check_needs
 from corridor.effects.testable import Candidates, candidates
 from corridor.effects.values import EffectValues, Values, effect_of, parse_word
+from corridor.effects.velocity_errors import (
+    COMMON,
+    RATE_SIGMA,
+    VELOCITY_SIGMA,
+    CommonVelocityError,
+    OwnVelocityError,
+)
 
 __all__ = [
+    "COMMON",
+    "RATE_SIGMA",
     "ROW_REACH",
+    "VELOCITY_SIGMA",
     "Arrays",
     "Candidates",
+    "CommonVelocityError",
     "Context",
     "Effect",
     "EffectValues",
     "Images",
     "LinearEffect",
     "Member",
+    "OwnVelocityError",
     "Parameter",
     "Prediction",
     "Stack",
