@@ -22,6 +22,11 @@ _MOST_LOST = 0.1  # share of the epochs of a receiver that nobody misses
 _CURVE = 2000
 _POSITION, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
 _VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
+# What solutions that are no fix are good to, m, and what they are called.
+# Source: RTKLIB manual 2.4.2, appendix B.1 (quality); decimetres of a float ambiguity, metres of a
+# position without: Teunissen and Montenbruck 2017, chapters 21 and 26.
+_GOOD_TO_M = {2: 0.2, 3: 1.0, 4: 0.5, 5: 2.0}
+_NAMES = {2: "float", 3: "SBAS", 4: "differential code", 5: "single"}
 # Sigma against that of a fix, where a track states quality but no sigma.
 _BY_QUALITY = {1: 1.0, 2: 20.0, 3: 100.0, 4: 50.0, 5: 200.0, 6: 5.0, 7: 1000.0}
 
@@ -199,6 +204,22 @@ def _of_singular(track: pd.DataFrame, pieces: pd.DataFrame) -> list[str]:
     ]
 
 
+def _by_quality(sigma: np.ndarray, quality: np.ndarray, notes: list[str]) -> np.ndarray:
+    """Sigmas (n, 3) of which those of worse solutions are not smaller than such solutions are good.
+
+    What RTKLIB states of a float or a single position is its noise, not what it is off.
+    """
+    least = np.array([_GOOD_TO_M.get(q, 0.0) for q in quality])[:, None]
+    raised = (sigma < least).any(axis=1)
+    for q in np.unique(quality[raised]):
+        many = int((quality == q).sum())
+        notes.append(
+            f"{many} of {len(quality)} epochs are no fixes (quality {q:.0f}, {_NAMES[q]}): counted "
+            f"as good to {_GOOD_TO_M[q]:g} m, whatever their sigmas say"
+        )
+    return np.maximum(sigma, least)
+
+
 def _of_unsure(track: pd.DataFrame, sigma: np.ndarray) -> list[str]:
     """A sentence where one epoch alone states sigmas (n, 3) beyond all that its fix explains."""
     times = (sigma / np.median(sigma, axis=0)).max(axis=1)
@@ -222,6 +243,7 @@ def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.
     stated = sigma is not None
     if stated:
         notes += _of_unsure(track, sigma)
+        sigma = _by_quality(sigma, quality, notes)
     else:
         sigma = np.repeat(relative[:, None], 3, axis=1)
     if lost:
