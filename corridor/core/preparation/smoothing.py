@@ -4,8 +4,8 @@ The mean velocity between the positions before and after an image is exact but f
 the positions, and what shakes a drone faster than it takes photographs is not in it: a regression
 on it is not drawn to zero (Berkson's errors), but it is flatter than the truth where the drone
 brakes. The slope of a smooth curve through all positions follows a brake, and makes waves of what
-shakes the drone. The velocity is taken halfway, and half their difference is an error of one sigma
-that all images have in common, of a size that nobody knows.
+shakes the drone. The mean is taken; what the slope differs from it by is an error of one sigma that
+all images have in common, for nobody knows how much of it is true.
 
 Source: Carroll et al. 2006, section 1.4 (Berkson's errors, and why they do not attenuate).
 """
@@ -38,13 +38,13 @@ _MOTION = ["vx", "vy", "vz", "svx", "svy", "svz"]
 
 
 def of_track(block: Block, flown: Antenna | None = None) -> np.ndarray:
-    """(images, 9): velocities, their sigmas and common error, m/s, from track.csv; NaN where it has none."""
+    """(images, 9): velocities, their sigmas and common error, m/s, from track.csv."""
     found = motion((flown or of_block(block)).interpolated)
     return np.hstack([found, np.zeros((len(found), 3))])
 
 
 def of_gnss(block: Block) -> np.ndarray:
-    """(images, 9): velocities, their sigmas and common error, m/s, from gnss.csv; NaN where it has none."""
+    """(images, 9): velocities, their sigmas and common error, m/s, from gnss.csv."""
     rows = block.image_rows("gnss")
     place, sigma = np.full((2, len(block.images), 3), np.nan)
     there = rows >= 0
@@ -54,7 +54,7 @@ def of_gnss(block: Block) -> np.ndarray:
 
 
 def of_poses(block: Block) -> np.ndarray:
-    """(images, 9): velocities, their sigmas and common error, m/s, from the centres of images.csv."""
+    """(images, 9): velocities, their sigmas and common error, m/s, from poses of images.csv."""
     return _smoothed(block, block.numbers("images", *"xyz"), None)
 
 
@@ -64,7 +64,7 @@ def motion(found: Interpolated) -> np.ndarray:
 
 
 def _smoothed(block: Block, place: np.ndarray, sigma: np.ndarray | None) -> np.ndarray:
-    """Velocities, their sigmas and common error (images, 9), m/s, of positions (images, 3) at the images' times.
+    """Velocities, sigmas and common error (images, 9), m/s, of positions at the images' times.
 
     NaN where a flight has too few positions, or none near. sigma: (images, 3) m; None: unknown.
     """

@@ -54,7 +54,7 @@ def read(folder: Path) -> Exposures:
 
 
 def photographs_in(folder: Path) -> list[Path]:
-    """The photographs of a folder and the folders in it (DCIM/100MEDIA), in order of their paths."""
+    """The photographs of a folder and of those in it (DCIM/100MEDIA), in order of their paths."""
     return sorted(file for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES)
 
 

@@ -14,8 +14,8 @@ examples:
 
 TRACK: RTKLIB .pos, GrafNav text, MicMac XML or text, track.csv of a block. IMAGES: a block, its
 images.csv, a DJI .MRK, RTKLIB's NAME_events.pos, MicMac's image times, or a folder of photographs
-(EXIF). The table (image, x, y, z, sx, sy, sz: antenna, m) and a picture beside it appear together or not at all. Positions
-whose sigma is above --max-sigma are refused and named.
+(EXIF). The table (image, x, y, z, sx, sy, sz: antenna, m) and a picture beside it appear together
+or not at all. Positions whose sigma is above --max-sigma are refused and named.
 """
 
 import argparse
