@@ -27,6 +27,8 @@ _VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
 # position without: Teunissen and Montenbruck 2017, chapters 21 and 26.
 _GOOD_TO_M = {2: 0.2, 3: 1.0, 4: 0.5, 5: 2.0}
 _NAMES = {2: "float", 3: "SBAS", 4: "differential code", 5: "single"}
+# A scatter that is larger than stated by more than this is told.
+_CONTRADICTS = 1.3
 # Sigma against that of a fix, where a track states quality but no sigma.
 _BY_QUALITY = {1: 1.0, 2: 20.0, 3: 100.0, 4: 50.0, 5: 200.0, 6: 5.0, 7: 1000.0}
 
@@ -44,7 +46,8 @@ class Interpolated:
     segments: pieces of the track (see `segments`)
     noise: what the smoother found, a row for plan and height of each piece: segment, group,
         gust (m^2/s^3), slow (share of the variance that is slow), sigma_m (median used),
-        velocity_sigma (m/s)
+        velocity_sigma (m/s), scale (by which epochs scatter more than they state), unresolved_m
+        (motion faster than the epochs can show, in the sigma of every position)
     curve: time_s, x, y, z, sx, sy, sz, segment halfway between epochs, all along the pieces that
         have exposures, for a picture
     notes: sentences worth telling
@@ -149,7 +152,7 @@ def interpolate(
         for (number, _, chosen), found in zip(parts, pool.map(along, parts), strict=True):
             dense, made, model, used = found
             if model is not None:
-                noise += _noise_rows(number, model, used)
+                noise += _noise_rows(number, model, used, epochs.stated)
             count = int(chosen.sum())
             position[chosen], sigma[chosen], velocity[chosen], v_sigma[chosen] = (
                 each[:count] for each in made
@@ -163,8 +166,10 @@ def interpolate(
     table[_VELOCITY], table[_VELOCITY_SIGMA] = velocity, v_sigma
     table["segment"], table["why"] = piece, pd.Series(why, dtype="str")
     columns = ["segment", "group", "gust", "slow", "sigma_m", "velocity_sigma"]
+    columns += ["scale", "unresolved_m"]
     found = pd.DataFrame(noise, columns=columns)
     notes += _of_noise(found, epochs.stated, interpolation.slow_share)
+    notes += _of_scatter(found, pieces) if epochs.stated else []
     curve = (
         pd.concat(curves, ignore_index=True)
         if curves
@@ -188,10 +193,11 @@ def _of_holes(time: np.ndarray, pieces: pd.DataFrame) -> list[str]:
 
 def _of_wild(track: pd.DataFrame, wild: dict[int, float]) -> str:
     worst = max(wild, key=wild.get)
-    many = f"{len(wild)} epochs are" if len(wild) > 1 else "1 epoch is"
+    many = f"{len(wild)} epochs stand" if len(wild) > 1 else "1 epoch stands"
     return (
-        f"{many} left out of the track: that at {track['time_s'].iloc[worst]:.3f} s lies "
-        f"{wild[worst]:.1f} m beside the line between its neighbours, where no drone can have been"
+        f"{many} alone, off the line of their neighbours by more than motion and noise explain, "
+        f"and {'are' if len(wild) > 1 else 'is'} left out of the track: that at "
+        f"{track['time_s'].iloc[worst]:.3f} s by {wild[worst]:.2f} m"
     )
 
 
@@ -339,14 +345,32 @@ def _curve_rows(number, time, position, sigma):
     return frame.assign(segment=number)
 
 
-def _noise_rows(number, model, used):
+def _noise_rows(number, model, used, stated):
     rows = []
     for name, axes in regimes.GROUPS:
         noise = model.axes[axes[0]]
         speed = np.nan if noise.velocity_sigma is None else noise.velocity_sigma
         size = float(np.sqrt(np.mean(used[list(axes)] ** 2)))
-        rows.append((number, name, noise.gust, noise.share, size, speed))
+        scale = noise.scale if stated else 1.0
+        unresolved = float(np.sqrt(np.mean(model.unresolved[list(axes)] ** 2)))
+        rows.append((number, name, noise.gust, noise.share, size, speed, scale, unresolved))
     return rows
+
+
+def _of_scatter(found, pieces):
+    """Sentences where neighbouring epochs contradict the sigmas that they state."""
+    for row in found[found["scale"] > _CONTRADICTS].itertuples():
+        rate = 1 / pieces["interval_s"].iloc[row.segment]
+        text = (
+            f"piece {row.segment + 1}, {row.group}: neighbouring epochs scatter {row.scale:.1f} "
+            "times as much as their sigmas say, which is used"
+        )
+        if row.unresolved_m > 0.5 * row.sigma_m * np.sqrt(1 - row.scale**-2.0):
+            text += (
+                f"; {rate:.3g} epochs a second cannot show motion above {rate / 2:.3g} Hz, of "
+                f"which {1000 * row.unresolved_m:.0f} mm are in the sigma of every position"
+            )
+        yield text
 
 
 def _of_noise(found, stated, slow_share):
