@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 import corridor
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import FetchFailed, InputError
 from corridor.tools import data
 
 
@@ -60,7 +60,7 @@ def bundler(real_data, tmp_path):
 
 
 def refused(name, out, mirror):
-    with pytest.raises(AdjustmentFailed) as reason:
+    with pytest.raises(FetchFailed) as reason:
         data.fetch(name, out, mirror)
     assert not out.exists() and not list(out.parent.glob(".*"))
     return str(reason.value)

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from numba import njit
 from numba.core.dispatcher import Dispatcher
@@ -24,7 +25,7 @@ from numba.core.extending import _Intrinsic
 # a new name that holds a reference to its array. And `_nrt` off leaves the counting of references
 # out altogether; it took longer than the arithmetic. Such a function cannot make an array. It is
 # numba's own option, so that pyproject.toml bounds the version.
-SCALAR = {
+SCALAR: dict[str, Any] = {
     "forceinline": True,
     "no_cfunc_wrapper": True,
     "_nrt": False,
@@ -33,10 +34,10 @@ SCALAR = {
 }
 # What kernels alone call compiles sooner without a way in from Python: called from there it would
 # end the process.
-UNWRAPPED = SCALAR | {"no_cpython_wrapper": True}
+UNWRAPPED: dict[str, Any] = SCALAR | {"no_cpython_wrapper": True}
 # Kernels proper: as the scalar functions, and they let other threads run.
 _SHARED = ("_nrt", "no_cfunc_wrapper", "error_model", "fastmath")
-KERNEL = {key: SCALAR[key] for key in _SHARED} | {"nogil": True}
+KERNEL: dict[str, Any] = {key: SCALAR[key] for key in _SHARED} | {"nogil": True}
 
 # A process that compiles for us has failed where it takes longer for one kernel, s.
 PATIENCE_S = 60.0

@@ -33,9 +33,10 @@ class Metadata:
     the sensor, in pixels as taken. taken: by the camera's clock. lat_deg, lon_deg (WGS 84),
     height (m, as written: of the ellipsoid or the sea).
     sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
-    camera, as written. temperature_c and what it is of. velocity: east, north, up, m/s, and what
-    says so. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time of a row as the
-    header says. tags: every XMP entry as text.
+    camera, as written: the yaw of some gimbals counts from the airframe's, `flight_yaw`, which
+    counts from north. serial: of the body. temperature_c and what it is of. velocity: east, north,
+    up, m/s, and what says so. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time
+    of a row as the header says. tags: every XMP entry as text.
     """
 
     path: Path
@@ -58,6 +59,8 @@ class Metadata:
     yaw: float | None = None
     pitch: float | None = None
     roll: float | None = None
+    flight_yaw: float | None = None
+    serial: str = ""
     temperature_c: float | None = None
     temperature_of: str = ""
     velocity: tuple[float, float, float] | None = None

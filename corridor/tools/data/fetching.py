@@ -11,7 +11,7 @@ from pathlib import Path
 
 # Its rooms come at first use: a list of what there is needs none of them.
 from corridor.core import registry
-from corridor.core.errors import AdjustmentFailed, InputError, did_you_mean
+from corridor.core.errors import FetchFailed, InputError, did_you_mean
 from corridor.tools.data.registered import DataSet, register
 
 # The file by which a fetched folder is known again.
@@ -29,7 +29,7 @@ def fetch(
 
     mirror: an address that has the set's files by their names, in place of its public source.
     Raises InputError for an unknown name or a folder that holds something else, and
-    AdjustmentFailed where a file cannot be had, is not the one known, or does not come to the
+    FetchFailed where a file cannot be had, is not the one known, or does not come to the
     figures that are known of it; then nothing is left behind.
     """
     from corridor.core.output import check_folder, whole_folder
@@ -60,7 +60,7 @@ def _shipped(name):
     for root in (_HERE.parent / "data_synthetic", _HERE / "data_synthetic"):
         if (root / name).is_dir():
             return root / name
-    raise AdjustmentFailed(f"the files of {name} are not where the package was installed")
+    raise FetchFailed(f"the files of {name} are not where the package was installed")
 
 
 def _download(one: DataSet, mirror, folder, say):
@@ -78,12 +78,12 @@ def _download(one: DataSet, mirror, folder, say):
             try:
                 found = pooch.retrieve(url, f"sha256:{digest}" if digest else None, name, kept)
             except requests.exceptions.RequestException as reason:
-                raise AdjustmentFailed(
+                raise FetchFailed(
                     f"{name} of {one.name} cannot be fetched from {url} ({_why(reason)}); try "
                     "again later, or name a copy with --mirror"
                 ) from None
             except ValueError:
-                raise AdjustmentFailed(
+                raise FetchFailed(
                     f"{name} of {one.name} is not the file that is known (SHA-256): a broken "
                     f"download, or another version at {url}"
                 ) from None
@@ -108,7 +108,7 @@ def _project(one, folder):
     _as_known(one, images=len(block.images), observations=len(block.tie_points))
     found = made.proof.main.rms
     if abs(found - known["rms_px"]) > 0.005:
-        raise AdjustmentFailed(
+        raise FetchFailed(
             f"{one.name} reprojects to {found:.2f} px, known are {known['rms_px']:.2f} px"
         )
     return [f"imported into block/: {len(block.images)} images, {found:.2f} px as known"]
@@ -134,7 +134,7 @@ def _photographs(one, folder):
     models = {photo.model for photo in found}
     _as_known(one, photographs=len(found))
     if models != {one.known["model"]}:
-        raise AdjustmentFailed(
+        raise FetchFailed(
             f"the photographs of {one.name} are by {', '.join(map(str, models))}, known is "
             f"{one.known['model']}"
         )
@@ -150,7 +150,7 @@ def _readout(one, folder):
     hertz, known = one.known["frequency_hz"], one.known["readout_ms"]
     found = registry.room("readout").readout_from_led(path, hertz).readout_ms
     if abs(found - known) > 1e-3 * known:
-        raise AdjustmentFailed(f"{one.name} gives {found:.3f} ms, known are {known:.3f} ms")
+        raise FetchFailed(f"{one.name} gives {found:.3f} ms, known are {known:.3f} ms")
     return [
         f"measured: {found:.2f} ms, known are {known:.2f} ms; go on with corridor readout led "
         f"{path.name} --frequency {hertz:g} -o OUT"
@@ -163,6 +163,6 @@ _CHECKS = {"project": _project, "gnss": _gnss, "photographs": _photographs, "rea
 def _as_known(one, **counts):
     for what, count in counts.items():
         if count != one.known[what]:
-            raise AdjustmentFailed(
+            raise FetchFailed(
                 f"{one.name} holds {count} {what}, known are {one.known[what]}: another version?"
             )

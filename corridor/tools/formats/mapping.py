@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import Local
 from corridor.core.output import whole_folder
 from corridor.core.photographs import Metadata, photographs_in, read_metadata, stated_focal
@@ -73,7 +73,7 @@ def from_photographs(
 
     output: the block to be written; the work is kept beside it. force: also of few photographs.
     started: from the photographs' positions and attitudes, all at once.
-    Raises InputError without pycolmap or without enough photographs, AdjustmentFailed where they
+    Raises InputError without pycolmap or without enough photographs, WorkFailed where they
     do not make one model of at least half of them.
     """
     pycolmap, cheaply = _pycolmap(), cheaply or Cheaply()
@@ -125,7 +125,7 @@ def _with_lost_named(project, place, names, photos, force):
     if len(joined) < _KEPT * len(names):
         said += f"; features and matches are kept in {place}, the same command goes on from there"
     if len(joined) < _REFUSED * len(names) and not force:
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"only {len(joined)} of {len(names)} photographs make one model, which is no block. "
             f"{said[0].upper()}{said[1:]}; --force writes the block of those that are joined"
         )
@@ -339,7 +339,7 @@ def _map(pycolmap, database, folder, model, photos, stated, progress) -> None:
         if other is not None and other.num_reg_images() > 1.2 * least:
             best, stated = other, False
     if best is None:
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"the photographs do not make a model: {why_lost(photos, set())}; features and matches "
             f"are kept in {model.parent}, the same command goes on from there"
         )

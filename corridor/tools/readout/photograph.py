@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from corridor.core.brief import brief
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, ReadoutFailed
 from corridor.core.photographs import Metadata, read_metadata
 
 _TURNS = {
@@ -26,7 +26,7 @@ _TURNS = {
 }
 
 
-class CannotMeasure(AdjustmentFailed):
+class CannotMeasure(ReadoutFailed):
     """The pictures are readable and show no measurable readout: one sentence says why."""
 
 

@@ -7,7 +7,7 @@ import pytest
 from walls import camlight, mapped, off_by, rms, warm_and_cool
 
 from benchmarks.wall import Course, simulated_maps
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.tools.thermal import degrees, fit, optics, simple_model, smoothed
 from corridor.tools.thermal.sums import Sums
 
@@ -228,11 +228,11 @@ class TestRefusals:
     def test_no_span(self, true):
         maps = mapped(warm_and_cool(10), true)
         maps.temperature_c[:] = 30.0
-        with pytest.raises(AdjustmentFailed, match=r"span 0\.0 C"):
+        with pytest.raises(WorkFailed, match=r"span 0\.0 C"):
             fit(maps)
 
     def test_too_few_pictures(self, true):
-        with pytest.raises(AdjustmentFailed, match="too few"):
+        with pytest.raises(WorkFailed, match="too few"):
             fit(mapped(warm_and_cool(4), true))
 
 

@@ -289,8 +289,11 @@ class _Search:
         if share is None and epochs.stated:
             self.free.append("share")
         self.grids = {
-            "scale": _INFLATED if epochs.stated else _SCALE, "velocity_sigma": _VELOCITY, "gust": _GUST, "share": SLOW_SHARES,
-        }  # fmt: skip
+            "scale": _INFLATED if epochs.stated else _SCALE,
+            "velocity_sigma": _VELOCITY,
+            "gust": _GUST,
+            "share": SLOW_SHARES,
+        }
         unknown_velocity = "velocity_sigma" in self.free
         first = Axis(
             gust=_GUST[7],
