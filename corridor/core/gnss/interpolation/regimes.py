@@ -198,22 +198,10 @@ def fit(epochs: Epochs, share: float | None) -> Model:
         # A receiver is wrong about all axes alike; at this rate it is the drone that is shaken.
         found = search.run(scaled=False)
     axes = tuple(found[group] for group, (_, of) in enumerate(GROUPS) for _ in of)
-    logs = np.zeros((n, len(_JERK)))
-
-    def seen(way: tuple[int, bool]) -> np.ndarray:
-        axis, back = way
-        return _logs(epochs, axis, axes[axis], _JERK, back=back)
-
-    ways = [(axis, back) for axis in range(len(axes)) for back in (False, True)]
-    with ThreadPoolExecutor(2) as pool:
-        for (_, back), found in zip(ways, pool.map(seen, ways), strict=True):
-            if back:
-                # Seen from the other end, a row tells of the step that leads on from it.
-                logs[1:] += found[:0:-1]
-            else:
-                logs += found
-    # Each step was seen twice, once from each side.
-    _, weights = _levels(logs / 2, np.diff(epochs.time, prepend=epochs.time[0]))
+    start = np.zeros(n, dtype=np.bool_)
+    start[0] = True
+    logs = sum(_logs(epochs, axis, axes[axis], _JERK, start) for axis in range(len(axes)))
+    _, weights = _levels(logs, np.diff(epochs.time, prepend=epochs.time[0]))
     jerks = np.outer(weights @ _JERK, _OF_AXIS)
     flying = 1 - weights[:, 0]
     gusts = np.outer(flying, [noise.gust for noise in axes])
@@ -238,14 +226,28 @@ def _unresolved(epochs: Epochs, axes: tuple, interval: float) -> np.ndarray:
     return np.minimum(excess, most)
 
 
-def _logs(epochs, axis, noise, levels, start=None, back=False):
+def _logs(epochs, axis, noise, levels, start):
+    """Log-likelihood (n, levels) of the step that leads to each row, seen from both ends.
+
+    start (n,): rows that no step leads to. Half of each: every step is seen twice, and a track
+    that is turned round has the same.
+    """
+    with ThreadPoolExecutor(2) as pool:
+        ahead, back = pool.map(
+            lambda way: _one_way(epochs, axis, noise, levels, start, way), (False, True)
+        )
+    # Seen from the other end, a row tells of the step that leads on from it.
+    ahead[1:] += np.where(start[1:, None], 0.0, back[:-1])
+    return ahead / 2
+
+
+def _one_way(epochs, axis, noise, levels, start, back):
     time = -epochs.time[::-1] if back else epochs.time
     at = rows(epochs, axis, noise, back)
     slow = bool(at.share.any())
     matrices = steps(time, CORRELATION_S if slow else None)
-    if start is None:
-        start = np.zeros(len(time), dtype=np.bool_)
-        start[0] = True
+    if back:
+        start = np.append(start[1:], True)[::-1].copy()
     gusts = np.where(np.arange(len(levels)) > 0, noise.gust, 0.0)
     out = np.zeros((len(time), len(levels)))
     kernels.log_likelihoods(
@@ -257,7 +259,7 @@ def _logs(epochs, axis, noise, levels, start=None, back=False):
         before_the_flight(MOTION + slow),
         out,
     )
-    return out
+    return out[::-1] if back else out
 
 
 def _levels(logs, step):
@@ -265,7 +267,9 @@ def _levels(logs, step):
     m = logs.shape[1]
     apart = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
     jump = np.where(apart > 0, np.exp(-apart.astype(float)), 0.0)
-    jump /= jump.sum(axis=1, keepdims=True)
+    # Symmetric, so that the chain is the same backwards: what a row lacks stays where it is.
+    jump /= jump.sum(axis=1).max()
+    jump[np.diag_indices(m)] = 1 - jump.sum(axis=1)
     weights = np.empty_like(logs)
     total = kernels.forward_backward(logs, np.exp(-step / _DWELL_S), jump, weights)
     return total, weights
