@@ -6,10 +6,14 @@ have changed since, and the old machine code would go on.
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import os
+import shutil
+import stat
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -17,7 +21,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+from numba import config, njit
+from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 
@@ -50,13 +55,49 @@ def compiled(late: bool = False, **options) -> Callable:
     """
 
     def make(function: Callable) -> Dispatcher:
-        made = njit(cache=True, **options)(function)
+        made = _cached(function, options)
+        if isinstance(made._cache, NullCache):
+            return made
         made._cache._cache_file._source_stamp = _stamp(function)
         if late:
             made._cache.load_overload = _patient(made._cache.load_overload)
         return made
 
     return make
+
+
+def _cached(function: Callable, options: dict) -> Dispatcher:
+    """The function with its cache beside the source or in the user's folder of caches.
+
+    Where neither can be written (a read-only installation, a user without a home) it is in a folder
+    of the user's in the temporary one; where that cannot be either, there is none.
+    """
+    with suppress(RuntimeError):
+        return njit(cache=True, **options)(function)
+    before = config.CACHE_DIR
+    try:
+        config.CACHE_DIR = _private_folder()
+        return njit(cache=True, **options)(function)
+    except (OSError, RuntimeError):
+        return njit(**options)(function)
+    finally:
+        config.CACHE_DIR = before
+
+
+@cache
+def _private_folder() -> str:
+    """A folder that nobody else can write to: what lies there is run as it is. Raises OSError."""
+    if hasattr(os, "getuid"):
+        folder = Path(tempfile.gettempdir()) / f"corridor-{os.getuid()}"
+        with suppress(OSError):
+            folder.mkdir(mode=0o700, exist_ok=True)
+            facts = folder.lstat()
+            alone = stat.S_ISDIR(facts.st_mode) and not facts.st_mode & 0o077
+            if alone and facts.st_uid == os.getuid():
+                return str(folder)
+    made = tempfile.mkdtemp(prefix="corridor-")
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return made
 
 
 def _stamp(function: Callable) -> str:
@@ -117,7 +158,9 @@ def meanwhile(code: str) -> Iterator[None]:
 
 def is_kept(kernel: Dispatcher) -> bool:
     """Whether any machine code of a kernel is in its cache, of this source."""
-    return bool(kernel._cache._cache_file._load_index())
+    return not isinstance(kernel._cache, NullCache) and bool(
+        kernel._cache._cache_file._load_index()
+    )
 
 
 def _patient(load: Callable) -> Callable:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import tempfile
@@ -27,32 +28,45 @@ def fetch(
 ) -> list[str]:
     """Writes a set of data to a folder; returns sentences on what it is and what was checked.
 
-    mirror: an address that has the set's files by their names, in place of its public source.
-    Raises InputError for an unknown name or a folder that holds something else, and
-    FetchFailed where a file cannot be had, is not the one known, or does not come to the
-    figures that are known of it; then nothing is left behind.
+    mirror: an address that has the set's files by their names, in place of its public source;
+    for sets of which hashes are known.
+    Raises InputError for an unknown name, a folder that holds something else or a mirror of what
+    cannot be verified, and FetchFailed where a file cannot be had, is not the one known, or does
+    not come to the figures that are known of it; then nothing is left behind.
     """
-    from corridor.core.output import check_folder, whole_folder
+    from corridor.core.output import check_folder, file_lines, whole_folder
 
     one = register().get(name)
     if one is None:
         known = ", ".join(register())
         raise InputError(f"no data are called {name!r}{did_you_mean(name, register())}: {known}")
+    if mirror and not one.verified:
+        raise InputError(
+            f"no hash of the files of {name} is known, so a mirror could hand over anything: leave "
+            "--mirror out, they come from their own source then"
+        )
     check_folder(output, _MARK)
     say = progress or (lambda text: None)
     with whole_folder(output, _MARK) as part:
-        (part / _MARK).write_text(
-            f"{one.about}\nsource: {one.source}\nlicence: {one.licence}\n", encoding="utf-8"
-        )
+        said = [one.about]
         if one.kind == "shipped":
             shutil.copytree(_shipped(name), part, dirs_exist_ok=True)
-            return [one.about]
-        _download(one, mirror, part, say)
-        return [
-            one.about,
-            f"source: {one.source}; licence: {one.licence}",
-            *_CHECKS[one.kind](one, part),
-        ]
+        else:
+            _download(one, mirror, part, say)
+            said.append(f"source: {one.source}; licence: {one.licence}")
+            said += _CHECKS[one.kind](one, part)
+        hashes = "".join(f"sha256: {_sha256(part / file)} {file}\n" for file in one.files)
+        (part / _MARK).write_text(
+            f"{one.about}\nsource: {one.source}\nlicence: {one.licence}\n{hashes}"
+            f"{file_lines(part)}",
+            encoding="utf-8",
+        )
+        return said
+
+
+def _sha256(path):
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _shipped(name):
@@ -139,8 +153,9 @@ def _photographs(one, folder):
             f"{one.known['model']}"
         )
     return [
-        f"checked: {len(found)} photographs of a {one.known['model']} (no hash of them is known); "
-        "go on with corridor import photos FOLDER -o BLOCK"
+        f"not verified, for no hash of them is known: {len(found)} photographs of a "
+        f"{one.known['model']}, by what they say; what came is hashed in {_MARK}; go on with "
+        "corridor import photos FOLDER -o BLOCK"
     ]
 
 

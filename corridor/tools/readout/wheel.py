@@ -234,23 +234,14 @@ def _ridge(light, wide):
     return np.clip(ridge / spread, -1.5, 1.5)
 
 
-# Widths of spokes that are tried, px; as wide an angle is no spoke.
-_WIDTHS, _WIDEST_RAD = (2.5, 4.0, 6.5, 10.0), 0.06
-
-
 def _spokes(light, radii, size):
     """Straight spokes (n, 2): direction and distance from the axis; and how they look."""
     count = light.shape[1]
     best = None
-    narrowest = _WIDTHS[0] / (size * radii.mean())
-    if narrowest > _WIDEST_RAD:
-        raise CannotMeasure(
-            f"the wheel that was found is {2 * size * radii.max():.0f} px wide, too small to see "
-            "spokes: take the picture from nearer, or crop it to the wheel"
-        )
-    for width in _WIDTHS:
+    for width in (2.5, 4.0, 6.5, 10.0):
         wide = width / (size * radii.mean())  # radians
-        if wide > _WIDEST_RAD:
+        # In a small rim even the thinnest spoke is wide; it is tried all the same.
+        if wide > 0.06 and best is not None:
             break
         ridge = _ridge(light, wide * count / (2 * np.pi))
         for polarity in (1, -1):
