@@ -11,6 +11,7 @@ from corridor.core.gnss.coordinates import (
     to_local,
 )
 from corridor.core.gnss.exposures import Exposures
+from corridor.core.gnss.formats.exif import photographs_in
 from corridor.core.gnss.frames import (
     about_the_middle,
     grid_distortion,
@@ -67,6 +68,7 @@ __all__ = [
     "moved",
     "of_block",
     "outside_area",
+    "photographs_in",
     "read_exposures",
     "read_track",
     "segments",
