@@ -124,7 +124,7 @@ def verdict_of(final: dict, found: dict | None, required: float | None) -> tuple
     if not final["converged"]:
         return (
             "failed",
-            "The block does not adjust, so nothing is known of its accuracy: the reason stands below.",
+            "The block does not adjust, so its accuracy is not known: the reason stands below.",
         )
     rms = (final["check_points"].get("rms") or {}).get("3d")
     rows = final["check_points"].get("rows") or []
