@@ -14,12 +14,7 @@ import numpy as np
 
 from corridor.adjustment import Adjustment, listed
 from corridor.brief import brief
-from corridor.diagnosis.evidence.beside_noise import (
-    NoiseModel,
-    beyond_noise,
-    few_positions,
-    through_noise,
-)
+from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, through_noise
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
@@ -29,7 +24,7 @@ from corridor.diagnosis.evidence.search import Found, search, thresholds
 from corridor.diagnosis.noise.gnss import GnssNoise
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Antennas, Elimination, Reduced
+from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import Equations, equations
 from corridor.diagnosis.system.groups import with_points
 from corridor.effects import Candidates, Effect, candidates
@@ -51,7 +46,7 @@ class Round:
 
     adjustment: Adjustment
     equations: Equations | None
-    noise: GnssNoise
+    noise: GnssNoise | None
     noises: NoiseModel | None
     evidence: Evidence | None
     threshold: dict[str, float]
@@ -72,7 +67,6 @@ class Round:
     def make_room(self) -> None:
         """Of large blocks keep what images share, and what the report tells."""
         if self.adjustment.problem.image_count > SETTINGS.large_block:
-            self.evidence.let_go_of_images()
             self.equations = self.noises = None
 
     def shed(self) -> None:
@@ -210,8 +204,10 @@ def _round(
     threshold: Threshold,
 ) -> Round:
     """A search beside the lens as it is beside what that search finds."""
-    asked = _Asked.of(course, adjustment, believed, model)
-    whole, shape = Evidence(asked.reduced), lens_group(asked.equations)
+    effects = course.candidates.effects
+    e = equations(adjustment, effects, believed.priors_of(effects))
+    asked = _Asked(adjustment, e, model, course.impossible, course.draws)
+    whole, shape = Evidence(Elimination(e, None).reduced()), lens_group(e)
     there = {whole.number[key]: _kappa(whole, key) for key in model if key in whole.number}
     lens = None if shape is None else lens_of(whole, shape, there)
     one = asked.search(lens, threshold)
@@ -231,42 +227,20 @@ class _Asked:
     """The equations of a round, and what they say with the GNSS as good as it says.
 
     model: keys of what has been adjusted. barred: keys of what is no explanation, and why; it
-    grows. draws: of the course, made once. antennas: None where there are few positions.
+    grows. draws: of the course, made once.
     """
 
     adjustment: Adjustment
     equations: Equations
-    reduced: Reduced
-    antennas: Antennas | None
     model: list[str]
     barred: dict[str, str]
     draws: list[np.ndarray]
 
-    @classmethod
-    def of(cls, course, adjustment, believed, model) -> _Asked:
-        effects = course.candidates.effects
-        e = equations(adjustment, effects, believed.priors_of(effects))
-        stated = Elimination(e, None)
-        # The stated noise is asked about what the antenna feels and what is in the model.
-        images = len(e.system.columns.images)
-        several = {
-            group.own
-            for group in e.groups
-            if group.own is not None and len(group) > images and group.key not in model
-        }
-        antennas = None if few_positions(e.system) else stated.antennas()
-        return cls(
-            adjustment, e, stated.reduced(several), antennas, model, course.impossible, course.draws
-        )
-
     def search(self, lens: Lens | None, threshold: Threshold) -> Round:
         """What is found beside a lens."""
         e, model = self.equations, self.model
-        reduced, antennas = self.reduced, self.antennas
-        if lens is not None and antennas is not None:
-            antennas = lens.out_of_antennas(antennas, reduced)
-        plain = Evidence(reduced if lens is None else lens.out_of(reduced), self._barred())
-        noises = NoiseModel(e.system, antennas, plain)
+        plain = self._evidence(None, lens)
+        noises = NoiseModel(plain)
         start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
         noise, _ = noises.given(start)
         evidence = self._evidence(noise, lens)
@@ -283,7 +257,7 @@ class _Asked:
             log["through_noise"] = [plain.groups[n].key for n in more]
         found = plausible(evidence, found, model, suspected)
         found = beyond_noise(noises, found, suspected)
-        evidence.inflation = self._inflation(noise, lens, evidence, found)
+        evidence.inflation = self._inflation(evidence, found)
         found = as_spread(evidence, found, suspected)
         keys = {n: evidence.groups[n].key for n in found.chosen}
         log["found"] = {keys[n]: float(value) for n, value in found.evidence.items()}
@@ -293,13 +267,11 @@ class _Asked:
             wrong=wrong,
         )  # fmt: skip
 
-    def _evidence(self, noise: GnssNoise, lens: Lens | None) -> Evidence:
-        reduced = Elimination(self.equations, noise).reduced()
-        return Evidence(reduced if lens is None else lens.out_of(reduced), self._barred())
+    def _evidence(self, noise: GnssNoise | None, lens: Lens | None) -> Evidence:
+        rows = () if lens is None else lens.rows
+        return Evidence(Elimination(self.equations, noise, rows).reduced(), self._barred())
 
-    def _inflation(
-        self, noise: GnssNoise, lens: Lens | None, evidence: Evidence, found: Found
-    ) -> np.ndarray:
+    def _inflation(self, evidence: Evidence, found: Found) -> np.ndarray:
         """Factors (groups,) on the variance of scores, asked of what has been adjusted and found.
 
         Beside a model that does not fit, residuals hang together by what it misses.
@@ -309,8 +281,7 @@ class _Asked:
             return evidence.inflation
         if not self.draws:
             self.draws += drawn(self.adjustment, self.equations)
-        elimination = Elimination(self.equations, noise)
-        influence = Influence(elimination, elimination.shared(), lens, self.draws)
+        influence = Influence(evidence.reduced.elimination, self.draws)
         return inflation_of_scores(influence, evidence, both)
 
     def _barred(self) -> set[str]:

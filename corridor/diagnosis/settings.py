@@ -47,11 +47,6 @@ class Settings:
     effect_size_weights: tuple[float, ...] = (0.25, 0.25, 0.25, 0.23, 0.018, 0.0018, 0.0002)
     # Least size at which a fit is judged.
     least_fit_size: float = 3.0
-    # A group of more columns, values for each image, keeps the spectrum it has alone when others
-    # join the model: what it would bring is then somewhat underrated, and much sooner known.
-    large_group: int = 130
-    # Values for each image of which the spectrum is found as a whole, else piece by piece.
-    most_own_together: int = 1000
     # Information below which a direction is one that nothing determines.
     blind_information: float = 1e-4
     # Log prior of a generic shape, of values per image, and of errors of the ground, which defines
@@ -103,8 +98,6 @@ class Settings:
     # that one has not been adjusted; then, what its physics are too simple for. Tuned.
     leftover_share: float = 0.02
     leftover_share_adjusted: float = 0.002
-    # Parameters of the largest group whose size is sought.
-    most_tuned: int = 400
     # Evidence from which on an effect shows through any noise of the GNSS.
     clear_evidence: float = 40.0
     shortlist: int = 6
@@ -149,15 +142,11 @@ class Settings:
     carrier_phase_slow: tuple[float, float, float] = (0.02, 0.02, 0.03)
     # Their white part at most, in how much one residual differs from the next: poses follow some.
     white_of_scatter: float = 3.0
-    # Coordinates below which nothing is estimated; coordinates estimated together, else by axis;
-    # and positions of one axis, else in pieces of time: several of the longest time constant.
+    # Coordinates below which nothing is estimated.
     few_antenna_coordinates: int = 12
-    most_together: int = 900
-    most_at_a_time: int = 400
-    # Noises that an effect's uncertainty is averaged over (more flights: fewer), and how much wider
-    # than the curvature says they are drawn.
-    noise_draws: int = 48
-    noise_draws_by_axis: int = 16
+    # Noises that an effect's uncertainty is averaged over, and how much wider than the curvature
+    # says they are drawn.
+    noise_draws: int = 16
     noise_draws_widened: float = 1.2
     # Seconds between images where no times are known.
     untimed_step: float = 2.0

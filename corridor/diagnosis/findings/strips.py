@@ -20,7 +20,6 @@ from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.scores import Influence, responding
 from corridor.diagnosis.rounds import Round
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Elimination
 from corridor.geometry import jackknife
 from corridor.preparation import strips_of
 
@@ -53,8 +52,7 @@ def by_strips(one: Round) -> dict[int, ByStrips]:
     strips = strips_of(one.equations.system.block)
     if not asked or len(strips) < SETTINGS.fewest_strips:
         return {}
-    elimination = Elimination(one.equations, one.noise)
-    influence = Influence(elimination, elimination.shared(), one.lens)
+    influence = Influence(evidence.reduced.elimination)
     of_file = np.empty(len(one.equations.system.images.names), dtype=np.int64)
     for number, (_, rows) in enumerate(strips):
         of_file[rows] = number

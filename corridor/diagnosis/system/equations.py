@@ -81,6 +81,42 @@ class Equations:
         """Standard deviations (3k,), m, of the antenna positions as gnss.csv has them."""
         return self.system.gnss.sigma.ravel()
 
+    @cached_property
+    def without(self) -> tuple[np.ndarray, np.ndarray]:
+        """Right side (n,) of poses and nuisance, and residuals of the antenna (3k,), of no effect.
+
+        What has been estimated of candidates is put back: all that is tested counts as missing.
+        """
+        blocks = [self.core, *self.own]
+        right = self.right + sum(np.asarray(b.cross @ b.value) for b in blocks)
+        return right, self.residual + sum(np.asarray(b.antenna @ b.value) for b in blocks)
+
+    @cached_property
+    def core_without(self) -> np.ndarray:
+        """Right side (c,) of the core, of no effect."""
+        out = self.core.right + self.core.inside @ self.core.value
+        for to_core, block in zip(self.between, self.own, strict=True):
+            out = out + to_core.T @ block.value
+        return out
+
+    @cached_property
+    def own_without(self) -> list[np.ndarray]:
+        """Right side (p,) of each block of per-image columns, of no effect."""
+        out = []
+        for n, block in enumerate(self.own):
+            mine = block.right + block.inside @ block.value + self.between[n] @ self.core.value
+            for k, other in enumerate(self.own):
+                if k != n:
+                    both = self.mutual[n, k] if n < k else self.mutual[k, n].T
+                    mine = mine + both @ other.value
+            out.append(np.asarray(mine))
+        return out
+
+    def owner_of(self, group: Group) -> np.ndarray:
+        """Image (p,) of each value of a group that images have for themselves."""
+        images = len(self.system.columns.images)
+        return np.repeat(np.arange(images), len(self.own_at[group.own]) // images)
+
     @property
     def image(self) -> np.ndarray:
         """Image (k,) of each antenna position."""
