@@ -27,15 +27,16 @@ class NoiseModel:
     """The noise of the GNSS by restricted maximum likelihood, for any set of effects.
 
     `given` finds the noise of a model of some groups, and how probable the data are with both.
-    stated: the noise that gnss.csv states. evidence: with that noise.
+    stated: the noise that gnss.csv states. evidence: with that noise. equations, lens: of its
+    system, and what is in all models; arguments: what is known of the noise beforehand.
     """
 
     def __init__(self, evidence: Evidence):
         """evidence: of a system with the stated noise."""
         self.evidence = evidence
         made = evidence.reduced.elimination
-        self._equations = made.equations if made is not None else None
-        self._lens = made.rows if made is not None else ()
+        self.equations = made.equations if made is not None else None
+        self.lens = made.rows if made is not None else ()
         self.few = made is None or few_positions(made.equations.system)
         self._touches: dict[tuple, float] = {}
         self._found: dict[tuple, Likely] = {}
@@ -43,7 +44,7 @@ class NoiseModel:
         if self.few:
             return
         self.stated = stated_noise(made.equations.system)
-        self._arguments = Arguments(self.stated)
+        self.arguments = Arguments(self.stated)
         self._base = made.log_probability
 
     def touches(self, n: int) -> float:
@@ -89,22 +90,22 @@ class NoiseModel:
 
     def at(self, chosen: Mapping[int, Size], noise: GnssNoise) -> float:
         """The log probability of the data with groups n -> kappa and this noise."""
-        x = self._arguments.of(noise)
-        made = Elimination(self._equations, noise, self._rows(chosen))
-        return self._probability(chosen, value_of(made, self._arguments, x))
+        x = self.arguments.of(noise)
+        made = Elimination(self.equations, noise, self._rows(chosen))
+        return self._probability(chosen, value_of(made, self.arguments, x))
 
     def _likely(self, chosen: Mapping[int, Size]) -> Likely:
         key = tuple((n, np.asarray(chosen[n], dtype=float).tobytes()) for n in sorted(chosen))
         if key not in self._found:
             if self._start is None:
-                self._start = estimate(self._equations, self._lens, self._arguments).x
+                self._start = estimate(self.equations, self.lens, self.arguments).x
             self._found[key] = estimate(
-                self._equations, self._rows(chosen), self._arguments, self._start
+                self.equations, self._rows(chosen), self.arguments, self._start
             )
         return self._found[key]
 
     def _rows(self, chosen: Mapping[int, Size]):
-        return (*self._lens, *self.evidence.rows(chosen))
+        return (*self.lens, *self.evidence.rows(chosen))
 
     def _probability(self, chosen: Mapping[int, Size], value: float) -> float:
         """Log probability beside that with the stated noise and no group, of -2 log L."""
@@ -120,24 +121,24 @@ class NoiseModel:
         drift) is the less certain for it.
         """
         likely = estimate(
-            self._equations, self._rows(chosen), self._arguments, self._arguments.of(noise)
+            self.equations, self._rows(chosen), self.arguments, self.arguments.of(noise)
         )
         draws, length = self._near(likely, rng)
         log_weight, found = [], []
         for x, away in zip(draws, length, strict=True):
             made = Elimination(
-                self._equations, self._arguments.noise_at(x), self._rows_of_images(chosen)
+                self.equations, self.arguments.noise_at(x), self._rows_of_images(chosen)
             )
             here = Evidence(made.reduced())
             here.groups = self.evidence.groups
             core = self.evidence.of_core(chosen)
             log_weight.append(
-                here.total(core) + made.log_probability - 0.5 * self._arguments.far(x) + 0.5 * away
+                here.total(core) + made.log_probability - 0.5 * self.arguments.far(x) + 0.5 * away
             )
             found.append(here.solution(core))
         weight = np.exp(np.array(log_weight) - max(log_weight))
         weight /= weight.sum()
-        whole = Evidence(Elimination(self._equations, likely.noise, self._lens).reduced())
+        whole = Evidence(Elimination(self.equations, likely.noise, self.lens).reduced())
         whole.groups = self.evidence.groups
         theta, spread = whole.solution(chosen)
         for n in self.evidence.of_core(chosen):
@@ -158,11 +159,11 @@ class NoiseModel:
         """
         value, vector = np.linalg.eigh(0.5 * likely.curve)
         # Nothing is known less well than the prior says.
-        least = np.linalg.eigvalsh(self._arguments.precision)[0]
+        least = np.linalg.eigvalsh(self.arguments.precision)[0]
         spread = 1.0 / np.sqrt(np.maximum(value, least))
         unit = rng.standard_normal((SETTINGS.noise_draws, len(likely.x)))
         made = likely.x + SETTINGS.noise_draws_widened * (unit * spread) @ vector.T
-        return np.clip(made, self._arguments.low, self._arguments.high), np.sum(unit**2, axis=1)
+        return np.clip(made, self.arguments.low, self.arguments.high), np.sum(unit**2, axis=1)
 
 
 def signs(count: int, many: int) -> np.ndarray:

@@ -194,9 +194,9 @@ class Elimination:
 
         antenna (3k, k): what they come with of antenna positions, to be weighed.
         """
-        right = right.reshape(len(right), -1)
+        right, antenna = (one if one.ndim == 2 else one[:, None] for one in (right, antenna))
         if len(self._white):
-            heavy = self._white[:, None] * antenna.reshape(len(antenna), -1)
+            heavy = self._white[:, None] * antenna
             right = right + self.jacobian.T @ heavy
             right = np.concatenate([right, self._size[:, None] * heavy[self._states]])
         return (self.unit[:, None] * right)[self._order]

@@ -8,7 +8,7 @@ GNSS is kept apart: its noise is coloured.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -121,6 +121,17 @@ class Equations:
     def image(self) -> np.ndarray:
         """Image (k,) of each antenna position."""
         return self.system.gnss.image
+
+
+def moved_by(e: Equations, group: Group, theta: np.ndarray) -> Equations:
+    """The equations of data that a group with parameters (p,), in prior sigmas, has moved too."""
+    block = e.core if group.own is None else e.own[group.own]
+    value = block.value.copy()
+    value[group.columns] += theta
+    block = replace(block, value=value)
+    if group.own is None:
+        return replace(e, core=block)
+    return replace(e, own=[block if n == group.own else one for n, one in enumerate(e.own)])
 
 
 def equations(adjustment: Adjustment, effects: list[Effect], priors: Mapping) -> Equations:
