@@ -13,9 +13,9 @@ import pandas as pd
 from scipy.interpolate import PchipInterpolator
 
 from benchmarks.wall import Course, Sensor, Shots, Wall
-from corridor.geometry import rotation_from_quaternion
-from corridor.simulation import Simulated, simulate
-from corridor.thermal import simple_model
+from corridor.core.geometry import rotation_from_quaternion
+from corridor.core.simulation import Simulated, simulate
+from corridor.tools.thermal import simple_model
 
 HERE = Path(__file__).parent
 NAME = "dike"

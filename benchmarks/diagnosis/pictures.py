@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from corridor.figures import style
-from corridor.report import counted
+from corridor.core.output import counted
+from corridor.interface.figures import style
 
 _SHOWN = (("detected", "detected"), ("named", "named"), ("inside", "in the stated set"))
 

@@ -12,8 +12,10 @@ from functools import partial
 
 import numpy as np
 
-from corridor.adjustment import Adjustment, listed
-from corridor.brief import brief
+from corridor.core.adjustment import Adjustment, listed
+from corridor.core.brief import brief
+from corridor.core.effects import Candidates, Effect, candidates
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, through_noise
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
@@ -27,8 +29,6 @@ from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import Equations, equations
 from corridor.diagnosis.system.groups import with_points
-from corridor.effects import Candidates, Effect, candidates
-from corridor.errors import AdjustmentFailed, InputError
 
 # Log evidence that a group has to bring, by its kind; or what makes it from evidence.
 Threshold = dict[str, float] | Callable[[Evidence], dict[str, float]]

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator
 
-from corridor.block import Block
-from corridor.figures import maps, style
-from corridor.geometry import rotation_from_quaternion
+from corridor.core.block import Block
+from corridor.core.geometry import rotation_from_quaternion
+from corridor.interface.figures import maps, style
 
 
 def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") -> Figure:

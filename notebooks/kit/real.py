@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from benchmarks.diagnosis import real_noise
-from corridor.block import Block
+from corridor.core.block import Block
 
 # As the chapters are run: in the folder of the notebooks.
 DATA = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))

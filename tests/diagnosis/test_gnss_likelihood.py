@@ -5,12 +5,12 @@ import pytest
 from strips import corridor_block
 
 import corridor
+from corridor.core.effects import find
+from corridor.core.simulation import add_noise
 from corridor.diagnosis.noise.gnss import stated_noise
 from corridor.diagnosis.noise.likelihood import Arguments, derivatives, estimate, value_of
 from corridor.diagnosis.system.elimination import Elimination, rows_of
 from corridor.diagnosis.system.equations import equations
-from corridor.effects import find
-from corridor.simulation import add_noise
 
 SLUGS = ["gnss_bias", "rolling_shutter", "row_polynomial", "rolling_shutter_rotation"]
 

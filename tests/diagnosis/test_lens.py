@@ -5,13 +5,13 @@ import pytest
 from strips import corridor_block
 
 import corridor
+from corridor.core.effects import find
+from corridor.core.simulation import add_noise
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of
 from corridor.diagnosis.system.elimination import Elimination, Reduced, rows_of
 from corridor.diagnosis.system.equations import equations
 from corridor.diagnosis.system.groups import Group
-from corridor.effects import find
-from corridor.simulation import add_noise
 
 SHAPE, OTHERS, OWN, ANTENNA = 12, 3, 4, 5
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from corridor.adjustment import LinearSystem
+from corridor.core.adjustment import LinearSystem
 from corridor.diagnosis.evidence.evidence import Evidence, Size, effect_sizes
 from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise

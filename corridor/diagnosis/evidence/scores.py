@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from corridor.adjustment import Adjustment
+from corridor.core.adjustment import Adjustment
 from corridor.diagnosis.evidence.evidence import Evidence, inverted
 from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.noise.image import places

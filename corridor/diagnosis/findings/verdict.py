@@ -12,7 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from corridor.block import Block
+from corridor.core.block import Block
+from corridor.core.effects import EffectValues
+from corridor.core.geometry import honest
 from corridor.diagnosis.evidence.beside_noise import signs
 from corridor.diagnosis.evidence.blunders import Wrong
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
@@ -23,8 +25,6 @@ from corridor.diagnosis.findings.strips import ByStrips, by_strips
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
-from corridor.effects import EffectValues
-from corridor.geometry import honest
 
 # Random signs that tell how much an image's values are seen: to a few per cent.
 _SIGNS = 24

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from corridor.adjustment import LOSSES, ImageRows, LinearSystem, Loss
+from corridor.core.adjustment import LOSSES, ImageRows, LinearSystem, Loss
+from corridor.core.effects import Context, every_effect
+from corridor.core.geometry import (
+    CLIPPED,
+    UNUSABLE,
+    is_outlier,
+    robust_scale,
+    robust_scale_of_lengths,
+)
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.noise.likelihood import Arguments, estimate, value_of
 from corridor.diagnosis.replicates.linear_fits import LinearFits, Measured
@@ -24,11 +32,9 @@ from corridor.diagnosis.system.elimination import Elimination, Rows, rows_of
 from corridor.diagnosis.system.equations import Columns, Equations, take_apart
 from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.held_out import spared
-from corridor.effects import Context, every_effect
-from corridor.geometry import CLIPPED, UNUSABLE, is_outlier, robust_scale, robust_scale_of_lengths
 
 if TYPE_CHECKING:
-    from corridor.adjustment import Adjustment
+    from corridor.core.adjustment import Adjustment
 
 # Probabilities at which the length of the tie noise is known: dense where tails begin.
 GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6, 30)])
