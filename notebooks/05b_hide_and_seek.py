@@ -110,7 +110,7 @@ diagnosed.picture("what was hidden (down), and what was said (across)", counts)
 # arm takes the clock's place (chapter 5, section 5). A drift of the focal length may stand in a set
 # with others that this flight does not part.
 #
-# These flights come from the simulator of this package. `corridor benchmark-diagnosis --cases all`
+# These flights come from the simulator of this package. `python -m benchmarks.diagnosis`
 # hides the whole catalogue in flights by a program that shares no line of physics with it.
 #
 # ## What to take home
