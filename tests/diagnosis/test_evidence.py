@@ -163,7 +163,9 @@ def known_otherwise(time, y, stated):
     """Equations of a flight whose poses are known otherwise: y (n, 3) is the noise, or a bias."""
     count = len(time)
     images = SimpleNamespace(flight=np.zeros(count, int), flight_names=["1"], time=time)
-    gnss = SimpleNamespace(image=np.arange(count), sigma=np.full((count, 3), stated), residual=y)
+    gnss = SimpleNamespace(
+        image=np.arange(count), sigma=np.tile(stated, (count, 1)) * np.ones(3), residual=y
+    )
     labels = [("block", axis, "m") for axis in "xyz"]
     effect = SimpleNamespace(slug="e0", generic=False, place="antenna", group="block")
     group = Group("e0", effect, None, np.arange(3), np.ones(3), labels)
