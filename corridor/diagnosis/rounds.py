@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from corridor.core.adjustment import Adjustment, listed
+from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Candidates, Effect, candidates
 from corridor.core.errors import AdjustmentFailed, InputError
@@ -136,7 +137,7 @@ def course_of(
         None if asked.only is None else listed(asked.only), listed(asked.without),
     )  # fmt: skip
     _check_priors(believed, chosen.effects)
-    course = Course(first, [], chosen)
+    course = Course(first, [], chosen, _without_motion(believed.block, chosen))
     threshold: Threshold = partial(
         thresholds, level=asked.level, rng=np.random.default_rng(asked.seed)
     )
@@ -170,6 +171,37 @@ def course_of(
             course.rounds.append(again)
             break
     return course
+
+
+def _without_motion(block: Block, chosen: Candidates) -> list[str]:
+    """Take out candidates that need rows read while the camera moves, where it does not happen.
+
+    A camera that reads its rows at once (`readout_s = 0`) shows none of them. Values for each image
+    follow whatever differs from row to row: without speeds, rates or a readout nothing in the data
+    makes a motion of it, and a shape of no catalogue says the same. Returns a sentence on that.
+    """
+    stated = [camera.readout_s for camera in block.cameras.values()]
+    moving = any(stated) or block.has("images.vx") or len(block.rates) > 0 or len(block.track) > 0
+    at_once = all(one == 0.0 for one in stated)
+    gone = [
+        effect
+        for effect in chosen.effects
+        if effect.place == "motion" and (at_once or (effect.group == "image" and not moving))
+    ]
+    if not gone:
+        return []
+    chosen.effects = [effect for effect in chosen.effects if effect not in gone]
+    names = ", ".join(sorted(effect.slug for effect in gone))
+    if at_once:
+        return [
+            f"block.toml states that all rows are read at once (readout_s = 0): {names} are not "
+            "tested."
+        ]
+    return [
+        f"Nothing in the block tells how the camera moves while rows are read: {names} are not "
+        "tested, and what differs from row to row has no name. Velocities in images.csv, or "
+        "readout_s in block.toml, would give it one."
+    ]
 
 
 def _from_their_start(
@@ -307,6 +339,8 @@ class _Asked:
         rest = {n: kappa for n, kappa in kept.chosen.items() if n not in kept.kept}
         without, with_them = (m.total + price(evidence.groups, m.chosen) for m in (found, kept))
         likely = without - with_them <= SETTINGS.model_log_odds
+        # A point that explains nothing beside the others is not wrong, whatever it was alone.
+        likely = likely and min(kept.evidence[n] for n in kept.kept) > 0.0
         if likely and stands(evidence, wrong.found, rest):
             return kept, wrong
         evidence.widen()

@@ -14,7 +14,7 @@ import numpy as np
 
 from corridor.core.block import Block
 from corridor.core.effects import EffectValues
-from corridor.core.geometry import honest
+from corridor.core.geometry import honest, jackknife
 from corridor.diagnosis.evidence.beside_noise import signs
 from corridor.diagnosis.evidence.blunders import Wrong
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
@@ -162,14 +162,41 @@ def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None
     if group.own is not None:
         return [_of_images(made, group, one.equations.system.block, theta, sigma)]
     cameras = len(one.equations.system.images.camera_names)
+    changes = _changes(group, theta, spread, strips) if group.effect.group == "flight" else {}
     return [
         replace(
             made,
             parameters=rows_of(group, owner, theta, sigma, formal),
             where=_where(group, owner, cameras),
+            change=changes.get(owner, []),
         )
         for owner in dict.fromkeys(owner for owner, *_ in group.labels)
     ]
+
+
+def _changes(group: Group, theta, spread, strips: ByStrips | None) -> dict[str, list[dict]]:
+    """Of each flight but the first, its parameters less those of the flight before.
+
+    theta (p,): in the parameters' units; spread (p, p): in prior standard deviations. What all
+    flights have in common may be the camera's, and unknown; how they differ is not.
+    """
+    owners = list(dict.fromkeys(owner for owner, *_ in group.labels))
+    at = {(owner, name): k for k, (owner, name, _) in enumerate(group.labels)}
+    out: dict[str, list[dict]] = {}
+    for before, owner in zip(owners, owners[1:], strict=False):
+        rows = []
+        for mine, name, unit in group.labels:
+            if mine != owner or (before, name) not in at:
+                continue
+            k, b = at[owner, name], at[before, name]
+            sigma = np.sqrt(max(spread[k, k] + spread[b, b] - 2.0 * spread[k, b], 0.0))
+            if strips is not None:
+                left = jackknife(strips.left[:, k] - strips.left[:, b])
+                sigma = honest(sigma, left, strips.count - 1)
+            value, sigma = float(theta[k] - theta[b]), float(sigma * group.scale[k])
+            rows.append({"name": name, "value": value, "sigma": sigma, "unit": unit})
+        out[owner] = rows
+    return out
 
 
 def rows_of(group: Group, owner: str, value, sigma, formal) -> list[dict]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from corridor.core.effects import Effect
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate
@@ -40,14 +42,14 @@ def sentence(diagnosis: Diagnosed) -> str:
 
 def _named(d: Diagnosed) -> str:
     firm = [one for one in d.findings.effects if one.kind == "named"]
-    told = _told(firm)
+    told = _told(d, firm)
     if len(told) == 1:
         (name, values) = told[0]
         text = f"{upper(name)} is missing from the model{f': {values}' if values else ''}."
     else:
         parts = [f"{name} ({values})" if values else name for name, values in told]
         text = f"{upper(listed(parts))} are missing from the model."
-    either = [_either(alike) for alike in _ambiguities(d)]
+    either = [_either(d, alike) for alike in _ambiguities(d)]
     beside = [f"Beside {'it' if len(told) == 1 else 'them'}, either {both}." for both in either]
     if any(one.kind == "unknown" for one in d.findings.unknown):
         beside.append(f"Something outside the catalogue is there too: {_places(d)}.")
@@ -56,11 +58,13 @@ def _named(d: Diagnosed) -> str:
 
 def _ambiguous(d: Diagnosed) -> str:
     first, *others = _ambiguities(d)
-    text = f"Either {_either(first)} is missing from the model; this flight cannot tell them apart"
+    text = (
+        f"Either {_either(d, first)} is missing from the model; this flight cannot tell them apart"
+    )
     text += f". What would: {first[0].separate}." if first[0].separate else "."
     more = [alike for alike in others if alike[0].slug not in first[0].alternatives]
     if more:
-        text += f" Also missing: {listed(_either(alike) for alike in more)}."
+        text += f" Also missing: {listed(_either(d, alike) for alike in more)}."
     if any(one.kind == "unknown" for one in d.findings.unknown):
         text += f" Something outside the catalogue is there too: {_places(d)}."
     return f"{text} {_effect_of_adding(d, 1 + len(more), 'one of them')}"
@@ -68,7 +72,7 @@ def _ambiguous(d: Diagnosed) -> str:
 
 def _unknown(d: Diagnosed) -> str:
     text = f"Something outside the catalogue is missing from the model: {_places(d)}."
-    known = effects_by_slug()
+    known = effects_by_slug(d.block)
 
     def called(key):
         slugs = dict.fromkeys(slug for one in d.findings.unknown for slug in getattr(one, key))
@@ -88,7 +92,7 @@ def _unknown(d: Diagnosed) -> str:
 
 def _looks_like(d: Diagnosed) -> list[str]:
     """Named effects that show as an unknown does and lack a column: which, and what to hand in."""
-    known, lacking = effects_by_slug(), {}
+    known, lacking = effects_by_slug(d.block), {}
     for one in d.untestable:
         effect = known[one["slug"]]
         if any(_alike(known[shape.group], effect) for shape in d.findings.unknown):
@@ -111,7 +115,7 @@ def _alike(shape: Effect, effect: Effect) -> bool:
 
 
 def _suspected(d: Diagnosed) -> str:
-    told = _told([one for one in d.findings.effects if one.kind == "suspected"])
+    told = _told(d, [one for one in d.findings.effects if one.kind == "suspected"])
     parts = [f"{name} ({values})" if values else name for name, values in told]
     if d.findings.unknown:
         parts.append(f"something outside the catalogue ({_places(d)})")
@@ -149,9 +153,9 @@ def seen_best(d: Diagnosed) -> list[str]:
     ]
 
 
-def _told(estimates: list[Estimate]) -> list[tuple[str, str]]:
+def _told(d: Diagnosed, estimates: list[Estimate]) -> list[tuple[str, str]]:
     """What each effect is called, and its values; of flights or cameras apart, once."""
-    known, out = effects_by_slug(), []
+    known, out = effects_by_slug(d.block), []
     for slug in dict.fromkeys(one.slug for one in estimates):
         mine = [one for one in estimates if one.slug == slug]
         if len(mine) == 1:
@@ -162,6 +166,11 @@ def _told(estimates: list[Estimate]) -> list[tuple[str, str]]:
             continue
         parts = []
         for one in mine:
+            if known[slug].stands_in_for and any(each.change for each in mine):
+                # What flights have in common may be the camera's: how they differ is known.
+                changed = _values(replace(one, parameters=one.change)) if one.change else ""
+                parts.append(f"from flight {one.where['flight']} on {changed} more" * bool(changed))
+                continue
             values = _values(one)
             parts.append(f"{listed(one.where.values())}: {values}" if values else "")
         out.append((known[slug].called, "; ".join(part for part in parts if part)))
@@ -198,17 +207,17 @@ def _ambiguities(d: Diagnosed) -> list[list[Estimate]]:
     return list(out.values())
 
 
-def _either(estimates: list[Estimate]) -> str:
+def _either(d: Diagnosed, estimates: list[Estimate]) -> str:
     """An effect with its values, or its look-alikes."""
-    known = effects_by_slug()
-    mine = listed(f"{name} ({values})" if values else name for name, values in _told(estimates))
+    known = effects_by_slug(d.block)
+    mine = listed(f"{name} ({values})" if values else name for name, values in _told(d, estimates))
     others = [known[slug].called for slug in estimates[0].alternatives]
     instead = [f"of {one.instead}" for one in estimates[:1] if one.instead]
     return " or ".join([mine, *instead, *others])
 
 
 def _places(d: Diagnosed) -> str:
-    known = effects_by_slug()
+    known = effects_by_slug(d.block)
     return "; ".join(f"{known[one.group].called}, {one.where}" for one in d.findings.unknown)
 
 

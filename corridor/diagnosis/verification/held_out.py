@@ -14,7 +14,7 @@ Source: Diebold and Mariano 1995 (loss of two predictions); Ibragimov and Mülle
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -110,7 +110,10 @@ class Prediction:
         the weights that its loss has there. It has ten times what `between` can ask.
         """
         systems = [
-            LinearSystem(one.problem, one.state, Loss.parse(one.problem.model.loss))
+            replace(
+                LinearSystem(one.problem, one.state, Loss.parse(one.problem.model.loss)),
+                held=one.system.held,
+            )
             for one in (without, with_it)
         ]
         seen, rng = systems[0].image_rows, np.random.default_rng(0)

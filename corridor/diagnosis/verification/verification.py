@@ -372,7 +372,17 @@ class Verification:
         bent = any(
             self._groups[one.number].effect.place == "image" for one in self.findings.unknown
         )
-        firm = dict.fromkeys(one.key for one in self.findings.effects if one.kind != "suspected")
+        # Check points that something else bends, which is not in the model, are no judge of what is
+        # beyond doubt.
+        bent_too = len(self._now.check_points) and contradicted(
+            check_misfit(self._now), 3 * len(self._now.check_points)
+        )
+        firm = dict.fromkeys(
+            one.key
+            for one in self.findings.effects
+            if one.kind != "suspected"
+            and not (bent_too and one.log_evidence > SETTINGS.clear_evidence)
+        )
         for key in reversed([key for key in firm if key in self.used]):
             others, bare = self._without(key)
             if bare is None:

@@ -35,6 +35,14 @@ class LeverArm(LinearEffect):
     )
     variants = (_PER_FLIGHT,)
 
+    def form(self, block):
+        """Where no arm is stated there is none to correct."""
+        if block.lever_arm or block.lever_arm_fixed or self.group != "block":
+            return self
+        out = self.per(self.group)
+        out.called = "a lever arm of the GNSS antenna, of which block.toml states none"
+        return out
+
     def parameters(self, block):
         # An arm left out altogether: antennas sit within half a metre of the lens of a drone.
         return [Parameter(axis, "m", scale=0.05, most=0.5) for axis in ("x", "y", "z")]
