@@ -244,6 +244,6 @@ def _of_residuals(block: Block, twin: Block, options: dict, noises: NoiseModel |
 
 def _moved_by_residuals(e: Equations, left: np.ndarray) -> Equations:
     """Equations of data with more residuals (3k,) of the antenna, m, which nothing follows."""
-    out = replace(e, right=e.right - e.jacobian.T @ (e.stated**-2.0 * left))
+    out = replace(e, right=e.right - e.jacobian.T @ (e.stated**-2.0 * left), kept={})
     out.residual = e.residual + left
     return out

@@ -68,6 +68,7 @@ class Round:
     def make_room(self) -> None:
         """Of large blocks keep what images share, and what the report tells."""
         if self.adjustment.problem.image_count > SETTINGS.large_block:
+            self.evidence.let_go_of_images()
             self.equations = self.noises = None
 
     def shed(self) -> None:
@@ -272,6 +273,13 @@ class _Asked:
         """What is found beside a lens."""
         e, model = self.equations, self.model
         plain = self._evidence(None, lens)
+        # The stated noise is asked about what the antenna feels and what is in the model.
+        images = len(e.system.columns.images)
+        plain.barred |= {
+            group.key
+            for group in e.groups
+            if group.own is not None and len(group) > images and group.key not in model
+        }
         noises = NoiseModel(plain)
         start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
         noise, _ = noises.given(start)

@@ -23,6 +23,9 @@ from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination, Reduced, rows_of
 from corridor.diagnosis.system.groups import Group
 
+# Systems beside values for each image, and models, that are kept.
+_SYSTEMS, _MODELS = 96, 16
+
 # A size in prior standard deviations, of all parameters of a group or of each (p,).
 Size = float | np.ndarray
 
@@ -95,10 +98,11 @@ class Evidence:
         self.barred = set(barred)
         self.groups: list[Group] = list(reduced.groups)
         self.number = {group.key: n for n, group in enumerate(self.groups)}
-        # Systems beside values for each image, which many models share.
+        # Systems beside values for each image, which many models share, and the last models.
         self._systems: dict[tuple, Reduced] = {}
-        # A search asks for the same models again and again.
         self._models: dict[tuple, Beside] = {}
+        # A search asks for the same models again and again.
+        self._sums: dict[tuple, tuple[float, float]] = {}
         self._gains: dict[tuple, list[Gain]] = {}
 
     def narrow(self, n: int, names: Iterable[str]) -> None:
@@ -124,12 +128,17 @@ class Evidence:
 
     def _forget(self):
         self._models.clear()
+        self._sums.clear()
         self._gains.clear()
 
     def let_go(self) -> None:
-        """Keep of the equations what images share; answers that were given stay."""
+        """Forget systems and models, which are made anew where they are asked for."""
         self._systems.clear()
         self._models.clear()
+
+    def let_go_of_images(self) -> None:
+        """Keep of the equations what images share; answers that were given stay."""
+        self.let_go()
         self.reduced = replace(self.reduced, beside=None, elimination=None)
 
     def spans(self, chosen: Iterable[int]) -> dict[int, slice]:
@@ -177,15 +186,27 @@ class Evidence:
         key = _key(images)
         if key not in self._systems:
             made = self.reduced.beside(self.rows(images))
-            self._systems[key] = replace(made, beside=None, elimination=None)
+            _keep(self._systems, key, replace(made, beside=None, elimination=None), _SYSTEMS)
         return self._systems[key]
 
     def beside(self, chosen: Mapping[int, Size]) -> Beside:
         """What groups n -> kappa leave of the core, and what they explain."""
         key = _key(chosen)
         if key not in self._models:
-            self._models[key] = self._beside(chosen)
+            found = self._beside(chosen)
+            _keep(self._models, key, found, _MODELS)
+            self._sums[key] = found.fit, found.cost
         return self._models[key]
+
+    def explained(self, chosen: Mapping[int, Size]) -> tuple[float, float]:
+        """What groups n -> kappa explain, and what they cost: their log evidence is the difference.
+
+        Both in natural logarithms.
+        """
+        key = _key(chosen)
+        if key not in self._sums:
+            self.beside(chosen)
+        return self._sums[key]
 
     def _beside(self, chosen: Mapping[int, Size]) -> Beside:
         r, core = self._system(self.of_images(chosen)), self.of_core(chosen)
@@ -210,8 +231,8 @@ class Evidence:
 
     def total(self, chosen: Mapping[int, Size]) -> float:
         """Log evidence of groups n -> kappa together."""
-        found = self.beside(chosen)
-        return found.fit - found.cost + self.prior(chosen)
+        fit, cost = self.explained(chosen)
+        return fit - cost + self.prior(chosen)
 
     def prior(self, chosen: Mapping[int, Size]) -> float:
         """How likely groups n -> kappa are beforehand, as logarithm."""
@@ -299,13 +320,13 @@ class Evidence:
 
         Sizes are asked upwards, from none, as long as they do not fall far behind the best.
         """
-        group, base = self.groups[n], self.beside(chosen)
+        group, (fit_without, cost_without) = self.groups[n], self.explained(chosen)
 
         def gain(size: float) -> tuple[float, float]:
             """Log Bayes factor of a size, and what it fits: see `inflation`."""
-            with_it = self.beside({**chosen, n: size / np.sqrt(phi)})
-            fit = (with_it.fit - base.fit) / phi
-            return fit - (with_it.cost - base.cost), fit
+            fit, cost = self.explained({**chosen, n: size / np.sqrt(phi)})
+            fit = (fit - fit_without) / phi
+            return fit - (cost - cost_without), fit
 
         if group.known:
             value, _ = gain(1.0)
@@ -334,6 +355,13 @@ class Evidence:
                 if each[size] < max(each.values()) - SETTINGS.model_log_odds:
                     break
         return max(each, key=each.get)
+
+
+def _keep(kept: dict, key: tuple, value, most: int) -> None:
+    """Keep a value, and of those before it the last ones: each weighs a megabyte."""
+    while len(kept) >= most:
+        del kept[next(iter(kept))]
+    kept[key] = value
 
 
 def _key(chosen: Mapping[int, Size]) -> tuple:

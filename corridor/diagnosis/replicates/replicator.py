@@ -165,7 +165,7 @@ def _with_signals(e: Equations, signals: np.ndarray) -> tuple[Equations, Rows]:
     labels = [("block", str(k), "m") for k in range(count)]
     at, scale = np.arange(count), np.ones(count)
     group = Group("signals", every_effect()[0], None, at, scale, labels)
-    return replace(e, core=core, at=at, own=[], between=[], own_at=[], mutual={}), rows_of(
+    return replace(e, core=core, at=at, own=[], between=[], own_at=[], mutual={}, kept={}), rows_of(
         [(group, FREE)]
     )
 

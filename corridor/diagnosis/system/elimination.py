@@ -47,6 +47,9 @@ from corridor.diagnosis.system.groups import Group
 # so many of them are put into the border of the chain, the others make its links longer.
 _MOST_JUMPS = 32
 
+# Sets of rows whose equations are kept: a search for the noise asks for one many times.
+_KEPT = 3
+
 # Groups and the prior standard deviations (p,) of their parameters, in those of the parameters.
 Rows = tuple[tuple[Group, np.ndarray], ...]
 
@@ -89,6 +92,62 @@ class Part(NamedTuple):
     owner: np.ndarray
 
 
+@dataclass(frozen=True)
+class Static:
+    """What an elimination has of its static rows, whatever the noise.
+
+    sizes (q,): prior standard deviations of the groups' parameters. at (n,), owner (n,): numbers
+    among the system's columns, and images. matrix (n, n): equations, the antenna aside. cross
+    (n, c), jacobian (3k, n). right, here (n,): of no effect at all, and of the state. of_priors:
+    what the means of priors take of the log probability.
+    """
+
+    sizes: np.ndarray
+    at: np.ndarray
+    owner: np.ndarray
+    matrix: csr_array
+    cross: csr_array
+    jacobian: csr_array
+    right: np.ndarray
+    here: np.ndarray
+    of_priors: float
+
+    @classmethod
+    def of(cls, e: Equations, rows: Rows) -> Static:
+        """Of these rows: noises are many, and rows the same."""
+        key = tuple((group.key, tuple(group.columns), size.tobytes()) for group, size in rows)
+        if key not in e.kept:
+            while len(e.kept) >= _KEPT:
+                del e.kept[next(iter(e.kept))]
+            e.kept[key] = cls._made(e, rows)
+        return e.kept[key]
+
+    @classmethod
+    def _made(cls, e: Equations, rows: Rows) -> Static:
+        parts = [_part_of(e, group) for group, _ in rows]
+        nothing = [np.zeros(0)]
+        sizes = np.concatenate([*nothing, *(np.broadcast_to(s, len(g)) for g, s in rows)])
+        mean = np.concatenate([*nothing, *(_mean_of(group) for group, _ in rows)])
+        value = np.concatenate([*nothing, *(p.value for p in parts)])
+        weight = sizes**-2.0
+        right = np.concatenate([e.without[0], *(p.right for p in parts)])
+        # Of the state as it stands, for what moves from there.
+        here = np.concatenate([e.right, *(p.here for p in parts)])
+        right[len(e.first) :] += weight * mean
+        here[len(e.first) :] += weight * (mean - value)
+        return cls(
+            sizes,
+            np.concatenate([e.first, *(p.at for p in parts)]).astype(int),
+            np.concatenate([e.owner, *(p.owner for p in parts)]).astype(np.int64),
+            csr_array(_static(e, rows, parts, weight)),
+            csr_array(vstack([csr_array(e.core.cross), *(p.core for p in parts)])),
+            csr_array(hstack([e.jacobian, *(p.antenna for p in parts)])),
+            right,
+            here,
+            -0.5 * float(weight @ mean**2),
+        )
+
+
 class Elimination:
     """Poses, nuisance and some groups of equations eliminated, for one covariance of the GNSS.
 
@@ -99,24 +158,11 @@ class Elimination:
     def __init__(self, equations: Equations, noise: GnssNoise | None, rows: Rows = ()):
         """noise: None for the stated standard deviations. rows: groups that are no candidates."""
         self.equations, self.noise, self.rows = equations, noise, tuple(rows)
-        e = equations
-        parts = [_part_of(e, group) for group, _ in self.rows]
-        self.sizes = np.concatenate([np.zeros(0), *(np.broadcast_to(s, len(g)) for g, s in rows)])
-        mean = np.concatenate([np.zeros(0), *(_mean_of(group) for group, _ in rows)])
-        self.at = np.concatenate([e.first, *(p.at for p in parts)]).astype(int)
-        self.cross = vstack([csr_array(e.core.cross), *(p.core for p in parts)]).tocsr()
-        self.jacobian = csr_array(hstack([e.jacobian, *(p.antenna for p in parts)]))
-        self.owner = np.concatenate([e.owner, *(p.owner for p in parts)]).astype(np.int64)
-        weight = self.sizes**-2.0
-        right, residual = e.without
-        self._static_right = np.concatenate([right, *(p.right for p in parts)])
-        # Of the state as it stands, for what moves from there.
-        self._here = np.concatenate([e.right, *(p.here for p in parts)])
-        self._residual = residual
-        value = np.concatenate([np.zeros(0), *(p.value for p in parts)])
-        self._static_right[len(e.first) :] += weight * mean
-        self._here[len(e.first) :] += weight * (mean - value)
-        self._static = _static(e, self.rows, parts, weight)
+        e, static = equations, Static.of(equations, self.rows)
+        self.sizes, self.at, self.cross = static.sizes, static.at, static.cross
+        self.jacobian, self.owner, self._static = static.jacobian, static.owner, static.matrix
+        self._static_right, self._here = static.right, static.here
+        residual = self._residual = e.without[1]
         nothing = np.zeros(0, dtype=np.int64), np.zeros(0), csr_array((0, 0))
         self._states, self._size, self._slow = nothing if noise is None else noise.states()
         self._white = e.stated**-2.0 if noise is None else noise.white_weight
@@ -124,8 +170,7 @@ class Elimination:
         matrix = self._matrix()
         # In units of their own weight, or metres and radians would meet.
         self.unit = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
-        scale = diags_array(self.unit)
-        matrix = csc_array(scale @ matrix @ scale)[self._order][:, self._order]
+        matrix = self._in_order(matrix)
         if e.free_motions is not None:
             matrix = self._held(matrix)
         try:
@@ -135,7 +180,7 @@ class Elimination:
             little = diags_array(np.full(matrix.shape[0], 1e-9))
             self.chain = Chain(csc_array(matrix + little), ends, border)
         self._half = self.chain.half(self._ordered_right(self._static_right, residual))
-        self._of_priors = -0.5 * float(weight @ mean**2)
+        self._of_priors = static.of_priors
 
     # --- the equations -----------------------------------------------------------------------
 
@@ -171,13 +216,22 @@ class Elimination:
         """Equations (n, n) of the static rows and slow noise."""
         if not len(self._white):
             return csc_array(self._static)
-        weighted = diags_array(self._white) @ self.jacobian
+        weighted = self.jacobian.copy()
+        weighted.data *= np.repeat(self._white, np.diff(weighted.indptr))
         own = csr_array(self._static + self.jacobian.T @ weighted)
         if not len(self._states):
             return csc_array(own)
         across = diags_array(self._size) @ csr_array(weighted)[self._states]
         inside = self._slow + diags_array(self._size**2 * self._white[self._states])
         return csc_array(block_array([[own, across.T], [across, inside]]))
+
+    def _in_order(self, matrix: csc_array) -> csc_array:
+        """A matrix (n, n) in the order of the chain, in units of its own weight."""
+        place = np.empty(len(self._order), dtype=matrix.indices.dtype)
+        place[self._order] = np.arange(len(self._order))
+        of_column = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
+        data = matrix.data * self.unit[matrix.indices] * self.unit[of_column]
+        return csc_array((data, (place[matrix.indices], place[of_column])), shape=matrix.shape)
 
     def _held(self, matrix: csc_array) -> csc_array:
         """A block that nothing holds is held as a whole, where it is."""

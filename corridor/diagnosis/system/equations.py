@@ -50,7 +50,7 @@ class Equations:
     owner (n,): position of the image to which each of the poses and nuisance belongs, -1 of what
     images share. first (n,), at (c,), own_at: numbers of the poses and nuisance, of the core, and
     of the blocks, among the system's columns, and unit of all of these. free_motions: (n, 7) of a
-    block that nothing holds, else None.
+    block that nothing holds, else None. kept: by those who solve these equations.
     """
 
     system: LinearSystem
@@ -70,6 +70,7 @@ class Equations:
     scales: Scales | None = None
     free_motions: np.ndarray | None = None
     pixels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    kept: dict = field(default_factory=dict)
 
     @cached_property
     def residual(self) -> np.ndarray:
@@ -130,8 +131,9 @@ def moved_by(e: Equations, group: Group, theta: np.ndarray) -> Equations:
     value[group.columns] += theta
     block = replace(block, value=value)
     if group.own is None:
-        return replace(e, core=block)
-    return replace(e, own=[block if n == group.own else one for n, one in enumerate(e.own)])
+        return replace(e, core=block, kept={})
+    own = [block if n == group.own else one for n, one in enumerate(e.own)]
+    return replace(e, own=own, kept={})
 
 
 def equations(adjustment: Adjustment, effects: list[Effect], priors: Mapping) -> Equations:

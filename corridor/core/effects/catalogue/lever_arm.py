@@ -24,8 +24,8 @@ _PER_FLIGHT = Variant(
 
 class LeverArm(LinearEffect):
     slug = "lever_arm"
-    title = "Lever arm of the GNSS antenna, to be added to the stated one"
-    called = "a correction of the stated lever arm of the GNSS antenna"
+    title = "Lever arm of the GNSS antenna, to be added to the stated one, 0 if none is"
+    called = "a correction of the lever arm of the GNSS antenna"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z")
     revealed_by = "images of several headings and tilts with control, flights both ways"
@@ -34,14 +34,6 @@ class LeverArm(LinearEffect):
         "at one speed: the arm is a clock offset; nadir images leave z to the focal length"
     )
     variants = (_PER_FLIGHT,)
-
-    def form(self, block):
-        """Where no arm is stated there is none to correct."""
-        if block.lever_arm or block.lever_arm_fixed or self.group != "block":
-            return self
-        out = self.per(self.group)
-        out.called = "a lever arm of the GNSS antenna, of which block.toml states none"
-        return out
 
     def parameters(self, block):
         # An arm left out altogether: antennas sit within half a metre of the lens of a drone.
