@@ -268,8 +268,8 @@ def _check_points(
     fit = (seen.views.multiplicity >= 3) & (seen.station >= begin) & (seen.station <= end)
     if ground.within_m is not None:
         fit &= np.abs(seen.across) <= ground.within_m
-    fit = np.flatnonzero(fit)
-    return fit[evenly(seen.station[fit], seen.across[fit], ground.check_from_ties, draw)]
+    rows = np.flatnonzero(fit)
+    return rows[evenly(seen.station[rows], seen.across[rows], ground.check_from_ties, draw)]
 
 
 def _settings(given, plans, kind):
@@ -299,7 +299,11 @@ def _check_camera(start: Start) -> None:
 
 
 def _check_number(where: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not np.isfinite(value):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, numbers.Real)
+        or not np.isfinite(float(value))
+    ):
         raise InputError(f"{where} = {value!r} is not a number")
 
 

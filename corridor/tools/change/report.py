@@ -17,6 +17,7 @@ from corridor.core.output import (
     Layer,
     Report,
     Table,
+    files_in,
     significant,
     times,
     whole_folder,
@@ -122,7 +123,8 @@ def save(change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
         if change.surface is not None:
             write_csv(change.surface.frame, part / "surface.csv")
         missing = _write_gis(change, part) if gis else []
-        write_json(to_dict(change) | {"not_written": missing}, part / RESULT)
+        listed = sorted([RESULT, *files_in(part)])
+        write_json(to_dict(change) | {"not_written": missing, "files": listed}, part / RESULT)
         names = sorted(path.name for path in part.iterdir())
     return [folder / name for name in names]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from corridor.core.block import Block
 from corridor.core.brief import brief
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import known_crs
 from corridor.core.photographs import photographs_in, read_metadata
+from corridor.tools.formats.control import add_ground, marks_refused
 from corridor.tools.formats.faults import blaming
-from corridor.tools.formats.ground import add_ground
 from corridor.tools.formats.joining import bent
 from corridor.tools.formats.mapping import (
     Cheaply,
@@ -21,7 +21,14 @@ from corridor.tools.formats.mapping import (
     is_whole,
     workplace,
 )
-from corridor.tools.formats.placing import Track, add_photographs, add_track, picture_size
+from corridor.tools.formats.placing import (
+    Track,
+    add_photographs,
+    add_track,
+    in_own_frame,
+    picture_size,
+    with_motion,
+)
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.proof import Proof, demand, prove
 from corridor.tools.formats.reading import read_project
@@ -123,6 +130,9 @@ def import_project(
     with blaming(path, "a whole project"):
         proof = prove(project)
     try:
+        refused = marks_refused(project)
+        if refused and not force:
+            raise InputError(f"{refused}; --force writes the block as it is")
         demand(proof, force)
     except InputError as error:
         said = "".join(f"{sentence}. " for sentence in project.warnings)
@@ -146,13 +156,13 @@ def _can_start(folder: Path, added: Additions) -> bool:
 
 
 def _straight(project: Project, output: Path, force: bool) -> Project:
-    """Raises AdjustmentFailed where a model contradicts the positions, unless nobody minds."""
+    """Raises WorkFailed where a model contradicts the positions, unless nobody minds."""
     said = bent(project.block)
     if said is None:
         return project
     if not force:
         others = "".join(f"{sentence}. " for sentence in project.warnings)
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"{others}{said[0].upper()}{said[1:]}; features and matches are kept in "
             f"{workplace(output)}; --force writes the block as it is"
         )
@@ -184,6 +194,8 @@ def complete(
         with blaming(added.track, "a track"):
             project = add_track(project, exposures, track)
     if added.ground is not None:
-        project = add_ground(project, added.ground)
+        project = add_ground(project, added.ground, photos)
+    # Only now is it known in which frame the project is.
+    project = in_own_frame(with_motion(project, photos))
     # Marks are measured in the pictures as they lie there: only now can all be turned back.
     return with_turned(project, photos)

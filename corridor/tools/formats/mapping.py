@@ -20,10 +20,18 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import Local
 from corridor.core.output import whole_folder
-from corridor.core.photographs import Metadata, photographs_in, read_metadata, stated_focal
+from corridor.core.photographs import (
+    FAULTS,
+    Metadata,
+    fault,
+    open_picture,
+    photographs_in,
+    read_metadata,
+    stated_focal,
+)
 from corridor.tools.formats.joining import why_lost
 from corridor.tools.formats.programs import colmap
 from corridor.tools.formats.project import Project
@@ -73,7 +81,7 @@ def from_photographs(
 
     output: the block to be written; the work is kept beside it. force: also of few photographs.
     started: from the photographs' positions and attitudes, all at once.
-    Raises InputError without pycolmap or without enough photographs, AdjustmentFailed where they
+    Raises InputError without pycolmap or without enough photographs, WorkFailed where they
     do not make one model of at least half of them.
     """
     pycolmap, cheaply = _pycolmap(), cheaply or Cheaply()
@@ -125,7 +133,7 @@ def _with_lost_named(project, place, names, photos, force):
     if len(joined) < _KEPT * len(names):
         said += f"; features and matches are kept in {place}, the same command goes on from there"
     if len(joined) < _REFUSED * len(names) and not force:
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"only {len(joined)} of {len(names)} photographs make one model, which is no block. "
             f"{said[0].upper()}{said[1:]}; --force writes the block of those that are joined"
         )
@@ -215,13 +223,19 @@ def _pictures(folder, place, names, photos, cheaply, progress) -> Path:
         if to.is_file():
             continue
         to.parent.mkdir(parents=True, exist_ok=True)
-        with Image.open(photo.path) as picture:
-            # A JPEG is decoded at a half or a quarter where that is enough, which is quick.
-            picture.draft("L", (2 * size, 2 * size))
-            grey = picture.convert("L")
-            grey.thumbnail((size, size), Image.Resampling.LANCZOS, reducing_gap=3.0)
-            part = to.with_name(f".{to.name}")
-            grey.save(part, format=picture.format, quality=95)
+        try:
+            with open_picture(photo.path) as picture:
+                # A JPEG is decoded at a half or a quarter where that is enough, which is quick.
+                picture.draft("L", (2 * size, 2 * size))
+                grey, form = picture.convert("L"), picture.format
+        except FAULTS as error:
+            raise InputError(
+                f"{name} cannot be read whole ({fault(error)}); copy it again, or take it out of "
+                "the folder"
+            ) from None
+        grey.thumbnail((size, size), Image.Resampling.LANCZOS, reducing_gap=3.0)
+        part = to.with_name(f".{to.name}")
+        grey.save(part, format=form, quality=95)
         part.replace(to)
         progress(f"pictures made smaller: {done} of {len(names)}")
     return smaller
@@ -339,7 +353,7 @@ def _map(pycolmap, database, folder, model, photos, stated, progress) -> None:
         if other is not None and other.num_reg_images() > 1.2 * least:
             best, stated = other, False
     if best is None:
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"the photographs do not make a model: {why_lost(photos, set())}; features and matches "
             f"are kept in {model.parent}, the same command goes on from there"
         )

@@ -25,11 +25,22 @@ from corridor.core.photographs import (
     read_metadata,
     stated_focal,
 )
-from corridor.core.preparation import record_derived
+from corridor.core.preparation import (
+    AGREES,
+    ARBITRARY,
+    CONTRADICTS,
+    FRAME,
+    UNCHECKED,
+    Witness,
+    paired_speeds,
+    record_derived,
+    velocity_doubts,
+)
 from corridor.tools.formats.ground import in_frame, rows_by_name
 from corridor.tools.formats.project import Project, local_of, local_table
 
 VELOCITY = ("vx", "vy", "vz")
+_LEAST_PAIRS = 5
 # Published readout times that differ by more than this are of different modes.
 _SAME_MODE = 1.15
 # Where a maker gives no standard deviation: of a code receiver, of a float and a fixed solution.
@@ -89,12 +100,14 @@ def add_photographs(
         _with_sizes_compared,
         _with_resized_named,
         _with_temperatures,
-        _with_motion,
         _with_readout,
         _with_focal,
     ):
         project = step(project, photos)
     project = _with_positions(project, photos, exposures)
+    # A frame that comes with ground points is known only then.
+    if has_north(project) or project.placed:
+        project = with_motion(project, photos)
     return project, photos, exposures
 
 
@@ -205,19 +218,20 @@ def _with_temperatures(project, photos):
     )
 
 
-def _with_motion(project, photos):
-    """Velocities, and the gyroscope's samples."""
+def with_motion(project: Project, photos: dict[int, Metadata]) -> Project:
+    """The project with the velocities of photographs, and the gyroscope's samples.
+
+    Velocities are east, north, up: only a project whose frame has a north gets them.
+    """
     block = project.block
     velocity = _per_image(project, photos, "velocity", 3)
-    if np.isfinite(velocity).all(axis=1).any():
+    known = np.isfinite(velocity).all(axis=1)
+    if known.any() and not set(VELOCITY) <= set(block.images.columns):
         said = sorted({photo.velocity_of for photo in photos.values() if photo.velocity_of})
-        project = project.having(
-            notes=[f"velocities east, north, up: {'; '.join(said)} of the photographs"],
-            images=_having(project, **dict(zip(VELOCITY, velocity.T, strict=True))),
-        )
+        project = _with_velocities(project, velocity, f"{'; '.join(said)} of the photographs")
     time = block.column("images", "time_s")
     recorded = {row: photo for row, photo in photos.items() if photo.gyro is not None}
-    if not recorded:
+    if not recorded or len(block.rates):
         return project
     if not np.isfinite(time).any():
         return project.having(
@@ -235,6 +249,55 @@ def _with_motion(project, photos):
         ],
         rates=pd.concat(tables, ignore_index=True) if tables else block.rates,
     )
+
+
+def has_north(project: Project) -> bool:
+    """Whether the project's axes are east, north, up in metres."""
+    return project.block.crs is not None or local_of(project.block) is not None
+
+
+def in_own_frame(project: Project) -> Project:
+    """The project, which says so if it is in the free frame of a reconstruction."""
+    if project.placed or has_north(project):
+        return project
+    extra = {**project.block.extra, FRAME: ARBITRARY}
+    return project.having(
+        extra=extra,
+        warnings=[
+            "nothing places the project: its frame and its scale are arbitrary (frame in "
+            "block.toml), so lengths and speeds are in no unit"
+        ],
+    )
+
+
+def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Project:
+    """The project with velocities (images, 3) east, north, up, compared with the way flown."""
+    told = f"velocities east, north, up: {source}"
+    columns = dict(zip(VELOCITY, velocity.T, strict=True))
+    made = project.having(notes=[told], images=_having(project, **columns))
+    block = replace(made.block, extra=dict(made.block.extra))
+    doubts, pairs = velocity_doubts(block), paired_speeds(block)
+    if doubts:
+        witness = Witness("positions and times", CONTRADICTS, doubts[0])
+    elif len(pairs.told) < _LEAST_PAIRS:
+        witness = Witness("positions and times", UNCHECKED, "too slow, or too few neighbours")
+    else:
+        length = f"{np.median(pairs.along):.2f} of the way flown, {len(pairs.told)} pairs"
+        witness = Witness("positions and times", AGREES, length)
+    # Without a place on Earth nothing but the way that was flown tells where north is.
+    if not (has_north(project) or project.placed and witness.says == AGREES):
+        return project.having(
+            warnings=[
+                f"{told}, were left out: nothing says where north is in the project's frame, or "
+                "how long a metre; give ground points (--ground) with their system, or photographs "
+                "with positions"
+            ]
+        )
+    record_derived(
+        block, "stated velocity", source, None, f"{told[0].upper()}{told[1:]}.",
+        "east, north, up", [witness],
+    )  # fmt: skip
+    return replace(made, block=block, warnings=[*made.warnings, *doubts])
 
 
 def gyro_rates(photo: Metadata, time_s: float | None) -> pd.DataFrame | None:

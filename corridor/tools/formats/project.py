@@ -55,8 +55,8 @@ class Project:
         return replace(
             self,
             block=replace(self.block, **changes) if changes else self.block,
-            notes=[*self.notes, *notes],
-            warnings=[*self.warnings, *warnings],
+            notes=list(dict.fromkeys([*self.notes, *notes])),
+            warnings=list(dict.fromkeys([*self.warnings, *warnings])),
             placed=self.placed if placed is None else placed,
         )
 
