@@ -145,7 +145,9 @@ def _from_noise(noises: NoiseModel, n: int, theta: np.ndarray) -> float:
     moved = [moved_by(e, group, sign * theta) for sign in (1.0, -1.0)]
     without = np.mean([estimate(one, noises.lens, noises.arguments).value for one in moved])
     if group.own is None:
-        return float(0.5 * (without - alone))
+        # What moves the pictures makes their residuals longer, whatever follows.
+        inside = e.core.inside[np.ix_(group.columns, group.columns)]
+        return float(0.5 * (without + theta @ inside @ theta - alone))
     with_it = np.mean([estimate(one, rows, noises.arguments).value for one in moved])
     return float(0.5 * (without - with_it))
 

@@ -16,7 +16,7 @@ loglikelihood"; Carter, Schnepel and Steigerwald 2017 (how many clusters count).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -152,13 +152,28 @@ def drawn(adjustment: Adjustment, equations: Equations) -> list[np.ndarray]:
 
 
 def as_spread(evidence: Evidence, found: Found, threshold: float) -> Found:
-    """The model with the evidence that each group has as its scores are spread."""
-    each = dict(found.evidence)
-    for n, phi in enumerate(evidence.inflation):
-        if n in each and phi > 1.0:
-            rest = {k: kappa for k, kappa in found.chosen.items() if k != n}
-            each[n] = min(each[n] / phi, evidence.given(rest, spread=True, only=n)[n].evidence)
-    return found.beyond(each, threshold)
+    """The model with the evidence that each group has as its scores are spread.
+
+    What is then below the threshold goes, the weakest first: another may have stood back for it.
+    """
+    while True:
+        each = dict(found.evidence)
+        for n, phi in enumerate(evidence.inflation):
+            if n in each and phi > 1.0:
+                rest = {k: kappa for k, kappa in found.chosen.items() if k != n}
+                spread = evidence.given(rest, spread=True, only=n)[n].evidence
+                each[n] = min(each[n] / phi, spread)
+        below = [n for n in each if not each[n] > threshold and n not in found.kept]
+        if len(below) < 2:
+            return found.beyond(each, threshold)
+        weakest = min(below, key=each.get)
+        rest = {k: kappa for k, kappa in found.chosen.items() if k != weakest}
+        again = Found.of(evidence, rest, found.kept)
+        before = {n: found.evidence[n] for n in rest}
+        # What was held against noise stays so, unless the one that goes has stood in its place.
+        found = replace(
+            again, evidence={n: max(before[n], again.evidence[n]) for n in rest}
+        ).ordered
 
 
 def inflation_of_scores(
@@ -175,14 +190,21 @@ def inflation_of_scores(
     there = [n for n in model if groups[n].point is None]
     beside = {n: SETTINGS.free_size for n in there if groups[n].own is None}
     out = _of_shared(influence, evidence, beside)
-    asked = [n for n in there if out[n] > 0.0]
     for n in there:
         if groups[n].own is not None:
             out[n] = _within_images(influence, evidence, n)
+    asked = [n for n in there if out[n] > 0.0]
     for n in np.flatnonzero(out == 0.0):
-        alike = [out[k] for k in asked if groups[k].effect.place == groups[n].effect.place]
+        alike = [out[k] for k in asked if _alike(groups[k], groups[n])]
         out[n] = float(np.median(alike)) if alike and groups[n].point is None else 1.0
     return out
+
+
+def _alike(one: Group, other: Group) -> bool:
+    """Whether two groups show alike: both in each image for itself, or shared and in one place."""
+    if one.own is not None or other.own is not None:
+        return one.own is not None and other.own is not None
+    return one.effect.place == other.effect.place
 
 
 def _of_shared(influence: Influence, evidence: Evidence, beside: dict[int, float]) -> np.ndarray:
