@@ -26,7 +26,7 @@ from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, infl
 from corridor.diagnosis.evidence.search import Found, search, thresholds
 from corridor.diagnosis.noise.gnss import GnssNoise
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.settings import SETTINGS, Settings
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import Equations, equations
 from corridor.diagnosis.system.groups import with_points
@@ -113,13 +113,15 @@ class Question:
     """What is asked of a block beside the model one believes in.
 
     only, without: slugs of the catalogue to test, or to leave out. level: probability of a false
-    name in a block that lacks nothing. seed: of what is drawn.
+    name in a block that lacks nothing. seed: of what is drawn. settings: the numbers by which it
+    is decided; default: the usual ones.
     """
 
     only: str | Iterable[str] | None = None
     without: str | Iterable[str] = ()
     level: float = 0.01
     seed: int = 0
+    settings: Settings | None = None
 
     def __post_init__(self):
         if not 0.0 < self.level < 1.0:

@@ -1,6 +1,7 @@
 """Every number by which a diagnosis decides, with its unit and where it comes from.
 
-Where no source is named the number is a judgement. `SETTINGS` holds those in use; `changed` puts
+Where no source is named the number is a judgement. A diagnosis takes them as its argument
+`settings` and writes them into diagnosis.json; `SETTINGS` reads those in use, and `changed` puts
 others in their place for a while, to see what a verdict owes to one of them.
 """
 
@@ -8,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
 
 
-@dataclass
+@dataclass(frozen=True)
 class Settings:
     """Sizes of effects are in prior standard deviations, evidence in natural logarithms."""
 
@@ -258,17 +260,31 @@ class Settings:
     unseen_information: float = 1e-3
 
 
-SETTINGS = Settings()
+class _InUse:
+    """The settings in use, here: of this call, or this thread."""
+
+    def __getattr__(self, name: str):
+        return getattr(_IN_USE.get(), name)
+
+
+_IN_USE: ContextVar[Settings] = ContextVar("settings of a diagnosis", default=Settings())  # noqa: B039, frozen
+SETTINGS = _InUse()
 
 
 @contextmanager
-def changed(**values) -> Iterator[Settings]:
-    """Other settings until the `with` ends. Raises AttributeError for one that is not there."""
-    before = {name: getattr(SETTINGS, name) for name in values}
+def using(settings: Settings | None) -> Iterator[Settings]:
+    """These settings until the `with` ends; None: those in use."""
+    token = _IN_USE.set(settings or _IN_USE.get())
     try:
-        for name, value in values.items():
-            setattr(SETTINGS, name, value)
-        yield SETTINGS
+        yield _IN_USE.get()
     finally:
-        for name, value in before.items():
-            setattr(SETTINGS, name, value)
+        _IN_USE.reset(token)
+
+
+@contextmanager
+def changed(**values) -> Iterator[_InUse]:
+    """Other settings until the `with` ends. Raises AttributeError for one that is not there."""
+    for name in values:
+        getattr(SETTINGS, name)
+    with using(replace(_IN_USE.get(), **values)):
+        yield SETTINGS

@@ -24,6 +24,9 @@ MOST = 4
 CLEAR = 2.0
 # A size that changes by less than this share has not changed.
 SAME = 0.02
+# Standard deviations by which check points are off, RMS, from which on that is told beside
+# "nothing": by chance, of three coordinates of one point, one in 100,000 (chi square of 27).
+OFF = 3.0
 # Limits of detection told when nothing is missing.
 LIMITS = 3
 
@@ -122,18 +125,37 @@ def _suspected(d: Diagnosed) -> str:
     return (
         f"Nothing is missing for certain; suspected is {listed(parts)}. "
         f"{100 * (1 - d.level):.3g} % certainty is not reached, so nothing was changed: look at "
-        "it in the next flight."
+        f"it in the next flight.{_off(d)}"
     )
 
 
 def _nothing(d: Diagnosed) -> str:
     text = "Nothing is missing from the model that this flight could show."
+    text += _off(d)
     limits = seen_best(d)
     if limits:
-        text += f" The smallest that would have been seen: {'; '.join(limits)}."
+        text += f" Would have been seen: {'; '.join(limits)}."
     for alarm in d.alarms[:1]:
         text += f" But the image noise is uneven: {alarm['where']}."
     return text
+
+
+def _off(d: Diagnosed) -> str:
+    """What check points say that nothing found explains; nothing where they are off by chance."""
+    sigmas, error = d.gap.get("check_sigmas"), d.gap["check_m"]
+    if not sigmas or not error or sigmas["after"] < OFF:
+        return ""
+    text = (
+        f" But check points are off by {amount(error['after'], 'm')}, {sigmas['after']:.1f} times "
+        "their standard deviations"
+    )
+    if not len(d.block.gnss):
+        return f"{text}: something bends the block that these images do not show."
+    return (
+        f"{text}. An error that GNSS positions share, or that changes slowly, counts as their "
+        "noise here: `corridor adjust BLOCK --effect gnss_bias` estimates it; control at both ends "
+        "of the flight would show it."
+    )
 
 
 def seen_best(d: Diagnosed) -> list[str]:
@@ -148,7 +170,7 @@ def seen_best(d: Diagnosed) -> list[str]:
                 found.append((limit / parameter.scale, effect, parameter, limit))
     found.sort(key=lambda one: one[0])
     return [
-        f"{effect.called}, {parameter.name} {amount(limit, parameter.unit)}"
+        f"{effect.called} from {parameter.name} {amount(limit, parameter.unit)} on"
         for _, effect, parameter, limit in found[:LIMITS]
     ]
 

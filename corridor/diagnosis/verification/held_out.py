@@ -312,6 +312,17 @@ def check_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
     return {"before": float(before.check_rms.d3), "after": float(after.check_rms.d3)}
 
 
+def check_sigmas(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
+    """By how many of their standard deviations check points are off, RMS; None without any."""
+    if not len(before.check_points):
+        return None
+    each = {"before": before, "after": after}
+    return {
+        key: float(np.sqrt(check_misfit(one) / (3 * len(one.check_points))))
+        for key, one in each.items()
+    }
+
+
 def gnss_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
     """3D RMS of the antenna residuals, m; None without GNSS."""
     if not len(before.system.gnss.names):

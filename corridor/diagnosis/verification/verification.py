@@ -28,6 +28,7 @@ from corridor.diagnosis.verification.held_out import (
     best_by_far,
     check_gap,
     check_misfit,
+    check_sigmas,
     gnss_gap,
     harms,
     hold_out,
@@ -92,6 +93,7 @@ class Verification:
         return {
             "tie_px": tie,
             "check_m": check_gap(before, after),
+            "check_sigmas": check_sigmas(before, after),
             "gnss_m": gnss_gap(before, after),
         }
 
