@@ -166,7 +166,7 @@ def as_spread(evidence: Evidence, found: Found, threshold: float) -> Found:
         below = [n for n in each if not each[n] > threshold and n not in found.kept]
         if len(below) < 2:
             return found.beyond(each, threshold)
-        weakest = min(below, key=each.get)
+        weakest = min(below, key=lambda n: found.evidence[n] / evidence.inflation[n])
         rest = {k: kappa for k, kappa in found.chosen.items() if k != weakest}
         again = Found.of(evidence, rest, found.kept)
         before = {n: found.evidence[n] for n in rest}
