@@ -72,7 +72,9 @@ class Round:
             self.equations = self.noises = None
 
     def shed(self) -> None:
-        """Let go of what weighs gigabytes in a block of a thousand images."""
+        """Let go of what is made anew, and of what weighs gigabytes in large blocks."""
+        self.evidence.let_go()
+        self.noises.evidence.let_go()
         if self.adjustment.problem.image_count > SETTINGS.large_block:
             self.equations = self.evidence = self.noises = None
 

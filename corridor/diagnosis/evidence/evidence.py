@@ -24,7 +24,7 @@ from corridor.diagnosis.system.elimination import Elimination, Reduced, rows_of
 from corridor.diagnosis.system.groups import Group
 
 # Systems beside values for each image, and models, that are kept.
-_SYSTEMS, _MODELS = 96, 16
+_SYSTEMS, _MODELS = 48, 8
 
 # A size in prior standard deviations, of all parameters of a group or of each (p,).
 Size = float | np.ndarray
