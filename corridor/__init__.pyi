@@ -26,8 +26,8 @@ from corridor.core.simulation import Plan as Plan
 from corridor.core.simulation import Simulated as Simulated
 from corridor.core.simulation import Start as Start
 from corridor.diagnosis import Diagnosis as Diagnosis
+from corridor.diagnosis import Settings as Settings
 from corridor.diagnosis.rounds import Question as Question
-from corridor.diagnosis.settings import Settings as Settings
 from corridor.interface import figures as figures
 from corridor.tools import data as data
 from corridor.tools import readout as readout
