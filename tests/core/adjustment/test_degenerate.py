@@ -70,6 +70,6 @@ def test_an_image_whose_pose_nothing_determines_is_left_out_by_name():
     block, name = hanging()
     found = corridor.adjust(block)
     assert found.converged and name not in found.problem.images.names
-    assert found.warnings[0].startswith(f"Image {name} is left out: its pose cannot be determined")
+    assert any(s.startswith(f"Image {name} is left out: its pose") for s in found.warnings)
     with pytest.raises(corridor.InputError, match=f"the pose of image {name} cannot be determined"):
         corridor.adjust(block, strict=True)
