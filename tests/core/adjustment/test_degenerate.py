@@ -63,7 +63,9 @@ def hanging():
     keep = (hung & ties["image"].isin([name, partner])) | (~hung & (ties["image"] != name))
     block.gnss = block.gnss[block.gnss["image"] != name].reset_index(drop=True)
     block.marks = block.marks[block.marks["image"] != name].reset_index(drop=True)
-    return block.with_(tie_points=ties[keep].reset_index(drop=True)), name
+    ties = ties[keep]
+    ties = ties[ties["point"].map(ties["point"].value_counts()) > 1]
+    return block.with_(tie_points=ties.reset_index(drop=True)), name
 
 
 def test_an_image_whose_pose_nothing_determines_is_left_out_by_name():
