@@ -164,6 +164,12 @@ def adjustment(block, effects=(), seed=5, **changes):
         ],
         "high_correlations": high, "warnings": [],
         "correlation_matrix": pd.DataFrame(matrix, names, names),
+        "variance_components": pd.DataFrame(
+            columns=["kind", "part", "flight", "count", "redundancy", "sigma0", "p"]
+        ),
+        "reliability": SimpleNamespace(
+            summary=pd.DataFrame(columns=["largest_w"]), to_dict=dict, to_frame=pd.DataFrame
+        ),
     }  # fmt: skip
     made["values"] = _values(made["effects"])
     made |= changes
