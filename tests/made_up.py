@@ -111,7 +111,8 @@ def adjustment(block, effects=(), seed=5, **changes):
         {
             "point": check["point"].astype(str).to_numpy(),
             "dx": difference[:, 0], "dy": difference[:, 1], "dz": difference[:, 2],
-            "sx": 0.017, "sy": 0.011, "sz": 0.056, "rays": 6,
+            "sx": 0.016, "sy": 0.009, "sz": 0.055,
+            "s_dx": 0.017, "s_dy": 0.011, "s_dz": 0.056, "rays": 6,
         }
     )  # fmt: skip
     rows = [

@@ -452,8 +452,9 @@ class Tables(Checked):
     def check_points(self) -> pd.DataFrame:
         """Adjusted minus given, metres, of the check points that images show.
 
-        sx, sy, sz: standard deviations of these differences, the survey of the point included. What
-        effects of the ground do to all points that were surveyed together is taken from the given.
+        sx, sy, sz: standard deviations of the adjusted point; s_dx, s_dy, s_dz: of the difference,
+        with that of the survey. What effects of the ground do to all points that were surveyed
+        together is taken from the given.
         """
         p = self.problem
         ground = p.block.ground
@@ -471,9 +472,11 @@ class Tables(Checked):
         # Of no point the covariances need not be worked out.
         variance = self.covariance.points(index)[:, [0, 2, 5]] if len(index) else np.zeros((0, 3))
         surveyed = p.block.ground_sigma()[rows[seen]]
-        table[["sx", "sy", "sz"]] = np.sqrt(self.sigma0**2 * variance + surveyed**2)
+        own = self.sigma0 * np.sqrt(variance)
+        table[["sx", "sy", "sz"]] = own
+        table[["s_dx", "s_dy", "s_dz"]] = np.hypot(own, surveyed)
         table["rays"] = np.diff(p.ptr)[index]
-        return with_units(table, {"m": "dx dy dz sx sy sz"})
+        return with_units(table, {"m": "dx dy dz sx sy sz s_dx s_dy s_dz"})
 
 
 def _mean_square(v: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> float:

@@ -62,7 +62,7 @@ CAPTIONS = {
 
 _KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control"}
 _UNITS = {"f": "px", "cx": "px", "cy": "px"}
-_DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["sx", "sy", "sz"]
+_DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["s_dx", "s_dy", "s_dz"]
 _STRONG = 0.95
 _MOST_GROUPS_SHOWN = 8  # of one effect parameter
 _MOST_POINTS = 20
@@ -512,7 +512,10 @@ def _check_points(adjustment: Adjustment) -> Table | None:
     numbers = 1e3 * np.hstack([differences, frame[_SIGMAS].to_numpy(float)])
     names, rays = frame["point"].to_numpy(object), frame["rays"].to_numpy()
     digits = _mm_digits(numbers)
-    notes = ["mm, adjusted minus given; sigmas of that difference, survey of the point included"]
+    notes = [
+        "mm, adjusted minus given; s_dx, s_dy, s_dz: standard deviations of the differences, the "
+        "survey included"
+    ]
     if len(frame) > _MOST_POINTS:
         size = np.linalg.norm(differences, axis=1)
         left_out = counted(len(frame) - _MOST_POINTS, "smaller one")
@@ -523,7 +526,7 @@ def _check_points(adjustment: Adjustment) -> Table | None:
         (short(name), *(fixed(value, digits) for value in values), f"{seen:,}")
         for name, values, seen in zip(names, numbers, rays, strict=True)
     ]
-    header = ("check point", "dx", "dy", "dz", "sigma x", "sigma y", "sigma z", "images")
+    header = ("check point", "dx", "dy", "dz", "s_dx", "s_dy", "s_dz", "images")
     return Table("Check points", header, tuple(rows), "lrrrrrrr", tuple(notes))
 
 

@@ -331,4 +331,5 @@ def test_the_sigma_of_a_check_point_is_that_of_the_difference():
     points = adjusted.points["point"].isin(check.index).to_numpy()
     names = adjusted.points["point"][points]
     own = adjusted.point_sigma[points]
-    assert np.allclose(check.loc[names, ["sx", "sy", "sz"]], np.hypot(own, 0.03), rtol=1e-9)
+    assert np.allclose(check.loc[names, ["sx", "sy", "sz"]], own, rtol=1e-9)
+    assert np.allclose(check.loc[names, ["s_dx", "s_dy", "s_dz"]], np.hypot(own, 0.03), rtol=1e-9)

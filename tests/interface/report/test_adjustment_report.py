@@ -194,7 +194,7 @@ class TestText:
         asks = []
         for times in (1.0, 5.0):
             made = adjustment(block)
-            sigma = made.check_points[["sx", "sy", "sz"]].to_numpy()
+            sigma = made.check_points[["s_dx", "s_dy", "s_dz"]].to_numpy()
             made.check_points[["dx", "dy", "dz"]] = times * sigma
             asks.append("diagnose" in " ".join(report.of_adjustment(made).actions))
         assert asks == [False, True]
