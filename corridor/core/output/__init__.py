@@ -24,7 +24,7 @@ from corridor.core.output.files import (
     write_json,
     write_picture,
 )
-from corridor.core.output.gis import Layer, check_gis, write_geopackage, write_las
+from corridor.core.output.gis import Layer, check_gis, write_geopackage, write_geotiff, write_las
 from corridor.core.output.json import json_text, plain
 from corridor.core.output.numbers import (
     DASH,
@@ -87,6 +87,7 @@ __all__ = [
     "with_units",
     "write_csv",
     "write_geopackage",
+    "write_geotiff",
     "write_json",
     "write_las",
     "write_picture",
