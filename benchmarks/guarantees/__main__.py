@@ -62,7 +62,8 @@ def main() -> int:
     sound = True
     for part in parts:
         sound &= part == "page" or _part(part, options)
-    table.write(options.figures)
+    if not options.only:
+        table.write(options.figures)
     return 0 if sound else 1
 
 

@@ -100,7 +100,8 @@ MUTANTS = (
            "np.arange(len(self.size)), self.row_axis]\n", _PHYSICS),
     # --- other effects ---
     Mutant("refraction in radians where degrees are given", f"{_CATALOGUE}/refraction.py",
-           "bent *= np.radians(constant)[:, None]", "bent *= constant[:, None]", _PHYSICS),
+           "bent *= np.radians(constant)[:, None]", "bent *= constant[:, None]",
+           "tests/core/effects/test_physics_image.py"),
     # --- other programs ---
     Mutant("half a pixel of COLMAP", "tools/formats/programs/colmap/cameras.py",
            "HALF = 0.5\n", "HALF = 0.0\n", "tests/tools/formats/test_expected_projects.py"),
