@@ -25,6 +25,9 @@ from corridor.tools.change.epoch import Cloud
 
 # Fewer points than this are no surface.
 LEAST = 5
+# Core points whose roughness is taken together: so many at most, as near as this share of the
+# radius, where two cylinders share half of their points.
+AROUND, ALIKE = 9, 0.75
 # Numbers in a polynomial of two variables, by degree.
 _TERMS = {0: 1, 1: 3, 2: 6}
 
@@ -34,9 +37,9 @@ class Members:
     """The points of a cloud in the cylinders: start (r + 1,), point (m,) of core r's members,
     as positions in the epoch.
 
-    normal (m, 3): that of the core point. height (m,) along it, from the core point, m. weight (m,): of each in the height of the
-    surface at the core point. left (m,): height less the fitted surface, m. fit: numbers that were
-    fitted in a cylinder.
+    normal (m, 3): that of the core point. height (m,) along it, from the core point, m. weight
+    (m,): of each in the height of the surface at the core point. left (m,): height less the fitted
+    surface, m. fit: numbers that were fitted in a cylinder.
     """
 
     start: np.ndarray
@@ -149,11 +152,14 @@ def distance_functions(
     return hstack(sides, format="csr")
 
 
-def roughness(clouds: tuple[Cloud, Cloud], found: list[Members]) -> tuple[np.ndarray, np.ndarray]:
+def roughness(
+    clouds: tuple[Cloud, Cloud], found: list[Members], cores: Cores
+) -> tuple[np.ndarray, np.ndarray]:
     """Variance (r,), m^2, of the heights in each cylinder beyond the noise of the points, and its
     degrees of freedom (r,).
 
-    How rough the ground is at a place both dates tell, each with the points it has there.
+    How rough the ground is at a place both dates tell, each with the points it has there, and so do
+    the cylinders that overlap with most of this one: a dozen points alone do not.
     """
     squares, free = 0.0, 0.0
     for cloud, one in zip(clouds, found, strict=True):
@@ -163,7 +169,14 @@ def roughness(clouds: tuple[Cloud, Cloud], found: list[Members]) -> tuple[np.nda
         mine = np.maximum(one.count - one.fit, 1)
         squares = squares + mine * (one.spread**2 - cloud.epoch.sigma0**2 * noise)
         free = free + mine
-    return np.maximum(squares / free, 0.0), free
+    reach = ALIKE * cores.radius
+    far, near = cKDTree(cores.xyz).query(
+        cores.xyz, np.arange(1, AROUND + 1), distance_upper_bound=reach
+    )
+    known = np.isfinite(far)
+    near = np.where(known, near, 0)
+    pooled = np.sum(known * squares[near], axis=1) / np.sum(known * free[near], axis=1)
+    return np.maximum(pooled, 0.0), free
 
 
 def roughened(cloud: Cloud, found: Members, rough: np.ndarray) -> tuple[Cloud, np.ndarray]:

@@ -153,7 +153,7 @@ def surface_change(
     found = _both(clouds, cores, degree, sampled)
     sampling, free = np.zeros(len(cores)), np.full(len(cores), np.inf)
     if sampled:
-        rough, free = roughness(clouds, found)
+        rough, free = roughness(clouds, found, cores)
         sides = [roughened(c, f, rough) for c, f in zip(clouds, found, strict=True)]
         sampling = sum(variance for _, variance in sides)
         joint = joint.with_clouds(*(cloud for cloud, _ in sides))
