@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -136,7 +136,7 @@ class Camera:
 
     def to_table(self) -> dict:
         """The `[camera.NAME]` table; distortion that is zero is left out."""
-        table = {"width": self.width, "height": self.height}
+        table: dict[str, Any] = {"width": self.width, "height": self.height}
         for name, value in zip(INTERIOR, self.interior.tolist(), strict=True):
             if name in ("f", "cx", "cy") or value != 0.0:
                 table[name] = value

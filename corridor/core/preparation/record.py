@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from corridor.core.block import Block
-from corridor.core.output import Table
+from corridor.core.output import Table, short
 
 _TABLE = "derived"
 
@@ -119,7 +119,7 @@ def derived_table(block: Block) -> Table | None:
     if not rows:
         return None
     told = [
-        (_together(columns), source, sigma, checked)
+        (_together(columns), short(source, 30), sigma, checked)
         for (source, sigma, checked), columns in rows.items()
     ]
     header = ("derived", "from", "sigma", "what else says so")

@@ -72,9 +72,17 @@ def add_ground(
     block = project.block
     if not (len(block.ground) and len(block.marks)):
         return project
-    if not project.placed and local_of(block) is None:
-        return _placed(project, path.name)
-    return _in_one_height_system(project, path.name)
+    free = not project.placed and local_of(block) is None
+    project = (_placed if free else _in_one_height_system)(project, path.name)
+    heights = np.zeros(0) if ground.table is None else ground.table["z"].to_numpy(float)
+    if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
+        return project
+    return project.having(
+        warnings=[
+            f"{path.name}: all heights are {heights[0]:g} m, so they look typed, not surveyed; "
+            "give the surveyed ones, or their standard deviation (sz in ground.csv)"
+        ]
+    )
 
 
 def _with_place(project: Project, ground: Ground) -> Project:

@@ -30,6 +30,7 @@ from corridor.tools.formats.heading import (
     turn_of,
     wrapped,
 )
+from corridor.tools.formats.joining import listed
 from corridor.tools.formats.project import Project
 
 # A picture's top points up into the sky from here on, and has no direction on the ground.
@@ -192,16 +193,3 @@ def upside_down(seen: np.ndarray, said: np.ndarray) -> np.ndarray:
     if upright.sum() + turned.sum() < ENOUGH * known.sum() or turned.sum() == upright.sum():
         return none
     return turned
-
-
-def listed(names: list[str], order: list[str]) -> str:
-    """Names with runs in the order of the photographs drawn together: A to C, F."""
-    at = {name: k for k, name in enumerate(sorted(order))}
-    runs: list[list[str]] = []
-    for name in sorted(names):
-        if runs and at[name] == at[runs[-1][-1]] + 1:
-            runs[-1].append(name)
-        else:
-            runs.append([name])
-    told = [run[0] if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
-    return ", ".join(told[:10]) + (", ..." if len(told) > 10 else "")

@@ -113,6 +113,15 @@ def test_marks_of_the_pictures_as_taken_come_into_those_of_the_block(surveyed, f
     assert back == pytest.approx(was, abs=0.01)
 
 
+def test_heights_that_are_all_the_same_are_doubted(surveyed):
+    block, bare, home = surveyed
+    block.ground.assign(z=3.0).to_csv(home / "ground.csv", index=False)
+    said = add_ground(free(bare), home / "ground.csv").warnings
+    assert "all heights are 3 m, so they look typed" in said[-1]
+    said = add_ground(free(bare), home / "gcp_list.txt").warnings
+    assert said == []
+
+
 def test_two_ground_points_place_nothing_and_that_is_said(surveyed):
     block, bare, home = surveyed
     block.ground.head(2).to_csv(home / "ground.csv", index=False)
