@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from notebooks.kit.wall import Course, Sensor, Shots, Wall
 from scipy.interpolate import PchipInterpolator
 
-from benchmarks.wall import Course, Sensor, Shots, Wall
 from corridor.geometry import rotation_from_quaternion
 from corridor.simulation import Simulated, simulate
 from corridor.thermal import simple_model

@@ -37,8 +37,8 @@ from kit import drawings, rivals
 from kit.heat import camlight, rms
 from kit.published import compare
 from kit.static import resect, static_block
+from kit.wall import Course, Sensor, Shots, Wall, simulated_maps
 
-from benchmarks.wall import Course, Sensor, Shots, Wall, simulated_maps
 from corridor import figures, thermal
 from corridor.simulation import CAMLIGHT, add_noise
 

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from kit.wall import Course, Shots, Wall
 from walls import camlight, off_by, rms
 
-from benchmarks.wall import Course, Shots, Wall
 from corridor.cli import main
 from corridor.errors import InputError
 from corridor.report import sole
