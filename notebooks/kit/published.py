@@ -489,9 +489,8 @@ def _headline(counts, of=""):
 def _notes_once(rows):
     """Rows with a number where a reason stands more than once, and the reasons by number."""
     often = Counter(row["why"] for row in rows if row["why"])
-    letters = {
-        why: f"note {chr(97 + k)}" for k, why in enumerate(w for w, n in often.items() if n > 1)
-    }
+    several = [why for why, count in often.items() if count > 1]
+    letters = {why: f"note {number}" for number, why in enumerate(several, start=1)}
     short = [row | {"why": letters.get(row["why"], row["why"])} for row in rows]
     return short, [f"{letter}: {why}" for why, letter in letters.items()]
 
