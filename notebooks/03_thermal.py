@@ -186,9 +186,13 @@ print(f"mean {null_row[0]:.3f} px, spread {null_row[1]:.3f} px")
 #
 # ## 2. From maps to a model
 #
-# A sensor's register counts; degrees are (register - b) / a (eq. 6.1), which `thermal.degrees`
-# does. a and b need not be known well: a model in counts is as good.
-#
+# A sensor's register counts; degrees are (register - b) / a (eq. 6.1). a and b need not be known
+# well: a model in counts is as good.
+
+# %%
+print(f"counts 1200, 1250, 1300 with a = 10 and b = 900: {thermal.degrees([1200, 1250, 1300], 10.0, 900.0)} °C")
+
+# %% [markdown]
 # Which terms? A picture's nodes share its errors, so a criterion that counts pixels always asks for
 # more. Leaving out blocks of temperature and predicting them does not.
 

@@ -168,48 +168,83 @@ def readout_scheme(readout_ms: float, exposure_ms: float) -> Figure:
 
 def beside_published(
     groups: Sequence[str],
-    panels: Mapping[str, Mapping[str, Sequence[float]]],
+    panels: Mapping[str, Mapping[str, np.ndarray]],
     title: str,
     note: str,
     unit: str,
-    log: bool = False,
+    columns: int = 1,
 ) -> Figure:
-    """Bars side by side, a group a configuration, a panel below the other for each case.
+    """A marker a number, a group a configuration, a panel for each case, on a logarithmic scale.
 
-    panels: title -> name -> one number a group (NaN: no bar), the same names in each. All panels
-    have one scale.
+    panels: title -> name -> (groups,) numbers, or (draws, groups): their median, with a line from
+    the lowest to the highest. NaN: nothing is drawn. All panels have one scale.
     """
     names = list(dict.fromkeys(name for one in panels.values() for name in one))
+    marks = (("_", style.INK, 14), ("o", style.DARK, 5), ("^", style.LIGHT, 5.5),
+             ("s", style.MIDDLE, 4.5), ("D", "white", 4.5))  # fmt: skip
     looks = {
-        name: {"facecolor": colour, "hatch": hatch, "edgecolor": style.INK, "linewidth": 0.4}
-        for name, colour, hatch in zip(
-            names,
-            (style.FAINT, style.DARK, "white", style.LIGHT, style.MIDDLE),
-            ("////", "", "xxxx", "", "...."),
-            strict=False,
-        )
+        name: style.dot(shape, colour, size, style.INK, 1.8 if shape == "_" else 0.7)
+        for name, (shape, colour, size) in zip(names, marks, strict=False)
     }
-    keys = [
-        Patch(label=name, **{k: v for k, v in look.items() if k != "linewidth"})
-        for name, look in looks.items()
-    ]
-    figure, rows = style.charts(title, note, [2.2] * len(panels), 1, keys)
-    every = np.array([value for one in panels.values() for v in one.values() for value in v])
-    low, high = (0.8 * np.nanmin(every) if log else 0.0), 1.2 * np.nanmax(every)
-    for axes, (words, one) in zip(rows[:, 0], panels.items(), strict=True):
+    keys = [style.key(name, **look) for name, look in looks.items()]
+    lines = -(-len(panels) // columns)
+    figure, grid = style.charts(title, note, [2.3] * lines, columns, keys)
+    every = [np.asarray(v, float).ravel() for one in panels.values() for v in one.values()]
+    low, high = np.nanmin(np.concatenate(every)), np.nanmax(np.concatenate(every))
+    for axes, (words, one) in zip(grid.ravel(), panels.items(), strict=False):
         style.caption(axes, words)
-        wide = 0.8 / len(one)
-        if log:
-            axes.set_yscale("log")
-            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_locator(NullLocator())
-        for k, (name, values) in enumerate(one.items()):
-            x = np.arange(len(groups)) + (k - (len(one) - 1) / 2) * wide
-            axes.bar(x, values, wide, zorder=3, **looks[name])
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_locator(NullLocator())
+        present = [name for name in names if name in one]
+        for k, name in enumerate(present):
+            values = np.atleast_2d(np.asarray(one[name], float))
+            x = np.arange(len(groups)) + (k - (len(present) - 1) / 2) * 0.8 / len(present)
+            if len(values) > 1:
+                colour = looks[name]["mfc"] if "mfc" in looks[name] else style.INK
+                axes.vlines(x, values.min(axis=0), values.max(axis=0), color=colour, lw=1.6)
+            axes.plot(x, np.median(values, axis=0), **looks[name])
         axes.set_xticks(range(len(groups)), groups, size=style.SMALL)
-        axes.set_ylim(low, high)
+        axes.set(ylim=(0.8 * low, 1.25 * high), xlim=(-0.5, len(groups) - 0.5))
         style.label(axes, None, unit)
+    return figure
+
+
+def likelihoods(curves: Mapping[str, Sequence], title: str, note: str) -> Figure:
+    """Log likelihood over the amount of each cause, a panel a unit; the level of 95 % from the top.
+
+    curves: unit -> judged causes (`kit.viabon.Judged`).
+    """
+    figure, (row,) = style.charts(title, note, [2.8], len(curves))
+    top = max(one.likelihood.max() for several in curves.values() for one in several)
+    for axes, (unit, several) in zip(row, curves.items(), strict=True):
+        keys = []
+        for k, one in enumerate(several):
+            look = {"color": style.SERIES[k % 4][0], "ls": ("-", "--", "-.", ":")[k % 4], "lw": 1.6}
+            axes.plot(one.amounts, one.likelihood, **look)
+            keys.append(style.key(one.cause, **look))
+        axes.axhline(top, color=style.FAINT, lw=0.8, zorder=0)
+        axes.set(ylim=(top - 14, top + 1.5), xlim=(0, None))
+        style.own_legend(axes, keys)
+        first = axes is row[0]
+        style.label(axes, unit, "log likelihood" if first else None)
+    return figure
+
+
+def rates(rows: Sequence[tuple[str, int, int, float, float]], title: str, note: str) -> Figure:
+    """Shares with their 95 % intervals, one below the other.
+
+    rows: words, how many, of how many, and the lower and upper end of the interval (shares).
+    """
+    figure, ((axes,),) = style.charts(title, note, [0.34 * len(rows) + 0.5])
+    for k, (_, hits, count, low, high) in enumerate(rows):
+        axes.plot([100 * low, 100 * high], [k, k], color=style.DARK, lw=2)
+        axes.plot(100 * hits / count, k, **style.dot("o", style.DARK, 7))
+        axes.text(103, k, f"{hits} of {count}", size=style.TEXT, va="center")
+    axes.set_yticks(range(len(rows)), [row[0] for row in rows])
+    axes.set(xlim=(-2, 115), ylim=(len(rows) - 0.5, -0.5), xticks=[0, 25, 50, 75, 100])
+    style.label(axes, "share (%), bar: 95 % interval")
     return figure
 
 
