@@ -50,7 +50,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from strips import corridor_block  # noqa: E402
 
-from corridor.adjustment import (
+from corridor.core.adjustment import (
     LOSSES,
     Covariance,
     LinearSystem,
@@ -59,9 +59,9 @@ from corridor.adjustment import (
     make_problem,
     solve,
 )
-from corridor.block import Block
-from corridor.geometry import quaternion_from_rotation
-from corridor.simulation import CAMLIGHT, add_noise
+from corridor.core.block import Block
+from corridor.core.geometry import quaternion_from_rotation
+from corridor.core.simulation import CAMLIGHT, add_noise
 
 SHORT = (114, 330)
 SIZES = (114, 330, 1080, 5385, 10_767)

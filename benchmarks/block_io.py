@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-import corridor.block
-from corridor.camera import Camera
+import corridor.core.block
+from corridor.core.camera import Camera
 
 PER_IMAGE = 440
 

@@ -27,8 +27,10 @@ import corridor
 from benchmarks.diagnosis.rates import Rate
 from benchmarks.draws import kept, ratio
 from benchmarks.guarantees import table
-from corridor import effects
-from corridor.change import (
+from corridor.core import effects
+from corridor.core.output import whole_file, write_json
+from corridor.core.simulation import Noise, TiePoints, add_noise, perfect_block, read_plan
+from corridor.tools.change import (
     Joint,
     Settlement,
     Slide,
@@ -40,8 +42,6 @@ from corridor.change import (
     surface_change,
     volume,
 )
-from corridor.report import whole_file, write_json
-from corridor.simulation import Noise, TiePoints, add_noise, perfect_block, read_plan
 
 NOISE = Noise(tie_px=0.4, mark_px=0.4, gnss_m=(0.02, 0.02, 0.04), control_m=0.005)
 # What the camera does at the second date, and what is then adjusted.

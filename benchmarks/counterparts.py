@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.diagnosis.generator import CATALOGUE, NULLS, null, single
 from benchmarks.diagnosis.generator.generate import generate
-from corridor.adjustment import Model
+from corridor.core.adjustment import Model
+from corridor.core.effects import find
 from corridor.diagnosis import Closing, ReferenceModel, compare, counterparts
-from corridor.effects import find
 
 SMALL = {"images": 45, "observations": 160}
 SHORT = ("rolling_shutter", "lever_arm", "control_blunder", "sensor_unflatness")

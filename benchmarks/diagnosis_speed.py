@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from strips import corridor_block  # noqa: E402
 
 from benchmarks.spent import spent  # noqa: E402
-from corridor.simulation import add_noise  # noqa: E402
+from corridor.core.simulation import add_noise  # noqa: E402
 
 SIZES, SHORT = (100, 180, 1000, 5000), (24, 48)
 NOISE = {"tie_px": 0.4, "mark_px": 0.4, "gnss_m": (0.012, 0.012, 0.02), "control_m": 0.005}

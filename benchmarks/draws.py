@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from corridor.report import whole_file
+from corridor.core.output import whole_file
 
 
 def kept(folder: Path, numbers: Iterable[int], draw: Callable[[int], dict]) -> list[dict]:

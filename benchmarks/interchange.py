@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
-from corridor.camera import Camera, project
-from corridor.geometry import quaternion_from_rotation, rotation_from_vector
+from corridor.core.block import Block
+from corridor.core.camera import Camera, project
+from corridor.core.geometry import quaternion_from_rotation, rotation_from_vector
 
 PER_IMAGE = 2500
 FORMATS = ("colmap", "colmap-text", "opensfm", "bundler", "micmac")
@@ -66,7 +66,7 @@ def timed(*arguments: str) -> tuple[float, float, float]:
     """Seconds on the clock, seconds of processor and peak memory (MB) of one corridor command."""
     code = (
         "import resource, sys\n"
-        "from corridor.cli import main\n"
+        "from corridor.interface.cli import main\n"
         "status = main(sys.argv[1:])\n"
         "used = resource.getrusage(resource.RUSAGE_SELF)\n"
         "print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)\n"

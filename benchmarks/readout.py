@@ -12,8 +12,8 @@ import json
 import time
 from pathlib import Path
 
-from corridor.camera import Camera
-from corridor.readout import Photograph, measure_led, measure_star, measure_wheel, render
+from corridor.core.camera import Camera
+from corridor.tools.readout import Photograph, measure_led, measure_star, measure_wheel, render
 
 READOUT_S, TURNS, BLINKS = 0.04, 2.0, 700.0
 MOST_S = {"star": 3.0, "wheel": 15.0, "led": 3.0}

@@ -25,8 +25,8 @@ from benchmarks.diagnosis.generator import CALM, NOISES, Air, Case
 from benchmarks.diagnosis.generator.generate import draw, make_scene, streams, write_down
 from benchmarks.diagnosis.generator.trajectory import ACCELERATION
 from benchmarks.diagnosis.generator.world import World
-from corridor.errors import AdjustmentFailed, InputError
-from corridor.readout import readout_from_flight
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.tools.readout import readout_from_flight
 
 VELOCITIES = ("written", "positions", "whole seconds", "track")
 GEOMETRIES = ("nadir", "fixed_yaw", "cross", "oblique", "multi_height")

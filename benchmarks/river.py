@@ -30,10 +30,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.spent import spent
-from corridor.block import Block
-from corridor.camera import project
-from corridor.geometry import quaternion_from_rotation, rotation_from_vector
-from corridor.simulation import CAMLIGHT
+from corridor.core.block import Block
+from corridor.core.camera import project
+from corridor.core.geometry import quaternion_from_rotation, rotation_from_vector
+from corridor.core.simulation import CAMLIGHT
 
 SIZES, SHORT = (1000, 10_000, 100_000), (60, 120)
 STRIPS, HEIGHT_M, BASE_M, APART_M = 3, 50.0, 7.0, 18.7
@@ -48,8 +48,8 @@ CHUNK = 1000  # bases whose points are made together
 STAGES = """
 import importlib, json, resource, sys, time
 import corridor
-from corridor import cli
-room = importlib.import_module("corridor.adjustment.adjust")
+from corridor.interface import cli
+room = importlib.import_module("corridor.core.adjustment.adjusting")
 def told(module, name, stage):
     work = getattr(module, name)
     def timed(*arguments, **options):

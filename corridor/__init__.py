@@ -15,25 +15,25 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from corridor.adjustment import Adjustment as Adjustment
-    from corridor.adjustment import Model as Model
-    from corridor.adjustment import adjust as adjust
-    from corridor.block import Block as Block
-    from corridor.block import read as read
-    from corridor.camera import Camera as Camera
-    from corridor.campaign import batch as batch
+    from corridor.core.adjustment import Adjustment as Adjustment
+    from corridor.core.adjustment import Model as Model
+    from corridor.core.adjustment import adjust as adjust
+    from corridor.core.block import Block as Block
+    from corridor.core.block import read as read
+    from corridor.core.camera import Camera as Camera
+    from corridor.core.effects import correct as correct
+    from corridor.core.effects import every_effect as catalogue  # noqa: F401
+    from corridor.core.effects import summary as summary
+    from corridor.core.errors import AdjustmentFailed as AdjustmentFailed
+    from corridor.core.errors import InputError as InputError
+    from corridor.core.preparation import prepare as prepare
+    from corridor.core.simulation import simulate as simulate
     from corridor.diagnosis import Diagnosis as Diagnosis
     from corridor.diagnosis import diagnose as diagnose
-    from corridor.effects import correct as correct
-    from corridor.effects import every_effect as catalogue  # noqa: F401
-    from corridor.effects import summary as summary
-    from corridor.errors import AdjustmentFailed as AdjustmentFailed
-    from corridor.errors import InputError as InputError
-    from corridor.interchange import export_project as export  # noqa: F401
-    from corridor.interchange import import_project as import_project
-    from corridor.planning import plan as plan
-    from corridor.preparation import prepare as prepare
-    from corridor.simulation import simulate as simulate
+    from corridor.tools.batch import batch as batch
+    from corridor.tools.formats import export_project as export  # noqa: F401
+    from corridor.tools.formats import import_project as import_project
+    from corridor.tools.planning import plan as plan
 
 __version__ = "0.1.0"
 

@@ -14,7 +14,7 @@ def main() -> int:
     # again and again while more are made.
     gc.set_threshold(_NEW_OBJECTS)
     try:
-        from corridor import cli
+        from corridor.interface import cli
 
         status = cli.main()
     except KeyboardInterrupt:

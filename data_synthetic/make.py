@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from notebooks.kit.wall import Course, Sensor, Shots, Wall
 from scipy.interpolate import PchipInterpolator
 
-from corridor.geometry import rotation_from_quaternion
-from corridor.simulation import Simulated, simulate
-from corridor.thermal import simple_model
+from corridor.core.geometry import rotation_from_quaternion
+from corridor.core.simulation import Simulated, simulate
+from corridor.tools.thermal import simple_model
+from notebooks.kit.wall import Course, Sensor, Shots, Wall
 
 HERE = Path(__file__).parent
 NAME = "dike"

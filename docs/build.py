@@ -96,7 +96,7 @@ def section(title):
 
 def commands(path):
     """The command reference: what each verb's help prints."""
-    import corridor.cli as cli
+    import corridor.interface.cli as cli
 
     lines = ["# Commands", "", "What `corridor VERB --help` prints, verb by verb.", ""]
     os.environ["COLUMNS"] = "96"

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 
 import corridor
-from corridor.effects import Values, add, every_effect, predict
-from corridor.figures import error_maps, image_shift
-from corridor.simulation import ORDINARY_NOISE
+from corridor.core.effects import Values, add, every_effect, predict
+from corridor.core.simulation import ORDINARY_NOISE
+from corridor.interface.figures import error_maps, image_shift
 
 PLAN = Path(__file__).with_name("effect_flight.toml")
 # Places whose shifts a person would rather read than see in a picture.

@@ -38,7 +38,7 @@ def measured(setting):
     """Readout and its sigma, ms, as the package measures them; None where it cannot."""
     from kit.lesson import measure
 
-    from corridor.errors import AdjustmentFailed
+    from corridor.core.errors import AdjustmentFailed
 
     try:
         found = measure(setting)
@@ -51,7 +51,7 @@ def scene():
     """The page's wheel and camera as numbers, for docs/_static/wheel.js."""
     from kit import lesson
 
-    from corridor.readout import render
+    from corridor.tools.readout import render
 
     view, wheel, camera = lesson._VIEW, lesson._WHEEL, lesson._CAMERA
     origin, axes = view.pose()
@@ -93,7 +93,7 @@ def on_the_ground():
     import effect_pages
 
     import corridor
-    from corridor.effects import add
+    from corridor.core.effects import add
 
     block = corridor.simulate(effect_pages.PLAN)
     given = block.ground.set_index("point")

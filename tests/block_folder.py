@@ -2,8 +2,8 @@
 
 import pandas as pd
 
-from corridor.block import Block
-from corridor.camera import Camera
+from corridor.core.block import Block
+from corridor.core.camera import Camera
 
 TOML = """\
 name = "two strips"

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
-from corridor.camera import Camera
-from corridor.effects import EffectValues, Parameter, Values
+from corridor.core.block import Block
+from corridor.core.camera import Camera
+from corridor.core.effects import EffectValues, Parameter, Values
 
 Three = namedtuple("Three", "xy z d3")
 FREE = ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2")

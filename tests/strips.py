@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from corridor.block import Block
-from corridor.camera import Camera
-from corridor.errors import InputError
-from corridor.simulation import CAMLIGHT
-from corridor.simulation.fly import MOST_IMAGES, ground_width, share_out
-from corridor.simulation.plan import Flight, Ground, Plan, Start, Terrain, TiePoints
-from corridor.simulation.simulate import perfect_block, simulate
+from corridor.core.block import Block
+from corridor.core.camera import Camera
+from corridor.core.errors import InputError
+from corridor.core.simulation import CAMLIGHT
+from corridor.core.simulation.fly import MOST_IMAGES, ground_width, share_out
+from corridor.core.simulation.plan import Flight, Ground, Plan, Start, Terrain, TiePoints
+from corridor.core.simulation.simulating import perfect_block, simulate
 
 # What a test may say of the flight, by the field of `Flight` that it is.
 _FLIGHT = {

@@ -15,11 +15,11 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.campaign.work import limited
-from corridor.cli import main
-from corridor.effects import LinearEffect, Parameter
-from corridor.report import sole
-from corridor.simulation import add_noise
+from corridor.core.effects import LinearEffect, Parameter
+from corridor.core.output import sole
+from corridor.core.simulation import add_noise
+from corridor.interface.cli import main
+from corridor.tools.batch.work import limited
 
 NOISE = dict(tie_px=0.5, mark_px=0.3, gnss_m=0.02, control_m=0.01)
 
@@ -98,7 +98,7 @@ def test_the_table_is_a_file_and_every_link_of_the_page_leads_to_a_report(done):
 @pytest.fixture
 def without_pictures(monkeypatch):
     """They take longer than the adjustments."""
-    monkeypatch.setattr("corridor.campaign.work.of_adjustment", lambda _: {})
+    monkeypatch.setattr("corridor.tools.batch.work.of_adjustment", lambda _: {})
 
 
 def when(out):
@@ -155,7 +155,7 @@ def test_a_lock_is_one_s_alone_and_leaves_nothing(tmp_path, system, monkeypatch)
 @pytest.mark.skipif(sys.platform == "win32", reason="no signals")
 def test_a_lock_is_free_once_its_holder_was_killed(tmp_path):
     program = (
-        "import pathlib, sys, time; from corridor.report import sole\n"
+        "import pathlib, sys, time; from corridor.core.output import sole\n"
         "with sole(pathlib.Path(sys.argv[1])) as ours: print(ours, flush=True); time.sleep(60)"
     )
     command = [sys.executable, "-c", program, str(tmp_path / "lock")]

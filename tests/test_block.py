@@ -8,10 +8,10 @@ import pyarrow.csv
 import pytest
 from block_folder import FILES, TOML, block_folder, small
 
-import corridor.block.writing
-from corridor.block import Block, read
-from corridor.errors import InputError
-from corridor.report import whole_folder
+import corridor.core.block.writing
+from corridor.core.block import Block, read
+from corridor.core.errors import InputError
+from corridor.core.output import whole_folder
 
 TABLES = ("images", "tie_points", "points", "marks", "ground", "gnss", "rates", "track")
 REAL = ("strasbourg", "roma", "saraburi/block")

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from block_folder import FILES, block_folder, small
 
-from corridor.block import read
-from corridor.errors import InputError
+from corridor.core.block import read
+from corridor.core.errors import InputError
 
 REMEDIES = (
     "add|correct|delete|fill|give|keep|measure|name|put|rename|save|separate|store|take|use|write"

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from corridor.camera import (
+from corridor.core.camera import (
     FRASER8,
     FRASER10,
     INTERIOR,
@@ -21,9 +21,9 @@ from corridor.camera import (
     projection_derivatives,
     undistort,
 )
-from corridor.errors import InputError
-from corridor.geometry import rotation_from_vector
-from corridor.interchange.cameras import from_image_formula
+from corridor.core.errors import InputError
+from corridor.core.geometry import rotation_from_vector
+from corridor.tools.formats.cameras import from_image_formula
 
 
 def camera(width=5120, height=3840, **values):

@@ -16,10 +16,10 @@ import joblib
 import pytest
 
 import corridor
-import corridor.cli
-from corridor.cli import main
-from corridor.errors import AdjustmentFailed
-from corridor.parallel import parallel
+import corridor.interface.cli
+from corridor.core.errors import AdjustmentFailed
+from corridor.core.parallel import parallel
+from corridor.interface.cli import main
 
 VERBS = sorted(
     module.name.rstrip("_").replace("_", "-")
@@ -48,7 +48,7 @@ def folder(tmp_path_factory):
     """A small block with noise of known size, as a folder."""
     from strips import corridor_block
 
-    from corridor.simulation import add_noise
+    from corridor.core.simulation import add_noise
 
     block = corridor_block(images=9, strips=3, observations_per_image=60, seed=4)
     noise = dict(tie_px=0.5, mark_px=0.3, gnss_m=0.02, control_m=0.01)
@@ -225,7 +225,7 @@ class TestEndings:
         def pressed(self, step):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("corridor.cli.adjust._Iterations.__call__", pressed)
+        monkeypatch.setattr("corridor.interface.cli.verbs.adjust._Iterations.__call__", pressed)
         out = tmp_path / "out"
         last = self._ended(capsys, 130, "adjust", str(folder), "-o", str(out))
         assert last == "interrupted: nothing was written."
@@ -238,7 +238,7 @@ class TestEndings:
             except KeyboardInterrupt:
                 raise ImportError("the C-extensions failed") from None
 
-        monkeypatch.setattr("corridor.cli.effects.run", load)
+        monkeypatch.setattr("corridor.interface.cli.verbs.effects.run", load)
         assert self._ended(capsys, 130, "effects") == "interrupted: nothing was written."
 
     @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -252,7 +252,7 @@ class TestEndings:
             for _ in range(500):
                 time.sleep(0.01)
 
-        monkeypatch.setattr("corridor.cli.effects.run", load)
+        monkeypatch.setattr("corridor.interface.cli.verbs.effects.run", load)
         assert main(["effects"]) == 130
         assert capsys.readouterr().err == "interrupted: nothing was written.\n"
 

@@ -8,8 +8,8 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.cli import main
-from corridor.effects import add
+from corridor.core.effects import add
+from corridor.interface.cli import main
 
 READOUT = 0.0564
 

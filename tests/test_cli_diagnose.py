@@ -12,8 +12,8 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.cli import main
-from corridor.simulation import add_noise
+from corridor.core.simulation import add_noise
+from corridor.interface.cli import main
 
 
 def small(seed=4):

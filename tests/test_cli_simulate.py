@@ -5,7 +5,7 @@ import json
 import pytest
 
 import corridor
-from corridor.cli import main
+from corridor.interface.cli import main
 
 PLAN = """
 [ground]

@@ -12,7 +12,7 @@ import corridor
 HEAVY = {"scipy.stats", "scipy.interpolate", "scipy.ndimage", "pyproj", "cv2", "matplotlib"}
 PIXEL = """
 import numpy as np
-from corridor.simulation.views import _Pictures, _project
+from corridor.core.simulation.views import _Pictures, _project
 interior = np.zeros((1, 15))
 interior[0, 0], interior[0, 7] = 1000.0, 1.0
 zero = np.zeros(1, dtype=np.int64)
@@ -48,7 +48,9 @@ def test_a_change_of_the_distortion_reaches_the_kernels_of_other_files(tmp_path)
 @pytest.fixture(scope="module")
 def imported():
     """Whether numba's settings are what they were, and which heavy modules are loaded."""
-    script = "import sys, numba; before = numba.config.SLP_VECTORIZE; import corridor.adjustment; "
+    script = (
+        "import sys, numba; before = numba.config.SLP_VECTORIZE; import corridor.core.adjustment; "
+    )
     script += "print(numba.config.SLP_VECTORIZE == before); "
     script += f"print(*({HEAVY!r} & set(sys.modules)))"
     return printed(Path(corridor.__file__).parents[1], script).splitlines()

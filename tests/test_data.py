@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 import corridor
-from corridor import data
-from corridor.errors import AdjustmentFailed, InputError
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.tools import data
 
 
 class _Quiet(http.server.SimpleHTTPRequestHandler):

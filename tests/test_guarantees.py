@@ -18,8 +18,8 @@ from benchmarks.guarantees import (
     table,
     verbs,
 )
-from corridor import cli, figures
-from corridor.report import files
+from corridor.core.output import files
+from corridor.interface import cli, figures
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -3,7 +3,7 @@
 import pytest
 from kit import hide
 
-from corridor.errors import InputError
+from corridor.core.errors import InputError
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import pytest
 
-from corridor.figures import style
+from corridor.interface.figures import style
 
 pytest.importorskip("ipywidgets", reason="the extra 'notebooks' is not installed")
 from kit import widgets  # noqa: E402

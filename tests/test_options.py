@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import pytest
 
 import corridor
-from corridor.errors import InputError
-from corridor.options import options
+from corridor.core.errors import InputError
+from corridor.core.options import options
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import corridor
-import corridor.cli
-from corridor.effects import every_effect
+import corridor.interface.cli
+from corridor.core.effects import every_effect
 
 DIKE = Path(__file__).parents[1] / "data_synthetic" / "dike"
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from kit import published
 
-from corridor.errors import InputError
+from corridor.core.errors import InputError
 
 REGISTER = """
 [alpha]

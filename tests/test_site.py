@@ -48,7 +48,7 @@ def test_the_numbers_of_the_wheel_are_what_the_package_measures(lessons):
 def test_the_wheel_of_the_page_is_that_of_the_package(lessons, setting):
     from kit import lesson
 
-    from corridor.readout import render
+    from corridor.tools.readout import render
 
     readout, turns, sense, exposure = setting
     turns *= 1 if sense == "cw" else -1

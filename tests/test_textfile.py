@@ -5,8 +5,8 @@ import bz2
 import numpy as np
 import pytest
 
-from corridor.errors import InputError
-from corridor.textfile import Following, Json, Line, Xml, filled, lines, number
+from corridor.core.errors import InputError
+from corridor.core.textfile import Following, Json, Line, Xml, filled, lines, number
 
 
 def test_lines_of_any_encoding_and_ending_are_counted_from_one(tmp_path):

@@ -9,11 +9,11 @@ from benchmarks.diagnosis.baselines import baselines
 from benchmarks.diagnosis.judge import judge
 from benchmarks.diagnosis.signal import Signal, key_of, signals
 from benchmarks.diagnosis.truth import Hidden, Truth
-from corridor.block import Block
-from corridor.diagnosis.diagnose import Diagnosis, diagnose
+from corridor.core.block import Block
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.output import plain
+from corridor.diagnosis.diagnosing import Diagnosis, diagnose
 from corridor.diagnosis.verification.held_out import closure
-from corridor.errors import AdjustmentFailed, InputError
-from corridor.report import plain
 
 # Check points that are this many times worse than the twin's have an excess to speak of.
 EXCESS = 2.0

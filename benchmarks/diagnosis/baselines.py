@@ -21,11 +21,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from corridor.adjustment import Adjustment
+from corridor.core.adjustment import Adjustment
+from corridor.core.effects import Effect, Images, candidates, group_names, group_of_image, predict
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.system.groups import with_points
-from corridor.effects import Effect, Images, candidates, group_names, group_of_image, predict
-from corridor.errors import AdjustmentFailed, InputError
 
 # Residuals beyond so many sigmas are taken for wrong matches.
 OUTLYING = 3.0

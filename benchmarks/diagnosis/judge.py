@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.diagnosis.truth import Hidden, Truth
-from corridor.block import Block
+from corridor.core.block import Block
 
 FIRM = ("named", "ambiguous", "unknown")
 # How far a place may be off: on the ground and in time, of the block's extent.

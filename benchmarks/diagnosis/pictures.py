@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from corridor.figures import style
-from corridor.report import counted
+from corridor.core.output import counted
+from corridor.interface.figures import style
 from notebooks.kit.drawings import confusion_matrix
 
 __all__ = ["confusion_matrix", "naming_rates"]

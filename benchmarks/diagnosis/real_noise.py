@@ -27,7 +27,7 @@ import pandas as pd
 
 import corridor
 from corridor import Adjustment, Block
-from corridor.errors import InputError
+from corridor.core.errors import InputError
 from notebooks.kit.real import special_plot
 
 DATA = Path(os.environ.get("CORRIDOR_DATA", Path(__file__).parents[3] / "shared" / "data"))

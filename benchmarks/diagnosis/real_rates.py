@@ -27,15 +27,15 @@ from benchmarks.diagnosis.signal import Signal, signals
 from benchmarks.diagnosis.trials import of_folder
 from benchmarks.diagnosis.truth import Truth
 from benchmarks.guarantees import table
-from corridor.adjustment import Model
-from corridor.block import Block
+from corridor.core.adjustment import Model
+from corridor.core.block import Block
+from corridor.core.effects import every_effect
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.output import plain, whole_file, write_json
+from corridor.core.preparation import prepare
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Question, Round, course_of
 from corridor.diagnosis.settings import changed
-from corridor.effects import every_effect
-from corridor.errors import AdjustmentFailed, InputError
-from corridor.preparation import prepare
-from corridor.report import plain, whole_file, write_json
 
 # A value is right within so many of its stated sigmas.
 RIGHT_SIGMAS = 3.0

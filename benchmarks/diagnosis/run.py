@@ -13,9 +13,9 @@ import joblib
 import corridor
 from benchmarks.diagnosis.assess import assess
 from benchmarks.diagnosis.trials import Trial
-from corridor.errors import AdjustmentFailed, InputError
-from corridor.parallel import parallel
-from corridor.report import whole_file, write_json
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.output import whole_file, write_json
+from corridor.core.parallel import parallel
 
 KEPT = "blocks"
 

@@ -11,7 +11,7 @@ import pandas as pd
 from benchmarks.diagnosis.pictures import confusion_matrix, naming_rates
 from benchmarks.diagnosis.summary import answer
 from benchmarks.diagnosis.table import as_text
-from corridor.report import whole_files, write_json, write_picture
+from corridor.core.output import whole_files, write_json, write_picture
 
 _COLUMNS = (
     "name", "kind", "hidden", "images", "observations", "seconds", "verdict", "detected",

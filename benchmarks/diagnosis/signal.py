@@ -29,9 +29,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.diagnosis.truth import Hidden, Truth
-from corridor import adjustment
-from corridor.adjustment import Adjustment, Model
-from corridor.block import Block
+from corridor.core import adjustment
+from corridor.core.adjustment import Adjustment, Model
+from corridor.core.block import Block
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.beside_noise import NoiseModel
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.findings.verdict import refines
@@ -39,7 +40,6 @@ from corridor.diagnosis.noise.gnss import Likelihood, estimate
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
-from corridor.errors import AdjustmentFailed, InputError
 
 # Sigmas by which the data prefer the truth to a rival: from APART on the two are separable; below
 # ALIKE, three units of log likelihood, they are look-alikes that nobody should tell apart.

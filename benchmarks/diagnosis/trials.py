@@ -9,8 +9,8 @@ from pathlib import Path
 
 from benchmarks.diagnosis.generator import plan_of_benchmark
 from benchmarks.diagnosis.truth import Truth, read_truth, truth_of
-from corridor.block import Block, read
-from corridor.errors import InputError
+from corridor.core.block import Block, read
+from corridor.core.errors import InputError
 
 _TRUTH = ".truth.json"
 _TWINS = ("_twin", ".twin", "-twin")

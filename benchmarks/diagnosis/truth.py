@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from corridor.effects import every_effect
-from corridor.errors import InputError
+from corridor.core.effects import every_effect
+from corridor.core.errors import InputError
 
 
 @dataclass(frozen=True)

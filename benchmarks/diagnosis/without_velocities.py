@@ -16,8 +16,8 @@ import corridor
 from benchmarks.diagnosis.generator.generate import generate
 from benchmarks.diagnosis.generator.plan_of_benchmark import plan
 from benchmarks.diagnosis.rates import Rate
-from corridor.block import Block
-from corridor.report import plain, whole_file, write_json
+from corridor.core.block import Block
+from corridor.core.output import plain, whole_file, write_json
 
 VELOCITY = ["vx", "vy", "vz"]
 

@@ -270,7 +270,7 @@ class _Worker:
 
 def _prepare(good, short):
     """Samples, what is made of them undamaged, and every command run once: nothing compiles."""
-    from corridor.cli import main
+    from corridor.interface.cli import main
 
     _without_waste()
     samples.make(good, short)
@@ -299,8 +299,8 @@ def _prepare(good, short):
 @functools.cache
 def _without_waste():
     """What costs time at every call and is not what is tested: parsers, dots of pictures."""
-    from corridor import cli, figures
-    from corridor.report import files
+    from corridor.core.output import files
+    from corridor.interface import cli, figures
 
     cli._parser = functools.cache(cli._parser)
     draw, turn = files.png, count()
@@ -394,7 +394,7 @@ def prepared(number: int, seed: int, short: bool, good: Path, scratch: Path):
 
 def _judge(case, todo, printed, good):
     """Run a prepared case and judge what came of it."""
-    from corridor.cli import main
+    from corridor.interface.cli import main
 
     command, words, out, there = todo
     names = {path.name for path in there.parent.iterdir()}

@@ -18,7 +18,7 @@ import pandas as pd
 
 import corridor
 from benchmarks.guarantees import samples
-from corridor.simulation import read_plan
+from corridor.core.simulation import read_plan
 
 XYZ, SXYZ = ["x", "y", "z"], ["sx", "sy", "sz"]
 SHIFT = np.array([500_000.0, 5_700_000.0, 40.0])
@@ -181,7 +181,7 @@ def names(block, home: Path) -> dict:
     hostile.write(cage / "block")
     before = _outside(home, cage)
     faults, written = [], 0
-    from corridor.cli import main
+    from corridor.interface.cli import main
 
     for verb in (
         "adjust {b} -o {o}", "summary {b} -o {o}", "export micmac {b} --lossy -o {o}",

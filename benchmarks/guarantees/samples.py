@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 
 import corridor
-from corridor import thermal
-from corridor.camera import Camera
-from corridor.readout import render
-from corridor.simulation import read_plan
-from corridor.thermal import simple_model
+from corridor.core.camera import Camera
+from corridor.core.simulation import read_plan
+from corridor.tools import thermal
+from corridor.tools.readout import render
+from corridor.tools.thermal import simple_model
 from notebooks.kit.wall import Course, Shots, Wall, simulated_maps
 
 PROJECTS = ("bundler", "colmap", "colmap-text", "metashape", "micmac", "opensfm")

@@ -17,12 +17,13 @@ import pandas as pd
 import corridor
 from benchmarks.draws import ratio
 from benchmarks.guarantees import samples
-from corridor import gnss, thermal
-from corridor.camera import Camera
-from corridor.planning import Planner
-from corridor.readout import Photograph, measure_led, render
-from corridor.simulation import add_noise, perfect_block, read_plan
-from corridor.thermal import simple_model
+from corridor.core import gnss
+from corridor.core.camera import Camera
+from corridor.core.simulation import add_noise, perfect_block, read_plan
+from corridor.tools import thermal
+from corridor.tools.planning import Planner
+from corridor.tools.readout import Photograph, measure_led, render
+from corridor.tools.thermal import simple_model
 from notebooks.kit.wall import Course, simulated_maps
 
 XYZ, SXYZ = ["x", "y", "z"], ["sx", "sy", "sz"]

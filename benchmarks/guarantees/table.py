@@ -121,7 +121,7 @@ def _rows(known):
         "Two runs at once into one folder leave the whole result of the last",
         "two processes, and two threads, again and again",
         "a test of the suite",
-        "`pytest tests/report/test_files.py`",
+        "`pytest tests/interface/report/test_files.py`",
     )
     for name, (what, how) in _SIGMAS.items():
         yield (

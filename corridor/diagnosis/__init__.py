@@ -21,7 +21,8 @@ that is, what it does to data that the fit has not used, and what could not be t
 after an effect is added. `counterpart` gives one of them as a block.
 """
 
-from corridor.diagnosis.diagnose import Diagnosis, diagnose
+from corridor.core.effects import candidates
+from corridor.diagnosis.diagnosing import Diagnosis, diagnose
 from corridor.diagnosis.evidence.confusability import confusability
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.reference import ReferenceModel
@@ -33,7 +34,6 @@ from corridor.diagnosis.replicates.statistics import Statistic
 from corridor.diagnosis.report import check_output
 from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.rounds import Course, Round
-from corridor.effects import candidates
 
 __all__ = [
     "ReferenceModel",

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from corridor import adjustment
-from corridor.adjustment import REFERENCE_CAMERA, Adjustment, Model, Run, camera_of
-from corridor.block import Block
-from corridor.brief import brief
+from corridor.core import adjustment
+from corridor.core.adjustment import REFERENCE_CAMERA, Adjustment, Model, Run, camera_of
+from corridor.core.block import Block
+from corridor.core.brief import brief
+from corridor.core.effects import Effect
+from corridor.core.errors import AdjustmentFailed
 from corridor.diagnosis.noise.image import scale_of
 from corridor.diagnosis.settings import SETTINGS
-from corridor.effects import Effect
-from corridor.errors import AdjustmentFailed
 
 # Step, in standard deviations, below which only weights are still on their way.
 CREEPING = 0.1

@@ -12,8 +12,10 @@ from functools import partial
 
 import numpy as np
 
-from corridor.adjustment import Adjustment, listed
-from corridor.brief import brief
+from corridor.core.adjustment import Adjustment, listed
+from corridor.core.brief import brief
+from corridor.core.effects import Candidates, Effect, candidates
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.beside_noise import (
     NoiseModel,
     beyond_noise,
@@ -32,8 +34,6 @@ from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Antennas, Elimination, Reduced
 from corridor.diagnosis.system.equations import Equations, equations
 from corridor.diagnosis.system.groups import with_points
-from corridor.effects import Candidates, Effect, candidates
-from corridor.errors import AdjustmentFailed, InputError
 
 # Log evidence that a group has to bring, by its kind; or what makes it from evidence.
 Threshold = dict[str, float] | Callable[[Evidence], dict[str, float]]

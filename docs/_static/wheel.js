@@ -1,4 +1,4 @@
-// The turning bicycle wheel of corridor/readout/render.py, drawn in the browser: every row at its own
+// The turning bicycle wheel of corridor/tools/readout/render.py, drawn in the browser: every row at its own
 // time, exposure and the width of a pixel integrated the same way. A test holds the two together.
 "use strict";
 

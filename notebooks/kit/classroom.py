@@ -20,9 +20,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import parse_qsl, urlsplit
 
-from corridor import figures
-from corridor.errors import InputError
-from corridor.readout import Readout
+from corridor.core.errors import InputError
+from corridor.interface import figures
+from corridor.tools.readout import Readout
 from kit import lesson
 
 PAGE = Path(__file__).with_name("wheel.html")

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 
 import corridor
-from corridor.adjustment import AbsoluteOrientation, Adjustment, lay_on_control
-from corridor.block import Block
-from corridor.camera import undistort
-from corridor.geometry import rotation_from_quaternion, similarity
-from corridor.simulation import Plan, read_plan
+from corridor.core.adjustment import AbsoluteOrientation, Adjustment, lay_on_control
+from corridor.core.block import Block
+from corridor.core.camera import undistort
+from corridor.core.geometry import rotation_from_quaternion, similarity
+from corridor.core.simulation import Plan, read_plan
 
 NADIR, OBLIQUE, HEIGHTS = "thesis_50vt", "thesis_50ob", "thesis_3070vt"
 # An image every 2.5 s, also from strip to strip and flight to flight, as the source counts.

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
-from corridor.block import Block
-from corridor.figures import maps, style
-from corridor.geometry import rotation_from_quaternion
-from corridor.report import counted
+from corridor.core.block import Block
+from corridor.core.geometry import rotation_from_quaternion
+from corridor.core.output import counted
+from corridor.interface.figures import maps, style
 
 
 def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") -> Figure:

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from corridor import adjustment as least_squares
-from corridor.adjustment import Adjustment
-from corridor.block import Block
-from corridor.brief import brief
-from corridor.errors import AdjustmentFailed, InputError
+from corridor.core import adjustment as least_squares
+from corridor.core.adjustment import Adjustment
+from corridor.core.block import Block
+from corridor.core.brief import brief
+from corridor.core.errors import AdjustmentFailed, InputError
 
 # Relative step of the focal length by which its influence is found.
 _STEP = 0.01

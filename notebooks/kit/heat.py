@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 import corridor
-from corridor import thermal
-from corridor.adjustment import lay_on_control
-from corridor.block import Block
-from corridor.simulation import add_noise
+from corridor.core.adjustment import lay_on_control
+from corridor.core.block import Block
+from corridor.core.simulation import add_noise
+from corridor.tools import thermal
 from kit.ring import ring_block
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import corridor
-from corridor.block import Block
-from corridor.errors import InputError
+from corridor.core.block import Block
+from corridor.core.errors import InputError
 from kit.widgets import with_words
 
 # What can be hidden, and how strong: easy, middling, hard.

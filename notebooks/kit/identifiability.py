@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from corridor import adjustment as least_squares
-from corridor.adjustment import Adjustment
-from corridor.block import Block
-from corridor.brief import brief
-from corridor.errors import AdjustmentFailed, InputError
-from corridor.preparation import Velocities, velocities
+from corridor.core import adjustment as least_squares
+from corridor.core.adjustment import Adjustment
+from corridor.core.block import Block
+from corridor.core.brief import brief
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.preparation import Velocities, velocities
 
 # A readout known worse than this corrects little; ground that gets this much worse is a loss.
 POOR_READOUT, WORSE_GROUND = 0.2, 1.5

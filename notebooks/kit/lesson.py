@@ -12,10 +12,10 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from corridor.camera import Camera
-from corridor.errors import AdjustmentFailed, InputError
-from corridor.readout import Photograph, Readout, readout_from_wheel, render
-from corridor.readout.photograph import decode
+from corridor.core.camera import Camera
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.tools.readout import Photograph, Readout, readout_from_wheel, render
+from corridor.tools.readout.photograph import decode
 
 SIZE = 480, 360  # px: as many as can be drawn ten times a second
 _CAMERA = Camera.from_table("lesson", {"width": SIZE[0], "height": SIZE[1], "f": 480.0})

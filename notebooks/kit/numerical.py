@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial.legendre import legvander2d
 
-from corridor.effects.contract import LinearEffect, Parameter
+from corridor.core.effects.contract import LinearEffect, Parameter
 
 
 class PolynomialCamera(LinearEffect):

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from corridor.errors import InputError
+from corridor.core.errors import InputError
 
 NOTEBOOKS = Path(__file__).resolve().parents[1]
 HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "cannot tell"

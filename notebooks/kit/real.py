@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 import corridor
-from corridor.block import Block
+from corridor.core.block import Block
 
 # As the chapters are run: in the folder of the notebooks.
 DATA = Path(os.environ.get("CORRIDOR_DATA", "../../shared/data"))

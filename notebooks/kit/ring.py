@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
-from corridor.camera import Camera, project
-from corridor.errors import InputError
-from corridor.geometry import quaternion_from_rotation
-from corridor.simulation import CAMLIGHT
+from corridor.core.block import Block
+from corridor.core.camera import Camera, project
+from corridor.core.errors import InputError
+from corridor.core.geometry import quaternion_from_rotation
+from corridor.core.simulation import CAMLIGHT
 
 # Steepest angle between a ray and the surface's normal: a matcher gives up before a target does.
 _TIE, _TARGET = np.cos(np.radians(40)), np.cos(np.radians(65))

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
-from corridor.brief import brief
-from corridor.camera import INTERIOR, Camera, project, projection_derivatives, undistort
-from corridor.errors import InputError
-from corridor.geometry import rotation_from_quaternion, rotation_from_vector
-from corridor.simulation import CAMLIGHT
+from corridor.core.block import Block
+from corridor.core.brief import brief
+from corridor.core.camera import INTERIOR, Camera, project, projection_derivatives, undistort
+from corridor.core.errors import InputError
+from corridor.core.geometry import rotation_from_quaternion, rotation_from_vector
+from corridor.core.simulation import CAMLIGHT
 
 PARAMETERS = ("f", "cx", "cy")
 _LEAST = 4

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from corridor import adjustment as least_squares
-from corridor.adjustment import Adjustment
-from corridor.block import Block
-from corridor.brief import brief
-from corridor.effects import correct
-from corridor.preparation import Velocities, velocities
+from corridor.core import adjustment as least_squares
+from corridor.core.adjustment import Adjustment
+from corridor.core.block import Block
+from corridor.core.brief import brief
+from corridor.core.effects import correct
+from corridor.core.preparation import Velocities, velocities
 
 CAMERAS = {"8p": "fraser8", "10p": "fraser10"}
 CORRECTED = {"c": "neighbours"}

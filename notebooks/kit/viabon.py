@@ -17,9 +17,9 @@ import pandas as pd
 from scipy.optimize import nnls
 
 import corridor
-from corridor.block import Block
-from corridor.errors import InputError
-from corridor.simulation import read_plan
+from corridor.core.block import Block
+from corridor.core.errors import InputError
+from corridor.core.simulation import read_plan
 from kit import published
 from kit.published import Draws
 from kit.table_7_3 import Configurations, configurations

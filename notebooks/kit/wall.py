@@ -18,9 +18,9 @@ import numpy as np
 import pandas as pd
 from numba import njit
 
-from corridor.brief import brief
-from corridor.errors import InputError
-from corridor.thermal import Maps, ThermalModel, measure_maps
+from corridor.core.brief import brief
+from corridor.core.errors import InputError
+from corridor.tools.thermal import Maps, ThermalModel, measure_maps
 
 Deformation = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 

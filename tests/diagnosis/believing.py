@@ -6,8 +6,8 @@ import numpy as np
 from strips import corridor_block
 
 import corridor
-from corridor.effects import add
-from corridor.simulation import CAMLIGHT, add_noise
+from corridor.core.effects import add
+from corridor.core.simulation import CAMLIGHT, add_noise
 
 NOISE = {"tie_px": 0.3, "mark_px": 0.3, "gnss_m": 0.010, "control_m": 0.004}
 

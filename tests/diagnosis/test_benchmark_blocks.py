@@ -15,10 +15,10 @@ from benchmarks.diagnosis.baselines import METHODS, baselines
 from benchmarks.diagnosis.generator import plan_of_benchmark as made
 from benchmarks.diagnosis.signal import Signal, _as_one, signals
 from benchmarks.diagnosis.truth import truth_of
-from corridor.adjustment import Model
-from corridor.cli import main
+from corridor.core.adjustment import Model
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.errors import AdjustmentFailed, InputError
+from corridor.interface.cli import main
 
 TINY = {"images": 24, "observations": 80, "check": 4, "noise": made.null("clean").noise}
 

@@ -13,10 +13,10 @@ from benchmarks.diagnosis.rates import Rate
 from benchmarks.diagnosis.summary import confusion, summary
 from benchmarks.diagnosis.table import as_text
 from benchmarks.diagnosis.truth import Truth, truth_of
-from corridor.block import Block
-from corridor.camera import Camera
+from corridor.core.block import Block
+from corridor.core.camera import Camera
+from corridor.core.errors import InputError
 from corridor.diagnosis.verification.held_out import closure
-from corridor.errors import InputError
 
 SHUTTER = truth_of({"effects": ["rolling_shutter"]})
 NOTHING = Truth()

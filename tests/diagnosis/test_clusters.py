@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from strips import CAMLIGHT, corridor_block
 
-from corridor.adjustment import Model
+from corridor.core.adjustment import Model
+from corridor.core.effects import candidates
+from corridor.core.simulation import add_noise
 from corridor.diagnosis.evidence.evidence import Evidence, gain_of
 from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
 from corridor.diagnosis.evidence.search import Found
@@ -14,8 +16,6 @@ from corridor.diagnosis.findings.strips import of_group
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import equations
-from corridor.effects import candidates
-from corridor.simulation import add_noise
 
 SLUGS = ["rolling_shutter", "lever_arm", "gnss_drift", "principal_point_drift", "refraction"]
 

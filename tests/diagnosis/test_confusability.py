@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from corridor.diagnosis import confusability, diagnose
-from corridor.figures import alike
+from corridor.interface.figures import alike
 from tests.diagnosis.test_diagnose import made
 
 

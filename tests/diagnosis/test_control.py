@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from corridor.core.effects import find
 from corridor.diagnosis.evidence.blunders import HEIGHT, blunders, explains_all, price
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Reduced
 from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.all_ground import AllGround, asked
-from corridor.effects import find
 
 # Standard deviation of a given coordinate; of the block's own datum, which all points share.
 SIGMA, DATUM = 0.02, 0.05

@@ -8,11 +8,11 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.adjustment import Model
+from corridor.core.adjustment import Model
+from corridor.core.effects import add, find
+from corridor.core.errors import InputError
+from corridor.core.simulation import add_noise
 from corridor.diagnosis import ReferenceModel, diagnose
-from corridor.effects import add, find
-from corridor.errors import InputError
-from corridor.simulation import add_noise
 
 
 @cache

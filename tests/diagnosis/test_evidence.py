@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from benchmarks.diagnosis.signal import _from_noise
-from corridor.adjustment import ImageRows
+from corridor.core.adjustment import ImageRows
 from corridor.diagnosis.evidence.beside_noise import NoiseModel, _probability
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged, effect_sizes
 from corridor.diagnosis.evidence.search import largest_of_null, search

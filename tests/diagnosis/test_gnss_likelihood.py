@@ -5,13 +5,13 @@ import pytest
 from strips import corridor_block
 
 import corridor
+from corridor.core.effects import find
+from corridor.core.simulation import add_noise
 from corridor.diagnosis.evidence.beside_noise import NoiseModel
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.noise.gnss import GnssNoise, Likelihood
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import equations
-from corridor.effects import find
-from corridor.simulation import add_noise
 
 BOUNDS = ((1e-3, 1e3), (1e-3, 1e3), (1.0, 1e3))
 # Of two flights: factors of the white part, of the slow one, and time constants, s.

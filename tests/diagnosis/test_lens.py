@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from corridor.core.effects import find
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_of
 from corridor.diagnosis.system.elimination import Antennas, Pieces, Reduced
 from corridor.diagnosis.system.groups import Group
-from corridor.effects import find
 
 SHAPE, OTHERS, OWN, ANTENNA = 12, 3, 4, 5
 

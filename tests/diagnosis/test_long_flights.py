@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from corridor.core.gnss import SlowNoise
 from corridor.diagnosis.evidence.evidence import Spectrum
 from corridor.diagnosis.noise.gnss import GnssNoise, estimate
 from corridor.diagnosis.settings import changed
 from corridor.diagnosis.system.elimination import Pieces
-from corridor.gnss import SlowNoise
 
 WHITE, SLOW, CONSTANT = 0.7, 0.03, 25.0
 

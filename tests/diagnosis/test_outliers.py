@@ -8,9 +8,9 @@ import pytest
 
 from benchmarks.diagnosis.generator import single
 from benchmarks.diagnosis.generator.generate import generate
-from corridor.adjustment import ImageRows
+from corridor.core.adjustment import ImageRows
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters
-from corridor.diagnosis.diagnose import diagnose
+from corridor.diagnosis.diagnosing import diagnose
 
 IMAGES, EACH, SIZE = 60, 120, np.array([5120, 3840])
 SIGMA = 0.3

@@ -8,6 +8,7 @@ import pytest
 
 import corridor
 from benchmarks.diagnosis.real_noise import inject, scene_of, surveys
+from corridor.core.effects import find
 from corridor.diagnosis.evidence.evidence import Evidence, gain_of
 from corridor.diagnosis.evidence.plausibility import impossible, plausible
 from corridor.diagnosis.evidence.search import Found, contributions
@@ -16,7 +17,6 @@ from corridor.diagnosis.system.elimination import Reduced
 from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.held_out import harms
 from corridor.diagnosis.verification.verification import Verification
-from corridor.effects import find
 
 
 def one_group(slug, M, g, point=None):

@@ -6,13 +6,13 @@ from scipy.stats import binom
 
 from benchmarks.diagnosis.generator import single
 from benchmarks.diagnosis.generator.generate import generate
-from corridor.adjustment import Model
+from corridor.core.adjustment import Model
+from corridor.core.effects import find
+from corridor.core.preparation import prepare
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.held_out import Prediction, folds_of
-from corridor.effects import find
-from corridor.preparation import prepare
 
 
 @pytest.mark.parametrize("strips", [4, 5, 8, 12])

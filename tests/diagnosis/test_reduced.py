@@ -10,19 +10,19 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.linalg import spsolve
 from strips import CAMLIGHT, corridor_block
 
-from corridor.adjustment import Model
+from corridor.core.adjustment import Model
+from corridor.core.effects import candidates, predict
+from corridor.core.geometry import (
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
+from corridor.core.simulation import add_noise
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import equations
-from corridor.effects import candidates, predict
-from corridor.geometry import (
-    quaternion_from_rotation,
-    rotation_from_quaternion,
-    rotation_from_vector,
-)
-from corridor.simulation import add_noise
 
 SLUGS = [
     "rolling_shutter", "thermal", "focal", "affine_distortion", "radial_distortion",

@@ -13,14 +13,14 @@ from believing import flown
 from strips import corridor_block
 
 import corridor
+from corridor.core.effects import Values, correct, find
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis import corrected, diagnose
 from corridor.diagnosis.findings.findings import Estimate, Unknown
 from corridor.diagnosis.report import folder as writing
 from corridor.diagnosis.report import tables
 from corridor.diagnosis.report.sentence import seen_best, sentence
 from corridor.diagnosis.report.wording import placed, scaled, to_add, two_digits, value_and_sigma
-from corridor.effects import Values, correct, find
-from corridor.errors import AdjustmentFailed, InputError
 
 READOUT = 0.025
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import corridor
-from corridor.cli import main
+from corridor.interface.cli import main
 
 SHIPPED = Path(__file__).parents[2] / "data_synthetic"
 SEALED, STORIES = SHIPPED / "hidden", SHIPPED / "stories"

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from corridor.adjustment import ImageRows
+from corridor.core.adjustment import ImageRows
 from corridor.diagnosis.anomalies.variance import variance_alarms
 
 IMAGES, EACH, SIZE = 60, 120, (5120, 3840)

@@ -9,14 +9,14 @@ from strips import corridor_block
 from test_evidence import biased
 
 import corridor
+from corridor.core.effects import Effect, add, find, take_out
+from corridor.core.effects.splines import surface
 from corridor.diagnosis import diagnose
 from corridor.diagnosis.anomalies import wrong_matches as discontinuity
 from corridor.diagnosis.findings.location import _images
 from corridor.diagnosis.findings.verdict import refines
 from corridor.diagnosis.settings import SETTINGS, changed
 from corridor.diagnosis.system.groups import Group, with_points
-from corridor.effects import Effect, add, find, take_out
-from corridor.effects.splines import surface
 
 
 def test_the_noise_of_a_model_is_the_same_whatever_was_asked_before():

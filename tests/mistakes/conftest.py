@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from strips import corridor_block
 
-from corridor.simulation import add_noise
+from corridor.core.simulation import add_noise
 
 SHIPPED = Path(__file__).parents[2] / "data_synthetic"
 

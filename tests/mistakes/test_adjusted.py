@@ -21,7 +21,7 @@ from slips import (
 )
 
 import corridor
-from corridor.cli import main
+from corridor.interface.cli import main
 
 # What an adjustment says: slip -> status, words of what it prints, options.
 ADJUSTED = {

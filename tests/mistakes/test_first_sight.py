@@ -20,7 +20,7 @@ from slips import (
 )
 
 import corridor
-from corridor.preparation import against, doubts
+from corridor.core.preparation import against, doubts
 
 # Seen at first sight, without an adjustment: slip -> words of the sentence.
 AT_FIRST_SIGHT = {

@@ -9,7 +9,7 @@ import pytest
 from slips import changed, more, table, times, toml
 
 import corridor
-from corridor.cli import main
+from corridor.interface.cli import main
 
 # Refused when the block is read: slip -> words of the sentence.
 REFUSED = {

@@ -6,7 +6,7 @@ import shlex
 import pytest
 from typed import VERBS
 
-from corridor.cli import main
+from corridor.interface.cli import main
 
 ROWS = [(verb, *row) for verb, rows in VERBS.items() for row in rows]
 

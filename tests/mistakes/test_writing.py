@@ -3,7 +3,7 @@
 import pytest
 
 import corridor
-from corridor.cli import main
+from corridor.interface.cli import main
 
 
 class TestWhereNothingCanBeWritten:

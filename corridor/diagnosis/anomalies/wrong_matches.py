@@ -22,11 +22,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import bdtrc, chdtri, ndtri
 
-from corridor.adjustment import Adjustment
+from corridor.core.adjustment import Adjustment
+from corridor.core.effects import every_effect
 from corridor.diagnosis.findings.findings import Unknown
 from corridor.diagnosis.noise.image import scale_of
 from corridor.diagnosis.settings import SETTINGS
-from corridor.effects import every_effect
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from corridor.adjustment import LinearSystem
+from corridor.core.adjustment import LinearSystem
 from corridor.diagnosis.evidence.evidence import Evidence, effect_sizes
 from corridor.diagnosis.evidence.joint import Together
 from corridor.diagnosis.evidence.search import Found

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve
 
-from corridor.adjustment import Adjustment
+from corridor.core.adjustment import Adjustment
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens
 from corridor.diagnosis.evidence.search import Found

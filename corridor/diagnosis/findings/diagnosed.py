@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from corridor.adjustment import Adjustment
-from corridor.block import Block
+from corridor.core.adjustment import Adjustment
+from corridor.core.block import Block
 from corridor.diagnosis.findings.findings import Findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Course

@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from corridor.brief import brief
-from corridor.effects import EffectValues
+from corridor.core.brief import brief
+from corridor.core.effects import EffectValues
 
 # The verdict is the first that is present.
 ORDER = ("named", "ambiguous", "unknown", "suspected", "nothing")

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import label
 
+from corridor.core.effects import Context, Stack
 from corridor.diagnosis.rounds import Round
 from corridor.diagnosis.settings import SETTINGS
-from corridor.effects import Context, Stack
 
 
 def locate(one: Round, number: int, theta: np.ndarray) -> tuple[str, dict]:

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from corridor.core.geometry import jackknife
+from corridor.core.preparation import strips_of
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.scores import Influence, responding
 from corridor.diagnosis.rounds import Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination
-from corridor.geometry import jackknife
-from corridor.preparation import strips_of
 
 
 @dataclass(frozen=True)

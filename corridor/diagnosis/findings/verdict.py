@@ -12,7 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from corridor.block import Block
+from corridor.core.block import Block
+from corridor.core.effects import EffectValues
+from corridor.core.geometry import honest
 from corridor.diagnosis.evidence.blunders import Wrong
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.search import Found, tuned
@@ -22,8 +24,6 @@ from corridor.diagnosis.findings.strips import ByStrips, by_strips
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
-from corridor.effects import EffectValues
-from corridor.geometry import honest
 
 
 def findings(course: Course) -> Findings:

@@ -30,10 +30,10 @@ from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
 from scipy.sparse import block_diag, csr_array, diags_array
 
-from corridor.adjustment import LinearSystem
+from corridor.core.adjustment import LinearSystem
+from corridor.core.geometry import robust_scale
+from corridor.core.gnss import SlowNoise
 from corridor.diagnosis.settings import SETTINGS
-from corridor.geometry import robust_scale
-from corridor.gnss import SlowNoise
 
 # Share of slow noise that is new after no time at all: two positions of one moment.
 _FRESH = 1e-9

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from corridor.core.geometry import is_outlier
 from corridor.diagnosis.settings import SETTINGS
-from corridor.geometry import is_outlier
 
 if TYPE_CHECKING:
-    from corridor.adjustment import LinearSystem
+    from corridor.core.adjustment import LinearSystem
 
 
 @dataclass

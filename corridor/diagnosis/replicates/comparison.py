@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from corridor.brief import brief
+from corridor.core.brief import brief
 from corridor.diagnosis.replicates.counterparts import Counterparts
 from corridor.diagnosis.replicates.statistics import Statistic
 

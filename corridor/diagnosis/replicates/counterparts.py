@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from corridor.brief import brief
+from corridor.core.brief import brief
+from corridor.core.engine.memory import give_back
+from corridor.core.engine.panels import PANEL
+from corridor.core.engine.threads import one_thread
+from corridor.core.errors import InputError
 from corridor.diagnosis.replicates.replicator import EstimatedNoise, Replicator
 from corridor.diagnosis.replicates.statistics import Statistic, SummaryStatistics
-from corridor.errors import InputError
-from corridor.memory import give_back
-from corridor.panels import PANEL
-from corridor.threads import one_thread
 
 if TYPE_CHECKING:
-    from corridor.adjustment import Adjustment
+    from corridor.core.adjustment import Adjustment
 
 # With 39 counterparts the second largest of 40 is the 95 % limit, exactly.
 COUNT = 39

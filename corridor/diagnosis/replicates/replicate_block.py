@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from corridor.block import Block
+from corridor.core.block import Block
+from corridor.core.effects import Values, add, effect_of
+from corridor.core.engine.threads import one_thread
+from corridor.core.errors import InputError
+from corridor.core.geometry import quaternion_from_rotation
+from corridor.core.simulation import Simulated
 from corridor.diagnosis.replicates.replicator import Replicator
-from corridor.effects import Values, add, effect_of
-from corridor.errors import InputError
-from corridor.geometry import quaternion_from_rotation
-from corridor.simulation import Simulated
-from corridor.threads import one_thread
 
 if TYPE_CHECKING:
-    from corridor.adjustment import Adjustment
+    from corridor.core.adjustment import Adjustment
 
 
 def counterpart(

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from corridor.adjustment import LOSSES, ImageRows, LinearSystem, Loss
+from corridor.core.adjustment import LOSSES, ImageRows, LinearSystem, Loss
+from corridor.core.effects import Context, every_effect
+from corridor.core.geometry import (
+    CLIPPED,
+    UNUSABLE,
+    is_outlier,
+    robust_scale,
+    robust_scale_of_lengths,
+)
 from corridor.diagnosis.noise.gnss import (
     GnssNoise,
     Likelihood,
@@ -28,11 +36,9 @@ from corridor.diagnosis.replicates.statistics import Fit
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import take_apart
 from corridor.diagnosis.verification.held_out import spared
-from corridor.effects import Context, every_effect
-from corridor.geometry import CLIPPED, UNUSABLE, is_outlier, robust_scale, robust_scale_of_lengths
 
 if TYPE_CHECKING:
-    from corridor.adjustment import Adjustment
+    from corridor.core.adjustment import Adjustment
 
 # Probabilities at which the length of the tie noise is known: dense where tails begin.
 GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6, 30)])

@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from corridor.adjustment import Design, LinearSystem, Loss, Sets
+from corridor.core.adjustment import Design, LinearSystem, Loss, Sets
+from corridor.core.effects import Effect, every_effect
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import take_apart
 from corridor.diagnosis.system.groups import make_groups
-from corridor.effects import Effect, every_effect
 
 # Share of an effect that has to be left after absorption: below, rounding would speak.
 LEFT = 1e-3

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from corridor.adjustment import Adjustment
+from corridor.core.adjustment import Adjustment
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.replicates.comparison import Comparison, compare
 from corridor.diagnosis.replicates.counterparts import counterparts
 from corridor.diagnosis.report.corrected import corrected
-from corridor.errors import AdjustmentFailed, InputError
 
 COUNT = 20
 

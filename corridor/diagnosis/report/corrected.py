@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from corridor.adjustment import Adjustment
-from corridor.block import Block, record_correction, taken_out
-from corridor.effects import Values, take_out
+from corridor.core.adjustment import Adjustment
+from corridor.core.block import Block, record_correction, taken_out
+from corridor.core.effects import Values, take_out
 
 _MEASURED = {
     "tie_points": ["x", "y"],

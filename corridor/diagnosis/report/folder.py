@@ -6,15 +6,22 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from corridor.adjustment import Adjustment
+from corridor.core.adjustment import Adjustment
+from corridor.core.effects import Values
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.output import (
+    check_folder,
+    files_in,
+    listed_in,
+    whole_folder,
+    write_csv,
+    write_json,
+)
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.replicates.comparison import Comparison
 from corridor.diagnosis.report.beside import COUNT, beside
 from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.report.page import make_page
-from corridor.effects import Values
-from corridor.errors import AdjustmentFailed, InputError
-from corridor.report import check_folder, files_in, listed_in, whole_folder, write_csv, write_json
 
 RESULT = "diagnosis.json"
 

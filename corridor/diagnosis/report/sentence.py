@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from corridor.core.effects import Effect
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate
 from corridor.diagnosis.report.wording import (
@@ -14,7 +15,6 @@ from corridor.diagnosis.report.wording import (
     upper,
     value_and_sigma,
 )
-from corridor.effects import Effect
 
 # Parameters told in the sentence; the table has them all.
 MOST = 4

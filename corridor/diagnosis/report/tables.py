@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from corridor import __version__
+from corridor.core.output import DASH, scaled
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate
 from corridor.diagnosis.replicates.comparison import Comparison
@@ -22,7 +23,6 @@ from corridor.diagnosis.report.wording import (
     value_and_sigma,
 )
 from corridor.diagnosis.verification.held_out import closure
-from corridor.report import DASH, scaled
 
 # Parameters of one effect in the table; all of them are in diagnosis.json.
 MOST = 8

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from corridor.core.output import Report, Table, millimetres
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.report import tables
 from corridor.diagnosis.report.actions import actions
 from corridor.diagnosis.report.sentence import sentence
-from corridor.report import Report, Table, millimetres
 
 
 def report_of(diagnosis: Diagnosed) -> Report:

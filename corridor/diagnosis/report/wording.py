@@ -6,9 +6,9 @@ import math
 import re
 from collections.abc import Iterable
 
-from corridor.block import Block
-from corridor.effects import Effect, every_effect
-from corridor.report import rounded, scaled
+from corridor.core.block import Block
+from corridor.core.effects import Effect, every_effect
+from corridor.core.output import rounded, scaled
 
 
 def value_and_sigma(parameter: dict) -> tuple[str, str, str]:

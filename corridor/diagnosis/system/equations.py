@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array, hstack, vstack
 
-from corridor.adjustment import Adjustment, LinearSystem
-from corridor.brief import brief
+from corridor.core.adjustment import Adjustment, LinearSystem
+from corridor.core.brief import brief
+from corridor.core.effects import Effect
 from corridor.diagnosis.noise.image import Scales, pseudo_residuals
 from corridor.diagnosis.system.groups import Group, make_groups
-from corridor.effects import Effect
 
 
 @dataclass

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from corridor.adjustment import Columns
+from corridor.core.adjustment import Columns
+from corridor.core.effects import Effect
 from corridor.diagnosis.settings import SETTINGS
-from corridor.effects import Effect
 
 
 @dataclass

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
+from corridor.core.effects import Effect
 from corridor.diagnosis.evidence.blunders import (
     Blunders,
     Wrong,
@@ -32,7 +33,6 @@ from corridor.diagnosis.rounds import Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import equations
-from corridor.effects import Effect
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,12 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from corridor.adjustment import Adjustment, LinearSystem, Loss
-from corridor.block import Block
+from corridor.core.adjustment import Adjustment, LinearSystem, Loss
+from corridor.core.block import Block
+from corridor.core.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
+from corridor.core.preparation import strips_of
 from corridor.diagnosis.noise.image import places, scale_of
 from corridor.diagnosis.settings import SETTINGS
-from corridor.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
-from corridor.preparation import strips_of
 
 
 def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:

@@ -12,7 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from corridor.adjustment import Adjustment
+from corridor.core.adjustment import Adjustment
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.blunders import listed_points
 from corridor.diagnosis.findings.findings import Findings, Unknown
 from corridor.diagnosis.findings.location import locate
@@ -34,7 +35,6 @@ from corridor.diagnosis.verification.held_out import (
     preferred,
     tie_gap,
 )
-from corridor.errors import AdjustmentFailed, InputError
 
 
 class Verification:

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from corridor.core.geometry import CLIPPED, robust_scale, robust_scale_of_lengths
 from corridor.diagnosis.replicates.signatures import Signatures
 from corridor.diagnosis.replicates.statistics.antenna import gnss_forms
 from corridor.diagnosis.replicates.statistics.statistic import (
@@ -23,7 +24,6 @@ from corridor.diagnosis.replicates.statistics.ties import (
     mark_forms,
     tie_forms,
 )
-from corridor.geometry import CLIPPED, robust_scale, robust_scale_of_lengths
 
 
 class SummaryStatistics:

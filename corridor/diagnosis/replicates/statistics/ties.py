@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from corridor.core.geometry import CLIPPED, robust_scale_of_lengths
 from corridor.diagnosis.replicates.statistics.statistic import (
     FEWEST,
     Curve,
@@ -17,7 +18,6 @@ from corridor.diagnosis.replicates.statistics.statistic import (
     Slopes,
     corridor_frame,
 )
-from corridor.geometry import CLIPPED, robust_scale_of_lengths
 
 ROWS, TIMES, PLACES = 12, 12, 14
 COLUMNS = (8, 6)

@@ -1,0 +1,1 @@
+"""The small core: block, camera, geometry, effects, GNSS, preparation, adjustment, simulation."""

@@ -1,0 +1,73 @@
+"""Least-squares adjustment of a block, with exact covariances.
+
+`adjust(block)` returns an `Adjustment`; `complete` makes start values; `similarity` and
+`check_table` compare with ground points. `make_problem`, `Normal`, `Loss`, `solve` and
+`Covariance` are its parts, for those who need the equations themselves; a matrix that nothing
+determines is `Singular`.
+"""
+
+from corridor.core.adjustment.absolute_orientation import AbsoluteOrientation, lay_on_control
+from corridor.core.adjustment.adjusting import Run, adjust, complete
+from corridor.core.adjustment.check_statistics import check_table
+from corridor.core.adjustment.covariance import Covariance
+from corridor.core.adjustment.datum import QUANTITIES
+from corridor.core.adjustment.design import Design, Sets
+from corridor.core.adjustment.left_out import sound_part
+from corridor.core.adjustment.linear_system import Columns, ImageRows, LinearSystem
+from corridor.core.adjustment.matrix import Singular
+from corridor.core.adjustment.model import (
+    LOSSES,
+    REFERENCE_CAMERA,
+    Loss,
+    Model,
+    ParameterId,
+    camera_of,
+    listed,
+)
+from corridor.core.adjustment.normal import Normal
+from corridor.core.adjustment.precompiling import compiling_ahead
+from corridor.core.adjustment.problem import make_problem
+from corridor.core.adjustment.regression import PointGains, point_gains
+from corridor.core.adjustment.result import Adjustment, not_converged
+from corridor.core.adjustment.solving import solve
+from corridor.core.adjustment.variance_components import gnss_of_metres
+from corridor.core.adjustment.warnings import grave, implausible
+from corridor.core.geometry import Similarity, similarity
+
+__all__ = [
+    "LOSSES",
+    "QUANTITIES",
+    "REFERENCE_CAMERA",
+    "Adjustment",
+    "Columns",
+    "Covariance",
+    "Design",
+    "AbsoluteOrientation",
+    "ImageRows",
+    "LinearSystem",
+    "Loss",
+    "Model",
+    "Normal",
+    "ParameterId",
+    "PointGains",
+    "Run",
+    "Sets",
+    "Similarity",
+    "Singular",
+    "adjust",
+    "camera_of",
+    "check_table",
+    "compiling_ahead",
+    "complete",
+    "gnss_of_metres",
+    "grave",
+    "implausible",
+    "lay_on_control",
+    "listed",
+    "make_problem",
+    "not_converged",
+    "point_gains",
+    "similarity",
+    "solve",
+    "sound_part",
+]

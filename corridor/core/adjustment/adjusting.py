@@ -1,0 +1,379 @@
+"""The adjustment of a block: from start values to a result that can be read."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.adjustment.blunders import without_exchanged
+from corridor.core.adjustment.covariance import Covariance
+from corridor.core.adjustment.datum import explain, free_network, helmert_onto
+from corridor.core.adjustment.left_out import sound_part
+from corridor.core.adjustment.linear_system import LinearSystem
+from corridor.core.adjustment.matrix import Singular
+from corridor.core.adjustment.model import Loss, Model
+from corridor.core.adjustment.normal import Normal
+from corridor.core.adjustment.problem import Problem, State, make_problem
+from corridor.core.adjustment.result import Adjustment
+from corridor.core.adjustment.solving import solve
+from corridor.core.adjustment.variance_components import (
+    weighted_by_scatter,
+    with_held_focal_asked,
+    without_false_fixes,
+    without_unseen_arms,
+)
+from corridor.core.block import Block, read
+from corridor.core.effects import Effect, check_needs
+from corridor.core.errors import AdjustmentFailed, InputError, some
+from corridor.core.options import options
+from corridor.core.output import counted
+from corridor.core.preparation import Prepared, doubts, prepare
+
+# Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
+ITERATIONS = 100
+# What a lens that is not calibrated may bend, as a start: with this standard deviation.
+START_LENS = {"k1": 0.1, "k2": 0.1}
+# Start values beyond the pictures: of more points than this share, something else is wrong.
+_WILD = 0.1
+# A point that ends this near to a camera, of where it began, has fallen into it.
+_FALLEN = 0.1
+
+
+@dataclass(frozen=True)
+class Run:
+    """How the equations are solved.
+
+    threads: 1 or 2. progress: called with a dictionary: after each iteration iteration, cost,
+    damping, step and accepted; else message. max_iterations: None: as many as is usual. strict:
+    refuse wild cells, points that one image alone shows or that fall into a camera, and images with
+    fewer than three points, which are left out and named in `warnings` otherwise.
+    """
+
+    threads: int = 1
+    progress: Callable[[dict], None] | None = None
+    max_iterations: int | None = None
+    strict: bool = False
+
+    def __post_init__(self):
+        if self.threads < 1:
+            raise InputError(f"{self.threads} threads cannot adjust anything: use 1 or 2")
+
+    def say(self, message: str) -> None:
+        """Tell the progress."""
+        if self.progress:
+            self.progress({"message": message})
+
+
+@options(model=Model, run=Run)
+def adjust(
+    block: Block | str | os.PathLike, model: Model, *, run: Run, reject_gnss: bool = False
+) -> Adjustment:
+    """Least-squares adjustment of tie points, marks, ground control and GNSS.
+
+    block: as read, or its folder.
+    camera: free interior parameters, `fixed`, `fraser8`, `fraser10`, `f,cx,cy,k1` or a list of
+        names; a mapping gives each camera its own. Default: eight, or none where the camera is
+        calibrated.
+    effects: slugs of effects to estimate with the rest; `slug@flight` for one set a flight.
+    control, check: ground points with that role, in place of the roles in ground.csv.
+    loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
+    priors: value and standard deviation by name: `{"camera.P1.f": (8190.0, 5.0)}`.
+    lever_arm: `free` or `fixed`; default: free unless block.toml fixes it or the antenna positions
+        do not show it: such an arm is held at 0, or as stated.
+    model: a `Model` in place of camera, effects, control, check, loss, priors and lever_arm.
+    threads: 1 or 2. max_iterations: 100 if none is given.
+    progress: called with a dictionary: after each iteration iteration, cost, damping, step and
+        accepted; while start values are made, message.
+    strict: refuse wild cells, points that one image alone shows, and images with fewer than three
+        points, which are left out and named in `warnings` otherwise.
+    run: a `Run` in place of threads, max_iterations, progress and strict.
+    reject_gnss: leave out antenna positions whose residual is beyond five sigmas (false fixes,
+        which no smoother of the track can see) and adjust again, until none is left.
+
+    What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
+    A focal length that block.toml says is stated (`f_stated`, by photographs) is a prior of a
+    camera that is free. One sigma of half a metre and more for all antenna positions is assumed
+    rather than known: where they scatter otherwise, that is used and said.
+    Missing start values are made (`corridor.adjustment.initial`). A block with neither control
+    nor GNSS is adjusted as a free network, laid on its start poses as a whole.
+    Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
+    iterations get nowhere.
+    """
+    prepared = prepare(read(block), velocities=bool(model.effects))
+    block = prepared.block
+    check_needs(block, model.effects)
+    block, left_out = sound_part(block, model, run.strict)
+    doubtful = doubts(block)
+
+    def again(part: Block, model: Model = model) -> Adjustment:
+        try:
+            return _once(part, model, run)
+        except AdjustmentFailed:
+            if not model.effects:
+                raise
+            # Effects look at poses: where those are far off, they lead further away.
+            found = _once(_once(part, model.without_effects(), run).block, model, run)
+            found.start = part
+            return found
+
+    judges = (weighted_by_scatter, without_unseen_arms, with_held_focal_asked)
+
+    def whole(part: Block) -> Adjustment:
+        found = again(part)
+        for judge in (without_false_fixes, *judges) if reject_gnss else judges:
+            found = judge(found, again)
+        return found
+
+    try:
+        result, exchanged = _with_ground_as_seen(block, model, whole, again)
+        left_out += exchanged
+    except (InputError, AdjustmentFailed) as error:
+        if not doubtful:
+            raise
+        # What looks wrong at first sight is the likelier cause.
+        raise type(error)(f"{doubtful[0]} So: {error}") from None
+    result.doubts = doubtful
+    for note in (*_used(prepared, model.effects), *reversed(left_out), *reversed(doubtful)):
+        result.add_note(note)
+    return result
+
+
+def _with_ground_as_seen(
+    block: Block, model: Model, whole: Callable[[Block], Adjustment], again: Callable
+) -> tuple[Adjustment, list[str]]:
+    """The block adjusted; where that fails, without ground points that are exchanged."""
+    failure = result = None
+    try:
+        result = whole(block)
+    except (InputError, AdjustmentFailed) as error:
+        failure = error
+    if result is None or not result.converged:
+        sound, notes = without_exchanged(block, model, lambda *bare: again(*bare).block)
+        if notes:
+            try:
+                return whole(sound), notes
+            except (InputError, AdjustmentFailed) as error:
+                raise type(error)(f"{notes[0]} So: {error}") from None
+    if failure is not None:
+        raise failure
+    return result, []
+
+
+def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:
+    """Sentences on derived columns that this adjustment made use of, and on what failed."""
+    used = {"gnss", "images.flight"}
+    used |= {column for effect in effects for column in (*effect.needs, *effect.takes)}
+    told = [one.sentence for one in prepared.derived if one.column in used]
+    return list(dict.fromkeys([*told, *prepared.notes]))
+
+
+def _once(block: Block, model: Model, run: Run) -> Adjustment:
+    """One adjustment."""
+    began = time.perf_counter()
+    start, notes = block, []
+    if _incomplete(block):
+        block = complete(block, run.say)
+    problem, loss = make_problem(block, model), Loss.parse(model.loss)
+    threads = min(run.threads, 2)
+    residual, behind = Normal(problem, loss, threads).residuals(problem.start)
+    lost = _wild_starts(problem, residual)
+    if behind:
+        block, more = _ahead(block, problem, residual, lost)
+        notes += more
+    elif lost:
+        block = _without_starts(block, lost)
+    if behind or lost:
+        problem = make_problem(block, model)
+    del residual  # as large as the observations
+
+    def at(state: State) -> LinearSystem:
+        return LinearSystem(problem, state, loss, threads=threads)
+
+    solution, iterations = None, run.max_iterations or ITERATIONS
+    try:
+        datum = free_network(at(problem.start))
+        normal = Normal(problem, loss, threads=threads)
+        if datum is not None:
+            normal.held = datum.held
+        solution = solve(normal, iterations, progress=run.progress, equations=datum is None)
+        if not (solution.converged or run.strict) and iterations >= ITERATIONS:
+            fallen = _fallen(problem, solution.state)
+            if fallen:
+                return _without_fallen(start, block, fallen, model, run)
+        if datum is None:
+            system = LinearSystem.in_place(normal, solution.state, threads, solution.factor)
+            solution.factor = None  # the system may let go of it
+        del normal  # as large as the equations
+        if datum is not None:
+            system = at(solution.state)
+            if datum.null_space.shape[1] == 7:
+                system = at(helmert_onto(problem, solution.state, problem.start))
+            datum = free_network(system)
+        if datum is not None:
+            system = replace(system, held=datum.held)
+        covariance = Covariance(system, None if datum is None else datum.null_space)
+    except Singular as singular:
+        fallen = _fallen(problem, solution.state) if solution and not run.strict else set()
+        if fallen:
+            return _without_fallen(start, block, fallen, model, run)
+        raise explain(at(problem.start), singular) from None
+    solution.state = system.state
+    return Adjustment(
+        start, solution, covariance, time.perf_counter() - began, [*problem.notes, *notes]
+    )
+
+
+def complete(block: Block, progress: Callable[[str], None] | None = None) -> Block:
+    """The block with every pose and every point filled in; what is given is kept as it is.
+
+    See `corridor.adjustment.initial`. progress: called with a line of text now and then.
+    Raises InputError naming the images that cannot be oriented, and the remedy.
+    """
+    from corridor.core.adjustment import initial  # loads OpenCV: 25 MB
+
+    posed = np.isfinite(block.poses).all(axis=1)
+    if len(block.points) and not posed.any() and (len(block.gnss) or len(block.ground) > 2):
+        # Rough points would hold poses that are made from nothing; they are start values after.
+        bare = block.copy()
+        bare.points = bare.points.iloc[:0]
+        try:
+            made = initial.complete(bare, _interim, progress)
+        except InputError:
+            return initial.complete(block, _interim, progress)
+        given = made.points["point"].isin(block.points.dropna()["point"])
+        made.points = pd.concat([block.points, made.points[~given]], ignore_index=True)
+        return made
+    return initial.complete(block, _interim, progress)
+
+
+def _interim(part: Block) -> Block | None:
+    """The oriented part adjusted, with k1 and k2 of lenses that are not calibrated."""
+    own = {name: camera for name, camera in part.cameras.items() if not camera.calibrated}
+    try:
+        model = Model(
+            camera=dict.fromkeys(own, ",".join(START_LENS)),
+            loss="huber:3",
+            priors={
+                f"camera.{name}.{term}": (camera[term], sigma)
+                for name, camera in own.items()
+                for term, sigma in START_LENS.items()
+            },
+        )
+        return _once(part, model, Run(max_iterations=10)).block
+    except (InputError, AdjustmentFailed):
+        return None
+
+
+def _incomplete(block: Block) -> bool:
+    """Whether a pose or a point has no start value."""
+    if not np.isfinite(block.poses).all():
+        return True
+    for table in ("tie_points", "marks"):
+        known = np.isfinite(block.positions(table)).all(axis=1)
+        if not (known.all() or known[getattr(block, table)["point"].array.codes].all()):
+            return True
+    return False
+
+
+def _wild_starts(problem: Problem, residual: np.ndarray) -> set[str]:
+    """Names of the few points whose start lies beyond the picture of an image that sees others.
+
+    Start values do not shape a result; one that is wild leads every image astray on the way.
+    residual (n, 2): px, of the start.
+    """
+    size = problem.images.size
+    # Nearly always none: what follows is as large as the observations, several times.
+    highest, lowest = (by.reduce(residual, axis=None, initial=0.0) for by in (np.fmax, np.fmin))
+    if max(highest, -lowest) <= size.min():
+        return set()
+    far = (np.abs(residual) > size[problem.img]).any(axis=1)
+    seen, lost = (
+        np.bincount(images, minlength=problem.image_count)
+        for images in (problem.img, problem.img[far])
+    )
+    names = _names_of(problem, far & (2 * lost < seen)[problem.img])
+    return names if len(names) <= _WILD * (len(problem.ptr) - 1) else set()
+
+
+def _without_starts(block: Block, names: set[str]) -> Block:
+    """The block with tie points of these names intersected anew."""
+    block = block.copy()
+    lost = block.points["point"].isin(names)
+    block.points.loc[lost, ["x", "y", "z"]] = np.nan
+    return complete(block)
+
+
+def _ahead(
+    block: Block, problem: Problem, residual: np.ndarray, wild: set[str]
+) -> tuple[Block, list[str]]:
+    """The block with points that start behind a camera, or wild, intersected anew or left out."""
+    behind = np.isnan(residual[:, 0])
+    count = np.bincount(problem.img, minlength=problem.image_count)
+    hidden = np.bincount(problem.img[behind], minlength=problem.image_count)
+    blind = np.flatnonzero(hidden == count)
+    if len(blind):
+        row = problem.order[blind].min()
+        more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
+        raise InputError(
+            f"{block.where('images', row)}: all points of image "
+            f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
+            "to camera, qw first) and its position"
+        )
+    block = _without_starts(block, _names_of(problem, behind) | wild)
+    again = make_problem(block)
+    residual, still = Normal(again, Loss()).residuals(again.start)
+    if not still:
+        return block, []
+    hopeless = _names_of(again, np.isnan(residual[:, 0]))
+    return _without_ties(block, hopeless), [
+        f"{len(hopeless)} tie points lie behind a camera that measured them and are left out "
+        f"({some(sorted(hopeless), 5)}): their matches are wrong."
+    ]
+
+
+def _fallen(problem: Problem, state: State) -> set[str]:
+    """Names of tie points that the iterations drew into a camera.
+
+    Where two images stand nearly at one place, or a match is wrong, the angle between two rays is
+    that of their errors: what they fit best is a point in the camera itself, from which nothing is
+    determined any more.
+    """
+    point = np.repeat(np.arange(len(problem.ptr) - 1), np.diff(problem.ptr))
+    before, after = (
+        np.linalg.norm(at.points[point] - at.centre[problem.img], axis=1)
+        for at in (problem.start, state)
+    )
+    return _names_of(problem, after < _FALLEN * before) & set(problem.block.tie_points["point"])
+
+
+def _without_fallen(
+    start: Block, block: Block, names: set[str], model: Model, run: Run
+) -> Adjustment:
+    """The adjustment, from its start again, without tie points that fell into a camera."""
+    found = _once(_without_ties(block, names), model, run)
+    found.start = start
+    found.add_note(
+        f"{counted(len(names), 'tie point')} that the adjustment drew into a camera left out "
+        f"({some(sorted(names), 5)}): their rays are nearly parallel, or their matches are wrong."
+    )
+    return found
+
+
+def _without_ties(block: Block, names: set[str]) -> Block:
+    """The block without tie points of these names."""
+    block = block.copy()
+    keep = ~block.tie_points["point"].isin(names)
+    block.tie_points = block.tie_points[keep].reset_index(drop=True)
+    block.tie_points["point"] = block.tie_points["point"].cat.remove_unused_categories()
+    return block
+
+
+def _names_of(problem: Problem, rays: np.ndarray) -> set[str]:
+    """Names of the points of some rays (n,), given as a mask."""
+    point = np.repeat(np.arange(len(problem.ptr) - 1), np.diff(problem.ptr))
+    return set(problem.point_names[np.unique(point[rays])])

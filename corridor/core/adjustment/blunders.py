@@ -1,0 +1,242 @@
+"""Wild cells: one number so far off that no adjustment would get over it, named and set aside.
+
+A comma in the wrong place is enough. Where the rest agrees, the block is none the worse without.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+
+from corridor.core.adjustment.model import Model
+from corridor.core.block import Block
+from corridor.core.camera import undistort
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
+from corridor.core.output import counted
+
+# Wild: beyond this many robust sigmas of what start values leave, and beyond this share of the
+# flying height; of the pictures, beyond this share of their size outside.
+_SIGMAS, _OF_HEIGHT, _OUTSIDE = 20.0, 0.5, 0.25
+# More than this share is no slip of the pen.
+_MOST = 0.2
+_NAMED = 5
+_SLIP = " (a comma or a digit out of place?)"
+# Two exchanged points lie on each other's place but for this share of their distance, and beyond
+# so many robust sigmas off their own.
+EXCHANGED, _EXCHANGED_SIGMAS, _FARTHEST = 0.25, 5.0, 20
+# Control points that hold a block without GNSS.
+_LEAST_CONTROL = 3
+
+
+def without_wild(block: Block, model: Model) -> tuple[Block, list[str]]:
+    """The block without wild measurements, and a sentence on each kind, with rows.
+
+    Looked for beside the start poses of images.csv, and beside the picture's size. Ground points
+    become unused; GNSS positions and image observations go.
+    """
+    notes: list[str] = []
+    out = block
+    for table in ("tie_points", "marks"):
+        out = _outside(out, block, table, notes)
+    if not _posed(block):
+        return out, notes
+    pose = block.poses
+    out = _gnss(out, block, pose, notes)
+    return _ground(out, block, model, pose, notes), notes
+
+
+def _posed(block: Block) -> bool:
+    """Whether start poses show where things are."""
+    return np.isfinite(block.poses).all(axis=1).sum() >= 3
+
+
+def _outside(out: Block, block: Block, table: str, notes: list[str]) -> Block:
+    frame = getattr(block, table)
+    sizes = np.array([(c.width, c.height) for c in block.cameras.values()], dtype=float)
+    size = sizes[block.image_camera]
+    one = bool(len(size)) and (size == size[0]).all()
+    image = None if one else block.image_rows(table)
+    wild = np.zeros(len(frame), dtype=bool)
+    for axis, limit in zip("xy", size.T, strict=True):
+        limit, at = limit[0] if one else limit[image], frame[axis].to_numpy()
+        wild |= at < -_OUTSIDE * limit
+        wild |= at > (1.0 + _OUTSIDE) * limit
+    rows = np.flatnonzero(wild)
+    if not len(rows) or len(rows) > 0.02 * len(frame):
+        return out
+    shown = [
+        f"{block.named(table, k)} at {frame['x'].iloc[k]:g}, {frame['y'].iloc[k]:g}"
+        for k in rows[:_NAMED]
+    ]
+    notes.append(_told(rows, "image observation", "far outside the picture", shown))
+    out = _own(out, block)
+    kept = frame[~wild].reset_index(drop=True)
+    kept["point"] = kept["point"].cat.remove_unused_categories()
+    setattr(out, table, kept)
+    return out
+
+
+def without_exchanged(
+    block: Block, model: Model, adjusted: Callable[[Block, Model], Block]
+) -> tuple[Block, list[str]]:
+    """The block without exchanged ground points where no start pose shows them, and sentences.
+
+    For blocks that cannot be adjusted with them: `adjusted` is asked to do without ground control,
+    on GNSS alone, and shows then where ground points lie.
+    """
+    told = model.control is not None or model.check is not None
+    if told or len(block.gnss) < 4 or len(block.ground) < 4 or _posed(block):
+        return block, []
+    bare = block.copy()
+    bare.ground["role"] = "unused"
+    try:
+        blind = adjusted(bare, model.without_effects())
+    except (InputError, AdjustmentFailed):
+        return block, []
+    notes: list[str] = []
+    return _ground(block, block, model, blind.poses, notes, seen_by=blind), notes
+
+
+def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block:
+    if not len(block.gnss):
+        return out
+    given = block.numbers("gnss", *"xyz")
+    rows, far = _far(given - pose[block.image_rows("gnss"), :3], _height(block, pose))
+    if not len(rows):
+        return out
+    shown = [f"{block.named('gnss', k)}, {_metres(far[k])} off" for k in rows[:_NAMED]]
+    notes.append(_told(rows, "GNSS position", "far from where the others put the image", shown))
+    out = _own(out, block)
+    out.gnss = block.gnss.drop(index=block.gnss.index[rows]).reset_index(drop=True)
+    return out
+
+
+def _ground(
+    out: Block, block: Block, model: Model, pose: np.ndarray, notes, seen_by: Block | None = None
+) -> Block:
+    """seen_by: the block with cameras that are better known, where there is one."""
+    roles = model.roles(block)
+    used = np.flatnonzero((roles == "control") | (roles == "check"))
+    if len(used) < 4 or not len(block.marks):
+        return out
+    given = block.numbers("ground", *"xyz")[used]
+    seen = where_seen(seen_by or block, pose)[used]
+    names = block.ground["point"].to_numpy(dtype=object)[used]
+    pairs = exchanged_points(given, seen)
+    notes.extend(told_exchanged(names[i], names[j]) for i, j in pairs)
+    rows, far = _far(given - seen, _height(block, pose))
+    told = model.control is not None or model.check is not None
+    # A point without a role is of no use to a block of few: what is named is left where it is.
+    left = (roles[used] == "control").sum() - 2 * len(pairs)
+    if len(block.gnss) or left >= _LEAST_CONTROL:
+        rows = np.union1d(rows, np.array(pairs, dtype=int).ravel())
+    if told or not len(rows):
+        return out
+    shown = [
+        f"{block.where('ground', used[k])}: {names[k]} ({roles[used[k]]}), {_metres(far[k])} off"
+        for k in rows[:_NAMED]
+    ]
+    slip = "" if set(rows) <= set(np.ravel(pairs)) else _SLIP
+    them = "them" if len(rows) > 1 else "it"
+    where = f"far from where images show {them}"
+    notes.append(_told(rows, "ground point", where, shown, cause=slip))
+    out = _own(out, block)
+    out.ground.loc[out.ground.index[used[rows]], "role"] = "unused"
+    return out
+
+
+def exchanged_points(given: np.ndarray, seen: np.ndarray) -> list[tuple[int, int]]:
+    """Pairs of ground points each of which lies where the other was surveyed.
+
+    given, seen: (n, 3), metres, as surveyed and as images show them; NaN unknown. Wherever all of
+    them are seen shifted alike, that does not count.
+    """
+    known = np.flatnonzero(np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1))
+    if len(known) < 2:
+        return []
+    away = seen[known] - given[known]
+    # Of four and more points most are where they belong.
+    middle = np.median(away, axis=0) if len(known) > 3 else np.zeros(3)
+    length = np.linalg.norm(away - middle, axis=1)
+    usual = robust_scale(length) if len(known) > 3 else 0.0
+    # Those that lie farthest off; of more pairs nobody would read.
+    worst = np.argsort(-length, kind="stable")[:_FARTHEST]
+    worst = np.sort(worst[length[worst] > _EXCHANGED_SIGMAS * usual])
+    pairs = []
+    for i, j in itertools.combinations(worst, 2):
+        one, two = known[i], known[j]
+        apart = np.linalg.norm(given[one] - given[two])
+        crossed = [seen[one] - middle - given[two], seen[two] - middle - given[one]]
+        other = np.linalg.norm(crossed, axis=1).max()
+        if other < EXCHANGED * apart and min(length[i], length[j]) > (1.0 - EXCHANGED) * apart:
+            pairs.append((int(one), int(two)))
+    return pairs
+
+
+def told_exchanged(one: str, two: str) -> str:
+    """The sentence on two such points."""
+    return (
+        f"Ground points {one} and {two}: each lies where the other was surveyed. Are their names "
+        "exchanged, in ground.csv or in marks.csv?"
+    )
+
+
+def where_seen(block: Block, pose: np.ndarray, interior: np.ndarray | None = None) -> np.ndarray:
+    """Where the images of each ground point (n, 3) show it, by these poses; NaN unknown.
+
+    interior (cameras, 15): as found, in place of the block's.
+    """
+    image, which = block.image_rows("marks"), block.image_camera
+    if interior is None:
+        interior = np.array([c.interior for c in block.cameras.values()])
+    ray = undistort(block.numbers("marks", "x", "y"), interior, which[image])
+    quaternion = np.where(np.isfinite(pose[:, 3:]), pose[:, 3:], [1.0, 0.0, 0.0, 0.0])
+    rays = Rays(
+        image.astype(np.int32), ray, rotation_from_quaternion(quaternion), pose[:, :3].copy(),
+        1.0 / interior[which, 0],
+    )  # fmt: skip
+    marked = block.marks["point"].array
+    names = marked.categories
+    found = meeting_points(rays, marked.codes, len(names))
+    at = names.get_indexer(block.ground["point"])
+    found = np.concatenate([found, np.full((1, 3), np.nan)])
+    return found[at]
+
+
+def _height(block: Block, pose: np.ndarray) -> float:
+    """Flying height above the points or the ground, m; 10 m where nothing tells."""
+    ground = np.concatenate([block.points["z"].to_numpy(float), block.ground["z"].to_numpy(float)])
+    if not np.isfinite(ground).any():
+        return 10.0
+    return max(float(np.nanmedian(pose[:, 2]) - np.nanmedian(ground)), 10.0)
+
+
+def _far(away: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Which differences (n, 3), m, are wild, and how far (n,) all are from their median.
+
+    None where they are too many for slips of the pen, or too few to tell.
+    """
+    known = np.isfinite(away).all(axis=1)
+    if known.sum() < 4:
+        return np.zeros(0, int), np.zeros(len(away))
+    middle = np.median(away[known], axis=0)
+    length = np.where(known, np.linalg.norm(np.nan_to_num(away - middle), axis=1), 0.0)
+    usual = robust_scale(length[known], least=1e-9)
+    rows = np.flatnonzero(length > max(_SIGMAS * usual, _OF_HEIGHT * height))
+    return (rows if len(rows) <= max(_MOST * len(away), 1.0) else rows[:0]), length
+
+
+def _metres(length: float) -> str:
+    return f"{length:,.0f} m" if length < 1e9 else f"{length:.0e} m"
+
+
+def _own(out: Block, block: Block) -> Block:
+    return block.copy() if out is block else out
+
+
+def _told(rows: np.ndarray, what: str, why: str, shown: list[str], cause: str = _SLIP) -> str:
+    more = "; ..." if len(rows) > len(shown) else ""
+    return f"{counted(len(rows), what)} set aside, {why}{cause}: {'; '.join(shown)}{more}."

@@ -1,0 +1,75 @@
+"""An adjustment for a GIS and for programs of point clouds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.adjustment.tables import Tables
+from corridor.core.block import footprints
+from corridor.core.output import Layer, nice, write_geopackage, write_las
+
+_SIGMAS = ["sx", "sy", "sz"]
+# The largest vector is drawn about so long, as a share of the block.
+_DRAWN = 0.05
+
+
+def write_gis(adjustment: Tables, stem: Path) -> None:
+    """Writes STEM.gpkg and STEM.las, in the block's CRS, its offset added.
+
+    Layers: points (adjusted, sx, sy, sz in m, rays, kind), check_vectors (lines from the surveyed
+    to the adjusted place, drawn `times` as long; dx, dy, dz, sx, sy, sz in m), cameras (centres,
+    sx, sy, sz in m, s_rx, s_ry, s_rz in rad), footprints (of pictures, at the height of what each
+    of them shows). The LAS file has the points. Raises InputError without the extra `gis`.
+    """
+    block = adjustment.block
+    points = adjustment.points.copy()
+    points[_SIGMAS] = adjustment.point_sigma
+    xyz = points[["x", "y", "z"]].to_numpy() + block.offset
+    layers = {"points": Layer(points.drop(columns=["x", "y", "z"]), xyz)}
+    if len(adjustment.check_points):
+        layers["check_vectors"] = _vectors(adjustment)
+    poses, images = adjustment.poses, block.images
+    kept = [name for name in ("camera", "flight", "strip", "time_s") if name in images]
+    cameras = pd.concat([poses.drop(columns=["x", "y", "z"]), images[kept]], axis=1)
+    layers["cameras"] = Layer(cameras, poses[["x", "y", "z"]].to_numpy() + block.offset)
+    corners = footprints(block, _level(adjustment))
+    whole = np.isfinite(corners).all(axis=(1, 2))
+    rings = [*(corners[whole] + block.offset)]
+    layers["footprints"] = Layer(images.loc[whole, ["image", *kept]], rings, "Polygon Z")
+    write_geopackage(stem.with_suffix(".gpkg"), layers, block.crs)
+    fields = {name: points[name].to_numpy() for name in (*_SIGMAS, "rays")}
+    fields["mark"] = (points["kind"] == "mark").to_numpy().astype(np.int32)
+    write_las(stem.with_suffix(".las"), xyz, fields, block.crs)
+
+
+def _vectors(adjustment: Tables) -> Layer:
+    """Lines from where check points were surveyed towards where they came out."""
+    block, table = adjustment.block, adjustment.check_points
+    ground = block.ground.set_index("point").loc[table["point"], ["x", "y", "z"]].to_numpy(float)
+    off = table[["dx", "dy", "dz"]].to_numpy(float)
+    # By how much they are drawn longer than they are.
+    largest = float(np.linalg.norm(off, axis=1).max())
+    times = max(nice(_DRAWN * _extent(block) / largest), 1.0) if largest > 0 else 1.0
+    begin = ground + block.offset
+    lines = [*np.stack([begin, begin + times * off], axis=1)]
+    return Layer(table.assign(times=times), lines, "LineString Z")
+
+
+def _extent(block) -> float:
+    centres = block.poses[:, :2]
+    return float(np.linalg.norm(np.nanmax(centres, axis=0) - np.nanmin(centres, axis=0)))
+
+
+def _level(adjustment: Tables) -> np.ndarray:
+    """Median height (images,) of the points that each picture shows, m."""
+    height = dict(zip(adjustment.points["point"], adjustment.points["z"], strict=True))
+    seen = [
+        pd.DataFrame({"image": t["image"].astype(str), "z": t["point"].map(height).astype(float)})
+        for t in (adjustment.block.tie_points, adjustment.block.marks)
+    ]
+    found = pd.concat(seen).groupby("image")["z"].median()
+    names = adjustment.block.images["image"].astype(str)
+    return names.map(found).fillna(found.median()).to_numpy(float)

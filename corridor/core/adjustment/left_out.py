@@ -1,0 +1,93 @@
+"""What cannot be adjusted and is left out: points that one image sees, images that see hardly any.
+
+Every real project has some; the rest of the block is none the worse for it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corridor.core.adjustment.blunders import without_wild
+from corridor.core.adjustment.model import Model
+from corridor.core.adjustment.ordering import appearances
+from corridor.core.block import Block, is_among
+from corridor.core.errors import InputError, some
+from corridor.core.output import counted
+
+# Points that a pose needs.
+LEAST_POINTS = 3
+_NAMED = 10
+
+
+def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block, list[str]]:
+    """The block without what cannot be adjusted, and a sentence on each kind of what was left out.
+
+    Wild cells; tie points and check points that one image alone sees; images with fewer than three
+    points. strict: nothing is left out; wild cells raise InputError, the adjustment refuses others.
+    A block of which not even half of the images would be left comes back as it is: there,
+    something else is wrong, and the adjustment says what.
+    """
+    sound, wild = without_wild(block, model)
+    if strict:
+        if wild:
+            raise InputError(f"{wild[0]} Correct or delete them, or leave out --strict")
+        return block, []
+    block = sound
+    roles = model.roles(block)
+    ground = block.ground["point"].to_numpy(dtype=object)
+    ties, marks = (getattr(block, table)["point"].cat for table in ("tie_points", "marks"))
+    names = ties.categories.append(marks.categories)
+    is_mark = np.arange(len(names)) >= len(ties.categories)
+    held, unused = (
+        np.concatenate([np.zeros(len(ties.categories), bool), is_among(marks.categories, given)])
+        for given in (ground[roles == role] for role in ("control", "unused"))
+    )
+    codes = marks.codes.to_numpy().astype(np.int32)
+    point = np.concatenate([ties.codes.to_numpy(), codes + np.int32(len(ties.categories))])
+    image = np.concatenate([block.image_rows(table, np.int32) for table in ("tie_points", "marks")])
+
+    counts = np.ones(len(point), dtype=bool)
+    first = len(block.tie_points)
+    counts[first:] = ~unused[point[first:]]
+    keep, there = counts.copy(), np.ones(len(block.images), dtype=bool)
+    alone, few = np.zeros(len(names), dtype=bool), {}
+    while True:
+        # Where all count, which is the rule, nothing is copied.
+        rows = slice(None) if keep.all() else keep
+        single = (appearances(point[rows], len(names)) == 1) & ~held
+        if single.any():
+            keep &= ~single[point]
+            rows = keep
+        seen = appearances(image[rows], len(there))
+        scarce = np.flatnonzero(there & (seen < LEAST_POINTS))
+        if not single.any() and not len(scarce):
+            break
+        alone |= single
+        few |= {block.images["image"].iloc[k]: seen[k] for k in scarce}
+        there[scarce] = False
+        if len(scarce):
+            keep &= there[image]
+    if 2 * there.sum() < len(there) or not (alone.any() or few):
+        return block, wild
+    notes = wild
+    for mine, what in ((alone & ~is_mark, "tie point"), (alone & is_mark, "check point")):
+        if mine.any():
+            seen_once = f"{counted(int(mine.sum()), what)} seen in one image only left out"
+            notes.append(f"{seen_once}: {some(names[mine], _NAMED)}.")
+    if few:
+        shown = [f"{name} with {number}" for name, number in few.items()]
+        notes.append(
+            f"{counted(len(few), 'image')} with fewer than {LEAST_POINTS} points that another "
+            f"image shows, which a pose needs, left out: {some(shown, _NAMED)}."
+        )
+    return _without(block, keep | ~counts, there), notes
+
+
+def _without(block: Block, keep: np.ndarray, there: np.ndarray) -> Block:
+    """The block with these rows of its tie points and marks, and with these images."""
+    block, first = block.copy(), len(block.tie_points)
+    for table, rows in (("tie_points", keep[:first]), ("marks", keep[first:])):
+        frame = getattr(block, table)[rows].reset_index(drop=True)
+        frame["point"] = frame["point"].cat.remove_unused_categories()
+        setattr(block, table, frame)
+    return block if there.all() else block.select(images=block.images["image"][there])

@@ -1,0 +1,283 @@
+"""The reduced normal equations: a symmetric matrix of image blocks bordered by what they share.
+
+    [ B  E ] [dc]   [g]
+    [ E' D ] [ds] = [h]
+
+B belongs to the images (d unknowns each), D to what they share. B is a band along the corridor
+(LAPACK lower band storage, Cholesky) or, where the band would cost more, a sparse matrix.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.sparse import bsr_array, csc_array
+from scipy.sparse.linalg import splu
+
+from corridor.core.engine import triangular
+
+# A pivot this small against the unknown's own diagonal is rounding: nothing determines it.
+SINGULAR = 1e-13
+
+
+class Singular(ArithmeticError):
+    """The matrix has a direction without information.
+
+    image, own: position and number of an image's unknown, or shared: number among the shared.
+    """
+
+    def __init__(self, image: int | None = None, own: int | None = None, shared: int | None = None):
+        self.image, self.own, self.shared = image, own, shared
+        super().__init__(f"image {image}, unknown {own}" if shared is None else f"shared {shared}")
+
+
+class Band:
+    """B as a band: storage, Cholesky factor, solutions."""
+
+    def __init__(self, images: int, d: int, width: int, rows: int):
+        """rows: of images, and behind them what pieces keep apart (see `Pieces`)."""
+        self.images, self.d = images, d
+        self.n = images * d
+        self.ld = min(width * d, self.n)
+        self.stride = self.ld - 1
+        self.flat = np.zeros(rows * d * self.ld)
+        self.neighbour_start = np.zeros(0, dtype=np.int64)
+        self.neighbour = np.zeros(0, dtype=np.int64)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Of every image one, and of what lies apart behind."""
+        return self.flat.reshape(-1, self.d * self.ld)
+
+    def add_blocks(self, image: np.ndarray, blocks: np.ndarray) -> None:
+        """Add symmetric blocks (k, d, d) to the diagonal blocks of images (k,)."""
+        d, ld = self.d, self.ld
+        for c in range(d):
+            at = (image * d + c) * ld - c
+            for r in range(c, d):
+                np.add.at(self.flat, at + r, blocks[:, r, c])
+
+    def add_diagonal(self, values: np.ndarray) -> None:
+        """Add (images, d) to the diagonal."""
+        self.flat[: self.n * self.ld : self.ld] += values.ravel()
+
+    def diagonal(self) -> np.ndarray:
+        return self.flat[: self.n * self.ld : self.ld].reshape(self.images, self.d)
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        """B x for x (n, k), before factorisation."""
+        band = self.flat[: self.n * self.ld].reshape(self.n, self.ld)
+        out = band[:, :1] * x
+        for r in range(1, self.ld):
+            out[r:] += band[: self.n - r, r : r + 1] * x[: self.n - r]
+            out[: self.n - r] += band[: self.n - r, r : r + 1] * x[r:]
+        return out
+
+    def symmetric(self) -> csc_array:
+        """B (n, n) as a whole, before factorisation."""
+        every = np.arange(self.d)
+        return self.of_images(every, every)
+
+    def of_images(self, one: np.ndarray, other: np.ndarray) -> csc_array:
+        """B (images * k, images * l) of some unknowns of every image, one (k,) and other (l,)."""
+        d, m = self.d, self.images
+        band = self.flat[: self.n * self.ld].reshape(m, d, self.ld)
+        row, column, values = [], [], []
+        for apart in range(-(-self.ld // d)):
+            # Of images so far apart: lower (pairs, unknowns of the later, of the earlier one).
+            lower = np.zeros((m - apart, d, d))
+            for c in range(d):
+                begin = max(apart * d - c, 0)
+                stored = band[: m - apart, c, begin : (apart + 1) * d - c]
+                lower[:, d - stored.shape[1] :, c] = stored
+            if not apart:
+                lower += np.tril(lower, -1).transpose(0, 2, 1)
+            seen = np.flatnonzero(lower.any(axis=(1, 2)))
+            lower = lower[seen]
+            row, column = [*row, seen + apart], [*column, seen]
+            values.append(lower[:, one[:, None], other])
+            if apart:
+                row, column = [*row, seen], [*column, seen + apart]
+                values.append(lower.transpose(0, 2, 1)[:, one[:, None], other])
+        row, column = np.concatenate(row), np.concatenate(column)
+        order = np.lexsort((column, row))
+        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=m))])
+        out = bsr_array(
+            (np.concatenate(values)[order], column[order], start),
+            shape=(m * len(one), m * len(other)),
+        ).tocsc()
+        out.eliminate_zeros()
+        return out
+
+    def factor(self, reference: np.ndarray) -> None:
+        """Cholesky in place. reference (images, d): diagonal before the points were eliminated.
+
+        Raises Singular.
+        """
+        column = triangular.factor(self.flat, self.ld, self.n)
+        if column is not None:
+            raise Singular(*divmod(column, self.d))
+        weak = self.diagonal() ** 2 < SINGULAR * reference
+        if weak.any():
+            raise Singular(*(int(v) for v in np.argwhere(weak)[0]))
+
+    def half(self, right: np.ndarray) -> np.ndarray:
+        """L^-1 right for right (n, k): half a solution; products need no more."""
+        return triangular.forward(self.flat, self.ld, self.n, right)
+
+    def other_half(self, right: np.ndarray) -> np.ndarray:
+        """L'^-1 right for right (n, k)."""
+        return triangular.backward(self.flat, self.ld, self.n, right)
+
+
+class Sparse:
+    """B as sparse blocks, factorised by SuperLU. For blocks that are not corridors."""
+
+    def __init__(self, images: int, d: int, ptr: np.ndarray, img: np.ndarray):
+        self.images, self.d, self.n = images, d, images * d
+        self.stride = d
+        self.ld = 0
+        start, neighbour = neighbours(images, ptr, img)
+        self.neighbour_start, self.neighbour = start, neighbour
+        self.flat = np.zeros(len(neighbour) * d * d)
+        column = np.repeat(np.arange(images), np.diff(start))
+        # Entry (r, c) of block (j, i) at c d + r: rows j d + r, columns i d + c.
+        r = np.tile(np.arange(d), d)
+        c = np.repeat(np.arange(d), d)
+        self._row = (neighbour[:, None] * d + r).ravel()
+        self._column = (column[:, None] * d + c).ravel()
+        self._own = start[:-1]
+
+    @property
+    def rows(self) -> np.ndarray:
+        """What pieces add to, as one row: where there is one piece alone, nothing lies apart."""
+        return self.flat[None]
+
+    def add_blocks(self, image: np.ndarray, blocks: np.ndarray) -> None:
+        d = self.d
+        for c in range(d):
+            for r in range(c, d):
+                np.add.at(self.flat, self._own[image] * d * d + c * d + r, blocks[:, r, c])
+
+    def _diagonal_at(self) -> np.ndarray:
+        d = self.d
+        return self._own[:, None] * d * d + np.arange(d) * (d + 1)
+
+    def add_diagonal(self, values: np.ndarray) -> None:
+        self.flat[self._diagonal_at()] += values
+
+    def diagonal(self) -> np.ndarray:
+        return self.flat[self._diagonal_at()]
+
+    def symmetric(self) -> csc_array:
+        """B (n, n) as a whole, before factorisation."""
+        lower = self._row >= self._column
+        below = self._row > self._column
+        rows = np.concatenate([self._row[lower], self._column[below]])
+        columns = np.concatenate([self._column[lower], self._row[below]])
+        values = np.concatenate([self.flat[lower], self.flat[below]])
+        return csc_array((values, (rows, columns)), shape=(self.n, self.n))
+
+    def of_images(self, one: np.ndarray, other: np.ndarray) -> csc_array:
+        """B (images * k, images * l) of some unknowns of every image, one (k,) and other (l,)."""
+        rows, columns = (
+            (np.arange(self.images)[:, None] * self.d + some).ravel() for some in (one, other)
+        )
+        out = self.symmetric()[:, columns][rows]
+        out.eliminate_zeros()
+        return out
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        return self.symmetric() @ x
+
+    def factor(self, reference: np.ndarray) -> None:
+        try:
+            self._lu = splu(
+                self.symmetric(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError:
+            raise Singular(0, 0) from None
+        pivots = self._lu.U.diagonal()
+        original = np.empty(self.n)
+        original[self._lu.perm_c] = np.arange(self.n)
+        original = original.astype(int)
+        weak = pivots < SINGULAR * reference.ravel()[original]
+        if weak.any():
+            raise Singular(*divmod(int(original[np.flatnonzero(weak)[0]]), self.d))
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        return self._lu.solve(np.asfortranarray(right))
+
+
+def neighbours(images: int, ptr: np.ndarray, img: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Images j >= i that share a point with image i, itself first: starts (m + 1,) and list."""
+    point = np.repeat(np.arange(len(ptr) - 1), np.diff(ptr))
+    seen = csc_array((np.ones(len(img)), (img, point)), shape=(images, len(ptr) - 1))
+    linked = (seen @ seen.T).tocoo()
+    keep = linked.row >= linked.col
+    row, column = linked.row[keep], linked.col[keep]
+    sort = np.lexsort((row, column))
+    start = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=images))])
+    return start.astype(np.int64), row[sort].astype(np.int64)
+
+
+class Bordered:
+    """Solutions of the whole bordered system after `factor`."""
+
+    def __init__(self, blocks: Band | Sparse, cross, block, shared_reference, reference):
+        """cross (n, q), block (q, q) of the shared unknowns, lower half.
+
+        The references are diagonals before elimination. Raises Singular.
+        """
+        self.blocks = blocks
+        blocks.factor(reference)
+        q = block.shape[0]
+        self.q = q
+        if isinstance(blocks, Band):
+            self.z = blocks.half(cross) if q else np.zeros((blocks.n, 0))
+            schur = np.tril(block) - np.tril(self.z.T @ self.z)
+        else:
+            self.x = blocks.solve(cross) if q else np.zeros((blocks.n, 0))
+            self.cross = cross
+            schur = np.tril(block) - np.tril(cross.T @ self.x)
+        self.shared_factor = _cholesky(schur, shared_reference)
+
+    def solve(self, right: np.ndarray, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solution for right (n, k) and shared (q, k)."""
+        if isinstance(self.blocks, Band):
+            half = self.blocks.half(right)
+            ds = self._shared_solution(shared - self.z.T @ half)
+            return self.blocks.other_half(half - self.z @ ds), ds
+        whole = self.blocks.solve(right)
+        ds = self._shared_solution(shared - self.cross.T @ whole)
+        return whole - self.x @ ds, ds
+
+    def _shared_solution(self, right: np.ndarray) -> np.ndarray:
+        if self.q == 0:
+            return right
+        half = solve_triangular(self.shared_factor, right, lower=True)
+        return solve_triangular(self.shared_factor, half, lower=True, trans=1)
+
+    def shared_inverse(self) -> np.ndarray:
+        """Inverse (q, q) of the whole matrix, as far as it is shared."""
+        return self._shared_solution(np.eye(self.q))
+
+
+def _cholesky(matrix: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factor (q, q). Raises Singular naming the first weak pivot."""
+    scale = np.sqrt(np.maximum(reference, np.finfo(float).tiny))
+    empty = np.flatnonzero(reference <= 0)
+    if len(empty):
+        raise Singular(shared=int(empty[0]))
+    factor = np.tril(matrix / scale[:, None] / scale)
+    for j in range(len(factor)):
+        pivot = factor[j, j] - factor[j, :j] @ factor[j, :j]
+        if not pivot > SINGULAR:
+            raise Singular(shared=j)
+        factor[j, j] = np.sqrt(pivot)
+        factor[j + 1 :, j] -= factor[j + 1 :, :j] @ factor[j, :j]
+        factor[j + 1 :, j] /= factor[j, j]
+    return factor * scale[:, None]

@@ -1,0 +1,49 @@
+"""What measurements and start values say of each other: where to look when nothing converged."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corridor.core.adjustment.linear_system import LinearSystem
+
+_NAMED = 3
+# What a drone's log misses: single-point GNSS, and attitudes of half a degree.
+_LOG_M, _LOG_PX = 10.0, 50.0
+
+
+def misfit(system: LinearSystem, far: bool = False) -> list[str]:
+    """Sentences on how far the measurements lie from a state, and which lie farthest.
+
+    far: only of measurements that lie farther off than the start values of a flight's log.
+    """
+    p, left = system.problem, system.residuals()
+    out = []
+    for what, names, metres in (
+        ("GNSS positions", p.images.names[p.gnss_image], left.gnss),
+        ("control points", system.control_names, left.control),
+    ):
+        if len(metres) and (not far or np.median(np.linalg.norm(metres, axis=1)) > _LOG_M):
+            out.append(_metres(what, names, metres))
+    length = np.linalg.norm(left.pixels, axis=1)
+    if far and np.nanmedian(length) < _LOG_PX:
+        return out
+    found = [np.nanmedian(length[p.img == k]) for k in range(p.image_count)]
+    worst = np.argsort(-np.nan_to_num(found, nan=np.inf))[:_NAMED]
+    named = ", ".join(f"{p.images.names[k]} {found[k]:.0f} px" for k in worst)
+    out.append(
+        f"Image points lie {np.nanmedian(length):.0f} px (median) from where the start values put "
+        f"them; most in {named}."
+    )
+    return out
+
+
+def _metres(what: str, names, left: np.ndarray) -> str:
+    median = ", ".join(
+        f"{axis} {value:+.2f} m" for axis, value in zip("xyz", np.median(left, 0), strict=True)
+    )
+    length = np.linalg.norm(left, axis=1)
+    named = ", ".join(f"{names[k]} {length[k]:.2f} m" for k in np.argsort(-length)[:_NAMED])
+    return (
+        f"{what[:1].upper()}{what[1:]} minus what the start values predict: median {median}; most "
+        f"at {named}."
+    )

@@ -1,0 +1,695 @@
+"""Normal equations of a problem at a state: assembled in one pass, by one thread or two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from corridor.core.adjustment.matrix import Band, Bordered, Sparse
+from corridor.core.adjustment.model import Loss
+from corridor.core.adjustment.partition import Pieces
+from corridor.core.adjustment.problem import Problem, State
+from corridor.core.adjustment.unknowns import is_per_image, per_image_code
+from corridor.core.camera import INTERIOR, radials_in_use
+from corridor.core.effects import ROW_REACH, Context, Images
+from corridor.core.engine import kernels, rays
+from corridor.core.engine.panels import PANEL
+from corridor.core.geometry import rotation_from_vector
+
+# Observations that effects look at in one go: small enough for the cache.
+CHUNK = 4096
+_FIRST_RADIAL = INTERIOR.index("k1")
+_NO_DERIVATIVE = np.zeros((0, 2, 0))
+_NO_SIGHT = np.zeros((0, 2, 9))
+# By how much centre, turn and point are moved for what effects on the image make of it, m and rad.
+_SIGHT_STEP = (1e-3,) * 3 + (1e-5,) * 3 + (1e-3,) * 3
+
+assemble_for = lru_cache(kernels.make_assemble)
+substitute_for = lru_cache(kernels.make_substitute)
+
+
+# From a pixel so near (px) a step of Newton finds what effects on the image look at; from a row so
+# near, where the camera is: to a millionth of a pixel, as each leaves the square. Where a camera
+# moves straight, only the perspective bends its way in the picture.
+NEAR, NEAR_ROW, NEAR_STRAIGHT = 0.5, 0.05, 5.0
+# Pixels and rows are at rest where another look moves them by less than this (px).
+AT_REST, ROW_AT_REST = 1e-11, 1e-5
+PASSES = 20
+
+
+@dataclass
+class Modelled:
+    """Where a state puts the observations, as far as effects must know.
+
+    row (n,): the row in which a moving camera reads each, px; pixel (n, 4): x, y, u, v at which
+    effects on the image look; slope (n, 4): derivative of the pixel by the one before effects;
+    sight (n, 2, 9): of the effects' shift by centre, turn and point, where they see these.
+    Empty where nothing moves or looks.
+    """
+
+    row: np.ndarray
+    pixel: np.ndarray
+    slope: np.ndarray
+    sight: np.ndarray
+
+    def copy(self) -> Modelled:
+        """The same in arrays of its own."""
+        return Modelled(self.row.copy(), self.pixel.copy(), self.slope.copy(), self.sight.copy())
+
+
+@dataclass
+class View:
+    """A state as the kernels take it.
+
+    cameras: poses, interiors and motion; d_interior (m, k, 16), d_motion
+    (m, k, degree + 1, 8) as in `_for_kernels` and d_ground (c, 3, k): derivatives by the effects;
+    control_residual (c, 3): given minus modelled, m.
+    """
+
+    state: State
+    images: Images
+    cameras: rays.Cameras
+    d_interior: np.ndarray
+    d_motion: np.ndarray
+    control_residual: np.ndarray
+    d_ground: np.ndarray
+
+
+class Normal:
+    """The equations of one problem; storage is kept from one assembly to the next.
+
+    What is found at a state depends on the state alone: where effects move the camera or look at
+    the modelled pixel, both are brought to rest first, to a millionth of a pixel. `near` may say
+    where a state close by had them, which saves passes and changes nothing else.
+
+    After `assemble`: cost (half the weighted sum of squares, priors included), behind (how many
+    observations lie behind their camera), modelled (at that state), gradient (n,) and
+    shared_gradient (q,).
+    """
+
+    def __init__(self, problem: Problem, loss: Loss, threads: int = 1, storage: str = "auto"):
+        self.problem, self.loss = problem, loss
+        p = problem
+        if storage == "auto":
+            storage = "sparse" if _band_costs_more(p) else "band"
+        self.pieces = Pieces.of(p, threads if storage == "band" else 1)
+        rows = p.image_count + self.pieces.apart
+        self.blocks: Band | Sparse = (
+            Band(p.image_count, p.d, p.bandwidth, rows)
+            if storage == "band"
+            else Sparse(p.image_count, p.d, p.ptr, p.img)
+        )
+        self.longest = int(np.diff(p.ptr).max(initial=1))
+        self.gradient = np.zeros((rows, p.d))
+        self.reference = np.zeros((rows, p.d))
+        self.cross = np.zeros((rows, p.d, p.wide))
+        self.has_image_effects = bool(p.stack.at("image"))
+        self.sighted = p.stack.sees_points
+        self.has_motion = bool(p.stack.at("motion"))
+        touched = (p.camera_column, p.slot_column, p.ground_column)
+        self.columns = rays.Columns(
+            _sources(p),
+            p.images.camera,
+            p.slot_column,
+            p.ground_column,
+            p.low,
+            p.high,
+            p.wide,
+            used=1 + max(int(some.max(initial=-1)) for some in touched),
+        )
+        self.assembled: View | None = None
+        self.held = np.zeros((0, 2), dtype=np.int64)
+        self.pin_weight = np.zeros(0)
+
+    # --- what stays the same during one evaluation -----------------------------------------
+
+    def view(self, state: State) -> View:
+        """What all observations have in common at a state."""
+        p = self.problem
+        images = p.images.with_poses(state.centre, state.rotation)
+        every = Context(images, np.arange(p.image_count))
+        interior = state.interior[images.camera]
+        shift, d_interior = p.stack.evaluate("camera", every, state.effects)
+        if p.stack.at("camera"):
+            interior = interior + shift
+        motion, d_motion = p.stack.motion_by_row(images, state.effects)
+        motion, d_motion = _for_kernels(state.rotation, motion, d_motion)
+        if len(p.control_rows):
+            names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
+            rows = np.flatnonzero(p.control >= 0)
+            modelled = np.empty((len(p.control_rows), 3))
+            modelled[p.control[rows]] = state.points[rows]
+            ground = Context(images, point=list(names), position=modelled)
+            moved, d_ground = p.stack.evaluate("ground", ground, state.effects)
+            residual = p.control_given - modelled - moved
+        else:
+            residual, d_ground = np.zeros((0, 3)), np.zeros((0, 3, 0))
+        # An effect's derivative may be a read-only view, which kernels would be compiled anew for.
+        d_ground = np.array(d_ground, order="C")
+        radials = int(radials_in_use(interior))
+        for name in {name for free in p.free.values() for name in free}:
+            radials = max(radials, INTERIOR.index(name) - _FIRST_RADIAL + 1)
+        row_of = images.row_of.copy()
+        row_of[:, 1:] /= ROW_REACH
+        pose = [state.centre, state.rotation.reshape(-1, 9), row_of, np.zeros((len(row_of), 1))]
+        turns = any(by[..., 3:6].any() for by in (motion, d_motion))
+        cameras = rays.Cameras(
+            np.concatenate(pose, axis=1), _widened(interior, rays.INNER), radials, motion, turns
+        )
+        d_interior = _widened(d_interior.transpose(0, 2, 1), rays.INNER)
+        return View(state, images, cameras, d_interior, d_motion, residual, d_ground)
+
+    def scene(
+        self, view: View, modelled: Modelled, first: int, last: int, anew: bool = True
+    ) -> rays.Scene:
+        """What kernels need to know of points first..last.
+
+        modelled: moved on by whoever goes over the points. anew: find the slope of image effects,
+        which changes little from then on.
+        """
+        if anew and self.has_image_effects:
+            self._find_slope(view, modelled, first, last)
+        shift, d_image = self._shifts(view, modelled, first, last)
+        if self.has_image_effects:
+            slope = modelled.slope[self.problem.ptr[first] : self.problem.ptr[last]]
+            shift = np.concatenate([shift, slope], axis=1)
+        sight = _NO_SIGHT
+        if self.sighted:
+            sight = modelled.sight[self.problem.ptr[first] : self.problem.ptr[last]]
+        return self._scene(view, modelled, first, shift, d_image, sight=sight)
+
+    def _scene(
+        self, view, modelled, first, shift, d_image=_NO_DERIVATIVE, within=NEAR, sight=_NO_SIGHT
+    ) -> rays.Scene:
+        p = self.problem
+        straight = view.cameras.motion.shape[1] <= 2
+        near = NEAR_STRAIGHT if straight else NEAR_ROW
+        if within < NEAR:
+            near = ROW_AT_REST
+        return rays.Scene(
+            view.state.points,
+            rays.Observations(p.ptr, p.img, p.xy, p.weight),
+            view.cameras,
+            rays.Looked(int(p.ptr[first]), shift, modelled.row, modelled.pixel, near),
+            rays.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground, sight),
+            self.columns,
+            rays.Control(p.control, p.control_weight, view.control_residual),
+            self.loss,
+        )
+
+    def _shifts(self, view: View, modelled: Modelled, first: int, last: int):
+        """Image effects (n, 2) of the observations of points first..last, and their derivative.
+
+        The derivative is (n, 2, parameters); n = 0 without effects on the image.
+        """
+        if not self.has_image_effects:
+            return np.zeros((0, 2)), _NO_DERIVATIVE
+        seen = self._seen(view, modelled, first, last)
+        shift, derivative = self.problem.stack.evaluate("image", seen, view.state.effects)
+        return np.ascontiguousarray(shift), np.ascontiguousarray(derivative)
+
+    def _shift(self, view: View, modelled: Modelled, first: int, last: int) -> np.ndarray:
+        """As `_shifts`, without the derivative."""
+        if not self.has_image_effects:
+            return np.zeros((0, 2))
+        seen = self._seen(view, modelled, first, last)
+        return self.problem.stack.shift("image", seen, view.state.effects)
+
+    def _seen(self, view: View, modelled: Modelled, first: int, last: int) -> Context:
+        """What effects on the image look at of the observations of points first..last."""
+        p = self.problem
+        rows = slice(p.ptr[first], p.ptr[last])
+        seen = modelled.pixel[rows]
+        position = self._seen_points(view, first, last)
+        return Context(
+            view.images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:], position=position
+        )
+
+    def _seen_points(self, view: View, first: int, last: int) -> np.ndarray | None:
+        """Object point (n, 3) of each observation of points first..last, where effects see it."""
+        if not self.sighted:
+            return None
+        count = np.diff(self.problem.ptr[first : last + 1])
+        return np.repeat(view.state.points[first:last], count, axis=0)
+
+    def _find_slope(self, view: View, modelled: Modelled, first: int, last: int) -> None:
+        """Derivative of the pixel by the pixel before image effects, which look at it.
+
+        From m = p + s(m) follows dm = (1 - ds/dm)^-1 dp; ds/dm by steps of a pixel, the ray along.
+        """
+        p = self.problem
+        rows = slice(p.ptr[first], p.ptr[last])
+        seen, image = modelled.pixel[rows], p.img[rows]
+        shift = self._shift(view, modelled, first, last)
+        step = 1.0 / view.cameras.interior[image, 0]
+        position = self._seen_points(view, first, last)
+        if self.sighted:
+            self._find_sight(view, modelled, rows, position)
+        by = np.empty((len(seen), 2, 2))
+        for axis in range(2):
+            pixel, ray = seen[:, :2].copy(), seen[:, 2:].copy()
+            pixel[:, axis] += 1.0
+            ray[:, axis] += step
+            look = Context(view.images, image, pixel=pixel, ray=ray, position=position)
+            # At infinity, beside its camera, an observation has no slope; it counts as behind.
+            with np.errstate(invalid="ignore"):
+                by[:, :, axis] = p.stack.shift("image", look, view.state.effects) - shift
+        (a, b), (c, d) = by[:, 0].T, by[:, 1].T
+        inverse = 1.0 / ((1.0 - a) * (1.0 - d) - b * c)
+        found = np.stack([1.0 - d, b, c, 1.0 - a], axis=1) * inverse[:, None]
+        modelled.slope[rows] = found
+
+    def _find_sight(self, view: View, modelled: Modelled, rows: slice, position) -> None:
+        """Derivative of image effects by the centre, the turn and the point that they see."""
+        p, images = self.problem, view.images
+        image, seen = p.img[rows], modelled.pixel[rows]
+        for k, h in enumerate(_SIGHT_STEP):
+            total = 0.0
+            for sign in (h, -h):
+                centre, rotation, point = images.centre, images.rotation, position
+                unit = sign * np.eye(3)[k % 3]
+                if k < 3:
+                    centre = centre + unit
+                elif k < 6:
+                    rotation = rotation_from_vector(unit) @ rotation
+                else:
+                    point = point + unit
+                look = Context(
+                    images.with_poses(centre, rotation), image,
+                    pixel=seen[:, :2], ray=seen[:, 2:], position=point,
+                )  # fmt: skip
+                shift = p.stack.shift("image", look, view.state.effects)
+                total = total + np.sign(sign) * shift
+            modelled.sight[rows, :, k] = total / (2.0 * h)
+
+    def chunks(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """Ranges of points whose effects are evaluated together."""
+        if not self.has_image_effects:
+            yield first, last
+            return
+        ptr = self.problem.ptr
+        while first < last:
+            upto = int(np.searchsorted(ptr, ptr[first] + CHUNK, side="right")) - 1
+            upto = min(max(upto, first + 1), last)
+            yield first, upto
+            first = upto
+
+    # --- residuals ---------------------------------------------------------------------------
+
+    def modelled_at(
+        self, state: State, near: Modelled | None = None, within: float = AT_REST
+    ) -> Modelled:
+        """Where a state puts the observations; the last pass moved no pixel by more than `within`.
+
+        Effects make a shift that differs between places a pixel apart by far less than a pixel:
+        what is left is a small part of that.
+        """
+        if not (self.has_image_effects or self.has_motion):
+            return self._start()
+        return self._converge(self.view(state), near, within)[0]
+
+    def residuals(self, state: State, near: Modelled | None = None) -> tuple[np.ndarray, int]:
+        """Image residuals (n, 2) px, sorted as the problem, and how many are behind a camera."""
+        out = np.empty((len(self.problem.img), 2))
+        _, (_, behind) = self._converge(self.view(state), near, out=out)
+        return out, int(behind)
+
+    def cost_at(self, state: State, near: Modelled | None = None) -> tuple[float, int]:
+        """Cost at a state and how many observations are behind a camera, without derivatives."""
+        p = self.problem
+        view = self.view(state)
+        cost, behind = self._converge(view, near)[1]
+        cost += float(np.sum(p.control_weight * view.control_residual**2))
+        if len(p.gnss_image):
+            predicted, *_ = self.antenna(state, view.images)
+            cost += float(np.sum(p.gnss_weight * (p.gnss_given - predicted) ** 2))
+        shared, own = self.from_priors(state)
+        cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.per_image_prior[1] * own**2))
+        return 0.5 * float(cost), int(behind)
+
+    def _start(self) -> Modelled:
+        """The measured pixels and rows, with rays that leave distortion out."""
+        p = self.problem
+        moving = slice(0, len(p.img) if self.has_motion else 0)
+        down = p.images.row_axis[p.img[moving]] == 1
+        row = np.where(down, p.xy[moving, 1], p.xy[moving, 0])
+        if not self.has_image_effects:
+            return Modelled(row, np.zeros((0, 4)), np.zeros((0, 4)), _NO_SIGHT)
+        inner = p.start.interior[p.images.camera[p.img]]
+        ray = (p.xy - inner[:, 1:3]) / inner[:, :1]
+        sight = np.zeros((len(p.img), 2, 9)) if self.sighted else _NO_SIGHT
+        pixel = np.concatenate([p.xy, ray], axis=1)
+        return Modelled(row, pixel, np.zeros((len(p.img), 4)), sight)
+
+    def _converge(
+        self,
+        view: View,
+        near: Modelled | None,
+        within: float = AT_REST,
+        out: np.ndarray | None = None,
+    ) -> tuple[Modelled, np.ndarray]:
+        """Where the observations come to rest, and (cost of their residuals, how many behind).
+
+        out (n, 2): receives the residuals, px, in place of which the loss counts otherwise.
+        """
+        modelled = self._start() if near is None else near.copy()
+        plain = out is not None
+        out = out if plain else np.zeros((0, 2))
+        for _ in range(PASSES if self.has_image_effects else 1):
+            before = modelled.pixel[:, :2].copy()
+            totals = np.zeros((len(self.pieces), 2))
+
+            def work(piece: int, start: int, stop: int, totals=totals) -> None:
+                room = rays.make_room(kernels.BLOCK + self.longest, 6, 0)
+                for first, last in self.chunks(start, stop):
+                    shift = self._shift(view, modelled, first, last)
+                    scene = self._scene(view, modelled, first, shift, within=within)
+                    if plain:
+                        unweighted = scene.observations._replace(weight=np.ones(1))
+                        scene = scene._replace(observations=unweighted, loss=Loss())
+                    totals[piece] += kernels.look(first, last, scene, out, room)
+
+            self.pieces.run(work)
+            if not _farthest(modelled.pixel[:, :2], before) > within:
+                break
+        return modelled, totals.sum(axis=0)
+
+    # --- assembly ----------------------------------------------------------------------------
+
+    def assemble(
+        self, state: State, damping: float, near: Modelled | None = None, matrix: bool = True
+    ) -> None:
+        """Fill the reduced equations at a state; without `matrix` the right side alone."""
+        view = self.assembled = self.view(state)
+        if near is None and (self.has_image_effects or self.has_motion):
+            near = self._converge(view, None)[0]
+        self.modelled = self._start() if near is None else near.copy()
+        for _ in range(PASSES):
+            before = self.modelled.pixel[:, :2].copy()
+            self._assemble(view, damping, matrix)
+            if not _farthest(self.modelled.pixel[:, :2], before) > NEAR:
+                return
+
+    def _assemble(self, view: View, damping: float, matrix: bool) -> None:
+        p, state = self.problem, view.state
+        q, wide = p.shared_count, p.wide
+        kept = [self.gradient]
+        if matrix:
+            kept += [self.reference, self.cross, self.blocks.rows]
+        block = np.zeros((len(self.pieces), wide * wide))
+        shared = np.zeros((len(self.pieces), 2, wide))
+        totals = np.zeros((len(self.pieces), 3))
+        kernel = assemble_for(p.d, self.sighted)
+        blocks = self.blocks
+        storage = kernels.Storage(
+            blocks.flat, blocks.stride, blocks.neighbour_start, blocks.neighbour
+        )
+
+        def work(piece: int, start: int, stop: int) -> None:
+            equations = kernels.Equations(
+                storage,
+                self.gradient.ravel(),
+                self.reference.ravel(),
+                self.cross.ravel(),
+                block[piece],
+                shared[piece, 0],
+                shared[piece, 1],
+                *self.pieces.shift(piece),
+                matrix,
+            )
+            for array in kept:
+                self.pieces.clear(piece, array)
+            for first, last in self.chunks(start, stop):
+                scene = self.scene(view, self.modelled, first, last)
+                kernel(first, last, scene, damping, equations, totals[piece], self.longest)
+
+        self.pieces.run(work)
+        for array in kept:
+            self.pieces.fold(array)
+        self.shared_gradient = shared[:, 0].sum(axis=0)[:q]
+        if matrix:
+            self.shared_block = np.tril(block.sum(axis=0).reshape(wide, wide)[:q, :q])
+            self.shared_reference = shared[:, 1].sum(axis=0)[:q]
+        cost, behind, self.weak = totals.sum(axis=0)
+        cost += float(np.sum(p.control_weight * view.control_residual**2))
+        cost += self._add_gnss(state, view.images, matrix)
+        cost += self._add_priors(state, matrix)
+        self.cost, self.behind = 0.5 * cost, int(behind)
+        if not matrix:
+            return
+        m = p.image_count
+        if damping:
+            self.blocks.add_diagonal(damping * self.reference[:m])
+            self.shared_block[np.diag_indices(q)] += damping * self.shared_reference
+        if len(self.held):
+            pinned = np.zeros((m, p.d))
+            pinned[self.held[:, 0], self.held[:, 1]] = self.reference[
+                self.held[:, 0], self.held[:, 1]
+            ]
+            self.blocks.add_diagonal(pinned)
+
+    def antenna(self, state: State, images: Images):
+        """Predicted antenna (k, 3), m, and its derivatives.
+
+        By centre and rotation of the image (k, 3, 6), by the effects (k, 3, parameters) and by
+        the lever arm (k, 3, 3).
+        """
+        p = self.problem
+        image = p.gnss_image
+
+        def shift_at(centre, rotation):
+            moved = Context(images.with_poses(centre, rotation), image)
+            return p.stack.evaluate("antenna", moved, state.effects)
+
+        shift, d_antenna = shift_at(state.centre, state.rotation)
+        to_world = state.rotation[image].transpose(0, 2, 1)
+        arm = state.arms[images.flight[image]]
+        predicted = state.centre[image] + np.einsum("nij,nj->ni", to_world, arm) + shift
+        d_pose = np.zeros((len(image), 3, 6))
+        d_pose[:, :, :3] = np.eye(3)
+        d_pose[:, :, 3:] = to_world @ _cross(arm)
+        if p.stack.at("antenna"):
+            # An effect states its derivative by its own values only; images are few.
+            for k, h in enumerate([1e-3] * 3 + [1e-5] * 3):
+                for sign in (1.0, -1.0):
+                    centre, rotation = state.centre.copy(), state.rotation
+                    if k < 3:
+                        centre[:, k] += sign * h
+                    else:
+                        rotation = rotation_from_vector(sign * h * np.eye(3)[k - 3]) @ rotation
+                    d_pose[:, :, k] += sign * shift_at(centre, rotation)[0] / (2 * h)
+        return predicted, d_pose, d_antenna, to_world
+
+    def antenna_rows(
+        self, state: State, images: Images
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Predicted antenna (k, 3), m, and its derivatives by the unknowns.
+
+        By those of the image itself (k, 3, d) and by those that images share (k, 3, q).
+        """
+        p = self.problem
+        image = p.gnss_image
+        predicted, d_pose, d_antenna, to_world = self.antenna(state, images)
+        own = np.zeros((len(image), 3, p.d))
+        own[:, :, :6] = d_pose
+        shared = np.zeros((len(image), 3, p.shared_count))
+        rows = np.arange(len(image))
+        for source, columns in (
+            (d_antenna, p.antenna_column[image]),
+            (to_world, p.arm_column[image]),
+        ):
+            for k in range(columns.shape[1]):
+                column = columns[:, k]
+                inside = column >= 0
+                shared[rows[inside], :, column[inside]] += source[inside, :, k]
+                mine = is_per_image(column)
+                own[rows[mine], :, per_image_code(column[mine])] += source[mine, :, k]
+        return predicted, own, shared
+
+    def _add_gnss(self, state: State, images, matrix: bool) -> float:
+        p = self.problem
+        if not len(p.gnss_image):
+            return 0.0
+        image = p.gnss_image
+        predicted, own, shared = self.antenna_rows(state, images)
+        # Cameras and most effects do not move the antenna.
+        used = np.flatnonzero(shared.any(axis=(0, 1)))
+        shared = shared[:, :, used]
+        residual = p.gnss_given - predicted
+        weight = p.gnss_weight
+        # `einsum` takes three times as long over as many small products.
+        weighted = (own * weight[:, :, None]).transpose(0, 2, 1)
+        heavy = (shared * weight[:, :, None]).reshape(weight.size, len(used))
+        self.gradient[image] += (weighted @ residual[:, :, None])[:, :, 0]
+        self.shared_gradient[used] += heavy.T @ residual.ravel()
+        if matrix:
+            blocks = weighted @ own
+            self.blocks.add_blocks(image, blocks)
+            self.reference[image] += np.einsum("nii->ni", blocks)
+            self.cross[image[:, None, None], np.arange(p.d)[:, None], used] += weighted @ shared
+            block = heavy.T @ shared.reshape(weight.size, len(used))
+            self.shared_block[np.ix_(used, used)] += np.tril(block)
+            self.shared_reference[used] += np.diag(block)
+        return float(np.sum(weight * residual**2))
+
+    def from_priors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Prior minus value of the shared unknowns (q,) and of every image's own (m, k)."""
+        p = self.problem
+        own = [state.effects[slug][:, number] for slug, number in p.per_image_unknowns]
+        away = p.per_image_prior[0] - np.stack(own, axis=1) if own else np.zeros((p.image_count, 0))
+        return p.prior_value - shared_values(p, state), away
+
+    def _add_priors(self, state: State, matrix: bool) -> float:
+        p = self.problem
+        shared, own = self.from_priors(state)
+        weight = p.per_image_prior[1]
+        self.shared_gradient += p.prior_weight * shared
+        self.gradient[: p.image_count, 6:] += weight * own
+        if matrix:
+            self.shared_block[np.diag_indices(p.shared_count)] += p.prior_weight
+            self.shared_reference += p.prior_weight
+            diagonal = np.zeros((p.image_count, p.d))
+            diagonal[:, 6:] = weight
+            diagonal[p.idle[:, 0], p.idle[:, 1]] += 1.0
+            if diagonal.any():
+                self.blocks.add_diagonal(diagonal)
+                self.reference[: p.image_count] += diagonal
+        return float(np.sum(p.prior_weight * shared**2) + np.sum(weight * own**2))
+
+    def factor(self) -> Bordered:
+        """Factorise in place. Raises Singular."""
+        p = self.problem
+        m = p.image_count
+        return Bordered(
+            self.blocks,
+            self.cross[:m].reshape(-1, p.wide)[:, : p.shared_count],
+            self.shared_block,
+            self.shared_reference,
+            self.reference[:m],
+        )
+
+    def stand_at(self, state: State) -> None:
+        """Make what points are substituted with at a state, without its equations."""
+        self.assembled, self.modelled = self.view(state), self.modelled_at(state)
+        if self.has_image_effects:
+            for first, last in self.chunks(0, len(self.problem.ptr) - 1):
+                self._find_slope(self.assembled, self.modelled, first, last)
+
+    def substitute(
+        self, state: State, damping: float, step: np.ndarray, shared: np.ndarray
+    ) -> tuple[np.ndarray, float, float]:
+        """New points (n, 3), and of their step: step . gradient, step . diagonal . step."""
+        p = self.problem
+        if self.assembled is None or self.assembled.state is not state:
+            self.stand_at(state)
+        view = self.assembled
+        moved = np.empty_like(state.points)
+        totals = np.zeros((len(self.pieces), 2))
+        padded = np.zeros(p.wide)
+        padded[: len(shared)] = shared
+        kernel = substitute_for(p.d, self.sighted)
+        whole = self._step(view, step, padded)
+
+        def work(piece: int, start: int, stop: int) -> None:
+            for first, last in self.chunks(start, stop):
+                scene = self.scene(view, self.modelled, first, last, anew=False)
+                kernel(first, last, scene, damping, whole, moved, totals[piece], self.longest)
+
+        self.pieces.run(work)
+        down, square = totals.sum(axis=0)
+        return moved, float(down), float(square)
+
+    def _step(self, view: View, step: np.ndarray, shared: np.ndarray) -> kernels.Step:
+        """What a step of the images (m, d) and the shared (wide,) does to each image."""
+        p = self.problem
+        camera = np.where(p.camera_column >= 0, shared[np.maximum(p.camera_column, 0)], 0.0)
+        slots = np.where(p.slot_column >= 0, shared[np.maximum(p.slot_column, 0)], 0.0)
+        image, slot = np.nonzero(is_per_image(p.slot_column))
+        slots[image, slot] = step[image, per_image_code(p.slot_column[image, slot])]
+        first = view.d_interior.shape[1]
+        last = slots.shape[1] - view.d_motion.shape[1]
+        interior = np.einsum("ink,in->ik", view.d_interior, slots[:, :first])
+        return kernels.Step(
+            np.concatenate([step.ravel(), np.zeros(PANEL)]),
+            shared,
+            interior + _widened(camera, rays.INNER),
+            np.ascontiguousarray(slots[:, first:last]),
+            np.einsum("in...,in->i...", view.d_motion, slots[:, last:]),
+        )
+
+
+def _sources(p: Problem) -> np.ndarray:
+    """`Columns.source`: where the derivative behind each shared unknown of an image stands."""
+    source = np.full((p.image_count, p.wide + 1), rays.INNER - 1)
+    image = np.arange(p.image_count)
+    for parameter in range(p.camera_column.shape[1]):
+        column = p.camera_column[:, parameter]
+        source[image, np.where(column >= 0, column, p.wide)] = parameter
+    return 2 * PANEL * np.ascontiguousarray(source[:, : p.wide])
+
+
+def _widened(values: np.ndarray, width: int) -> np.ndarray:
+    """The same with rows of whole panels: zeros behind."""
+    out = np.zeros((*values.shape[:-1], width))
+    out[..., : values.shape[-1]] = values
+    return out
+
+
+def _for_kernels(rotation: np.ndarray, motion: np.ndarray, d_motion: np.ndarray):
+    """Motion (m, degree + 1, 8) and its derivative (m, k, degree + 1, 8), as the kernels take them.
+
+    The centre moves in the camera frame. Arguments as of `Stack.motion_by_row`.
+    """
+    both = np.concatenate([motion[..., None], d_motion], axis=3)
+    both[:, :, :3] = rotation[:, None] @ both[:, :, :3]
+    both = _widened(both.transpose(0, 3, 1, 2), PANEL)
+    return np.ascontiguousarray(both[:, 0]), np.ascontiguousarray(both[:, 1:])
+
+
+def _farthest(pixels: np.ndarray, before: np.ndarray) -> float:
+    """By how much (px) another look moved the observation that it moved most.
+
+    What stands beside its camera is at infinity in both, and at rest.
+    """
+    with np.errstate(invalid="ignore"):
+        return float(np.fmax.reduce(np.abs(pixels - before), axis=None, initial=0.0))
+
+
+def _cross(vector: np.ndarray) -> np.ndarray:
+    """[v]x (n, 3, 3)."""
+    out = np.zeros((len(vector), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -vector[:, 2], vector[:, 1], -vector[:, 0]
+    return out - out.transpose(0, 2, 1)
+
+
+def _band_costs_more(p: Problem) -> bool:
+    """Whether a sparse factorisation is likely cheaper than the band."""
+    wide = p.bandwidth * p.d
+    flops = p.image_count * p.d * wide**2
+    return flops > 2e10 and p.bandwidth > 0.25 * p.image_count
+
+
+def shared_values(p: Problem, state: State) -> np.ndarray:
+    """Values (q,) of the shared unknowns."""
+    tables = {"camera": lambda u: state.interior, "lever_arm": lambda u: state.arms}
+    return np.array(
+        [tables.get(u.kind, lambda u: state.effects[u.owner])(u)[u.at] for u in p.unknowns]
+    )
+
+
+def moved_state(
+    p: Problem, state: State, step: np.ndarray, shared: np.ndarray, points: np.ndarray
+) -> State:
+    """The state after a step of the images (m, d) and the shared unknowns (q,), at new points."""
+    interior, arms = state.interior.copy(), state.arms.copy()
+    effects = {slug: values.copy() for slug, values in state.effects.items()}
+    for unknown, change in zip(p.unknowns, shared.tolist(), strict=True):
+        table = {"camera": interior, "lever_arm": arms}.get(unknown.kind)
+        (effects[unknown.owner] if table is None else table)[unknown.at] += change
+    for number, (slug, parameter) in enumerate(p.per_image_unknowns):
+        effects[slug][:, parameter] += step[:, 6 + number]
+    turn = rotation_from_vector(step[:, 3:6])
+    return State(state.centre + step[:, :3], turn @ state.rotation, points, interior, effects, arms)

@@ -1,0 +1,233 @@
+"""Levenberg-Marquardt: damping that vanishes, convergence judged on the step.
+
+The step is measured in standard deviations (sqrt of x' N x), so that one tolerance serves metres,
+radians and pixels alike. A damped step that raises the cost is tried again with the points at rest
+where it leads; one without damping, where large residuals bend the cost more than the equations
+know, as far as the parabola through cost and slope has its lowest point.
+Source: Marquardt 1963; Jeong et al. 2010 (embedded point iterations); Nocedal and Wright 2006,
+section 3.5 (quadratic interpolation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from corridor.core.adjustment.matrix import Bordered, Singular
+from corridor.core.adjustment.normal import NEAR, Loss, Normal, moved_state
+from corridor.core.adjustment.problem import State
+from corridor.core.brief import brief
+from corridor.core.engine.rays import SQUARES
+from corridor.core.engine.threads import one_thread
+from corridor.core.errors import AdjustmentFailed
+
+FIRST_DAMPING = 1e-6
+# Damping is divided by this after a good step; after a bad one it is raised ever faster and
+# released with caution, or it would swing between too much and too little.
+RELEASE = 100.0
+CAUTION = 3.0
+LEAST = 1e-10
+# Step at which the squares are good enough for a robust loss to start from.
+ROUGH = 1.0
+NO_DAMPING = 1e-12
+AT_REST = 1e-3
+TINY = 5e-5
+# After so short a step, in standard deviations, covariances change by less than 1e-6 of themselves:
+# measured are 0.001 to 0.7 times the step.
+HARDLY = 1e-6
+# How much more slowly steps may shrink from now on than they did last.
+WARY = 10.0
+# After a longer step it is cheaper to look first where the points now lie than to assemble twice.
+LONG = 0.1
+# Where a step lowered the cost by this share of what the equations promised, damping ends.
+PROMISED = 0.9
+# So short a step, of this share of the one before, leaves the matrix as it is for the next one.
+QUICK, SHARE = 0.01, 0.03
+
+
+@brief
+@dataclass
+class Solution:
+    """Where the iterations ended.
+
+    factor: that of the equations there, in their place, where it was there to be had.
+    """
+
+    state: State
+    converged: bool
+    iterations: int
+    cost: float
+    history: list[dict] = field(default_factory=list)
+    factor: Bordered | None = None
+
+
+def solve(
+    normal: Normal,
+    max_iterations: int = 50,
+    tolerance: float = 5e-5,
+    progress: Callable[[dict], None] | None = None,
+    near: bool = False,
+    equations: bool = False,
+) -> Solution:
+    """Minimise from the problem's start.
+
+    tolerance: RMS of the step over all unknowns, in standard deviations of unit weight; besides,
+    none that images share may have further to go than `AT_REST` of its own standard deviation.
+    A robust loss starts from the least squares solution: far from it every residual is an outlier;
+    near: the start is near the solution, and the loss counts at once.
+    equations: leave those of the result in `normal`, undamped, for whoever goes on with them, or
+        their factor, which `Solution` has then.
+    Raises AdjustmentFailed where no step lowers the cost and the step is not small.
+    """
+    with one_thread():
+        if normal.loss.kind == SQUARES:
+            if normal.has_image_effects:
+                # One step of Newton finds what they look at, but for a little of the last step.
+                tolerance /= 10
+            start = normal.problem.start
+            return _solve(normal, start, max_iterations, tolerance, progress, [], equations)
+        if near:
+            start = normal.problem.start
+            return _solve(normal, start, max_iterations, 20 * tolerance, progress, [], equations)
+        loss, normal.loss = normal.loss, Loss()
+        first = _solve(normal, normal.problem.start, max_iterations, ROUGH, progress, [])
+        normal.loss = loss
+        # Reweighting creeps along a few weak points long after everything else is at rest.
+        return _solve(
+            normal, first.state, max_iterations, 20 * tolerance, progress, first.history, equations
+        )
+
+
+def _solve(
+    normal, state, max_iterations, tolerance, progress, history, equations=False
+) -> Solution:
+    p = normal.problem
+    damping, release = FIRST_DAMPING, RELEASE
+    normal.assemble(state, damping)
+    cost, near = normal.cost, normal.modelled
+    # Of the step before: its length, and the factor, which is taken again without a new matrix.
+    last, system, factor, matrix = np.inf, None, None, True
+    for iteration in range(len(history) + 1, max_iterations + 1):
+        raising = 4.0
+        while True:
+            try:
+                system, fresh = normal.factor() if matrix else system, matrix
+                step, shared, down, square = _step(system, normal)
+            except Singular:
+                if damping >= 1e4:
+                    raise
+                damping = max(damping * 100.0, LEAST)
+                normal.assemble(state, damping, near)
+                matrix = True
+                continue
+            points, down_points, square_points = normal.substitute(state, damping, step, shared)
+            down, square = down + down_points, square + square_points
+            # x' N x without damping: the step in standard deviations, squared.
+            length = np.sqrt(max(down - damping * square, 0.0) / p.unknown_count)
+            trial = moved_state(p, state, step, shared, points)
+            relaxed = damping / release if damping / release > NO_DAMPING else 0.0
+            trial_near = near
+            matrix = damping > 0.0 or length > min(QUICK, SHARE * last)
+            if normal.has_image_effects and length > LONG:
+                trial_near = normal.modelled_at(trial, near, NEAR)
+            # A damped step is short along what is badly determined: it proves nothing. Steps that
+            # shrink fast leave little of what the last one moved: it is the rest that counts.
+            rest = min(WARY * length / last, 1.0) if 0.0 < last < np.inf else 1.0
+            done = length < tolerance and (
+                tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, rest * shared, AT_REST))
+            )
+            # Rounding of the cost may hide the gain of a last, tiny step. Effects look one step
+            # behind: the cost knew less of them before than it does now, which hides more.
+            hidden = (1e-8 if normal.has_image_effects else 1e-12) * cost
+            tiny = length < max(tolerance, TINY)
+            # After a step that is hardly one the matrix is the one that made it, but for effects
+            # that look one step behind.
+            hardly = fresh and length < HARDLY and not normal.has_image_effects
+            if done and (hardly or not equations):
+                factor = system if equations else None
+                normal.assembled = None  # of the state before, with all its points
+                reached, behind = normal.cost_at(trial, near)
+            elif done:
+                normal.assemble(trial, 0.0, near)
+                reached, behind = normal.cost, normal.behind
+            else:
+                # The equations of the next step give the cost of this one.
+                normal.assemble(trial, relaxed, trial_near, matrix)
+                if not (tiny or normal.behind) and cost < normal.cost - hidden < np.inf:
+                    matrix = True
+                    if damping:
+                        trial = _points_at_rest(normal, trial, relaxed)
+                    else:
+                        part = 0.5 * down / (normal.cost - cost + down)
+                        points = state.points + part * (points - state.points)
+                        trial = moved_state(p, state, part * step, part * shared, points)
+                        # Too long a step without damping: the next is held back, or all creep.
+                        relaxed = LEAST
+                        normal.assemble(trial, relaxed, near)
+                reached, behind = normal.cost, normal.behind
+            better = cost - reached >= -hidden or tiny
+            accepted = bool(behind == 0 and np.isfinite(reached) and better)
+            entry = {
+                "iteration": iteration,
+                "cost": float(reached if accepted else cost),
+                "damping": damping,
+                "step": float(length),
+                "accepted": accepted,
+            }
+            history.append(entry)
+            if progress:
+                progress(entry)
+            if accepted:
+                # Where a step has been refused, the next that keeps its promise proves nothing.
+                kept = cost - reached > PROMISED * 0.5 * (down + damping * square)
+                end = kept and all(one["accepted"] for one in history)
+                release = np.inf if end else min(release * CAUTION, RELEASE)
+                break
+            damping, raising, release = max(damping * raising, LEAST), 2.0 * raising, CAUTION
+            if damping > 1e8:
+                raise AdjustmentFailed(
+                    "no step lowers the residuals: the start values are too far off, check poses, "
+                    "camera and the unit of the coordinates"
+                )
+            normal.assemble(state, damping, near)
+            matrix = True
+        state, cost, damping, near, last = trial, reached, relaxed, normal.modelled, length
+        if done:
+            return Solution(state, True, iteration, cost, history, factor)
+    if equations:
+        normal.assemble(state, 0.0, near)
+    return Solution(state, False, max_iterations, cost, history)
+
+
+def _points_at_rest(normal: Normal, state: State, damping: float) -> State:
+    """The state just assembled with its points intersected anew, and assembled again.
+
+    Where heights and focal length trade along a long bent valley, the points leave it first: one
+    step of theirs alone brings them back to its floor.
+    """
+    p = normal.problem
+    points, *_ = normal.substitute(
+        state, 0.0, np.zeros((p.image_count, p.d)), np.zeros(p.shared_count)
+    )
+    state = replace(state, points=points)
+    normal.assemble(state, damping, normal.modelled)
+    return state
+
+
+def _at_rest(system: Bordered, shared: np.ndarray, tolerance: float) -> bool:
+    """Whether no shared unknown moved by more than this share of its standard deviation."""
+    sigma = np.sqrt(np.diag(system.shared_inverse()))
+    return bool(np.all(np.abs(shared) <= tolerance * sigma))
+
+
+def _step(system: Bordered, normal: Normal):
+    p = normal.problem
+    m = p.image_count
+    right = normal.gradient[:m].reshape(-1, 1)
+    step, shared = system.solve(right, normal.shared_gradient[:, None])
+    step, shared = step[:, 0], shared[:, 0]
+    down = float(step @ right[:, 0] + shared @ normal.shared_gradient)
+    square = float(step**2 @ normal.reference[:m].ravel() + shared**2 @ normal.shared_reference)
+    return step.reshape(m, p.d), shared, down, square

@@ -1,0 +1,491 @@
+"""What an adjustment found, as tables that are computed when they are first asked for."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.adjustment.check_statistics import Checked
+from corridor.core.adjustment.covariance import Covariance
+from corridor.core.adjustment.linear_system import LinearSystem
+from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId
+from corridor.core.adjustment.observation_table import observation_table
+from corridor.core.adjustment.parameters import Found, Parameters
+from corridor.core.adjustment.solving import Solution
+from corridor.core.block import POSE, Block, frugal, places
+from corridor.core.camera import INTERIOR
+from corridor.core.effects import Values
+from corridor.core.geometry import (
+    GROSS,
+    is_outlier,
+    quaternion_from_rotation,
+    robust_scale,
+    robust_scale_of_lengths,
+)
+from corridor.core.output import with_units
+
+HIGH = 0.95
+_IN_PIXELS = ("f", "cx", "cy")
+_PART = 1 << 20  # observations that are looked at together
+
+
+class Tables(Checked):
+    """A block after adjustment, with everything one asks of it.
+
+    Standard deviations are scaled by sigma naught. Tables are pandas frames.
+    """
+
+    def __init__(self, start: Block, solution: Solution, covariance: Covariance, seconds: float):
+        self.start, self.system = start, covariance.system
+        self.problem = self.system.problem
+        self.state = solution.state
+        self.converged, self.iterations = solution.converged, solution.iterations
+        self.cost, self.history, self.seconds = solution.cost, solution.history, seconds
+        self.covariance = covariance
+        self.redundancy = (
+            self.problem.observation_count
+            - self.problem.unknown_count
+            + len(self.problem.idle)
+            + (0 if self.system.held is None else len(self.system.held))
+        )
+        # Without redundancy there is nothing to estimate sigma naught from.
+        self.sigma0 = float(np.sqrt(2 * self.cost / self.redundancy)) if self.redundancy else 1.0
+
+    @property
+    def stated_system(self) -> LinearSystem:
+        """The equations at the result, every residual with its stated weight."""
+        return LinearSystem(self.problem, self.state)
+
+    # --- the adjusted block ------------------------------------------------------------------
+
+    @cached_property
+    def block(self) -> Block:
+        """The block with adjusted poses, points, cameras and lever arms."""
+        return self._placed(self.point_sigma)
+
+    @property
+    def start_again(self) -> Block:
+        """As `block`, without the sigmas of points, which take longer: to be adjusted anew."""
+        return self._placed(np.full(self.state.points.shape, np.nan))
+
+    def _placed(self, sigma: np.ndarray) -> Block:
+        p, state = self.problem, self.state
+        block = p.block.copy()
+        block.put("images", POSE, self.pose)
+        block.cameras = {
+            name: camera.with_interior(interior)
+            for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
+        }
+        block.points = self._points_table(block.points, sigma)
+        if p.arms_free:
+            block.lever_arm = {
+                name: tuple(arm) for name, arm in zip(block.flight_names, state.arms, strict=True)
+            }
+        return block
+
+    @frugal()
+    def _points_table(self, given: pd.DataFrame, sigma: np.ndarray) -> pd.DataFrame:
+        """points.csv with what was found in place of what was given, new points behind."""
+        codes, names = self.problem.point_codes, self.problem.names
+        found = dict(zip(("x", "y", "z"), self.state.points.T, strict=True))
+        found |= dict(zip(("sx", "sy", "sz"), sigma.T, strict=True))
+        of_code = np.full(len(names) + 1, -1, np.int32)  # one more, for names that are not known
+        of_code[codes] = np.arange(len(codes), dtype=np.int32)
+        at = of_code[places(given["point"], names)]
+        hit = at >= 0
+        fresh = np.ones(len(codes), dtype=bool)
+        fresh[at[hit]] = False
+        # One array a column, made once: of a river each is as large as all its points.
+        kept = given[[name for name in given if name not in found]]
+        if fresh.any():
+            new = pd.DataFrame({"point": names.take(codes[fresh])})
+            kept = pd.concat([kept, new], ignore_index=True)
+        columns = {name: kept[name] for name in kept}
+        for name, values in found.items():
+            column = np.full(len(kept), np.nan)
+            if name in given:
+                column[: len(given)] = given[name]
+            column[: len(given)][hit] = values[at[hit]]
+            column[len(given) :] = values[fresh]
+            columns[name] = column
+        order = dict.fromkeys([*given, *columns])
+        return pd.DataFrame({name: columns[name] for name in order}, copy=False)
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(images, 7): x, y, z and qw, qx, qy, qz in the order of images.csv."""
+        p, state = self.problem, self.state
+        pose = np.empty((p.image_count, 7))
+        pose[p.order, :3] = state.centre
+        pose[p.order, 3:] = quaternion_from_rotation(state.rotation)
+        return pose
+
+    # --- residuals ---------------------------------------------------------------------------
+
+    @cached_property
+    def residuals(self) -> dict[str, pd.DataFrame]:
+        """Measured minus modelled, by kind: `tie`, `mark` (px), `gnss`, `control` (m)."""
+        p = self.problem
+        left = self.system.residuals()
+        v = np.empty((2, len(p.block.tie_points) + len(p.block.marks)))
+
+        def in_rows(axis: int) -> None:
+            v[axis] = np.nan
+            for first in range(0, len(p.row), _PART):
+                part = slice(first, first + _PART)
+                v[axis][p.row[part]] = left.pixels[part, axis]
+
+        with ThreadPoolExecutor(self.system.threads) as pool:
+            list(pool.map(in_rows, range(2)))
+        left = replace(left, pixels=np.zeros((0, 2)))  # as large as the observations
+        sigma = {"tie": p.block.tie_sigma(), "mark": p.block.mark_sigma()}
+
+        def lengths() -> np.ndarray:
+            length = np.empty(v.shape[1])
+            for first in range(0, len(length), _PART):
+                part = slice(first, first + _PART)
+                length[part] = np.sqrt(v[0, part] ** 2 + v[1, part] ** 2)
+            length[: p.tie_count] /= sigma["tie"]
+            length[p.tie_count :] /= sigma["mark"]
+            return length
+
+        usual = robust_scale_of_lengths(lengths(), least=1e-9, overwrite=True)
+        length = lengths()
+        loss = self.system.loss
+        weight = np.broadcast_to(1.0, len(length))
+        if loss.kind != 0:
+            weight = _weights(loss, length)
+        out = {}
+        for kind, rows, span in (
+            ("tie", p.block.tie_points, slice(0, p.tie_count)),
+            ("mark", p.block.marks, slice(p.tie_count, None)),
+        ):
+            mine = {
+                "vx": v[0, span],
+                "vy": v[1, span],
+                "sigma": sigma[kind],
+                "weight": weight[span],
+                "outlier": is_outlier(length[span], usual),
+                "gross": is_outlier(length[span], usual, GROSS),
+            }
+            shown = {name: rows[name] for name in ("point", "image", "x", "y")}
+            frame = pd.DataFrame(shown | mine, copy=False)
+            known = np.isfinite(mine["vx"])
+            if not known.all():
+                frame = frame[known].reset_index(drop=True)
+            out[kind] = with_units(frame, {"px": "x y vx vy sigma"})
+        names = p.images.names[p.gnss_image]
+        out["gnss"] = _metres(names, "image", p.gnss_given, left.gnss, p.gnss_weight)
+        names = self.system.control_names
+        out["control"] = _metres(names, "point", p.control_given, left.control, p.control_weight)
+        return out
+
+    @cached_property
+    def observations(self) -> pd.DataFrame:
+        """A row for each kind: `tie`, `mark`, `gnss`, `control`, of which there are any.
+
+        Columns: count, outliers (beyond 5 robust sigmas), gross (beyond 15, which the RMS leaves
+        out), rms_px (an axis; NaN of positions), rms_x_m, rms_y_m, rms_z_m (NaN of image points),
+        sigma0.
+        """
+        return observation_table(self.statistics)
+
+    @cached_property
+    def statistics(self) -> dict[str, dict]:
+        """`observations` as adjustment.json has them: rms in px, or three in metres."""
+        out = {}
+        for kind, frame in self.residuals.items():
+            out[kind] = {}
+            if not len(frame):
+                continue
+            if kind in ("gnss", "control"):
+                v = frame[["vx", "vy", "vz"]].to_numpy()
+                s = frame[["sx", "sy", "sz"]].to_numpy()
+                out[kind] = {
+                    "count": len(frame),
+                    "rms": np.sqrt(np.mean(v**2, axis=0)).tolist(),
+                    "sigma0": float(np.sqrt(np.mean((v / s) ** 2))),
+                    "outliers": int(frame["outlier"].sum()),
+                }
+                continue
+            gross, sigma = frame["gross"].to_numpy(), frame["sigma"].to_numpy()
+            # Where the sigmas of the other kind are absurd all of a kind stand out: none is left.
+            gross = gross & ~gross.all()
+            kept = ~gross
+            axes = [frame[axis].to_numpy() for axis in ("vx", "vy")]
+            one = np.broadcast_to(1.0, len(sigma))
+            out[kind] = {
+                "count": len(frame),
+                "rms": float(np.sqrt(np.mean([_mean_square(v, one, kept) for v in axes]))),
+                "sigma0": float(np.sqrt(np.mean([_mean_square(v, sigma, kept) for v in axes]))),
+                "outliers": int(frame["outlier"].sum()),
+                "gross": int(gross.sum()),
+            }
+        return out
+
+    # --- what images share -------------------------------------------------------------------
+
+    @cached_property
+    def _shared_sigma(self) -> np.ndarray:
+        return self.sigma0 * np.sqrt(np.diag(self.covariance.shared))
+
+    def _sigma_of(self, kind: str, owner: str, at: tuple[int, int]) -> float:
+        for n, unknown in enumerate(self.problem.unknowns):
+            if (unknown.kind, unknown.owner, unknown.at) == (kind, owner, at):
+                return float(self._shared_sigma[n])
+        return 0.0
+
+    @cached_property
+    def camera(self) -> pd.DataFrame:
+        """Interior parameters of each camera with their units; sigma 0 where held."""
+        rows = []
+        for c, name in enumerate(self.problem.images.camera_names):
+            free = self.problem.free[name]
+            for k, parameter in enumerate(INTERIOR):
+                value = float(self.state.interior[c, k])
+                sigma = self._sigma_of("camera", name, (c, k))
+                if parameter in free or value != 0.0 or k < 3:
+                    unit = "px" if parameter in _IN_PIXELS else ""
+                    rows.append((name, parameter, value, sigma, unit, parameter in free))
+        columns = ["camera", "parameter", "value", "sigma", "unit", "free"]
+        return pd.DataFrame(rows, columns=columns)
+
+    @cached_property
+    def values(self) -> Values:
+        """Values of the effects that were estimated, with groups, standard deviations and units."""
+        own = range(6, self.problem.d)
+        each = self.covariance.each_pose[:, own, own] if len(own) else None
+        per_image_sigma = None if each is None else self.sigma0 * np.sqrt(each)
+        return self.problem.values(self.state, self._shared_sigma, per_image_sigma)
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """Every parameter of cameras, lever arms and effects; poses and points have tables.
+
+        `adjustment.parameters["camera.P1.f"]`: value, sigma, unit, vary, prior; `to_frame()`.
+        """
+        p, start = self.problem, self.problem.start
+        settings = p.model.settings_of(p.block)
+
+        def found(which: ParameterId, value, sigma, unit, vary, begun) -> Found:
+            given = [wish.prior for other, wish in settings.items() if other.means(which)]
+            prior = next((prior for prior in given if prior is not None and vary), None)
+            return Found(str(which), float(value), float(sigma), unit, bool(vary), prior, begun)
+
+        out = []
+        for row in self.camera.itertuples(index=False):
+            begun = p.block.cameras[row.camera][row.parameter]
+            which = ParameterId(CAMERA, row.camera, row.parameter)
+            out.append(found(which, row.value, row.sigma, row.unit, row.free, begun))
+        for row in self.lever_arm.itertuples(index=False):
+            g = p.images.flight_names.index(row.flight)
+            for axis, name in enumerate("xyz"):
+                which, sigma = ParameterId(LEVER_ARM, row.flight, name), getattr(row, f"s{name}")
+                begun = float(start.arms[g, axis])
+                out.append(found(which, getattr(row, name), sigma, "m", sigma > 0, begun))
+        for slug, one in self.values.items():
+            for k, parameter in enumerate(one.parameters):
+                for g in np.flatnonzero(np.isfinite(one.value[:, k])):
+                    group = "block" if one.kind == "block" else one.groups[g]
+                    which = ParameterId(EFFECT, slug, parameter.name, group)
+                    value, sigma = one.value[g, k], one.sigma[g, k]
+                    begun = float(start.effects[slug][g, k])
+                    out.append(found(which, value, sigma, parameter.unit, sigma > 0, begun))
+        return Parameters(out)
+
+    @cached_property
+    def effects(self) -> pd.DataFrame:
+        """Table of `values`: slug, parameter, group, value, sigma, unit."""
+        return self.values.frame
+
+    @cached_property
+    def lever_arm(self) -> pd.DataFrame:
+        """Lever arm of each flight with GNSS, metres in the camera frame."""
+        p = self.problem
+        rows = []
+        flights = set(p.images.flight[p.gnss_image]) if len(p.gnss_image) else set()
+        for g, name in enumerate(p.images.flight_names):
+            if g in flights:
+                sigma = [self._sigma_of("lever_arm", name, (g, axis)) for axis in range(3)]
+                rows.append((name, *self.state.arms[g], *sigma, not p.arms_free))
+        columns = ["flight", "x", "y", "z", "sx", "sy", "sz", "fixed"]
+        return with_units(pd.DataFrame(rows, columns=columns), {"m": "x y z sx sy sz"})
+
+    @cached_property
+    def correlation_matrix(self) -> pd.DataFrame:
+        """Correlations (q, q) of camera, effect and lever-arm parameters, by their names."""
+        names = [unknown.label for unknown in self.problem.unknowns]
+        shared = self.covariance.shared if names else np.zeros((0, 0))
+        sigma = np.sqrt(np.diag(shared))
+        return pd.DataFrame(shared / sigma[:, None] / sigma, index=names, columns=names)
+
+    @cached_property
+    def high_correlations(self) -> pd.DataFrame:
+        """Pairs of shared parameters that are correlated beyond 0.95: a, b, value."""
+        names, matrix = list(self.correlation_matrix), self.correlation_matrix.to_numpy()
+        high = np.argwhere(np.triu(np.abs(matrix) > HIGH, 1))
+        rows = [(names[i], names[j], matrix[i, j]) for i, j in high]
+        return pd.DataFrame(rows, columns=["a", "b", "value"]).astype({"value": float})
+
+    @cached_property
+    def correlations(self) -> pd.DataFrame:
+        """Of focal lengths and lever arms (z) with camera and ground height, and each other.
+
+        The mean and standard deviation are over the cameras or ground points concerned (points
+        measured as marks where there are any, else tie points in three images or more). With
+        several flights, focal lengths come with the heights of each (`height.FLIGHT`) as well.
+        sigma_a, sigma_b: standard deviations of the two (b: mean), without which a coefficient
+        hides how large either error is.
+        Columns: a, b, mean, std, sigma_a, sigma_b. Source: Zhou 2019, table 5.3.
+        """
+        columns = ["a", "b", "mean", "std", "sigma_a", "sigma_b"]
+        return pd.DataFrame(self._pairs(), columns=columns).astype(
+            dict.fromkeys(columns[2:], float)
+        )
+
+    def _pairs(self) -> list[tuple]:
+        p = self.problem
+        if not p.unknowns:
+            return []
+        sigma = np.sqrt(np.diag(self.covariance.shared))
+        height = np.sqrt(self.covariance.each_pose[:, 2, 2])
+        with_height = self.covariance.poses_shared[2 :: p.d]
+        picked = np.flatnonzero(p.point_kinds)
+        if not len(picked):
+            picked = np.flatnonzero(np.diff(p.ptr) >= 3)
+        ground = np.sqrt(self.covariance.point_variances[picked, 2])
+        focal = [n for n, u in enumerate(p.unknowns) if (u.kind, u.name) == ("camera", "f")]
+        between = self.covariance.between(picked, focal)[:, 2]
+        with_ground = dict(zip(focal, between.T, strict=True))
+        out = []
+        chosen = [
+            (n, unknown)
+            for n, unknown in enumerate(p.unknowns)
+            if (unknown.kind, unknown.name) in (("camera", "f"), ("lever_arm", "z"))
+        ]
+        for n, unknown in chosen:
+            name = unknown.label
+            if unknown.kind == "camera":
+                mine = p.images.camera == unknown.at[0]
+                out.append(self._pair(n, name, "height", with_height[mine, n], height[mine]))
+                flights = np.unique(p.images.flight[mine])
+                for g in flights if len(flights) > 1 else ():
+                    here = mine & (p.images.flight == g)
+                    which = f"height.{p.images.flight_names[g]}"
+                    out.append(self._pair(n, name, which, with_height[here, n], height[here]))
+                out.append(self._pair(n, name, "ground height", with_ground[n], ground))
+            else:
+                mine = p.images.flight == unknown.at[0]
+                out.append(self._pair(n, name, "height", with_height[mine, n], height[mine]))
+        for n, a in chosen:
+            for m, b in chosen:
+                if a.kind == "camera" and b.kind == "lever_arm":
+                    other = np.array([self.covariance.shared[n, m]]), np.array([sigma[m]])
+                    out.append(self._pair(n, a.label, b.label, *other))
+        return out
+
+    def _pair(self, n: int, a: str, b: str, covariance: np.ndarray, sigma_b: np.ndarray) -> tuple:
+        """Correlation of the n-th shared unknown with others: mean and spread."""
+        sigma_a = np.sqrt(self.covariance.shared[n, n])
+        known = sigma_b > 0  # a point that wild marks drove to infinity has none
+        covariance, sigma_b = covariance[known], sigma_b[known]
+        values = covariance / sigma_a / sigma_b
+        spread = values.std(ddof=1) if len(values) > 1 else 0.0
+        sigmas = self.sigma0 * sigma_a, self.sigma0 * sigma_b.mean()
+        return a, b, values.mean(), spread, *sigmas
+
+    # --- poses and points --------------------------------------------------------------------
+
+    @cached_property
+    def poses(self) -> pd.DataFrame:
+        """Centres (m) and their sigmas; s_rx.. are rotations about the camera's axes, rad."""
+        p = self.problem
+        variance = np.einsum("nii->ni", self.covariance.each_pose)[:, :6]
+        sigma = np.empty_like(variance)
+        sigma[p.order] = self.sigma0 * np.sqrt(variance)
+        frame = pd.DataFrame({"image": p.block.images["image"].to_numpy(dtype=object)})
+        frame[["x", "y", "z"]] = self.pose[:, :3]
+        frame[["sx", "sy", "sz", "s_rx", "s_ry", "s_rz"]] = sigma
+        return with_units(frame, {"m": "x y z sx sy sz", "rad": "s_rx s_ry s_rz"})
+
+    @cached_property
+    def points(self) -> pd.DataFrame:
+        """Adjusted points, ties and marks; sigmas are in `point_sigma`, which takes longer."""
+        p = self.problem
+        x, y, z = self.state.points.T
+        frame = pd.DataFrame(
+            {
+                "point": p.point_index,
+                "x": x,
+                "y": y,
+                "z": z,
+                "rays": np.diff(p.ptr),
+                "kind": np.where(p.point_kinds, "mark", "tie"),
+            }
+        )
+        return with_units(frame, {"m": "x y z"})
+
+    @property
+    def point_sigma(self) -> np.ndarray:
+        """Standard deviations (n, 3), m, of the rows of `points`; NaN of parallel rays."""
+        sigma = np.sqrt(self.covariance.point_variances)
+        sigma *= self.sigma0
+        # Along what nothing determines the equations hold a point still: that is no zero.
+        sigma[~(sigma > 0).all(axis=1)] = np.nan
+        return sigma
+
+    @cached_property
+    def check_points(self) -> pd.DataFrame:
+        """Adjusted minus given, metres, of the check points that images show."""
+        p = self.problem
+        ground = p.block.ground
+        rows = np.flatnonzero(p.roles == "check")
+        names = ground["point"].to_numpy(dtype=object)[rows]
+        given = ground[["x", "y", "z"]].to_numpy(float)[rows]
+        marks = np.flatnonzero(p.point_kinds)
+        at = {name: n for n, name in zip(marks, p.point_index[marks], strict=True)}
+        seen = np.array([name in at for name in names], dtype=bool)
+        index = np.array([at[name] for name in names[seen]], dtype=int)
+        table = pd.DataFrame({"point": names[seen]})
+        table[["dx", "dy", "dz"]] = self.state.points[index] - given[seen]
+        # Of no point the covariances need not be worked out.
+        variance = self.covariance.points(index)[:, [0, 2, 5]] if len(index) else np.zeros((0, 3))
+        table[["sx", "sy", "sz"]] = self.sigma0 * np.sqrt(variance)
+        table["rays"] = np.diff(p.ptr)[index]
+        return with_units(table, {"m": "dx dy dz sx sy sz"})
+
+
+def _mean_square(v: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> float:
+    """Of v / sigma (n,) where it is kept, part by part: of a river each is as large as all rays."""
+    total = 0.0
+    for first in range(0, len(v), _PART):
+        part = slice(first, first + _PART)
+        scaled = v[part] / sigma[part]
+        if not kept[part].all():
+            scaled = scaled[kept[part]]
+        total += float(scaled @ scaled)
+    return total / max(int(np.count_nonzero(kept)), 1)
+
+
+def _weights(loss, length: np.ndarray) -> np.ndarray:
+    """IRLS weight of residuals of a length in sigmas."""
+    if loss.kind == 1:
+        return np.minimum(1.0, loss.width / np.maximum(length, 1e-300))
+    return 1.0 / (1.0 + (length / loss.width) ** 2)
+
+
+def _metres(names, key: str, given, residual, weight) -> pd.DataFrame:
+    """Table of residuals in metres; outliers are beyond five sigmas, or five usual ones."""
+    sigma = 1.0 / np.sqrt(weight) if len(weight) else np.zeros((0, 3))
+    frame = pd.DataFrame({key: list(names)})
+    frame[["x", "y", "z"]] = given
+    frame[["vx", "vy", "vz"]] = residual
+    frame[["sx", "sy", "sz"]] = sigma
+    scaled = np.abs(residual) / sigma
+    usual = robust_scale(scaled, least=1e-6) if len(scaled) > 6 else 1.0
+    frame["outlier"] = is_outlier(scaled, usual).any(axis=1)
+    return with_units(frame, {"m": "x y z vx vy vz sx sy sz"})

@@ -1,0 +1,339 @@
+"""What is doubtful about an adjustment, in sentences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.adjustment.blunders import exchanged_points, told_exchanged, where_seen
+from corridor.core.adjustment.tables import Tables
+from corridor.core.effects import Without, every_effect
+from corridor.core.errors import some
+from corridor.core.output import counted
+
+# Beyond this a parameter and a height are one quantity for every practical purpose.
+INSEPARABLE = 0.995
+# Residuals that follow the rows of single images: share of their squares, and length in sigmas.
+ROW_SHARE, ROW_SIGMAS = 0.15, 0.5
+_ROW_DEGREE = 4
+# An estimate this far from what is stated beforehand is told.
+FAR_SIGMAS = 3.0
+# Pixels of sensors are square to a few parts in ten thousand, and their axes perpendicular.
+SQUARE = 2e-3
+# An adjusted camera is another than the stated: focal length, principal point (of the width).
+FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
+# No drone carries its antenna so far from the camera.
+LONG_ARM_M = 5.0
+
+
+def warnings_of(adjustment: Tables) -> list[str]:
+    """Sentences, the gravest first."""
+    return [
+        *grave(adjustment),
+        *_insignificant(adjustment),
+        *_beside_a_diagnosis(adjustment),
+    ]
+
+
+def grave(adjustment: Tables) -> list[str]:
+    """Those of them that put the numbers in doubt."""
+    missed = _missed(adjustment)
+    return [
+        *_convergence(adjustment),
+        *implausible(adjustment),
+        *_inseparable(adjustment),
+        *_motion(adjustment),
+        *_doubtful_effects(adjustment),
+        *(sentence for _, sentence in missed),
+        *_priors(adjustment),
+        *_pixels(adjustment),
+        *_fit(adjustment),
+        *_outliers(adjustment, {place for place, _ in missed}),
+    ]
+
+
+def implausible(adjustment: Tables) -> list[str]:
+    """Sentences on results that tell of a mistake in the block, and on which."""
+    return [*_exchanged(adjustment), *_strange_camera(adjustment), *_long_arm(adjustment)]
+
+
+def _convergence(a):
+    if not a.converged:
+        yield (
+            f"The iterations did not converge in {a.iterations} steps: the numbers below are not "
+            "the optimum."
+        )
+
+
+def _strange_camera(a):
+    """An adjusted camera that is another one than block.toml states."""
+    for name, stated in a.start.cameras.items():
+        free = a.problem.free.get(name, ())
+        found = a.state.interior[a.problem.images.camera_names.index(name)]
+        f, cx, cy = found[:3].tolist()
+        ratio = f / stated["f"]
+        sigma = a.camera.query("camera == @name").set_index("parameter")["sigma"]
+        sure = abs(f - stated["f"]) > FAR_SIGMAS * sigma["f"]
+        if "f" in free and sure and abs(np.log(ratio)) > np.log(1.0 + FAR_FOCAL):
+            half = abs(np.log2(ratio) - np.round(np.log2(ratio))) < 0.03 and abs(ratio - 1) > 0.4
+            cause = (
+                "were image points measured on pictures of another size?"
+                if half
+                else "is it that of another camera or zoom, or do GNSS heights pull it?"
+            )
+            yield (
+                f"The focal length of camera {name} came out as {f:.0f} px where block.toml states "
+                f"{stated['f']:.0f} px, {ratio:.2f} times as long: {cause}"
+            )
+        away = np.array([cx - stated["cx"], cy - stated["cy"]])
+        if {"cx", "cy"} & set(free) and np.abs(away).max() > FAR_CENTRE * stated.width:
+            middle = [(stated.width - 1) / 2, (stated.height - 1) / 2]
+            cause = (
+                "are pixels counted from the middle? (0, 0) is the centre of the top-left pixel."
+                if np.abs([cx, cy]).max() < FAR_CENTRE * stated.width
+                else f"the middle of its picture is at {middle[0]:.0f}, {middle[1]:.0f}."
+            )
+            yield (
+                f"The principal point of camera {name} came out at {cx:.0f}, {cy:.0f} px where "
+                f"block.toml states {stated['cx']:.0f}, {stated['cy']:.0f}: {cause}"
+            )
+
+
+def _long_arm(a):
+    """A lever arm that no drone carries is an offset of the GNSS positions."""
+    p = a.problem
+    if not p.arms_free:
+        return
+    for k, name in enumerate(p.images.flight_names):
+        arm, mine = a.state.arms[k], p.images.flight == k
+        length = float(np.linalg.norm(arm))
+        if not mine.any() or length < LONG_ARM_M:
+            continue
+        # Seen from the world, over all images of the flight.
+        world = np.einsum("nij,i->nj", a.state.rotation[mine], arm).mean(axis=0)
+        up = abs(world[2]) > 0.9 * length
+        cause = (
+            "GNSS heights above the ellipsoid and ground control above the geoid?"
+            if up
+            else "are GNSS and ground control in one coordinate system?"
+        )
+        yield (
+            f"The lever arm of flight {name} came out {length:.1f} m long, {world[2]:+.1f} m of it "
+            f"in height: {cause}"
+        )
+
+
+def _exchanged(a):
+    """Pairs of ground points each of which lies where the other was surveyed."""
+    control, check = a.residuals["control"], a.check_points
+    names = [*a.system.control_names, *check["point"]]
+    off = len(control) and control["outlier"].any()
+    if len(names) < 2 or not (off or len(check)):
+        return
+    block = a.problem.block
+    rows = pd.Index(block.ground["point"]).get_indexer(names)
+    seen = where_seen(block, a.pose, a.state.interior)[rows]
+    for i, j in exchanged_points(block.numbers("ground", *"xyz")[rows], seen):
+        yield told_exchanged(names[i], names[j])
+
+
+def _beside_a_diagnosis(a):
+    """Why a diagnosis may not name an effect that is significant here."""
+    p, table = a.problem, a.effects
+    mine = {m.effect.slug for m in p.stack.at("antenna")}
+    strong = table[(table["value"].abs() > 2.0 * table["sigma"]) & (table["sigma"] > 0)]
+    slugs = [slug for slug in dict.fromkeys(strong["slug"]) if slug in mine]
+    if slugs:
+        yield (
+            f"The sigmas of {', '.join(slugs)} take GNSS errors of one image and the next as "
+            "independent; a receiver errs slowly. `corridor diagnose` allows for that, and may "
+            "find that nothing is missing where values here reach several sigmas."
+        )
+
+
+def _inseparable(a):
+    p = a.problem
+    if not (len(p.gnss_image) or len(p.control_rows)):
+        return
+    with_what = "this GNSS" if len(p.gnss_image) else "this ground control"
+    for pair in a.correlations.itertuples():
+        if not pair.a.startswith("camera.") or pair.b not in ("height", "ground height"):
+            continue
+        if abs(pair.mean) < INSEPARABLE:
+            continue
+        name = pair.a.split(".")[1]
+        focal = a.camera.query("camera == @name and parameter == 'f'").iloc[0]
+        if pair.b == "height":
+            sigma = float(np.median(a.poses["sz"]))
+            which = "camera heights"
+        else:
+            chosen = p.point_kinds if p.point_kinds.any() else np.diff(p.ptr) >= 3
+            sigma = float(np.nanmedian(a.point_sigma[chosen, 2]))
+            which = "ground heights"
+        yield (
+            f"Camera {name}: focal length and height cannot be separated by these images and "
+            f"{with_what} (correlation {pair.mean:.4f}; sigma of f {focal['sigma']:.3g} px, of "
+            f"the {which} {sigma:.3g} m): add a ground control point, fly at two heights or with "
+            "oblique images, or hold a calibrated focal length."
+        )
+        return
+
+
+def _motion(a):
+    """Says so where a motion during the readout is modelled and residuals still follow the rows."""
+    p, ties = a.problem, a.residuals["tie"]
+    if not p.stack.at("motion") or not len(ties):
+        return
+    ties = ties[~ties["gross"]]
+    image = pd.Index(p.images.names).get_indexer(ties["image"].astype(str))
+    axis, factor, offset = p.images.row_of[image].T
+    row = 2 * (factor * np.where(axis == 1, ties["y"], ties["x"]) + offset)
+    basis = np.vander(row, _ROW_DEGREE + 1, increasing=True)
+    v = ties[["vx", "vy"]].to_numpy() / ties[["sigma"]].to_numpy()
+    order = np.argsort(image, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(image[order])) + 1)
+    parts = [part for part in parts if len(part) > 10 * (_ROW_DEGREE + 1)]
+    if len(parts) < 2:
+        return
+    # What all images share is the camera's.
+    v = v - basis @ np.linalg.lstsq(basis, v, rcond=None)[0]
+    count, by_row = 2 * sum(map(len, parts)), 0.0
+    for part in parts:
+        mine = np.linalg.lstsq(basis[part], v[part], rcond=None)[0]
+        by_row += float(np.sum((basis[part] @ mine) ** 2))
+    by_chance = 2.0 * (_ROW_DEGREE + 1) * len(parts) * a.sigma0**2
+    share = (by_row - by_chance) / float(np.sum(v**2))
+    size = np.sqrt(max(by_row - by_chance, 0.0) / count)
+    if share > ROW_SHARE and size > ROW_SIGMAS:
+        names = ", ".join(member.effect.slug for member in p.stack.at("motion"))
+        yield (
+            f"The motion model ({names}) does not explain the pictures: {100 * share:.0f} % of the "
+            f"tie residuals' squares follow the rows of single images ({size:.1f} sigmas). Its "
+            "values are those of a wrong model: the camera moved otherwise during the readout "
+            "(rates that change within it, as a gyroscope records them in rates.csv)."
+        )
+
+
+def _doubtful_effects(a):
+    """Values of effects that contradict what is known of such an effect, or of the block."""
+    for slug, one in a.values.items():
+        yield from one.effect.doubts(a.problem.block, a.effects[a.effects["slug"] == slug])
+
+
+def _missed(a) -> list[tuple[str, str]]:
+    """Place of an effect that the model leaves out though the block shows it, and what shows it.
+
+    Where the model has one of the same place, that may take it up.
+    """
+    p = a.problem
+    found = Without(
+        block=p.block,
+        free=frozenset(name for free in p.free.values() for name in free),
+        height=float(np.median(a.state.centre[:, 2]) - np.median(a.state.points[:, 2])),
+        gnss=a.residuals["gnss"],
+    )
+    return [
+        (effect.place, sentence)
+        for effect in every_effect()
+        # A finer variant shows where the effect itself does.
+        if not effect.refines and not p.stack.at(effect.place)
+        for sentence in effect.missed(found)
+    ]
+
+
+def _priors(a):
+    """Priors that the measurements overrule."""
+    if not a.problem.prior_weight.any():
+        return
+    for one in a.parameters.values():
+        if one.prior is None or not one.vary:
+            continue
+        value, sigma = one.prior
+        off = abs(one.value - value) / sigma
+        if off > FAR_SIGMAS:
+            unit = f" {one.unit}" if one.unit else ""
+            yield (
+                f"{one.name} comes to {one.value:.5g} +- {one.sigma:.2g}{unit}, {off:.1f} sigmas "
+                f"from what is stated beforehand, {value:.5g} +- {sigma:.2g}{unit}: either that is "
+                "wrong, or the model lacks something that this parameter takes up; hold it and "
+                "look at the residuals, or ask `corridor diagnose`."
+            )
+
+
+def _pixels(a):
+    """Affinity that no sensor has."""
+    free = a.camera[a.camera["free"] & a.camera["parameter"].isin(["b1", "b2"])]
+    size = free["value"].abs()
+    found = free[(size > SQUARE) & (size > FAR_SIGMAS * free["sigma"])]
+    for camera, rows in found.groupby("camera", sort=False):
+        values = " and ".join(f"{r.parameter} {100 * r.value:.2f} %" for r in rows.itertuples())
+        yield (
+            f"Camera {camera} has {values}: the pixels of sensors are square to less than "
+            f"{100 * SQUARE:g} %. It takes up what the model lacks (a rolling shutter at one "
+            "speed, say), or the flight does not tell it: `--camera fraser8` holds it."
+        )
+
+
+def _fit(a):
+    if a.redundancy > 30 and a.sigma0 > 1.5:
+        yield (
+            f"Sigma naught is {a.sigma0:.2f}: the residuals are larger than the stated standard "
+            "deviations, or the model lacks something."
+        )
+    if a.redundancy > 30 and 0 < a.sigma0 < 0.5:
+        yield (
+            f"Sigma naught is {a.sigma0:.3g}: the stated standard deviations are larger than the "
+            "residuals; GNSS and control weigh too much against the images, or too little."
+        )
+
+
+def _outliers(a, missed):
+    """missed: places of effects that the model leaves out, which may be what lies outside."""
+    for kind, what in (("tie", "tie point"), ("mark", "mark")):
+        found = a.statistics[kind]
+        if not found or not found["outliers"]:
+            continue
+        share = 100.0 * found["outliers"] / found["count"]
+        gross = (
+            f"; {found['gross']} of them beyond 15 are left out of the RMS"
+            if found["gross"]
+            else ""
+        )
+        advice = ": a robust loss (huber:2) limits their weight" if a.system.loss.kind == 0 else ""
+        yield (
+            f"{found['outliers']} of {found['count']} {what} observations ({share:.1f} %) lie "
+            f"beyond 5 robust sigmas{gross}{advice}."
+        )
+    reject = "" if "antenna" in missed else ": --reject-gnss leaves them out"
+    for kind, what, remedy in (
+        ("gnss", "GNSS position", reject),
+        ("control", "control point", ""),
+    ):
+        found = a.statistics[kind]
+        if found and found["outliers"]:
+            frame = a.residuals[kind]
+            names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()
+            yield (f"{counted(len(names), what)} beyond 5 sigmas: {some(names, 10)}{remedy}.")
+
+
+def _insignificant(a):
+    weak = a.camera[
+        a.camera["free"]
+        & ~a.camera["parameter"].isin(["f", "cx", "cy"])
+        & (a.camera["value"].abs() < 2 * a.camera["sigma"])
+    ]
+    if len(weak):
+        names = [f"{row.parameter} of camera {row.camera}" for row in weak.itertuples()]
+        yield f"Not significantly different from zero: {', '.join(names)}."
+    told = a.effects[a.effects["sigma"] > 0]
+    for slug, mine in told.groupby("slug", sort=False):
+        share = (mine["value"] / mine["sigma"]).abs()
+        # Of many values some reach two sigmas by chance; all together, two sigmas do not.
+        if len(mine) <= 10 and share.max() < 2.0:
+            values = (
+                f"none of its {len(mine)} values reaches" if len(mine) > 1 else "it stays below"
+            )
+            yield (
+                f"Effect {slug} is not shown by this block: {values} two sigmas (largest "
+                f"{share.max():.1f}). Without it everything else is determined better."
+            )

@@ -1,0 +1,46 @@
+"""The block: one flight, or several, as plain tables. Read, check, select, write, summarise."""
+
+from corridor.core.block.block import Block, is_block, read
+from corridor.core.block.corners import corner_rays, footprints
+from corridor.core.block.reading import place, read_columns, row_numbers
+from corridor.core.block.record import forget_correction, record_correction, taken_out
+from corridor.core.block.summary import Summary
+from corridor.core.block.tables import (
+    LAYOUTS,
+    POSE,
+    QUATERNION,
+    RATES,
+    ROLES,
+    SIGMAS,
+    VELOCITY,
+    Layout,
+    frugal,
+    is_among,
+    places,
+)
+
+__all__ = [
+    "LAYOUTS",
+    "POSE",
+    "QUATERNION",
+    "RATES",
+    "ROLES",
+    "SIGMAS",
+    "VELOCITY",
+    "Block",
+    "Layout",
+    "Summary",
+    "corner_rays",
+    "footprints",
+    "forget_correction",
+    "frugal",
+    "is_among",
+    "is_block",
+    "place",
+    "places",
+    "read",
+    "read_columns",
+    "record_correction",
+    "row_numbers",
+    "taken_out",
+]

@@ -1,0 +1,272 @@
+"""What a block must fulfil before anything is computed from it.
+
+Every check runs over whole columns; the row is looked for only where one fails. What depends on
+the adjustment (a point seen once, an image with too few points) is judged there.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.compute as pc
+
+from corridor.core.block.settings import FILE, SIGMA
+from corridor.core.block.tables import (
+    LAYOUTS,
+    NAMES,
+    POSE,
+    QUATERNION,
+    RATES,
+    ROLES,
+    SIGMAS,
+    VELOCITY,
+    arrow,
+    is_among,
+)
+from corridor.core.errors import InputError, some
+
+_PART = 1 << 20  # rows that are looked at together
+
+
+def check(block, observed: bool = True) -> None:
+    """Raise InputError, one sentence with file, row and remedy, for the first fault.
+
+    observed: whether a block without observations is one.
+    """
+    _settings(block)
+    for table in LAYOUTS:
+        _names(block, table)
+        _numbers(block, table)
+    _images(block)
+    if observed and not len(block.tie_points) and not len(block.marks):
+        raise InputError(
+            "tie_points.csv and marks.csv: neither holds an observation; add rows to one of them"
+        )
+    for table in ("tie_points", "marks"):
+        _observations(block, table)
+    _points_are_one_kind(block)
+    for table in ("points", "ground"):
+        _once(block, table, "point")
+    _whole(block, "points", ("x", "y", "z"), "the position")
+    unknown, roles = ~is_among(block.ground["role"], list(ROLES)), ", ".join(ROLES)
+    _refuse(block, "ground", unknown, "role {role!r} is unknown", f"write one of {roles}")
+    _known_images(block, "gnss")
+    _once(block, "gnss", "image")
+    if "image" in block.rates:
+        _known_images(block, "rates")
+    # Time goes on, in any order of the rows.
+    for table, owners in (("rates", ("flight", "image")), ("track", ("flight",))):
+        keys = [name for name in owners if name in getattr(block, table)] + ["time_s"]
+        remedy = "give every row its own time or delete one of the two"
+        _refuse_twice(block, table, keys, "time_s = {time_s}", remedy)
+    _whole(block, "track", VELOCITY, "the velocity")
+    _lever_arms(block)
+
+
+def _refuse(block, table: str, wrong: Any, fault: str, remedy: str, **more: Any) -> None:
+    """Raise InputError for the first row of a mask (rows,).
+
+    fault, remedy: {NAME} in them is that row's cell of a column, or of an array of `more`.
+    """
+    row = _first(wrong)
+    if row is not None:
+        cells = getattr(block, table).iloc[row].to_dict()
+        cells |= {key: v[row] if isinstance(v, np.ndarray) else v for key, v in more.items()}
+        fault, remedy = fault.format_map(cells), remedy.format_map(cells)
+        raise InputError(f"{block.where(table, row)}: {fault}; {remedy}")
+
+
+def _refuse_twice(
+    block, table: str, names: Sequence[str], fault: str, remedy: str = "delete one of the two rows"
+) -> None:
+    """Raise InputError for the first row that holds in some columns what an earlier one does."""
+    rows = getattr(block, table)[list(names)]
+    twice = rows.duplicated()
+    row = _first(twice)
+    if row is not None:
+        cells = [(rows[name], rows[name].iloc[row]) for name in names]
+        same = [column.isna() if pd.isna(cell) else column == cell for column, cell in cells]
+        earlier = block.where(table, _first(np.logical_and.reduce(same)))
+        fault += " stands already in {earlier}"
+        _refuse(block, table, twice, fault, remedy, earlier=earlier)
+
+
+def _first(mask: Any) -> int | None:
+    mask = np.asarray(mask)
+    return int(mask.argmax()) if mask.any() else None
+
+
+def _settings(block) -> None:
+    if not block.cameras:
+        raise InputError(
+            f"{FILE}: there is no camera; add a table [camera.NAME] with width, height and f"
+        )
+    if not isinstance(block.name, str) or not block.name.strip():
+        raise InputError(f'{FILE}: the block has no name; write name = "..."')
+    for key in SIGMA:
+        value = np.asarray(block.sigma[key], dtype=float)
+        if not (np.isfinite(value).all() and (value > 0).all()):
+            raise InputError(
+                f"{FILE}: [sigma] {key} is not positive; write a standard deviation above 0"
+            )
+    if block.offset.shape != (3,) or not np.isfinite(block.offset).all():
+        raise InputError(f"{FILE}: offset is not three numbers; write offset = [x, y, z]")
+
+
+def _names(block, table: str) -> None:
+    """Needed names are there, and no name has blanks around it."""
+    frame, layout = getattr(block, table), LAYOUTS[table]
+    for name in layout.listed if len(frame) else ():
+        if name not in NAMES or name not in frame:
+            continue
+        column = frame[name]
+        coded = isinstance(column.dtype, pd.CategoricalDtype)
+        codes = column.array.codes if coded else None
+        values = arrow(column.dtype.categories if coded else column)
+        if name in layout.needed:
+            empty = codes < 0 if coded else pc.fill_null(pc.equal(values, ""), True)
+            _refuse(block, table, empty, f"{name} is empty", "fill it in or delete the row")
+        bare = pc.utf8_trim_whitespace(values)
+        if not bare.equals(values):
+            blank = np.asarray(pc.fill_null(pc.not_equal(bare, values), False))
+            blank = blank[codes] & (codes >= 0) if coded else blank
+            fault = f"{name} {{{name}!r}} has blanks around it"
+            _refuse(block, table, blank, fault, "take them away")
+
+
+def _numbers(block, table: str) -> None:
+    """Needed numbers are there, all are finite, and standard deviations are positive."""
+    frame, layout = getattr(block, table), LAYOUTS[table]
+    for name in layout.numbers if len(frame) else ():
+        if name not in frame:
+            continue
+        values = frame[name].to_numpy()
+        _refuse(block, table, np.isinf(values), f"{name} is infinite", "write a number")
+        if name in layout.needed and name not in layout.empty:
+            remedy = "write a number or delete the row"
+            _refuse(block, table, np.isnan(values), f"{name} is empty", remedy)
+        if name == "sigma" or name in SIGMAS:
+            fault = f"{name} = {{{name}:g}} is not a standard deviation"
+            remedy = "write a positive number or leave the cell empty"
+            _refuse(block, table, values <= 0, fault, remedy)
+
+
+def _images(block) -> None:
+    images = block.images
+    if not len(images):
+        raise InputError("images.csv: it names no image; add one row for each image")
+    _once(block, "images", "image")
+    unknown = ~is_among(images["camera"], list(block.cameras))
+    remedy = "add a table [camera.{camera}] there or correct the name ({known})"
+    fault = "camera {camera!r} is not in block.toml"
+    _refuse(block, "images", unknown, fault, remedy, known=some(block.cameras))
+    remedy = "give x, y, z and qw, qx, qy, qz or none of them (antenna positions go into gnss.csv)"
+    _whole(block, "images", POSE, "the pose", remedy)
+    _whole(block, "images", VELOCITY, "the velocity")
+    _whole(block, "images", RATES, "the angular rate")
+    if set(QUATERNION) <= set(images.columns):
+        length = np.linalg.norm([images[name].to_numpy() for name in QUATERNION], axis=0)
+        remedy = "give a unit quaternion or leave the pose empty"
+        for wrong, shown in ((length == 0, "zero"), (np.abs(length - 1) > 0.01, "{length:.6g}")):
+            fault = f"the quaternion qw, qx, qy, qz has length {shown}"
+            _refuse(block, "images", wrong, fault, remedy, length=length)
+    # A camera does not take two images of one flight at once, whatever the other cameras do.
+    time = block.column("images", "time_s")
+    known = np.flatnonzero(~np.isnan(time))
+    if len(known) > 1 and np.ptp(time[known]) == 0:
+        still = np.zeros(len(time), dtype=bool)
+        still[known] = images.iloc[known].duplicated("camera")
+        fault = "time_s = {time_s:g} stands still, it is the same in every image"
+        remedy = "write the times of exposure or leave the cells empty"
+        _refuse(block, "images", still, fault, remedy)
+
+
+def _observations(block, table: str) -> None:
+    frame = getattr(block, table)
+    if not len(frame):
+        return
+    _known_images(block, table)
+
+    def keys(first: int = 0, last: int | None = None) -> np.ndarray:
+        image = frame["image"].array
+        key = frame["point"].array.codes[first:last].astype(np.int64)
+        key *= len(image.categories)
+        key += image.codes[first:last]
+        return key
+
+    # Most files are in order, which a part of the rows after another shows.
+    parts = (keys(first, first + _PART + 1) for first in range(0, len(frame), _PART))
+    if all((key[1:] > key[:-1]).all() for key in parts):
+        return
+    # Sorting in place takes a third of the memory of a hash table.
+    key = keys()
+    key.sort()
+    if (key[1:] == key[:-1]).any():
+        _refuse_twice(block, table, ("point", "image"), "point {point!r} in image {image!r}")
+
+
+def _points_are_one_kind(block) -> None:
+    """One name is either a tie point or a ground point: their coordinates stand apart."""
+    ties = block.tie_points["point"].dtype.categories
+    for table in ("marks", "ground"):
+        names = getattr(block, table)["point"]
+        # Ties are many: few names are looked for first.
+        if is_among(ties, names).any():
+            fault = "ground point {point!r} is also a point of tie_points.csv"
+            remedy = "measure ground points in marks.csv only, and name other points differently"
+            _refuse(block, table, is_among(names, ties), fault, remedy)
+
+
+def _known_images(block, table: str) -> None:
+    names = getattr(block, table)["image"]
+    strange = ~is_among(names, block.images["image"])
+    if strange.any():
+        remedy = "add it there, correct the name or delete the row"
+        fault = "image {image!r} is not in images.csv"
+        _refuse(block, table, strange & names.notna(), fault, remedy)
+
+
+def _once(block, table: str, name: str) -> None:
+    column = getattr(block, table)[name]
+    measured = block.tie_points["point"].dtype.categories
+    rest = column
+    if (
+        table == "points"
+        and len(measured)
+        and arrow(column.iloc[: len(measured)]).equals(arrow(measured))
+    ):
+        # Of a river an index of all points is as large as all their coordinates.
+        rest = column.iloc[len(measured) :]
+        rest = column if is_among(measured, rest).any() else rest
+    if not pd.Index(rest).is_unique:
+        _refuse_twice(block, table, (name,), f"{name} {{{name}!r}}")
+
+
+def _whole(block, table: str, columns: tuple[str, ...], what: str, remedy: str = "") -> None:
+    """Numbers that only mean something together are all given or all empty."""
+    frame = getattr(block, table)
+    if not len(frame) or not any(name in frame for name in columns):
+        return
+    known = np.isfinite(block.numbers(table, *columns))
+    wrong = known.any(axis=1) & ~known.all(axis=1)
+    row = _first(wrong)
+    if row is not None:
+        missing = [name for name, there in zip(columns, known[row], strict=True) if not there]
+        verb = "is" if len(missing) == 1 else "are"
+        fault = f"{what} is given in part, {', '.join(missing)} {verb} missing"
+        _refuse(block, table, wrong, fault, remedy or "give all of it or leave all of it empty")
+
+
+def _lever_arms(block) -> None:
+    flights = block.flight_names if block.lever_arm else []
+    for flight, arm in block.lever_arm.items():
+        if flight != "default" and flight not in flights:
+            raise InputError(
+                f"{FILE}: [lever_arm] names flight {flight!r}, which no image has; "
+                f"use default or a flight of images.csv ({some(flights)})"
+            )
+        if np.shape(arm) != (3,) or not np.isfinite(np.asarray(arm, dtype=float)).all():
+            raise InputError(
+                f"{FILE}: [lever_arm] {flight} is not three numbers; write [x, y, z] in metres"
+            )

@@ -1,0 +1,381 @@
+"""From the files of a block folder to tables.
+
+A well-formed file takes the fast path. Only where something is wrong is it read again, as text,
+to find the row and say what stands there.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+
+from corridor.core.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns
+from corridor.core.errors import InputError
+
+if TYPE_CHECKING:
+    from pyarrow.parquet import ParquetFile
+
+_CODED = pa.dictionary(pa.int32(), pa.string())
+_NUMBER = r"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*$"
+_UNNAMED = "\0unnamed "
+
+
+def read_table(folder: Path, table: str) -> tuple[pd.DataFrame, Path] | None:
+    """The table and the file it came from; None where the folder has no such file.
+
+    Unlisted columns come as text from a .csv, as they are from a .parquet.
+    Raises InputError naming file and row where the file cannot be understood.
+    """
+    files = [folder / f"{table}.csv", folder / f"{table}.parquet"]
+    found = [file for file in files if file.is_file()]
+    if len(found) > 1:
+        raise InputError(f"{files[0].name} and {files[1].name} are both there; keep one of them")
+    if not found:
+        return None
+    return read_columns(found[0], LAYOUTS[table]), found[0]
+
+
+def read_columns(path: Path, layout: Layout) -> pd.DataFrame:
+    """The table in a .parquet, or in a file of comma separated text; as `read_table`."""
+    try:
+        return (_read_parquet if path.suffix == ".parquet" else _read_csv)(path, layout)
+    except OSError as error:
+        raise InputError(f"{path.name} cannot be read: {error.strerror or error}") from error
+
+
+def place(path: Path, row: int) -> str:
+    """`images.csv, row 3` for the data row `row` (from 0): the line in a .csv, header line 1.
+
+    A .parquet has no header: there the first data row is row 1.
+    """
+    return f"{path.name}, row {row_numbers(path, row + 1)[row]}"
+
+
+def row_numbers(path: Path, count: int) -> np.ndarray:
+    """(count,) what the first data rows of a table are called; see `place`."""
+    if path.suffix == ".parquet":
+        return np.arange(1, count + 1)
+    numbers = np.arange(2, count + 2)
+    if path.is_file():
+        status = path.stat()
+        lines = _uneven_lines(path, status.st_mtime_ns, status.st_size)
+        if lines is not None:
+            numbers[: len(lines)] = lines[:count]
+    return numbers
+
+
+# --- from Arrow to pandas --------------------------------------------------------------------
+
+
+def _coded(pieces: Iterable[pa.ChunkedArray]) -> pd.Series:
+    """Categorical of the pieces of a dictionary-encoded column."""
+    chunks = [chunk for piece in pieces for chunk in piece.chunks]
+    different, which = [], []
+    for chunk in chunks:
+        # A row group in two chunks has one dictionary, and its names are looked up once.
+        if not different or not chunk.dictionary.equals(different[-1]):
+            different.append(chunk.dictionary)
+        which.append(len(different) - 1)
+    names = pa.chunked_array(different, type=pa.string()).combine_chunks().dictionary_encode()
+    numbers = pc.fill_null(names.indices, -1).to_numpy()
+    ends = np.cumsum([len(one) for one in different])[:-1]
+    # Code -1, an empty cell, takes the last.
+    place = [np.append(one, np.int32(-1)) for one in np.split(numbers, ends)]
+    codes = np.empty(sum(map(len, chunks)), dtype=np.int32)
+    row = 0
+    for chunk, one in zip(chunks, which, strict=True):
+        into = codes[row : row + len(chunk)]
+        np.take(place[one], pc.fill_null(chunk.indices, -1), out=into, mode="wrap")
+        row += len(chunk)
+    return pd.Series(categorical(codes, pd.Index(names.dictionary.to_pandas())))
+
+
+def _numbers(pieces: Iterable[pa.ChunkedArray], rows: int) -> np.ndarray:
+    """float64 of the pieces of a column, NaN where it is empty."""
+    numbers, row = np.empty(rows), 0
+    for piece in pieces:
+        for chunk in piece.chunks:
+            numbers[row : row + len(chunk)] = chunk.to_numpy(zero_copy_only=False)
+            row += len(chunk)
+    return numbers
+
+
+# --- .csv ------------------------------------------------------------------------------------
+
+
+def _read_csv(path: Path, layout: Layout) -> pd.DataFrame:
+    header, lines = _header(path)
+    missing = [name for name in layout.needed if name not in header]
+    if missing:
+        if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+            raise InputError(
+                f"{path.name}, row 1: the cells are not separated by commas; save the file "
+                "comma separated, with decimal points"
+            )
+        raise InputError(missing_columns(path.name, missing, header))
+    twice = [name for name in header if name and header.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"{path.name}, row 1: column {twice[0]} is there twice; rename or delete one"
+        )
+    names = [name or f"{_UNNAMED}{index}" for index, name in enumerate(header)]
+    numbers = [name for name in names if name in layout.numbers]
+    types = dict.fromkeys(names, pa.string())
+    types |= dict.fromkeys(layout.coded, _CODED) | dict.fromkeys(numbers, pa.float64())
+    try:
+        arrow = _parse(path, names, lines, types)
+        # "nan" and "inf" are numbers to the parser, not to us.
+        sound = all(pc.all(pc.is_finite(arrow[name])).as_py() is not False for name in numbers)
+    except pa.ArrowInvalid:
+        sound = False
+    if not sound:
+        arrow = _parse_carefully(path, layout, names, lines, numbers)
+    for index, name in enumerate(names):
+        if name.startswith(_UNNAMED):
+            if arrow[name].null_count < len(arrow):
+                raise InputError(
+                    f"{path.name}, row 1: column {index + 1} has no name; name or delete it"
+                )
+            arrow = arrow.drop_columns([name])
+    columns = {}
+    # One column after the other, so that the memory of each is free before the next is made.
+    for name in arrow.column_names:
+        column = arrow[name]
+        arrow = arrow.drop_columns([name])
+        if name in layout.coded:
+            columns[name] = _coded([column])
+        elif name in layout.numbers:
+            columns[name] = _numbers([column], len(column))
+        else:
+            columns[name] = column.to_pandas()
+    return pd.DataFrame(columns, copy=False)
+
+
+def _header(path: Path) -> tuple[list[str], int]:
+    """Names of the columns, and how many lines of the file they take."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            for row in reader:
+                if row:
+                    return [name.strip() for name in row], reader.line_num
+    except UnicodeDecodeError:
+        raise _not_utf8(path) from None
+    except csv.Error as error:
+        raise InputError(f"{path.name} is not a table: {error}; save it comma separated") from None
+    raise InputError(f"{path.name} is empty; write a header line, or delete the file")
+
+
+def _parse(
+    path: Path, names: list[str], skip: int, types: dict, multiline: bool = False
+) -> pa.Table:
+    return pa.csv.read_csv(
+        path,
+        read_options=pa.csv.ReadOptions(column_names=names, skip_rows=skip),
+        parse_options=pa.csv.ParseOptions(newlines_in_values=multiline),
+        convert_options=pa.csv.ConvertOptions(
+            column_types=types, null_values=[""], strings_can_be_null=True
+        ),
+    )
+
+
+def _parse_carefully(
+    path: Path, layout: Layout, names: list[str], skip: int, numbers: list[str]
+) -> pa.Table:
+    try:
+        arrow = _parse(path, names, skip, dict.fromkeys(names, pa.string()), multiline=True)
+    except pa.ArrowInvalid as error:
+        raise _not_a_table(path, len(names), error) from None
+    for name in numbers:
+        text = arrow[name].combine_chunks()
+        wrong = pc.invert(pc.match_substring_regex(text, _NUMBER))
+        if pc.any(wrong).as_py():
+            raise _not_a_number(path, layout, name, text, pc.index(wrong, True).as_py())
+        values = pc.cast(pc.utf8_ltrim(pc.utf8_trim_whitespace(text), "+"), pa.float64())
+        endless = pc.is_inf(values)
+        if pc.any(endless).as_py():
+            raise _not_a_number(path, layout, name, text, pc.index(endless, True).as_py())
+        arrow = arrow.set_column(names.index(name), name, values)
+    for name in layout.coded:
+        coded = arrow[name].combine_chunks().dictionary_encode()
+        arrow = arrow.set_column(names.index(name), name, coded)
+    return arrow
+
+
+def _not_a_number(path: Path, layout: Layout, name: str, text: pa.Array, row: int) -> InputError:
+    value = text[row].as_py()
+    if name in layout.needed and name not in layout.empty:
+        remedy = "write a number with a decimal point, or delete the row"
+    else:
+        remedy = "write a number with a decimal point, or leave the cell empty if it is unknown"
+    return InputError(f"{place(path, row)}: {name} = {value!r} is not a number; {remedy}")
+
+
+def _not_a_table(path: Path, width: int, error: Exception) -> InputError:
+    """Why the file is no table: not UTF-8, or a row with more or fewer cells than the header."""
+    try:
+        path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return _not_utf8(path)
+    try:
+        for line, row in _rows(path):
+            if len(row) != width:
+                return InputError(
+                    f"{path.name}, row {line}: {len(row)} cell{'s' * (len(row) != 1)} where "
+                    f"the header has {width}; "
+                    "separate cells by commas, and write numbers with a decimal point"
+                )
+    except csv.Error:
+        pass
+    reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
+    return InputError(f"{path.name} is not a table ({reason}); save it comma separated")
+
+
+def _not_utf8(path: Path) -> InputError:
+    data = path.read_bytes()
+    try:
+        data.decode("utf-8-sig")
+        line = 1
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+    return InputError(f"{path.name}, row {line}: the text is not UTF-8; save the file as UTF-8")
+
+
+def _rows(path: Path):
+    """Line number and cells of every row that is not blank, the header first."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.reader(file)
+        before = 0
+        for row in reader:
+            if row:
+                yield before + 1, row
+            before = reader.line_num
+
+
+@lru_cache(maxsize=16)
+def _uneven_lines(path: Path, _modified: int, _size: int) -> np.ndarray | None:
+    """Line of every data row, where blank lines or line breaks in cells make it uneven."""
+    data = path.read_bytes().replace(b"\r\n", b"\n").removeprefix(b"\xef\xbb\xbf")
+    if b"\n\n" not in data and b'"' not in data and not data.startswith(b"\n"):
+        return None
+    del data
+    try:
+        return np.array([line for line, _ in _rows(path)][1:])
+    except csv.Error:
+        return None
+
+
+# --- .parquet --------------------------------------------------------------------------------
+
+
+def _opened(path: Path, layout: Layout) -> ParquetFile:
+    from pyarrow.parquet import ParquetFile  # a tenth of a second, for few blocks
+
+    return ParquetFile(path, memory_map=False, read_dictionary=list(layout.coded))
+
+
+def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
+    try:
+        with _opened(path, layout) as file:
+            names = file.schema_arrow.names
+            missing = [name for name in layout.needed if name not in names]
+            if missing:
+                raise InputError(missing_columns(path.name, missing, names))
+            twice = [name for name in names if names.count(name) > 1]
+            if twice:
+                raise InputError(
+                    f"{path.name}: column {twice[0]} is there twice; rename or delete one"
+                )
+            for field in file.schema_arrow:
+                if field.name in layout.listed:
+                    _check_type(path, field)
+            columns = _columns(file, path, layout)
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
+        raise InputError(f"{path.name} is not a Parquet file ({reason}); write it again") from None
+    return pd.DataFrame(columns, copy=False)
+
+
+def _check_type(path: Path, field: pa.Field) -> None:
+    """Refuse a listed column that holds neither names nor numbers, as it should."""
+    kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+    known = pa.types.is_integer(kind) or pa.types.is_null(kind)
+    if field.name in NAMES:
+        if not (known or pa.types.is_string(kind) or pa.types.is_large_string(kind)):
+            raise InputError(f"{path.name}: column {field.name} holds {kind}; store names as text")
+    elif not (known or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
+        raise InputError(
+            f"{path.name}: column {field.name} holds {kind}; store it as floating-point numbers"
+        )
+
+
+def _columns(file: ParquetFile, path: Path, layout: Layout) -> dict[str, pd.Series | np.ndarray]:
+    """Every column, its first and its second half of the row groups by two threads.
+
+    While the names of one are brought together the next are read.
+    """
+    middle, groups = file.num_row_groups // 2, file.num_row_groups
+    halves = [half for half in (range(middle), range(middle, groups)) if half]
+    names = file.schema_arrow.names
+    with ThreadPoolExecutor(2) as pool:
+        read = {
+            name: [pool.submit(_part, path, layout, name, half) for half in halves]
+            for name in names
+            if name in layout.listed
+        }
+        columns = {}
+        for name in names:
+            if name not in read:
+                columns[name] = file.read(columns=[name])[name].to_pandas()
+                continue
+            parts = [job.result() for job in read.pop(name)]
+            if name in layout.coded:
+                columns[name] = _coded(parts)
+            elif name in NAMES:
+                chunks = [chunk for part in parts for chunk in part.chunks]
+                columns[name] = pa.chunked_array(chunks, type=pa.string()).to_pandas()
+            else:
+                columns[name] = np.concatenate([np.zeros(0), *parts])
+    return columns
+
+
+def _part(path: Path, layout: Layout, name: str, groups: range) -> pa.ChunkedArray | np.ndarray:
+    """Some row groups of a column, one after the other."""
+    with _opened(path, layout) as file:
+        read = (file.read_row_group(one, [name], use_threads=False)[name] for one in groups)
+        if name in layout.coded:
+            kind, pieces = _CODED, [_encoded(column) for column in read]
+        elif name in NAMES:
+            kind, pieces = pa.string(), [pc.cast(_plain(column), pa.string()) for column in read]
+        else:
+            rows = sum(file.metadata.row_group(one).num_rows for one in groups)
+            return _numbers((pc.cast(_plain(one), pa.float64(), safe=False) for one in read), rows)
+        return pa.chunked_array([chunk for one in pieces for chunk in one.chunks], type=kind)
+
+
+def _encoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """A column of names by codes, without a copy of every name where it is stored so already."""
+    if pa.types.is_dictionary(column.type) and column.type.index_type == pa.int32():
+        chunks = [
+            pa.DictionaryArray.from_arrays(c.indices, pc.cast(c.dictionary, pa.string()))
+            for c in column.chunks
+        ]
+        return pa.chunked_array(chunks, type=_CODED)
+    return pc.cast(_plain(column), pa.string()).dictionary_encode()
+
+
+def _plain(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """A column without a dictionary."""
+    if pa.types.is_dictionary(column.type):
+        return pc.cast(column, column.type.value_type)
+    return column

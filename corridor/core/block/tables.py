@@ -1,0 +1,255 @@
+"""Which columns the tables of a block have, and the types they take in memory."""
+
+import copy
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from corridor.core.errors import InputError, some
+
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+QUATERNION = POSE[3:]
+VELOCITY = ("vx", "vy", "vz")
+RATES = ("wx", "wy", "wz")
+SIGMAS = ("sx", "sy", "sz")
+NAMES = frozenset(("image", "camera", "flight", "strip", "point", "role"))
+ROLES = ("control", "check", "unused")
+_PART = 1 << 20  # rows that are looked at together
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Columns of one table.
+
+    needed: the column must be there. empty: needed columns whose cells may be unknown.
+    coded: names that repeat so often that they are held as pandas Categorical.
+    """
+
+    needed: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+    empty: tuple[str, ...] = ()
+    coded: tuple[str, ...] = ()
+
+    @property
+    def listed(self) -> tuple[str, ...]:
+        return self.needed + self.optional
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        return tuple(name for name in self.listed if name not in NAMES)
+
+
+_OBSERVATIONS = Layout(("point", "image", "x", "y"), optional=("sigma",), coded=("point", "image"))
+LAYOUTS = {
+    "images": Layout(
+        ("image", "camera"),
+        optional=("flight", "strip", "time_s", "temperature_c", *POSE, *VELOCITY, *RATES),
+    ),
+    "tie_points": _OBSERVATIONS,
+    "points": Layout(("point", "x", "y", "z"), optional=SIGMAS, empty=("x", "y", "z")),
+    "marks": _OBSERVATIONS,
+    "ground": Layout(("point", "x", "y", "z", "role"), optional=SIGMAS),
+    "gnss": Layout(("image", "x", "y", "z"), optional=SIGMAS),
+    "rates": Layout(("time_s", *RATES), optional=("flight", "image")),
+    "track": Layout(("time_s", "x", "y", "z"), optional=("flight", *SIGMAS, "quality", *VELOCITY)),
+}
+
+
+def tidy(table: str, frame: pd.DataFrame | None, images: pd.Index | None = None) -> pd.DataFrame:
+    """The table with the types of a block: names text, numbers float64, rows from 0.
+
+    frame: None gives an empty table with the needed columns.
+    images: names in the order of images.csv. Codes of the column `image` of tie_points and marks
+        are then rows of images.csv (where all are known: the check names those that are not).
+    Raises InputError where a needed column is missing or a number is text.
+    """
+    layout = LAYOUTS[table]
+    if frame is None:
+        frame = _empty(table)
+    missing = [name for name in layout.needed if name not in frame.columns]
+    if missing:
+        raise InputError(missing_columns(f"{table}.csv", missing, list(frame.columns)))
+    # Small tables are many: a column that is right is not even looked up.
+    tidied = pd.DataFrame(frame)
+    rows = pd.RangeIndex(len(frame))
+    if not (isinstance(frame.index, pd.RangeIndex) and frame.index.equals(rows)):
+        tidied.index = rows
+    for name, kind in zip(frame.columns, frame.dtypes, strict=True):
+        if name not in layout.listed:
+            continue
+        if name in layout.coded:
+            given = tidied[name]
+            column = _coded(given, images if name == "image" else None)
+            if column is not given:
+                tidied[name] = column
+        elif name in NAMES:
+            if not isinstance(kind, pd.StringDtype):
+                tidied[name] = tidied[name].astype("str")
+        elif kind != np.float64:
+            tidied[name] = _number(table, name, tidied[name])
+    if table == "images" and set(QUATERNION) <= set(frame.columns):
+        tidied = _unit_quaternions(tidied)
+    return tidied
+
+
+@cache
+def _empty(table: str) -> pd.DataFrame:
+    """A table without rows; who changes one of its copies changes no other."""
+    return tidy(table, pd.DataFrame({name: [] for name in LAYOUTS[table].needed}))
+
+
+def is_among(names: pd.Series | pd.Index, known: pd.Series | pd.Index | list) -> np.ndarray:
+    """(n,) bool: which names are among the known ones; an empty cell is not.
+
+    A hundred times faster than `isin` on a million names.
+    """
+    if isinstance(names.dtype, pd.CategoricalDtype):
+        found = is_among(names.dtype.categories, known)
+        return np.append(found, False)[names.array.codes]
+    if not len(names):
+        return np.zeros(0, dtype=bool)
+    found = pc.is_in(arrow(names), value_set=arrow(known), skip_nulls=True)
+    return found.to_numpy(zero_copy_only=False)
+
+
+def places(names: pd.Series | pd.Index, known: pd.Series | pd.Index) -> np.ndarray:
+    """(n,) int32: where each name stands among the known ones, -1 where it does not.
+
+    `Index.get_indexer` keeps a table of Python objects as long as the index lives.
+    """
+    if not len(names):
+        return np.zeros(0, dtype=np.int32)
+    wanted, among = arrow(names), arrow(known)
+    if not wanted.null_count and wanted.equals(among.slice(0, len(wanted))):
+        return np.arange(len(wanted), dtype=np.int32)
+    found = pc.index_in(wanted, value_set=among, skip_nulls=True)
+    return pc.fill_null(found, -1).to_numpy(zero_copy_only=False)
+
+
+def arrow(names: pd.Series | pd.Index | list) -> pa.Array:
+    """Names as Arrow text, null where empty; on a few names pandas takes ten times as long."""
+    # Of a Series Arrow would look at the rows' names as well.
+    held = names.array if isinstance(names, pd.Series | pd.Index) else names
+    found = pa.array(held, type=pa.large_string(), from_pandas=True)
+    return found.combine_chunks() if isinstance(found, pa.ChunkedArray) else found
+
+
+def categorical(codes: np.ndarray, names: pd.Index) -> pd.Categorical:
+    """Categorical of codes (-1: empty) and different names.
+
+    pandas asks whether the names differ through a table of Python objects, 70 bytes a name, which
+    takes longer than reading them, and keeps it as long as the index lives: it is not asked, in
+    versions of pandas that can be told so. A deep copy comes without the table.
+    """
+    unasked = getattr(pd.CategoricalDtype, "_from_fastpath", None)
+    kind = (
+        copy.deepcopy(pd.CategoricalDtype(names))
+        if unasked is None
+        else unasked(copy.deepcopy(names), ordered=False)
+    )
+    return pd.Categorical.from_codes(codes, dtype=kind)
+
+
+@contextmanager
+def frugal():
+    """Arrow gives back at the end what it keeps for its next allocation, often 100 MB."""
+    try:
+        yield
+    finally:
+        pa.default_memory_pool().release_unused()
+
+
+def missing_columns(file: str, missing: list[str], header: list[str]) -> str:
+    """The sentence for needed columns that a file lacks."""
+    plural = len(missing) > 1
+    return (
+        f"{file}, row 1: {'columns' if plural else 'column'} {', '.join(missing)} "
+        f"{'are' if plural else 'is'} missing; add {'them' if plural else 'it'} to the header "
+        f"(it has {some(header) or 'nothing'})"
+    )
+
+
+def _number(table: str, name: str, column: pd.Series) -> pd.Series:
+    try:
+        return column.astype(np.float64)
+    except (TypeError, ValueError):
+        numbers = pd.to_numeric(column, errors="coerce")
+        row = int(np.argmax((numbers.isna() & column.notna()).to_numpy()))
+        raise InputError(
+            f"{table}.csv, row {row + 2}: {name} = {column.iloc[row]!r} is not a number; "
+            "write a number with a decimal point"
+        ) from None
+
+
+def _coded(column: pd.Series, order: pd.Index | None) -> pd.Series:
+    """Categorical of text; categories in `order`, else as they first appear."""
+    if not isinstance(column.dtype, pd.CategoricalDtype):
+        text = isinstance(column.dtype, pd.StringDtype)
+        codes, names = pd.factorize(column if text else column.astype("str"))
+    else:
+        codes, names = column.array.codes, column.dtype.categories
+    names = names if isinstance(names, pd.Index) else pd.Index(names)
+    if not isinstance(names.dtype, pd.StringDtype):
+        names = names.astype("str")
+    if order is not None:
+        if names.equals(order):
+            return _categorical(column, codes, order)
+        place = order.get_indexer(names) if order.is_unique else np.full(len(names), -1)
+        place = place.astype(np.int32)
+        # A name that no row has need not be known.
+        if (place < 0).any() and (place[codes[codes >= 0]] < 0).any():
+            order = None
+    if order is None:  # as they first appear, so that reading what was written changes nothing
+        if _as_they_appear(codes, len(names)):
+            return _categorical(column, codes, names)
+        used = pd.unique(codes)
+        used = used[used >= 0]
+        place = np.full(len(names), -1, dtype=np.int32)
+        place[used] = np.arange(len(used))
+        order = names[used]
+    # The last place is that of code -1, the empty cell.
+    return _categorical(column, np.append(place, np.int32(-1))[codes], order)
+
+
+def _as_they_appear(codes: np.ndarray, count: int) -> bool:
+    """Whether codes below `count` all appear, each after all lower ones."""
+    last = -1
+    for first in range(0, len(codes), _PART):
+        highest = np.maximum.accumulate(codes[first : first + _PART])
+        if highest[0] > last + 1:
+            return False
+        np.maximum(highest, last, out=highest)
+        if (np.diff(highest) > 1).any():
+            return False
+        last = int(highest[-1])
+    return last == count - 1
+
+
+def _categorical(column: pd.Series, codes: np.ndarray, names: pd.Index) -> pd.Series:
+    kind = column.dtype
+    held = isinstance(kind, pd.CategoricalDtype) and not kind.ordered
+    if held and kind.categories.identical(names):
+        return column
+    return pd.Series(categorical(codes, names), index=column.index, name=column.name)
+
+
+def _unit_quaternions(images: pd.DataFrame) -> pd.DataFrame:
+    """Quaternions written with a few digits made unit; those far from unit are left to the check.
+
+    One that is unit to the last bit but two is not touched: reading what was written is exact.
+    """
+    quaternion = np.column_stack([images[name].to_numpy() for name in QUATERNION])
+    length = np.linalg.norm(quaternion, axis=1)
+    off = np.abs(length - 1.0)
+    rows = (off > 2e-15) & (off <= 0.01)
+    if not rows.any():
+        return images
+    quaternion = np.where(
+        rows[:, None], quaternion / np.where(rows, length, 1.0)[:, None], quaternion
+    )
+    return images.assign(**dict(zip(QUATERNION, quaternion.T, strict=True)))

@@ -1,0 +1,98 @@
+"""A block written as a folder of tables."""
+
+import csv
+import io
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv
+
+from corridor.core.block.settings import FILE, write_settings
+from corridor.core.block.tables import LAYOUTS
+from corridor.core.errors import InputError
+from corridor.core.output import whole_folder
+
+# Rows that a .parquet holds together.
+_GROUP = 1 << 20
+
+
+def write_block(block, folder: str | os.PathLike, form: str) -> None:
+    """Write the tables as `form` ("csv" or "parquet") and block.toml."""
+    with whole_folder(folder, FILE, _of_a_block) as part:
+        write_settings(block, part)
+        for table, layout in LAYOUTS.items():
+            frame = getattr(block, table)
+            if len(frame) or set(frame.columns) != set(layout.needed):
+                write_table(frame, part / f"{table}.{form}")
+
+
+def _of_a_block(name: str) -> bool:
+    return name == FILE or Path(name).stem in LAYOUTS and Path(name).suffix in (".csv", ".parquet")
+
+
+def write_table(frame: pd.DataFrame, path: Path) -> None:
+    """One table; numbers with the digits that give the same float64 back, unknown ones empty."""
+    try:
+        arrow = pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None)
+    except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            f"{path.name}: a column mixes text and numbers ({reason}); give it one type"
+        ) from None
+    if path.suffix == ".parquet":
+        _write_parquet(arrow, path)
+        return
+    try:
+        _write_csv(arrow, path, "none")
+    except pa.ArrowInvalid:  # a comma, a quote or a line break in a text
+        _write_csv(arrow, path, "needed")
+
+
+def _write_parquet(arrow: pa.Table, path: Path) -> None:
+    """In groups of rows, each with the names that it needs and no others."""
+    from pyarrow.parquet import ParquetWriter  # a tenth of a second, for few blocks
+
+    numbers = [f.name for f in arrow.schema if pa.types.is_floating(f.type)]
+    names = [f.name for f in arrow.schema if f.name not in numbers]
+    schema = pa.schema([(f.name, _narrow(f.type)) for f in arrow.schema])
+    # Least and largest name of each group of rows take longer than all else, and nobody asks.
+    with ParquetWriter(path, schema, use_dictionary=names, write_statistics=numbers) as file:
+        for first in range(0, max(arrow.num_rows, 1), _GROUP):
+            part = arrow.slice(first, _GROUP)
+            columns = [
+                pa.chunked_array([_compact(c) for c in column.chunks], kind)
+                if pa.types.is_dictionary(kind)
+                else column
+                for column, kind in zip(part.columns, schema.types, strict=True)
+            ]
+            file.write_table(pa.Table.from_arrays(columns, schema=schema))
+
+
+def _narrow(kind: pa.DataType) -> pa.DataType:
+    return pa.dictionary(pa.int32(), kind.value_type) if pa.types.is_dictionary(kind) else kind
+
+
+def _compact(coded: pa.DictionaryArray) -> pa.DictionaryArray:
+    """The same without the names that it does not need."""
+    codes = coded.indices.cast(pa.int32()).fill_null(-1).to_numpy()
+    high = int(codes.max(initial=-1))
+    low = max(int(codes.min(initial=max(high, 0))), 0)
+    used = np.zeros(high - low + 2, dtype=bool)
+    used[codes - low] = True
+    used[-1] = False  # where the empty cell, code -1, may have been counted
+    place = np.cumsum(used, dtype=np.int32) - 1
+    index = pa.array(place[codes - low], mask=codes < 0, type=pa.int32())
+    names = coded.dictionary.take(pa.array(np.flatnonzero(used) + low))
+    return pa.DictionaryArray.from_arrays(index, names)
+
+
+def _write_csv(arrow: pa.Table, path: Path, quoting: str) -> None:
+    header = io.StringIO()
+    csv.writer(header, lineterminator="\n").writerow(arrow.column_names)
+    with path.open("wb") as file:
+        file.write(header.getvalue().encode())
+        options = pa.csv.WriteOptions(include_header=False, quoting_style=quoting, batch_size=65536)
+        pa.csv.write_csv(arrow, file, options)

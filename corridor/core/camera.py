@@ -1,0 +1,484 @@
+"""The camera: ray to image and back, with derivatives.
+
+    u = X/Z, v = Y/Z, r2 = u u + v v, radial = 1 + k1 r2 + k2 r2^2 + ...
+    x = cx + f (u radial + p1 (r2 + 2 u u) + 2 p2 u v + b1 u + b2 v)
+    y = cy + f (v radial + p2 (r2 + 2 v v) + 2 p1 u v)
+
+Pixels, (0, 0) is the centre of the top-left pixel; camera frame x right, y down, z forward.
+Distortion goes from the ray to the image. OpenCV's p1, p2 are our p2, p1; DBAT and some files
+of MicMac go from the image to the ray (`image_to_ray`).
+
+Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from corridor.core.engine.compiled import SCALAR, compiled
+from corridor.core.errors import InputError
+from corridor.core.textfile import is_number
+
+# Order of the interior vector. Slots 7.. are the radial polynomial.
+INTERIOR = ("f", "cx", "cy", "p1", "p2", "b1", "b2") + tuple(f"k{n}" for n in range(1, 9))
+FRASER8 = ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
+FRASER10 = (*FRASER8, "b1", "b2")
+ROW_DIRECTIONS = ("down", "up", "right", "left")
+_FIRST_RADIAL = 7
+# Share of its distance from the middle by which no term of a lens moves the picture's corner, even
+# of a polynomial whose terms take each other back.
+_MOST_BENT = 1e4
+# Tangent of half the angle of the widest lens: beyond it the focal length is at fault (in mm?).
+_WIDEST = 3.0
+
+
+@dataclass(frozen=True, repr=False)
+class Camera:
+    """One camera of a block.
+
+    interior: (15,) float64 in the order of `INTERIOR`; f, cx, cy in pixels, the rest without unit.
+        `Camera.from_table("P1", {"width": 6000, "height": 4000, "f": 8190})` fills it.
+    readout_s: seconds from the first to the last row, None where unknown.
+    calibrated: the values are a calibration and stay fixed unless asked otherwise.
+    extra: keys of the table in block.toml that the package does not know; passed on.
+    """
+
+    name: str
+    width: int
+    height: int
+    interior: np.ndarray
+    pixel_um: float | None = None
+    readout_s: float | None = None
+    row_direction: str = "down"
+    calibrated: bool = False
+    extra: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        if np.shape(self.interior) != (len(INTERIOR),):
+            raise InputError(
+                f"camera {self.name}: interior is {self.interior!r}, not {len(INTERIOR)} numbers "
+                f"({', '.join(INTERIOR)}): write Camera.from_table({self.name!r}, "
+                f'{{"width": {self.width}, "height": {self.height}, "f": ...}})'
+            )
+
+    def __repr__(self) -> str:
+        readout = "" if self.readout_s is None else f", read in {1000 * self.readout_s:g} ms"
+        calibrated = ", calibrated" if self.calibrated else ""
+        return (
+            f"Camera {self.name}: {self.width} x {self.height} px, f {self['f']:.6g} px"
+            f"{readout}{calibrated}"
+        )
+
+    @classmethod
+    def from_table(cls, name: str, table: Mapping) -> Camera:
+        """Camera from its `[camera.NAME]` table.
+
+        Raises InputError, without the name of the file, where the table cannot be a camera.
+        """
+        table = dict(table)
+        where = f"[camera.{name}]"
+        missing = [key for key in ("width", "height", "f") if key not in table]
+        if missing:
+            raise InputError(f"{where} has no {' and no '.join(missing)}: add it")
+
+        def number(key: str, default: float | None = None) -> float | None:
+            value = table.pop(key, default)
+            if value is None:
+                return None
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise InputError(f"{where} {key} = {value!r} is not a number: write a number")
+            if not is_number(value):
+                raise InputError(f"{where} {key} = {value!r} is not finite: write a number")
+            return float(value)
+
+        size = {key: number(key) for key in ("width", "height")}
+        for key, value in size.items():
+            if value < 2 or value != int(value):
+                raise InputError(f"{where} {key} = {value:g} is not a picture size: give pixels")
+        width, height = int(size["width"]), int(size["height"])
+        focal = number("f")
+        if focal <= 0:
+            raise InputError(f"{where} f = {focal:g} is not positive: give f in pixels")
+        interior = np.zeros(len(INTERIOR))
+        interior[:3] = focal, number("cx", (width - 1) / 2), number("cy", (height - 1) / 2)
+        for index in range(3, len(INTERIOR)):
+            interior[index] = number(INTERIOR[index], 0.0)
+        terms = _at_the_corner(interior, width, height)
+        if not terms.max() < _MOST_BENT:
+            worst = int(terms.argmax())
+            raise InputError(
+                f"{where} {INTERIOR[worst]} = {interior[worst]:g} moves the corner of the picture "
+                f"to {terms[worst]:.3g} times its distance from the middle: correct it"
+            )
+        pixel, readout = number("pixel_um"), number("readout_s")
+        if pixel is not None and pixel <= 0:
+            raise InputError(f"{where} pixel_um = {pixel:g} is not positive: give micrometres")
+        if readout is not None and readout < 0:
+            raise InputError(
+                f"{where} readout_s = {readout:g} is negative: give seconds from the "
+                "first row to the last, and their sense as row_direction"
+            )
+        direction = table.pop("row_direction", "down")
+        if direction not in ROW_DIRECTIONS:
+            raise InputError(
+                f"{where} row_direction = {direction!r} is unknown: use one of "
+                f"{', '.join(ROW_DIRECTIONS)}"
+            )
+        calibrated = table.pop("calibrated", False)
+        if not isinstance(calibrated, bool):
+            raise InputError(f"{where} calibrated = {calibrated!r} is not true or false")
+        return cls(name, width, height, interior, pixel, readout, direction, calibrated, table)
+
+    def to_table(self) -> dict:
+        """The `[camera.NAME]` table; distortion that is zero is left out."""
+        table = {"width": self.width, "height": self.height}
+        for name, value in zip(INTERIOR, self.interior.tolist(), strict=True):
+            if name in ("f", "cx", "cy") or value != 0.0:
+                table[name] = value
+        for key in ("pixel_um", "readout_s"):
+            if getattr(self, key) is not None:
+                table[key] = getattr(self, key)
+        if self.row_direction != "down":
+            table["row_direction"] = self.row_direction
+        if self.calibrated:
+            table["calibrated"] = True
+        return table | self.extra
+
+    def __getitem__(self, parameter: str) -> float:
+        return float(self.interior[INTERIOR.index(parameter)])
+
+    def with_interior(self, interior: np.ndarray) -> Camera:
+        """The same camera with another interior vector (15,)."""
+        return replace(self, interior=np.array(interior, dtype=float))
+
+    def with_values(self, **values: float) -> Camera:
+        """The same camera with some interior parameters replaced: `with_values(f=5500.0)`."""
+        interior = self.interior.copy()
+        for name, value in values.items():
+            interior[INTERIOR.index(name)] = value
+        return self.with_interior(interior)
+
+
+def _at_the_corner(interior: np.ndarray, width: int, height: int) -> np.ndarray:
+    """How far each parameter (15,) moves the corner, in distances from the middle; 0 for f."""
+    far = min(np.hypot(width, height) / 2 / interior[0], _WIDEST)
+    power = np.array([0, 0, 0, 1, 1, 0, 0, *range(2, 2 * (len(interior) - _FIRST_RADIAL) + 1, 2)])
+    terms = np.abs(interior) * far**power
+    terms[:_FIRST_RADIAL] *= (0, 0, 0, 3, 3, 1, 1)
+    return np.nan_to_num(terms, posinf=np.inf)
+
+
+def parameters_named(text: str) -> tuple[str, ...]:
+    """Interior parameters from `fraser8`, `fraser10`, `fixed` or a list such as `f,cx,cy,k1`.
+
+    Raises InputError where a name is unknown.
+    """
+    ready = {"fixed": (), "fraser8": FRASER8, "fraser10": FRASER10}
+    if text in ready:
+        return ready[text]
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    unknown = [name for name in names if name not in INTERIOR]
+    if unknown or not names:
+        raise InputError(
+            f"camera parameter {', '.join(unknown) or repr(text)} is unknown: use fixed, fraser8, "
+            f"fraser10 or a list of {', '.join(INTERIOR)}"
+        )
+    return tuple(name for name in INTERIOR if name in names)
+
+
+# --- scalar kernels, shared by everything that projects -------------------------------------
+
+
+@njit(**SCALAR)
+def distort_normalised(u, v, interior, row, radials):
+    """The ray (u, v, 1) distorted, at unit focal length, and its derivative by u and v.
+
+    interior: (m, 15), of which `row` counts; radials: how many radial coefficients to look at.
+    Returns a, b, au, av, bu, bv: the pixel is (cx + f a, cy + f b).
+    """
+    r2 = u * u + v * v
+    radial = 0.0
+    slope = 0.0  # d radial / d r2
+    for n in range(radials - 1, -1, -1):
+        slope = slope * r2 + radial
+        radial = radial * r2 + interior[row, np.uint64(7 + n)]
+    slope = slope * r2 + radial
+    radial = radial * r2 + 1.0
+    p1, p2 = interior[row, np.uint64(3)], interior[row, np.uint64(4)]
+    b1, b2 = interior[row, np.uint64(5)], interior[row, np.uint64(6)]
+    return distorted(u, v, radial, slope, (p1, p2, b1, b2))
+
+
+@njit(**SCALAR)
+def distorted(u, v, radial, slope, flat):
+    """As `distort_normalised`: numbers, or panels of them.
+
+    radial: the polynomial, 1 included, slope: its derivative by r2; flat: p1, p2, b1, b2.
+    """
+    p1, p2, b1, b2 = flat
+    r2 = u * u + v * v
+    # p1 (r2 + 2 u u) + 2 p2 u v = u (2 p1 u + 2 p2 v) + p1 r2
+    along, across = 2.0 * p1 * u, 2.0 * p2 * v
+    stretch = radial + (along + across)
+    by_u, by_v = 2.0 * (u * slope + p1), 2.0 * (v * slope + p2)
+    mixed = u * by_v + 2.0 * p1 * v
+    return (
+        u * stretch + p1 * r2 + (b1 * u + b2 * v),
+        v * stretch + p2 * r2,
+        stretch + u * by_u + along + b1,
+        mixed + b2,
+        mixed,
+        stretch + v * by_v + across,
+    )
+
+
+@njit(**SCALAR)
+def distort(u, v, interior, row, radials):
+    """x, y in pixels of the ray (u, v, 1), and their derivative by u and v.
+
+    Arguments as of `distort_normalised`.
+
+    Returns x, y, xu, xv, yu, yv, with x = cx + f * (...).
+    """
+    f = interior[row, np.uint64(0)]
+    a, b, au, av, bu, bv = distort_normalised(u, v, interior, row, radials)
+    cx, cy = interior[row, np.uint64(1)], interior[row, np.uint64(2)]
+    return cx + f * a, cy + f * b, f * au, f * av, f * bu, f * bv
+
+
+@njit(**SCALAR)
+def interior_columns(u, v, a, b, f, one, zero):
+    """Derivative (x, y) of the pixel of the ray (u, v) by each of f, cx, cy, p1, p2, b1, b2.
+
+    a, b: the ray distorted (`distort_normalised`), f: the focal length; one, zero: of the same
+    kind, numbers or panels. By the radial coefficient n: f r2^n (u, v).
+    """
+    r2 = u * u + v * v
+    mixed = 2.0 * f * u * v
+    return (
+        (a, b),
+        (one, zero),
+        (zero, one),
+        (f * (r2 + 2.0 * u * u), mixed),
+        (mixed, f * (r2 + 2.0 * v * v)),
+        (f * u, zero),
+        (f * v, zero),
+    )
+
+
+def radials_in_use(interior: np.ndarray) -> int:
+    """How many radial coefficients of the vectors (n, 15) are needed: up to the last non-zero."""
+    used = np.flatnonzero(interior[:, _FIRST_RADIAL:].any(axis=0))
+    return int(used[-1]) + 1 if len(used) else 0
+
+
+@compiled()
+def _project_rays(rays, interior, image, radial):
+    out = np.empty((rays.shape[0], 2))
+    for n in range(rays.shape[0]):
+        row = np.uint64(image[n])
+        out[n, 0], out[n, 1], _, _, _, _ = distort(rays[n, 0], rays[n, 1], interior, row, radial)
+    return out
+
+
+@compiled()
+def _reached(u, v, interior, row, radials):
+    """Whether no fold of the distortion lies between the principal point and the ray."""
+    r2 = u * u + v * v
+    most = 6.0 * (abs(interior[row, 3]) + abs(interior[row, 4])) * np.sqrt(r2)
+    power = 1.0
+    for n in range(radials):
+        power *= r2
+        most += (2 * n + 3) * abs(interior[row, 7 + n]) * power
+    if most < 0.9:  # The terms of the derivative cannot add up to a fold.
+        return True
+    for n in range(1, 33):
+        _, _, xu, xv, yu, yv = distort(u * n / 32, v * n / 32, interior, row, radials)
+        if xu * yv - xv * yu <= 0.0:
+            return False
+    return True
+
+
+@compiled()
+def _undistort(pixels, interior, image, radials):
+    out = np.empty((pixels.shape[0], 2))
+    for n in range(pixels.shape[0]):
+        row = np.uint64(image[n])
+        f = interior[row, 0]
+        u = (pixels[n, 0] - interior[row, 1]) / f
+        v = (pixels[n, 1] - interior[row, 2]) / f
+        done = False
+        for _ in range(50):
+            x, y, xu, xv, yu, yv = distort(u, v, interior, row, radials)
+            ex, ey = pixels[n, 0] - x, pixels[n, 1] - y
+            det = xu * yv - xv * yu
+            if det <= 0.0:  # beyond the fold of the distortion: no ray belongs to this pixel
+                break
+            du = (yv * ex - xv * ey) / det
+            dv = (xu * ey - yu * ex) / det
+            longest = max(abs(du), abs(dv))
+            damp = min(1.0, 0.5 / longest) if longest > 0.0 else 1.0
+            u += damp * du
+            v += damp * dv
+            if longest * f < 1e-11 * max(1.0, abs(pixels[n, 0]) + abs(pixels[n, 1])):
+                done = _reached(u, v, interior, row, radials)
+                break
+        out[n, 0] = u if done else np.nan
+        out[n, 1] = v if done else np.nan
+    return out
+
+
+def _rows(interior: np.ndarray, row: np.ndarray | None, count: int):
+    # One kind of array: kernels would be compiled anew for each other.
+    table = np.require(np.atleast_2d(interior), float, "CW")
+    rows = np.zeros(count, dtype=np.int64) if row is None else np.require(row, np.int64, "CW")
+    return table, rows, radials_in_use(table)
+
+
+def project_rays(
+    rays: np.ndarray, interior: np.ndarray, row: np.ndarray | None = None
+) -> np.ndarray:
+    """Pixels (n, 2) of rays u, v (n, 2).
+
+    interior: (15,) for all rays, or (m, 15) with row (n,) saying which belongs to each ray.
+    Source: Fraser 1997 in normalised units (top of this file).
+    """
+    rays = np.ascontiguousarray(rays, dtype=float)
+    table, rows, radials = _rows(interior, row, len(rays))
+    return _project_rays(rays, table, rows, radials)
+
+
+def project(
+    points: np.ndarray,
+    centre: np.ndarray,
+    rotation: np.ndarray,
+    interior: np.ndarray,
+    row: np.ndarray | None = None,
+) -> np.ndarray:
+    """Pixels (n, 2) of ground points; NaN where a point is not in front of the camera.
+
+    points: (n, 3) metres, world.
+    centre, rotation: (3,) and (3, 3) for one image, or (n, 3) and (n, 3, 3), world to camera.
+    interior: (15,), or (m, 15) with row (n,).
+    """
+    points = np.asarray(points, dtype=float)
+    seen = np.einsum("...ij,...j->...i", rotation, points - centre)
+    ahead = seen[:, 2] > 0
+    depth = np.where(ahead, seen[:, 2], np.nan)
+    return project_rays(seen[:, :2] / depth[:, None], interior, row)
+
+
+def undistort(
+    pixels: np.ndarray, interior: np.ndarray, row: np.ndarray | None = None
+) -> np.ndarray:
+    """Rays u, v (n, 2) of pixels (n, 2), to better than 1e-9 px: the inverse of `project_rays`.
+
+    NaN where no ray belongs to the pixel (beyond the fold of a strong distortion).
+    """
+    pixels = np.ascontiguousarray(pixels, dtype=float)
+    table, rows, radials = _rows(interior, row, len(pixels))
+    return _undistort(pixels, table, rows, radials)
+
+
+# --- the other direction of distortion -------------------------------------------------------
+
+
+def image_to_ray(pixels: np.ndarray, interior: np.ndarray) -> np.ndarray:
+    """Rays u, v (n, 2) where the polynomial takes the image to the ray (DBAT, some MicMac files).
+
+    um = (x - cx) / f, vm = (y - cy) / f, r2 of these; the same polynomial with the same names,
+    without b1, b2, gives the corrected u, v.
+    """
+    c = np.asarray(interior, dtype=float)
+    u, v = ((np.asarray(pixels, dtype=float) - c[1:3]) / c[0]).T
+    r2 = u * u + v * v
+    radial = 1.0 + r2 * np.polynomial.polynomial.polyval(r2, c[_FIRST_RADIAL:])
+    return np.stack(
+        [
+            u * radial + c[3] * (r2 + 2 * u * u) + 2 * c[4] * u * v,
+            v * radial + c[4] * (r2 + 2 * v * v) + 2 * c[3] * u * v,
+        ],
+        axis=1,
+    )
+
+
+def fitted(camera: Camera, pixels: np.ndarray, rays: np.ndarray, names: Iterable[str]) -> Camera:
+    """The camera whose parameters `names` take rays (n, 2) best to pixels (n, 2).
+
+    camera: where to start; its other parameters are held.
+    """
+    index = [INTERIOR.index(name) for name in names]
+    interior = camera.interior.copy()
+    # Ray to image is linear in everything but f, cx, cy; a few steps settle those too.
+    for _ in range(8):
+        design = interior_derivatives(rays, interior)[:, :, index].reshape(-1, len(index))
+        scale = np.linalg.norm(design, axis=0)
+        step, *_ = np.linalg.lstsq(
+            design / scale, (pixels - project_rays(rays, interior)).ravel(), rcond=1e-14
+        )
+        interior = interior.copy()
+        interior[index] += step / scale
+        if np.abs(step).max() < 1e-12:
+            break
+    return camera.with_interior(interior)
+
+
+@compiled()
+def _derivatives(rays, interior, row):
+    out = np.empty((rays.shape[0], 34))
+    for n in range(rays.shape[0]):
+        i = np.uint64(row[n])
+        u, v, f = rays[n, 0], rays[n, 1], interior[i, 0]
+        a, b, au, av, bu, bv = distort_normalised(u, v, interior, i, 8)
+        out[n, 30], out[n, 31], out[n, 32], out[n, 33] = f * au, f * av, f * bu, f * bv
+        columns = interior_columns(u, v, a, b, f, 1.0, 0.0)
+        for k in range(7):
+            out[n, 2 * k], out[n, 2 * k + 1] = columns[k]
+        power = f
+        for k in range(7, 15):
+            power *= u * u + v * v
+            out[n, 2 * k], out[n, 2 * k + 1] = power * u, power * v
+    return out
+
+
+def interior_derivatives(rays: np.ndarray, interior: np.ndarray) -> np.ndarray:
+    """Derivative (n, 2, 15) of the pixels of rays (n, 2) by the interior vector (15,)."""
+    rays = np.ascontiguousarray(rays, dtype=float)
+    table, rows, _ = _rows(interior, None, len(rays))
+    return _derivatives(rays, table, rows)[:, :30].reshape(-1, 15, 2).transpose(0, 2, 1)
+
+
+class ProjectionDerivatives(NamedTuple):
+    """Of pixels: by the point (n, 2, 3), by the pose (n, 2, 6), centre in the world and turn about
+    the camera's axes, R <- Exp(turn) R, and by the interior vector (n, 2, 15)."""
+
+    by_point: np.ndarray
+    by_pose: np.ndarray
+    by_interior: np.ndarray
+
+
+def projection_derivatives(
+    points: np.ndarray,
+    centre: np.ndarray,
+    rotation: np.ndarray,
+    interior: np.ndarray,
+    row: np.ndarray | None = None,
+) -> ProjectionDerivatives:
+    """Derivatives of the pixels of ground points ahead of the camera; arguments as `project`."""
+    seen = np.einsum("...ij,...j->...i", rotation, np.asarray(points, dtype=float) - centre)
+    ray = seen[:, :2] / seen[:, 2:]
+    table, rows, _ = _rows(interior, row, len(ray))
+    made = _derivatives(np.ascontiguousarray(ray), table, rows)
+    by_ray = made[:, 30:].reshape(-1, 2, 2)
+    along = -np.einsum("nij,nj->ni", by_ray, ray)
+    by_seen = np.concatenate([by_ray, along[:, :, None]], axis=2) / seen[:, 2, None, None]
+    by_point = by_seen @ rotation
+    # d X / d turn = -[X]x, so that the row g becomes X x g.
+    by_pose = np.concatenate([-by_point, np.cross(seen[:, None], by_seen)], axis=2)
+    by_interior = made[:, :30].reshape(-1, 15, 2).transpose(0, 2, 1)
+    return ProjectionDerivatives(by_point, by_pose, by_interior)

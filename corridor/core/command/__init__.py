@@ -1,0 +1,1 @@
+"""What verbs of the command have in common: options, progress, the model they are told."""

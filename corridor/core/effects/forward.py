@@ -1,0 +1,168 @@
+"""What a block's measurements should be: the whole model, forward.
+
+From this follow simulating an effect (add its difference to the measurements) and correcting it
+(take the same difference out).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from corridor.core.block import Block
+from corridor.core.camera import project_rays
+from corridor.core.effects.context import Context, Images, control_names
+from corridor.core.effects.stack import Arrays, Stack
+from corridor.core.effects.values import Values
+from corridor.core.geometry import rotation_from_vector
+
+
+@dataclass
+class Prediction:
+    """Modelled observations, row for row of the block's tables.
+
+    tie, mark: (n, 2) px, NaN where the point is not in front of the camera; gnss: (n, 3) antenna,
+    m; control: (n, 3) coordinates as they would be given, m, for the rows of ground.csv with the
+    role control.
+    """
+
+    tie: np.ndarray
+    mark: np.ndarray
+    gnss: np.ndarray
+    control: np.ndarray
+
+
+def predict(block: Block, values: Mapping = {}) -> Prediction:  # noqa: B006
+    """What the block's own poses, cameras, points and the effects say should be measured.
+
+    values: see `Values.of`. Poses, points (points.csv; marks: ground.csv, else points.csv) and
+    cameras are those of the block; a lever arm is the stated one.
+    """
+    images = Images.of(block)
+    return _predict(block, images, *gather(block, values, images))
+
+
+def gather(block: Block, values: Mapping, images: Images | None = None) -> tuple[Stack, Arrays]:
+    """The effects of a block with the values that are given, start values where none is.
+
+    images: those of the block, where they are known already.
+    """
+    images = images or Images.of(block)
+    given = Values.of(block, values, images)
+    effects = [one.effect for one in given.values()]
+    stack = Stack(block, effects, control_names(block), images)
+    return stack, {slug: one.filled for slug, one in given.items()}
+
+
+def _predict(block: Block, images: Images, stack: Stack, values: Arrays) -> Prediction:
+    return Prediction(
+        tie=_seen(block, "tie_points", images, stack, values),
+        mark=_seen(block, "marks", images, stack, values),
+        gnss=_antenna(block, images, stack, values),
+        control=_given(block, stack, values, images),
+    )
+
+
+def _seen(block, table, images, stack, values):
+    rows = getattr(block, table)
+    image = block.image_rows(table)
+    position = block.positions(table)[rows["point"].array.codes]
+    every = np.arange(len(images.names))
+    shift, _ = stack.evaluate("camera", Context(images, every), values)
+    interior = images.interior + shift
+    motion = np.zeros((len(rows), 6))
+    moved = np.zeros((len(rows), 2))
+    steady = not (stack.at("motion") or stack.at("image"))
+    pixel = None
+    # An effect looks at the modelled image point, which it moves: a contraction, soon at rest.
+    for _ in range(40):
+        away = position - images.centre[image] - motion[:, :3]
+        seen = np.einsum("nij,nj->ni", images.rotation[image], away)
+        if motion[:, 3:].any():
+            seen = np.einsum("nij,nj->ni", rotation_from_vector(-motion[:, 3:]), seen)
+        depth = np.where(seen[:, 2] > 0, seen[:, 2], np.nan)
+        ray = seen[:, :2] / depth[:, None]
+        before, pixel = pixel, project_rays(ray, interior, image) + moved
+        if steady or (
+            before is not None and np.nanmax(np.abs(pixel - before), initial=0.0) < 1e-10
+        ):
+            break
+        safe = np.nan_to_num(pixel)
+        seen = Context(images, image, pixel=safe, ray=np.nan_to_num(ray), position=position)
+        motion, _ = stack.evaluate("motion", seen, values)
+        moved, _ = stack.evaluate("image", seen, values)
+    return pixel
+
+
+def _antenna(block, images, stack, values):
+    image = block.image_rows("gnss")
+    shift, _ = stack.evaluate("antenna", Context(images, image), values)
+    arm = stated_lever_arms(block)[images.flight[image]]
+    to_world = images.rotation[image].transpose(0, 2, 1)
+    return images.centre[image] + np.einsum("nij,nj->ni", to_world, arm) + shift
+
+
+def stated_lever_arms(block: Block) -> np.ndarray:
+    """Lever arm (flights, 3) that block.toml states, zero where it states none; camera frame, m."""
+    default = block.lever_arm.get("default", (0.0, 0.0, 0.0))
+    return np.array([block.lever_arm.get(name, default) for name in block.flight_names], float)
+
+
+def _given(block, stack, values, images):
+    names, position = _control(block)
+    return position + _moved_ground(images, names, position, stack, values)
+
+
+def _control(block):
+    """Names and given coordinates (n, 3) of the ground control."""
+    position = np.column_stack([block.ground[axis].to_numpy(float) for axis in "xyz"])
+    return control_names(block), position[(block.ground["role"] == "control").to_numpy()]
+
+
+def _moved_ground(images, names, position, stack, values):
+    """Given minus true (n, 3) of control points whose true place is position."""
+    return stack.evaluate("ground", Context(images, point=names, position=position), values)[0]
+
+
+def add(block: Block, values: Mapping) -> Block:
+    """The block as it would have been measured with the effects on top.
+
+    values: `{slug: {parameter: number}}`, see `Values.of`. The shifts are those at the poses,
+    points and cameras of the block: adjust it first where they are rough.
+    """
+    return _moved(block, values, 1.0)
+
+
+def take_out(block: Block, values: Mapping) -> Block:
+    """The block with the effects taken out of its measurements: undoes `add`."""
+    return _moved(block, values, -1.0)
+
+
+def _moved(block: Block, values: Mapping, sign: float) -> Block:
+    images = Images.of(block)
+    stack, given = gather(block, values, images)
+    neutral = {slug: np.zeros_like(v) for slug, v in given.items()}
+    there, here = (_predict(block, images, stack, v) for v in (given, neutral))
+    out = block.copy()
+    for table, kind, columns in (
+        ("tie_points", "tie", ["x", "y"]),
+        ("marks", "mark", ["x", "y"]),
+        ("gnss", "gnss", ["x", "y", "z"]),
+    ):
+        difference = sign * (getattr(there, kind) - getattr(here, kind))
+        rows = getattr(out, table)
+        if len(rows) and np.nanmax(np.abs(difference), initial=0.0) > 0:
+            rows[columns] = rows[columns].to_numpy(float) + np.nan_to_num(difference)
+    names, position = _control(block)
+    if stack.at("ground") and names:
+        true = position
+        # A point moves by what its true place says; from where it was given that is a contraction.
+        for _ in range(40 if sign < 0 else 1):
+            before = true
+            true = position + sign * _moved_ground(images, names, true, stack, given)
+            if np.abs(true - before).max() < 1e-12:
+                break
+        out.ground.loc[out.ground["role"] == "control", ["x", "y", "z"]] = true
+    return out

@@ -1,0 +1,59 @@
+"""Geometry that every room needs: rotations, rays that meet, resection, similarity, robust scale.
+
+Rotations go from world to camera, X = R (P - C); the camera looks along z, x right, y down.
+"""
+
+from corridor.core.geometry.helmert import Similarity, helmert_motions, relative_width, similarity
+from corridor.core.geometry.intersection import Rays, intersect, meeting_points
+from corridor.core.geometry.resampling import by_contrasts, honest, jackknife
+from corridor.core.geometry.resection import closed_pose, refine_poses
+from corridor.core.geometry.robust import (
+    CLIPPED,
+    GROSS,
+    OUTLIER,
+    UNUSABLE,
+    is_outlier,
+    robust_scale,
+    robust_scale_of_lengths,
+)
+from corridor.core.geometry.rotations import (
+    nearest_rotation,
+    quaternion_from_rotation,
+    rotation_from_angles,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
+from corridor.core.geometry.vectors import cross, dot, few_sines, left_jacobian, rotated, sines
+
+__all__ = [
+    "CLIPPED",
+    "GROSS",
+    "OUTLIER",
+    "UNUSABLE",
+    "Rays",
+    "Similarity",
+    "by_contrasts",
+    "closed_pose",
+    "cross",
+    "dot",
+    "few_sines",
+    "helmert_motions",
+    "honest",
+    "intersect",
+    "is_outlier",
+    "jackknife",
+    "left_jacobian",
+    "meeting_points",
+    "nearest_rotation",
+    "quaternion_from_rotation",
+    "refine_poses",
+    "relative_width",
+    "robust_scale",
+    "robust_scale_of_lengths",
+    "rotated",
+    "rotation_from_angles",
+    "rotation_from_quaternion",
+    "rotation_from_vector",
+    "similarity",
+    "sines",
+]

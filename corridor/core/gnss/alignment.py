@@ -1,0 +1,234 @@
+"""How the clock of the exposures gets onto the track's."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from corridor.core.brief import brief
+from corridor.core.errors import InputError
+from corridor.core.gnss.coordinates import Local
+from corridor.core.gnss.exposures import Exposures
+from corridor.core.gnss.time import (
+    DAY_S,
+    WEEK_S,
+    ahead_of_utc,
+    clock,
+    days_between,
+    in_words,
+    leap_seconds,
+    time_system,
+)
+from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track
+
+# A shift of the clock is believed where the positions then fit this much better.
+_CLEARLY_BETTER = 0.3
+_CLEARLY_OFF_M = 5.0
+
+
+@brief
+@dataclass(frozen=True)
+class Alignment:
+    """offset_s: seconds to be added to the exposures' time_s; notes: sentences worth telling."""
+
+    offset_s: float
+    notes: tuple[str, ...] = ()
+
+
+def align(
+    track: Track,
+    exposures: Exposures,
+    track_system: str | None = None,
+    exposures_system: str | None = None,
+) -> Alignment:
+    """How the exposures' clock becomes the track's, from days and time systems alone.
+
+    Nothing is fitted, and no clock is stretched. track_system, exposures_system: the system that
+    a file does not state, or states wrongly. Tables of a block state none: they share one clock.
+    Where exposures have positions, a clock that is wrong by the leap seconds shows in them.
+    Raises InputError where the systems are not known, where track and exposures do not overlap,
+    or where positions say that one clock is wrong by the leap seconds.
+    """
+    time = exposures.table["time_s"].to_numpy()
+    if not np.isfinite(time).any():
+        raise InputError(
+            f"{exposures.source.name} states no times; name a file of the images' times"
+        )
+    time = time[np.isfinite(time)]
+    systems = [
+        time_system(told) if told else stated
+        for told, stated in (
+            (track_system, track.time_system),
+            (exposures_system, exposures.time_system),
+        )
+    ]
+    bare = systems == [None, None] and track.day is None and exposures.day is None
+    notes: list[str] = []
+    offset = 0.0 if bare else _offset(track, exposures, systems, time, notes)
+    _check_overlap(track, exposures, systems, time + offset, bare, notes)
+    _check_positions(track, exposures, offset, notes)
+    return Alignment(offset, tuple(notes))
+
+
+def _offset(track, exposures, systems, time, notes) -> float:
+    for of, other, system, opposite in (
+        (track, exposures, systems[0], systems[1]),
+        (exposures, track, systems[1], systems[0]),
+    ):
+        if system is None:
+            than = f"{other.source.name} is in {opposite}" if opposite else "nor does the other"
+            raise InputError(
+                f"{of.source.name} does not say in which time system its times are ({than}); give "
+                "it as GPST, UTC, or UTC+hh:mm for a clock that shows a zone's time"
+            )
+    day = track.day or exposures.day or "2017-01-01"
+    offset = ahead_of_utc(systems[0], day) - ahead_of_utc(systems[1], day)
+    if systems[0] != systems[1]:
+        verb = "added to" if offset >= 0 else "taken off"
+        notes.append(
+            f"{track.source.name} is in {systems[0]} and {exposures.source.name} in {systems[1]}: "
+            f"{in_words(offset)} {verb} the images' times"
+        )
+    if track.day and exposures.day:
+        return offset + DAY_S * days_between(track.day, exposures.day)
+    # Without a date the seconds count from the other's midnight, or from the start of its week.
+    dated, bare = (track, exposures) if track.day else (exposures, track)
+    sunday = 0.0
+    if dated.day:
+        sunday = DAY_S * (days_between("1980-01-06", dated.day) % 7)
+    for shift, origin in ((0.0, "its day"), (sunday, "its week")):
+        shifted = offset + (-shift if bare is exposures else shift)
+        if _inside(track, time + shifted).any():
+            if dated.day:
+                notes.append(
+                    f"{bare.source.name} states no date: its seconds were counted from the start "
+                    f"of {origin} {dated.day}"
+                )
+            return shifted
+    return offset
+
+
+def _inside(track: Track, time: np.ndarray) -> np.ndarray:
+    return (time >= track.start) & (time <= track.end)
+
+
+def _check_overlap(track, exposures, systems, time, bare, notes) -> None:
+    inside = _inside(track, time)
+    if inside.all():
+        return
+    leap = float(leap_seconds(track.day or "2017-01-01"))
+    images, name = exposures.source.name, track.source.name
+    # Whole flights may be missing from a track; half a flight is not missing by chance.
+    if inside.any() and not (bare and _met(exposures, inside) < 0.5):
+        outside = np.maximum(track.start - time, time - track.end).max()
+        note = (
+            f"{int((~inside).sum())} of {len(time)} images lie outside {name}, by up to "
+            f"{outside:.3g} s"
+        )
+        fits = [shift for shift in (leap, -leap) if _inside(track, time + shift).all()]
+        if fits:
+            note += (
+                f"; {leap:g} s {'later' if fits[0] > 0 else 'earlier'} all would lie inside: one "
+                "of the two may be in UTC, the other in GPS time"
+            )
+        notes.append(note)
+        return
+    spans = [
+        f"{clock(low)} to {clock(high)}{f' {system}' if system else ''}"
+        for low, high, system in (
+            (time.min(), time.max(), systems[0]),
+            (track.start, track.end, systems[0]),
+        )
+    ]
+    if bare:
+        raise InputError(
+            f"{images} ({time.min():.3f} to {time.max():.3f} s) and {name} ({track.start:.3f} to "
+            f"{track.end:.3f} s) have no common clock: {int(inside.sum())} of {len(time)} images "
+            "lie within the track; write time_s of both on the same clock"
+        )
+    cause = _cause(track, time, leap)
+    raise InputError(
+        f"{images} ({spans[0]}) and {name} ({spans[1]}) do not overlap in time{cause}; name the "
+        "track of this flight, or give the right time systems"
+    )
+
+
+def _met(exposures: Exposures, inside: np.ndarray) -> float:
+    """Share of the images inside, among those of flights that have any inside."""
+    if "flight" not in exposures.table:
+        return float(inside.mean())
+    timed = np.isfinite(exposures.table["time_s"].to_numpy())
+    flight = exposures.table["flight"].to_numpy()[timed]
+    return float(inside[np.isin(flight, np.unique(flight[inside].astype(str)))].mean())
+
+
+def _cause(track: Track, time: np.ndarray, leap: float) -> str:
+    """Which usual mistake would explain that nothing overlaps."""
+    hours = [sign * half * 1800.0 for half in range(1, 29) for sign in (1, -1)]
+    days = [sign * n * DAY_S for n in range(1, 8) for sign in (1, -1)]
+    named = [
+        *[(shift, "UTC is taken for GPS time, or the reverse") for shift in (leap, -leap)],
+        *[(shift, "one of the clocks shows a zone's time") for shift in hours],
+        *[(shift + s * leap, "one of the clocks shows a zone's time, and UTC is taken for GPS time")
+          for shift in hours for s in (1, -1)],
+        *[(shift, "it is another day") for shift in days],
+        *[(s * 1024 * WEEK_S, "GPS weeks are counted modulo 1024") for s in (1, -1, 2, -2)],
+    ]  # fmt: skip
+    share = [_inside(track, time + shift).mean() for shift, _ in named]
+    best = int(np.argmax(share))
+    if share[best] < 0.5:
+        return ""
+    shift, why = named[best]
+    return f"; {in_words(shift)} {'later' if shift > 0 else 'earlier'} they would: {why}"
+
+
+def _check_positions(track: Track, exposures: Exposures, offset: float, notes: list) -> None:
+    """Positions of the exposures lie beside the track, or tell that a clock is 18 s wrong."""
+    pair = _in_one_frame(track, exposures)
+    if pair is None:
+        return
+    where, positions = pair
+    leap = float(leap_seconds(track.day or "2017-01-01"))
+    at, time = track.table["time_s"].to_numpy(), exposures.table["time_s"].to_numpy() + offset
+    if "flight" in track.table and (np.diff(at) < 0).any():
+        return
+    known = np.isfinite(positions).all(axis=1) & np.isfinite(time)
+    distance = {}
+    for shift in (0.0, leap, -leap):
+        moved = time + shift
+        use = known & (moved >= at[0]) & (moved <= at[-1])
+        if use.sum() < max(3, 0.5 * known.sum()):
+            continue
+        there = np.column_stack([np.interp(moved[use], at, column) for column in where.T])
+        distance[shift] = float(np.median(np.linalg.norm((there - positions[use])[:, :2], axis=1)))
+    if 0.0 not in distance:
+        return
+    best = min(distance, key=distance.get)
+    nearer = distance[0.0] - distance[best]
+    if distance[best] < _CLEARLY_BETTER * distance[0.0] and nearer > _CLEARLY_OFF_M:
+        raise InputError(
+            f"{exposures.source.name}: its positions lie {distance[0.0]:.0f} m from "
+            f"{track.source.name}, but {distance[best]:.1f} m if the images were taken {leap:g} s "
+            f"{'later' if best > 0 else 'earlier'}, so one of the two states UTC and means GPS "
+            "time, or the reverse; give the right time system"
+        )
+    if abs(distance[0.0]) > 1000:
+        notes.append(
+            f"the positions in {exposures.source.name} lie {distance[0.0]:.0f} m (median) from "
+            f"{track.source.name}: is it the track of this flight?"
+        )
+
+
+def _in_one_frame(track: Track, exposures: Exposures):
+    """Track and exposure positions, (n, 3) and (m, 3) local metres; None: not comparable."""
+    if not {"x", "y", "z"} <= set(exposures.table):
+        return None
+    positions = exposures.table[["x", "y", "z"]].to_numpy(dtype=float, copy=True)
+    placed = track.crs is not None or track.origin is not None
+    if exposures.crs is None:
+        return None if placed else (track.positions(), positions)
+    known = np.isfinite(positions).all(axis=1)
+    if not placed or not known.any() or exposures.crs not in (GEOGRAPHIC, GEOCENTRIC):
+        return None
+    local = Local.about(track)
+    positions[known] = local.from_crs(positions[known], exposures.crs)
+    return local.to_local(track).positions(), positions

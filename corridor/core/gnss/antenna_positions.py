@@ -1,0 +1,259 @@
+"""From a track and moments of exposure to the table gnss.csv of a block."""
+
+import os
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.block import Block
+from corridor.core.brief import brief
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.gnss.alignment import align
+from corridor.core.gnss.coordinates import Local, convert, to_local
+from corridor.core.gnss.exposures import Exposures
+from corridor.core.gnss.interpolation import Interpolated, Interpolation, interpolate
+from corridor.core.gnss.track import GEOGRAPHIC, Track, check_quality
+from corridor.core.options import options
+from corridor.core.output import whole_file, whole_files, write_picture
+
+_COLUMNS = ["image", "x", "y", "z", "sx", "sy", "sz"]
+_SETTINGS = "block.toml"
+_LEAST_OF_FLIGHT = 3  # images, for one of them to stand out
+
+
+@brief
+@dataclass(frozen=True)
+class Antenna:
+    """The antenna at the moments of exposure.
+
+    gnss: image, x, y, z, sx, sy, sz (m), as in gnss.csv, refused images left out; the sigmas are
+        missing where the track states none and the method finds none
+    refused: image, time_s (of the track), why
+    interpolated: all of it in the frame of `track`
+    track: in local metres; name: of its file; frame: the coordinates of `gnss`, in words
+    notes: sentences worth telling
+    """
+
+    gnss: pd.DataFrame
+    refused: pd.DataFrame
+    interpolated: Interpolated
+    track: Track
+    frame: str
+    geographic: bool
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """What came of it, for a terminal."""
+        pieces = len(self.interpolated.segments)
+        lines = [
+            f"{self.track.source.name}: {len(self.track.table):,} epochs in "
+            f"{pieces} piece{'s' * (pieces > 1)}; method: {self.interpolated.method}",
+            f"{len(self.gnss)} images with antenna, {len(self.refused)} refused; {self.frame}",
+        ]
+        if len(self.gnss) and "sx" in self.gnss:
+            sigma = 1000 * self.gnss[["sx", "sy", "sz"]].to_numpy()
+            lines += ["", "sigma (mm)       x      y      z"]
+            for word, row in (
+                ("median", np.median(sigma, axis=0)),
+                ("95 %", np.percentile(sigma, 95, axis=0)),
+                ("largest", sigma.max(axis=0)),
+            ):
+                lines.append(f"  {word:10s}" + "".join(f"{value:7.1f}" for value in row))
+        lines += self._why()
+        if self.notes:
+            lines += ["", *(f"note: {note}" for note in self.notes)]
+        return "\n".join(lines)
+
+    def _why(self) -> list[str]:
+        if not len(self.refused):
+            return []
+        lines = ["", "refused:"]
+        shown = self.refused.head(8)
+        lines += [f"  {row.image}: {row.why}" for row in shown.itertuples()]
+        if len(self.refused) > len(shown):
+            lines.append(f"  and {len(self.refused) - len(shown)} more")
+        return lines
+
+    def save(self, path: str | os.PathLike, picture=None) -> list[Path]:
+        """Writes the table and, beside it, the picture; both or none. Returns the paths.
+
+        path: a .csv, or a folder (the file is gnss.csv then). An earlier gnss.csv is replaced.
+        picture: a matplotlib figure, as `corridor.figures.antenna` makes it.
+        Raises InputError where `path` is another kind of file.
+        """
+        path = Path(path)
+        if path.is_dir():
+            path = path / "gnss.csv"
+        if path.suffix.lower() != ".csv":
+            raise InputError(f"{path} is not a .csv; name the table to write, as gnss.csv")
+        if path.exists() and not _is_ours(path):
+            raise InputError(
+                f"{path} is there and is no gnss.csv (image, x, y, z), so it is not replaced; "
+                "name another file"
+            )
+        if picture is None:
+            with whole_file(path) as part:
+                self._write(part)
+            return [path]
+        # The picture first: a table is never there without one.
+        with whole_files(path.with_suffix(".png"), path) as (drawn, part):
+            write_picture(picture, drawn)
+            self._write(part)
+        return [path, path.with_suffix(".png")]
+
+    def _write(self, path: Path) -> None:
+        table = self.gnss.copy()
+        # A tenth of a millimetre, in degrees as in metres.
+        for name in table.columns[1:]:
+            digits = 10 if self.geographic and name in ("x", "y") else 5
+            table[name] = table[name].map(f"{{:.{digits}f}}".format)
+        table.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
+
+
+@options(interpolation=Interpolation)
+def antenna(
+    track: Track,
+    exposures: Exposures,
+    *,
+    interpolation: Interpolation,
+    crs: str | None = None,
+    offset: tuple[float, float, float] | np.ndarray = (0.0, 0.0, 0.0),
+    track_system: str | None = None,
+    exposures_system: str | None = None,
+) -> Antenna:
+    """The antenna at the exposures, in the coordinates of a block.
+
+    method, max_sigma, slow_share, velocities: see `Interpolation`, which may be given in their
+        place as interpolation.
+    crs, offset: of the block (world = coordinates + offset). Without crs a track with a place in
+        the world gives local east, north, up about its middle, and a local track its own metres.
+        Sigmas are east, north, up: a grid's own north is taken for north.
+    track_system, exposures_system: see `align`.
+    Exposures without names get their number as `image`.
+    Raises InputError for a track or times that do not fit; AdjustmentFailed where no exposure is
+    left.
+    """
+    check_quality(track)
+    alignment = align(track, exposures, track_system, exposures_system)
+    local = to_local(track)
+    times = exposures.table["time_s"].to_numpy(dtype=float) + alignment.offset_s
+    flight = None
+    if "flight" in exposures.table and "flight" in track.table:
+        flight = exposures.table["flight"].astype(str).to_numpy()
+    try:
+        made = interpolate(local.table, times, interpolation=interpolation, flight=flight)
+    except InputError as error:
+        raise InputError(f"{track.source.name}: {error}") from None
+    names = exposures.table["image" if "image" in exposures.table else "number"].astype(str)
+    good = (made.table["why"] == "").to_numpy()
+    if not good.any():
+        why = made.table["why"].value_counts()
+        raise AdjustmentFailed(
+            f"none of the {len(times)} exposures got a position ({why.index[0]}: {why.iloc[0]})"
+        )
+    points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset)
+    gnss = pd.DataFrame({"image": names.to_numpy()[good]})
+    gnss[["x", "y", "z"]] = points
+    sigma = made.table.loc[good, ["sx", "sy", "sz"]].to_numpy()
+    if np.isfinite(sigma).all():
+        gnss[["sx", "sy", "sz"]] = sigma
+    refused = made.table.loc[~good, ["time_s", "why"]].reset_index(drop=True)
+    refused.insert(0, "image", names.to_numpy()[~good])
+    notes = (*track.notes, *exposures.notes, *alignment.notes, *made.notes)
+    notes += _of_strays(names.to_numpy(), exposures.table, made.table["segment"].to_numpy())
+    notes += tuple(filter(None, (exposures.too_near(), exposures.out_of_order())))
+    if exposures.resolution_s:
+        notes += (_of_resolution(exposures, made),)
+    return Antenna(
+        gnss, refused, made, local, frame, crs == GEOGRAPHIC, tuple(dict.fromkeys(notes))
+    )
+
+
+def _of_strays(names: np.ndarray, exposures: pd.DataFrame, segment: np.ndarray) -> tuple:
+    """Sentences on single images that lie in another piece of the track than their flight."""
+    if "flight" not in exposures:
+        return ()
+    table = pd.DataFrame({"flight": exposures["flight"].astype(str).to_numpy(), "piece": segment})
+    alone = table.groupby(["flight", "piece"])["piece"].transform("size") == 1
+    many = table.groupby("flight")["piece"].transform("size") >= _LEAST_OF_FLIGHT
+    return tuple(
+        f"image {names[row]} lies in another piece of the track than the other images of flight "
+        f"{table['flight'][row]}: is its time right?"
+        for row in np.flatnonzero(alone & many & (segment >= 0))
+    )
+
+
+def of_block(block: Block, **options) -> Antenna:
+    """The antenna at the exposures of a block, from its own track.csv.
+
+    options: as of `antenna`. Times of images and track share one clock; where they do not, the
+    InputError says so: nothing is stretched.
+    """
+    folder = block.folder or Path(block.name)
+    images = pd.DataFrame({"image": block.images["image"].astype(str)})
+    images["time_s"] = block.column("images", "time_s")
+    track = block.track.copy()
+    if "flight" in block.images and "flight" in track:
+        images["flight"] = block.images["flight"].astype(str)
+    return antenna(
+        Track(table=track, source=folder / "track.csv", day=None, time_system=None, crs=None),
+        Exposures(images, None, None, None, folder / "images.csv"),
+        **options,
+    )
+
+
+def _of_resolution(exposures: Exposures, made: Interpolated) -> str:
+    speed = np.nanmedian(np.linalg.norm(made.good[["vx", "vy", "vz"]].to_numpy(), axis=1))
+    # Times printed in steps are even within a step: its twelfth is the variance.
+    shift = speed * exposures.resolution_s / np.sqrt(12)
+    return (
+        f"{exposures.source.name} prints times in steps of {1000 * exposures.resolution_s:.0f} ms: "
+        f"at {speed:.1f} m/s {100 * shift:.1f} cm (1 sigma) along the track that no sigma here has"
+    )
+
+
+def _in_frame(local: Track, points: pd.DataFrame, crs, offset) -> tuple[np.ndarray, str]:
+    points = points.to_numpy(dtype=float)
+    offset = np.asarray(offset, dtype=float)
+    if local.origin is None:
+        return points, "in the track's own local metres"
+    about = Local(*local.origin)
+    if crs is None:
+        return points, (
+            f"local east, north, up about {about.lat_deg:.4f}, {about.lon_deg:.4f} degrees, "
+            f"height {about.height:g} m"
+        )
+    moved = convert(about.to_geographic(points), GEOGRAPHIC, crs) - offset
+    shifted = f" minus {', '.join(f'{value:.10g}' for value in offset)}" if offset.any() else ""
+    return moved, f"{crs}{shifted}"
+
+
+def frame_of_block(images: str | os.PathLike) -> tuple[str | None, np.ndarray]:
+    """crs and offset (3,) of the block that a folder or its images.csv belongs to.
+
+    None and zeros where there is no block.toml. Raises InputError where it cannot be read.
+    """
+    path = Path(images)
+    path = (path if path.is_dir() else path.parent) / _SETTINGS
+    if not path.is_file():
+        return None, np.zeros(3)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"{path}: {error}; correct the file") from None
+    try:
+        offset = np.array(table.get("offset", [0.0, 0.0, 0.0]), dtype=float).reshape(3)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{path}: offset is not three numbers; write offset = [x, y, z] in metres"
+        ) from None
+    return table.get("crs") or None, offset
+
+
+def _is_ours(path: Path) -> bool:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        header = [cell.strip() for cell in file.readline().split(",")]
+    return set(_COLUMNS[:4]) <= set(header)

@@ -1,0 +1,231 @@
+"""Coordinates: a local frame about the block.
+
+An adjustment needs a Cartesian frame with small numbers. `Local` is one: east, north, up about a
+point near the middle of the block. The Earth's curvature and the scale of a map projection are
+then no error, because nothing is flattened.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from corridor.core.errors import InputError
+from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track
+
+# PROJ is loaded at first use: most blocks are in local metres.
+if TYPE_CHECKING:
+    import pyproj
+
+_SIGMAS = (("sx", "sy", "sz"), ("svx", "svy", "svz"))
+
+
+@dataclass(frozen=True)
+class Local:
+    """East, north, up in metres about a point on the WGS 84 ellipsoid or above it.
+
+    lat_deg, lon_deg: degrees. height: of the origin above the ellipsoid, metres.
+    Topocentric: geocentric coordinates minus the origin's, then turned; float64.
+    """
+
+    lat_deg: float
+    lon_deg: float
+    height: float = 0.0
+
+    def __post_init__(self):
+        # Plain numbers: PROJ would take the text of any other kind of number for zero.
+        for name in ("lat_deg", "lon_deg", "height"):
+            object.__setattr__(self, name, float(getattr(self, name)))
+        if not (abs(self.lat_deg) <= 90 and abs(self.lon_deg) <= 360 and abs(self.height) < 1e5):
+            raise InputError(
+                f"{self.lat_deg:g}, {self.lon_deg:g}, {self.height:g} is no place on Earth; give "
+                "latitude, longitude (degrees) and height (m)"
+            )
+
+    @classmethod
+    def about(cls, track: Track) -> Local:
+        """The frame about the middle of a track, on round numbers (0.0001 degrees, about 10 m).
+
+        Its height is 0, so that z is close to the height above the ellipsoid.
+        Raises InputError where the track has no place in the world.
+        """
+        geographic = geographic_positions(track)
+        if np.ptp(geographic[:, 0]) > 180:  # over the 180th meridian
+            geographic[:, 0] %= 360
+        middle = (geographic.min(axis=0) + geographic.max(axis=0)) / 2
+        lon_deg = (float(middle[0]) + 180) % 360 - 180
+        return cls(round(float(middle[1]), 4), round(lon_deg, 4))
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Latitude and longitude in degrees, height in metres."""
+        return self.lat_deg, self.lon_deg, self.height
+
+    def rotation(self) -> np.ndarray:
+        """(3, 3): geocentric directions to east, north, up."""
+        lat, lon = np.radians([self.lat_deg, self.lon_deg])
+        return np.array(
+            [
+                [-np.sin(lon), np.cos(lon), 0.0],
+                [-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)],
+                [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)],
+            ]
+        )
+
+    def from_crs(self, points: np.ndarray, crs: str) -> np.ndarray:
+        """(n, 3) east, north, up of points (n, 3) in any CRS, x or longitude first.
+
+        Heights of a CRS that has none are taken as above the ellipsoid.
+        Raises InputError for a CRS that is not known, or needs a grid that is not there.
+        """
+        return self.from_geographic(convert(points, crs, GEOGRAPHIC))
+
+    def to_crs(self, points: np.ndarray, crs: str) -> np.ndarray:
+        """(n, 3) of east, north, up (n, 3) in any CRS, x or longitude first; the way back."""
+        return convert(self.to_geographic(points), GEOGRAPHIC, crs)
+
+    def from_geographic(self, points: np.ndarray) -> np.ndarray:
+        """(n, 3) east, north, up of longitude, latitude (degrees) and height (n, 3)."""
+        return _columns(_topocentric(*self.origin), points)
+
+    def to_geographic(self, points: np.ndarray) -> np.ndarray:
+        """(n, 3) longitude, latitude (degrees) and height of east, north, up (n, 3)."""
+        return _columns(_topocentric(*self.origin), points, "INVERSE")
+
+    def to_local(self, track: Track) -> Track:
+        """The track in this frame; crs None, `origin` this frame's.
+
+        Standard deviations, covariances and velocities are turned where their axes are not east,
+        north, up already. Those of a geographic track are east, north, up at the antenna; over 1
+        km that differs from this frame's by 0.01 degrees, which is left alone.
+        A track in local metres without a place in the world comes back as it is.
+        """
+        if track.crs is None and track.origin is None:
+            return track
+        points = self.from_geographic(geographic_positions(track))
+        table = track.table.copy()
+        table[["x", "y", "z"]] = points
+        if track.crs == GEOCENTRIC:
+            table = _turned(table, self.rotation())
+        elif track.origin is not None and track.origin != self.origin:
+            table = _turned(table, self.rotation() @ Local(*track.origin).rotation().T)
+        return replace(track, table=table, crs=None, origin=self.origin)
+
+
+def to_local(track: Track, about: Local | None = None) -> Track:
+    """The track in metres east, north, up about a point; without one, about its own middle.
+
+    A track that is local already keeps its frame unless `about` asks for another.
+    """
+    if about is None:
+        if track.crs is None:
+            return track
+        about = Local.about(track)
+    return about.to_local(track)
+
+
+def geographic_positions(track: Track) -> np.ndarray:
+    """(n, 3) longitude, latitude (degrees), height (m) above the WGS 84 ellipsoid.
+
+    Raises InputError for a local track without a place in the world.
+    """
+    if track.crs is not None:
+        return convert(track.positions(), track.crs, GEOGRAPHIC)
+    if track.origin is None:
+        raise InputError(
+            f"{track.source.name} is in local metres without a place in the world; use it with "
+            "images in the same frame, or give a track with latitude and longitude"
+        )
+    return Local(*track.origin).to_geographic(track.positions())
+
+
+def convert(points: np.ndarray, source: str, target: str) -> np.ndarray:
+    """Points (n, 3) from one CRS to another; x, easting or longitude first, float64.
+
+    A height that neither or only one of the CRS names passes as it is.
+    Raises InputError for a CRS that is not known, for a point outside its area, and for a height
+    system whose geoid is not installed: nothing is converted roughly.
+    """
+    points = np.asarray(points, dtype=float).reshape(-1, 3)
+    if source == target:
+        return points.copy()
+    from pyproj.exceptions import ProjError
+
+    transformer = _between(source, target)
+    try:
+        return _columns(transformer, points)
+    except ProjError as error:
+        raise InputError(
+            f"no exact way from {source} to {target} ({_reason(error)}); install its grid "
+            "(`pyproj sync`), or give heights above the ellipsoid in a CRS without vertical part"
+        ) from None
+
+
+@lru_cache(maxsize=32)
+def known_crs(name: str) -> pyproj.CRS:
+    """The coordinate reference system of a code or text. Raises InputError where it is none."""
+    import pyproj
+
+    try:
+        return pyproj.CRS.from_user_input(name)
+    except pyproj.exceptions.CRSError:
+        raise InputError(f"crs {name[:60]!r} is not known; give a code, as EPSG:32647") from None
+
+
+def _turned(table, rotation: np.ndarray):
+    """Covariances and velocities of the columns, turned by a rotation (3, 3)."""
+    table = table.copy()
+    velocity = ["vx", "vy", "vz"]
+    if set(velocity) <= set(table):
+        table[velocity] = table[velocity].to_numpy() @ rotation.T
+    for names in _SIGMAS:
+        if not set(names) <= set(table):
+            continue
+        covariance = np.zeros((len(table), 3, 3))
+        covariance[:, range(3), range(3)] = table[list(names)].to_numpy() ** 2
+        full = names[0] == "sx" and {"cxy", "cyz", "czx"} <= set(table)
+        if full:
+            for name, (i, j) in (("cxy", (0, 1)), ("cyz", (1, 2)), ("czx", (2, 0))):
+                covariance[:, i, j] = covariance[:, j, i] = table[name].to_numpy()
+        covariance = rotation @ covariance @ rotation.T
+        # Printed digits may leave a covariance that is not quite possible.
+        variance = np.maximum(covariance[:, range(3), range(3)], 0.0)
+        table[list(names)] = np.sqrt(variance)
+        if full:
+            for name, (i, j) in (("cxy", (0, 1)), ("cyz", (1, 2)), ("czx", (2, 0))):
+                table[name] = covariance[:, i, j]
+    return table
+
+
+def _columns(transformer, points, direction="FORWARD") -> np.ndarray:
+    points = np.asarray(points, dtype=float).reshape(-1, 3)
+    moved = transformer.transform(*points.T, errcheck=True, direction=direction)
+    return np.column_stack(moved)
+
+
+@lru_cache(maxsize=32)
+def _topocentric(lat_deg: float, lon_deg: float, height: float) -> pyproj.Transformer:
+    import pyproj
+
+    return pyproj.Transformer.from_pipeline(
+        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
+        "+step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84 "
+        f"+lat_0={lat_deg!r} +lon_0={lon_deg!r} +h_0={height!r}"
+    )
+
+
+@lru_cache(maxsize=32)
+def _between(source: str, target: str) -> pyproj.Transformer:
+    import pyproj
+
+    # Without these two a height system whose geoid is missing would pass silently unconverted.
+    return pyproj.Transformer.from_crs(
+        known_crs(source), known_crs(target), always_xy=True, allow_ballpark=False, only_best=True
+    )
+
+
+def _reason(error: Exception) -> str:
+    return str(error).split("(Internal")[0].removeprefix("transform error: ").strip(" :.")

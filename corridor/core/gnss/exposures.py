@@ -1,0 +1,110 @@
+"""The moments of exposure."""
+
+import re
+from bisect import bisect_right
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.brief import brief
+from corridor.core.errors import InputError
+
+# Share of the usual interval that no camera undercuts; of the rows of which that is a slip.
+_NEAR, _FEW = 0.01, 0.02
+
+
+@brief
+@dataclass(frozen=True)
+class Exposures:
+    """Moments of exposure.
+
+    table: one row an exposure
+        image (text) or number (Int64)
+        time_s: float64, seconds since `day` 00:00 of `time_system`; NaN where unknown
+        x, y, z, sx, sy, sz: positions that the file has too, as in a Track; optional
+        offset_e, offset_n, offset_u: metres from the antenna to the camera; optional
+        flag: DJI's quality: 50 fix, 34 (32 to 49) float, 16 single, 0 none; optional
+        flight: text; optional
+    resolution_s: step of the printed times (a time is off by up to half of it); None: not coarse
+    day, time_system, crs, source, notes: as in a Track
+    """
+
+    table: pd.DataFrame
+    day: str | None
+    time_system: str | None
+    crs: str | None
+    source: Path
+    notes: tuple[str, ...] = ()
+    resolution_s: float | None = None
+
+    def too_near(self) -> str | None:
+        """A sentence where two exposures are nearer in time than any camera can take them.
+
+        Of a rig of cameras that fire together many are; where few are, a time is wrong.
+        """
+        known = self.table["time_s"].dropna().sort_values(kind="stable")
+        step = np.diff(known.to_numpy(float))
+        near = np.flatnonzero(step < _NEAR * np.median(step)) if len(step) > 2 else []
+        if not len(near) or len(near) > max(_FEW * len(step), 1):
+            return None
+        names = self.table["image" if "image" in self.table else "number"]
+        one, other = (names.loc[known.index[near[0] + k]] for k in (0, 1))
+        return (
+            f"{self.source.name}: {one} and {other} are {step[near[0]]:.4f} s apart, others "
+            f"{np.median(step):.3g} s: is one of their times wrong?"
+        )
+
+    def out_of_order(self) -> str | None:
+        """A sentence where times rise from row to row but for a few: these are wrong."""
+        time = self.table["time_s"].to_numpy(float)
+        rows = np.flatnonzero(np.isfinite(time))
+        # The longest part that rises: of each length, the row that ends one earliest, and when.
+        ends, least = [], []
+        before: dict[int, int | None] = {}
+        for row in rows:
+            k = bisect_right(least, time[row])
+            before[row] = ends[k - 1] if k else None
+            ends[k : k + 1], least[k : k + 1] = [row], [time[row]]
+        rising, row = set(), ends[-1] if ends else None
+        while row is not None:
+            rising.add(row)
+            row = before[row]
+        stray = [row for row in rows if row not in rising]
+        if not stray or len(stray) > max(_FEW * len(rows), 1):
+            return None
+        name = self.table["image" if "image" in self.table else "number"].iloc[stray[0]]
+        return (
+            f"{self.source.name}: {name} was taken at {time[stray[0]]:.10g} s, out of the order of "
+            "the others: is its time right?"
+        )
+
+    def named(self, images: list[str]) -> "Exposures":
+        """With the column `image`: each number is looked for in the names of image files.
+
+        DJI writes the number as the last group of four or more digits between `_` and `_` or `.`.
+        Raises InputError where an exposure has no image, or two.
+        """
+        if "image" in self.table:
+            return self
+        by_number: dict[int, str] = {}
+        for name in sorted(images):
+            groups = re.findall(r"_(\d{4,5})(?=[_.])", name)
+            if not groups:
+                continue
+            number = int(groups[-1])
+            if number in by_number:
+                raise InputError(
+                    f"{self.source.name}: images {by_number[number]} and {name} both have number "
+                    f"{number}; name the images of one flight and one lens"
+                )
+            by_number[number] = name
+        lost = [number for number in self.table["number"] if number not in by_number]
+        if lost:
+            raise InputError(
+                f"{self.source.name}: no image has number {lost[0]} ({len(lost)} of "
+                f"{len(self.table)} exposures are without image); name the folder with all images"
+            )
+        names = [by_number[number] for number in self.table["number"]]
+        return replace(self, table=self.table.assign(image=pd.Series(names, dtype="str")))

@@ -1,0 +1,1 @@
+"""Formats of tracks and image times, one a file; `corridor.core.gnss.reading` finds them."""

@@ -1,0 +1,67 @@
+"""Times of photographs, from their EXIF.
+
+`DateTimeOriginal` has whole seconds; `SubSecTimeOriginal` is a string of decimals ("05" is 0.05 s,
+"5" is 0.5 s). The camera's clock shows a zone's time, which `OffsetTimeOriginal` names; where it
+is missing the time system is not known.
+
+Source: EXIF 2.32 (CIPA DC-008), tags 36867, 37521, 36881.
+"""
+
+from pathlib import Path
+
+import pandas as pd
+
+from corridor.core.errors import InputError
+from corridor.core.gnss.exposures import Exposures
+from corridor.core.gnss.time import on_one_day, time_system
+from corridor.core.photographs import SUFFIXES, Taken, read_metadata
+
+
+def read(folder: Path) -> Exposures:
+    """Times of all photographs in a folder, in order of their names.
+
+    Raises InputError where there is none, or one has no time, or zones differ.
+    """
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
+    if not files:
+        raise InputError(
+            f"{folder.name} holds neither images.csv nor photographs; name the folder or file of "
+            "the images"
+        )
+    taken = [_taken(file) for file in files]
+    zones = [time_system(f"UTC{one.zone}") if one.zone else None for one in taken]
+    for file, zone in zip(files, zones, strict=True):
+        if zone != zones[0]:
+            raise InputError(
+                f"{file.name}: its clock shows {zone or 'an unnamed zone'}, that of "
+                f"{files[0].name} {zones[0] or 'an unnamed zone'}; read the images apart"
+            )
+    day, time = on_one_day([(one.day, one.seconds) for one in taken])
+    table = pd.DataFrame({"image": pd.Series([f.name for f in files], dtype="str"), "time_s": time})
+    notes = ["the times are those of the camera's clock (EXIF), which nothing ties to GNSS"]
+    most = max(one.decimals for one in taken)
+    resolution = 10.0**-most
+    if most < 3:
+        notes.append(
+            f"the times of {folder.name} are printed to {resolution:g} s, so each is off by up to "
+            f"{resolution:g} s"
+            + ("" if most else ": whole seconds are too coarse to interpolate a track")
+        )
+    return Exposures(
+        table, day, zones[0], None, folder, notes=tuple(notes),
+        resolution_s=resolution if most < 3 else None,
+    )  # fmt: skip
+
+
+def _taken(file: Path) -> Taken:
+    taken = read_metadata(file).taken
+    if taken is None:
+        raise InputError(
+            f"{file.name} has no time of exposure in its EXIF (DateTimeOriginal); take it out of "
+            "the folder, or give the times in a file"
+        )
+    if taken.day is None:
+        raise InputError(
+            f"{file.name}: {taken.text!r} in its EXIF is no date; give the times in a file"
+        )
+    return taken

@@ -1,0 +1,22 @@
+"""From a track to the antenna at the moments of exposure, with a sigma that holds."""
+
+from corridor.core.gnss.interpolation.interpolating import (
+    MAX_SIGMA_M,
+    METHODS,
+    Interpolated,
+    Interpolation,
+    interpolate,
+)
+from corridor.core.gnss.interpolation.regimes import CORRELATION_S, SLOW_SHARES
+from corridor.core.gnss.interpolation.segmenting import segments
+
+__all__ = [
+    "CORRELATION_S",
+    "MAX_SIGMA_M",
+    "METHODS",
+    "SLOW_SHARES",
+    "Interpolated",
+    "Interpolation",
+    "interpolate",
+    "segments",
+]

@@ -1,0 +1,343 @@
+"""Where the antenna was at the moments of exposure, and how well that is known."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.brief import brief
+from corridor.core.errors import InputError
+from corridor.core.gnss.interpolation import polynomials, regimes, smoother
+from corridor.core.gnss.interpolation.blunders import singular_epochs, wild_epochs
+from corridor.core.gnss.interpolation.segmenting import segments
+from corridor.core.options import options
+
+METHODS = ("smoother", "parabola", "spline", "pchip", "linear")
+# A position of 10 cm beside ones of 2 cm has a twenty-fifth of their weight: it can no longer
+# help the adjustment, only mislead it.
+MAX_SIGMA_M = 0.10
+_UNSURE = 50.0  # times the usual sigma: half a metre against a fix of 1 cm
+_MOST_LOST = 0.1  # share of the epochs of a receiver that nobody misses
+_CURVE = 2000
+_POSITION, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
+_VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
+# Sigma against that of a fix, where a track states quality but no sigma.
+_BY_QUALITY = {1: 1.0, 2: 20.0, 3: 100.0, 4: 50.0, 5: 200.0, 6: 5.0, 7: 1000.0}
+
+
+@brief
+@dataclass(frozen=True)
+class Interpolated:
+    """Antenna positions at given times.
+
+    table: one row a time, in their order: time_s; x, y, z and sx, sy, sz, m; vx, vy, vz and svx,
+        svy, svz, m/s (sigmas of velocities: of the smoother alone);
+        segment (row of `segments`, -1 where none); why: a few words where the position is
+        refused, "" where it is good. Refused by its sigma: the numbers are there; for another
+        reason: NaN.
+    segments: pieces of the track (see `segments`)
+    noise: what the smoother found, a row for plan and height of each piece: segment, group,
+        gust (m^2/s^3), slow (share of the variance that is slow), sigma_m (median used),
+        velocity_sigma (m/s)
+    curve: time_s, x, y, z, sx, sy, sz, segment halfway between epochs, all along the pieces that
+        have exposures, for a picture
+    notes: sentences worth telling
+    """
+
+    table: pd.DataFrame
+    segments: pd.DataFrame
+    noise: pd.DataFrame
+    curve: pd.DataFrame
+    method: str
+    max_sigma: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def good(self) -> pd.DataFrame:
+        """Rows of the table that are not refused."""
+        return self.table[self.table["why"] == ""]
+
+
+@dataclass(frozen=True)
+class Interpolation:
+    """How positions come from the epochs of a track.
+
+    method: "smoother", or a curve for comparison: "parabola", "spline", "pchip", "linear".
+    max_sigma: m; a position is refused where the sigma of one axis is larger.
+    slow_share: share of the stated variance that is slow, as errors of satellite positioning are:
+        neighbouring epochs share it, and no smoothing makes it smaller. None: what the epochs
+        show, about 0.7 where they cannot tell.
+    velocities: use vx, vy, vz where they are there.
+    Raises InputError for a method that is unknown, and numbers that cannot be.
+    """
+
+    method: str = "smoother"
+    max_sigma: float = MAX_SIGMA_M
+    slow_share: float | None = None
+    velocities: bool = True
+
+    def __post_init__(self):
+        if self.method not in METHODS:
+            raise InputError(
+                f"method {self.method!r} is not known; choose one of {', '.join(METHODS)}"
+            )
+        if not self.max_sigma > 0:
+            raise InputError(f"the largest sigma is {self.max_sigma:g} m; give a number above 0")
+        if self.slow_share is not None and not 0 <= self.slow_share < 1:
+            raise InputError(
+                f"the slow share is {self.slow_share:g}; give a number from 0 up to below 1"
+            )
+
+
+@options(interpolation=Interpolation)
+def interpolate(
+    track: pd.DataFrame,
+    times: np.ndarray,
+    interpolation: Interpolation,
+    *,
+    flight: np.ndarray | None = None,
+) -> Interpolated:
+    """The antenna at `times` (n,), seconds of the track's clock, with standard deviations.
+
+    track: time_s, x, y, z in metres along axes of equal scale (z up), optional sx, sy, sz (m),
+        vx, vy, vz, svx, svy, svz (m/s), quality (RTKLIB's number), flight. Without sigmas
+        the smoother finds them by likelihood; the curves then have none.
+    method, max_sigma, slow_share, velocities: see `Interpolation`, which may be given in their
+        place as interpolation.
+    flight: (n,) names of the flight of each time, where flights of the track overlap in time.
+    Raises InputError for a track that cannot be interpolated.
+    """
+    method, max_sigma = interpolation.method, interpolation.max_sigma
+    times = np.asarray(times, dtype=float).reshape(-1)
+    pieces = segments(track)
+    notes: list[str] = []
+    wild = wild_epochs(track, pieces)
+    if wild:
+        notes.append(_of_wild(track, wild))
+        track = track.drop(track.index[list(wild)]).reset_index(drop=True)
+        pieces = segments(track)
+    notes += _of_singular(track, pieces)
+    notes += _of_holes(track["time_s"].to_numpy(dtype=float), pieces)
+    epochs = _epochs(track, interpolation.velocities and method == "smoother", notes)
+    piece, why = _pieces_of(times, pieces, flight)
+    position, sigma, velocity, v_sigma = (np.full((len(times), 3), np.nan) for _ in range(4))
+    curves, noise = [], []
+    parts = []
+    for number, row in enumerate(pieces.itertuples()):
+        chosen = piece == number
+        if not chosen.any() or row.epochs < 2:
+            why[chosen] = "the track has one epoch only here"
+            piece[chosen] = -1
+        else:
+            parts.append((number, slice(row.first, row.last + 1), chosen))
+
+    def along(job):
+        _, part, chosen = job
+        dense = _along(epochs.time[part], len(pieces))
+        at = np.concatenate([times[chosen], dense])
+        if method == "smoother":
+            return dense, *_smoothed(_cut(epochs, part), at, interpolation.slow_share)
+        return dense, _curve(method, epochs, part, at), None, None
+
+    with ThreadPoolExecutor(2) as pool:
+        for (number, _, chosen), found in zip(parts, pool.map(along, parts), strict=True):
+            dense, made, model, used = found
+            if model is not None:
+                noise += _noise_rows(number, model, used)
+            count = int(chosen.sum())
+            position[chosen], sigma[chosen], velocity[chosen], v_sigma[chosen] = (
+                each[:count] for each in made
+            )
+            curves.append(_curve_rows(number, dense, made[0][count:], made[1][count:]))
+    weak = (why == "") & (np.nanmax(np.nan_to_num(sigma, nan=-1.0), axis=1) > max_sigma)
+    largest = np.max(np.nan_to_num(sigma, nan=0.0), axis=1, initial=0.0)
+    why[weak] = [f"sigma {value:.2f} m is above {max_sigma:g} m" for value in largest[weak]]
+    table = pd.DataFrame({"time_s": times})
+    table[_POSITION], table[_SIGMA] = position, sigma
+    table[_VELOCITY], table[_VELOCITY_SIGMA] = velocity, v_sigma
+    table["segment"], table["why"] = piece, pd.Series(why, dtype="str")
+    columns = ["segment", "group", "gust", "slow", "sigma_m", "velocity_sigma"]
+    found = pd.DataFrame(noise, columns=columns)
+    notes += _of_noise(found, epochs.stated, interpolation.slow_share)
+    curve = (
+        pd.concat(curves, ignore_index=True)
+        if curves
+        else pd.DataFrame(columns=["time_s", *_POSITION, *_SIGMA, "segment"], dtype=float)
+    )
+    return Interpolated(table, pieces, found, curve, method, max_sigma, tuple(notes))
+
+
+def _of_holes(time: np.ndarray, pieces: pd.DataFrame) -> list[str]:
+    """A sentence where a receiver's regular epochs are not all there."""
+    step = np.concatenate([np.diff(time[row.first : row.last + 1]) for row in pieces.itertuples()])
+    usual = float(np.quantile(step, 0.1, method="lower"))
+    lost = int(np.round(np.maximum(step / usual - 1.0, 0.0)).sum())
+    if lost <= _MOST_LOST * (len(step) + lost):
+        return []
+    return [
+        f"{lost} of {len(step) + lost} epochs at intervals of {usual:.3g} s are missing in the "
+        "track: what the drone did there is not known"
+    ]
+
+
+def _of_wild(track: pd.DataFrame, wild: dict[int, float]) -> str:
+    worst = max(wild, key=wild.get)
+    many = f"{len(wild)} epochs are" if len(wild) > 1 else "1 epoch is"
+    return (
+        f"{many} left out of the track: that at {track['time_s'].iloc[worst]:.3f} s lies "
+        f"{wild[worst]:.1f} m beside the line between its neighbours, where no drone can have been"
+    )
+
+
+def _of_singular(track: pd.DataFrame, pieces: pd.DataFrame) -> list[str]:
+    return [
+        f"the epoch at {one.time_s:.3f} s lies {one.off:.2f} m off its neighbours in {one.axis}, "
+        f"no other more than {one.others:.2f} m: taken for a movement of the drone; if it stood "
+        "out for no reason, take the row out of the track"
+        for one in singular_epochs(track, pieces)
+    ]
+
+
+def _of_unsure(track: pd.DataFrame, sigma: np.ndarray) -> list[str]:
+    """A sentence where one epoch alone states sigmas (n, 3) beyond all that its fix explains."""
+    times = (sigma / np.median(sigma, axis=0)).max(axis=1)
+    unsure = np.flatnonzero(times > _UNSURE)
+    if len(unsure) != 1:
+        return []
+    row = unsure[0]
+    return [
+        f"the epoch at {track['time_s'].iloc[row]:.3f} s states {times[row]:.0f} times the usual "
+        "sigma and hardly counts: what the drone did there is not known"
+    ]
+
+
+def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.Epochs:
+    n = len(track)
+    quality = np.full(n, np.nan)
+    if "quality" in track:
+        quality = track["quality"].to_numpy(dtype=float, na_value=np.nan)
+    relative = np.array([_BY_QUALITY.get(q, 1.0) for q in quality])
+    sigma, lost = _stated(track, _SIGMA, relative)
+    stated = sigma is not None
+    if stated:
+        notes += _of_unsure(track, sigma)
+    else:
+        sigma = np.repeat(relative[:, None], 3, axis=1)
+    if lost:
+        notes.append(f"{lost} epochs state no sigma: they got that of the others of their quality")
+    speed = speed_sigma = None
+    if velocities and set(_VELOCITY) <= set(track):
+        speed = track[_VELOCITY].to_numpy(dtype=float)
+        speed = speed if np.isfinite(speed).any() else None
+    if speed is not None:
+        speed_sigma, _ = _stated(track, _VELOCITY_SIGMA, np.ones(n))
+    time, position = (track[c].to_numpy(dtype=float) for c in ("time_s", _POSITION))
+    return regimes.Epochs(time, position, sigma, sigma, 0 * sigma, stated, speed, speed_sigma)
+
+
+def _stated(track, names, relative):
+    """Sigmas (n, 3) of three columns, and how many epochs have none; None where an axis has none.
+
+    Unknown ones come from the known, scaled by what the quality says of both.
+    """
+    if not set(names) <= set(track):
+        return None, 0
+    given = track[names].to_numpy(dtype=float)
+    good = np.isfinite(given) & (given > 0)
+    if not good.any(axis=0).all():
+        return None, 0
+    unit = np.where(good, given / relative[:, None], np.nan)
+    filled = np.where(good, given, np.nanmedian(unit, axis=0) * relative[:, None])
+    return filled, int((~good).any(axis=1).sum())
+
+
+def _cut(epochs: regimes.Epochs, part: slice) -> regimes.Epochs:
+    return regimes.Epochs(
+        *(each[part] if isinstance(each, np.ndarray) else each for each in epochs)
+    )
+
+
+def _pieces_of(times, pieces, flight):
+    """Piece of each time (-1: none), and why there is none."""
+    piece = np.full(len(times), -1)
+    why = np.full(len(times), "", dtype=object)
+    claims = np.zeros(len(times), dtype=int)
+    names = None if flight is None else np.asarray(flight).astype(str)
+    for number, row in enumerate(pieces.itertuples()):
+        inside = (times >= row.start_s) & (times <= row.end_s)
+        if names is not None and row.flight:
+            inside &= names == row.flight
+        # The epoch shared by two pieces belongs to the first.
+        shared = row.begins == "standing"
+        inside &= ~(shared & (piece >= 0))
+        claims += inside
+        piece[inside] = number
+    piece[claims > 1] = -1
+    why[claims > 1] = "two flights of the track cover this time"
+    lost = claims == 0
+    why[lost] = "in a gap of the track"
+    why[lost & (times < pieces["start_s"].min())] = "before the track begins"
+    why[lost & (times > pieces["end_s"].max())] = "after the track ends"
+    why[~np.isfinite(times)] = "no time"
+    return piece, why
+
+
+def _along(time: np.ndarray, pieces: int) -> np.ndarray:
+    """Middles between epochs, where the sigma is largest; more of them where one is missing."""
+    middle, step = (time[:-1] + time[1:]) / 2, np.diff(time)
+    wide = step > 1.5 * np.median(step)
+    within = time[:-1][wide, None] + step[wide, None] * np.arange(1, 16) / 16
+    every = max(1, len(time) * pieces // _CURVE)
+    return np.sort(np.concatenate([middle[~wide][::every], within.ravel()]))
+
+
+def _smoothed(epochs, at, slow_share):
+    origin = epochs.position[0]
+    usual, excess = regimes.split(epochs.sigma, epochs.time)
+    epochs = epochs._replace(position=epochs.position - origin, usual=usual, excess=excess)
+    model = regimes.fit(epochs, slow_share)
+    position, *others = smoother.smooth(epochs, at, model)
+    used = np.median(epochs.sigma, axis=0) * [noise.scale for noise in model.axes]
+    return (position + origin, *others), model, used
+
+
+def _curve(method, epochs, part, at):
+    time, values = epochs.time[part], epochs.position[part]
+    position, velocity = polynomials.CURVES[method](time, values, at)
+    sigma = np.full_like(position, np.nan)
+    if epochs.stated:
+        sigma = polynomials.propagated(method, time, values, epochs.sigma[part], at)
+    return position, sigma, velocity, np.full_like(position, np.nan)
+
+
+def _curve_rows(number, time, position, sigma):
+    frame = pd.DataFrame({"time_s": time})
+    frame[_POSITION], frame[_SIGMA] = position, sigma
+    return frame.assign(segment=number)
+
+
+def _noise_rows(number, model, used):
+    rows = []
+    for name, axes in regimes.GROUPS:
+        noise = model.axes[axes[0]]
+        speed = np.nan if noise.velocity_sigma is None else noise.velocity_sigma
+        size = float(np.sqrt(np.mean(used[list(axes)] ** 2)))
+        rows.append((number, name, noise.gust, noise.share, size, speed))
+    return rows
+
+
+def _of_noise(found, stated, slow_share):
+    notes = []
+    for row in found.itertuples():
+        where = f"piece {row.segment + 1}, {row.group}"
+        if not stated:
+            notes.append(
+                f"{where}: the track states no sigmas; its scatter says {1000 * row.sigma_m:.1f} mm"
+            )
+        if slow_share is None and row.slow >= 0.5:
+            notes.append(
+                f"{where}: {100 * row.slow:.0f} % of the stated variance is taken as slow: "
+                "neighbouring epochs share it, and more epochs do not make it smaller"
+            )
+    return notes

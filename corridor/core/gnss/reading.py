@@ -1,0 +1,89 @@
+"""Tracks and moments of exposure from files of any format.
+
+A module of the folder `formats` that has `recognise(head)` is a format: it tells its files by their
+first lines, and `read(path)` returns a Track or Exposures.
+"""
+
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+
+from corridor.core.errors import InputError
+from corridor.core.gnss import formats as folder
+from corridor.core.gnss.exposures import Exposures
+from corridor.core.gnss.formats import block_table, exif
+from corridor.core.gnss.track import Track
+from corridor.core.textfile import read_lines
+
+_HEAD_LINES = 80
+
+
+def read_track(path: str | Path) -> Track:
+    """The track in a file; the format is told by the content.
+
+    RTKLIB .pos, GrafNav text, MicMac XML or text, track.csv (.parquet) of a block. A folder:
+    the track.csv in it. Text may be packed (.gz).
+    Raises InputError, one sentence naming file, row and remedy.
+    """
+    path = Path(path)
+    if path.is_dir():
+        table = _table_in(path, "track")
+        if table is None:
+            raise InputError(f"{path.name} holds no track.csv; name the file of the track")
+        path = table
+    track = _read(path)
+    if not isinstance(track, Track):
+        raise InputError(f"{path.name} holds image times, not a track; name the file of the track")
+    return track
+
+
+def read_exposures(path: str | Path) -> Exposures:
+    """Moments of exposure in a file; the format is told by the content.
+
+    DJI .MRK, MicMac XML or text, Modified Julian Days, images.csv (.parquet) of a block. A
+    folder: images.csv in it, else the EXIF of the photographs in it.
+    Raises InputError, one sentence naming file, row and remedy.
+    """
+    path = Path(path)
+    if path.is_dir():
+        table = _table_in(path, "images")
+        if table is None:
+            return exif.read(path)
+        path = table
+    exposures = _read(path)
+    if not isinstance(exposures, Exposures):
+        raise InputError(f"{path.name} holds a track, not image times; name the file of the images")
+    return exposures
+
+
+def _formats() -> list:
+    """The modules of the folder `formats` that are formats of text files."""
+    found = [import_module(f"{folder.__name__}.{i.name}") for i in iter_modules(folder.__path__)]
+    return [module for module in found if hasattr(module, "recognise")]
+
+
+def _read(path: Path) -> Track | Exposures:
+    """What is in a file of any format.
+
+    Raises InputError where no format recognises it.
+    """
+    if not path.exists():
+        raise InputError(f"{path} does not exist; correct the path")
+    if path.suffix == ".parquet":
+        return block_table.read(path)
+    head = "\n".join(read_lines(path)[:_HEAD_LINES])
+    if not head.strip():
+        raise InputError(f"{path.name} is empty; write the file again")
+    for module in _formats():
+        if module.recognise(head):
+            return module.read(path)
+    titles = ", ".join(module.TITLE for module in _formats())
+    raise InputError(
+        f"{path.name} is in no format that is known, or its header is missing; give {titles}"
+    )
+
+
+def _table_in(folder: Path, name: str) -> Path | None:
+    """The file of a table in a block folder."""
+    files = (folder / f"{name}{suffix}" for suffix in (".csv", ".parquet"))
+    return next((file for file in files if file.is_file()), None)

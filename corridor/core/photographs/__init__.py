@@ -1,0 +1,34 @@
+"""What photographs say of themselves, and what is published of the cameras that took them.
+
+The one reader of EXIF and XMP; it knows no block. A new source is a module beside `exif`, `xmp` and
+`maker_note`, asked by `metadata`.
+"""
+
+from corridor.core.photographs.focal import StatedFocal, stated_focal
+from corridor.core.photographs.metadata import (
+    SUFFIXES,
+    Metadata,
+    Taken,
+    photographs_in,
+    read_metadata,
+)
+from corridor.core.photographs.published import (
+    PublishedReadout,
+    compared,
+    of_picture,
+    published_readouts,
+)
+
+__all__ = [
+    "SUFFIXES",
+    "Metadata",
+    "PublishedReadout",
+    "StatedFocal",
+    "Taken",
+    "compared",
+    "of_picture",
+    "photographs_in",
+    "published_readouts",
+    "read_metadata",
+    "stated_focal",
+]

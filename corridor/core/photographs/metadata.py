@@ -1,0 +1,136 @@
+"""What one photograph says of itself: EXIF and XMP, the more precise where both speak."""
+
+from __future__ import annotations
+
+import io
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from corridor.core.errors import InputError
+from corridor.core.photographs import exif, maker_note, xmp
+from corridor.core.photographs.exif import Taken
+
+SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png")
+# Pictures as a camera takes them, where a program that made them smaller struck EXIF's size.
+_TAKEN = {("Sequoia", "perspective"): (4608, 3456)}
+_SAME_SHAPE = 0.01
+# What Pillow raises on damaged files.
+_FAULTS = (
+    UnidentifiedImageError, OSError, SyntaxError, ValueError, KeyError, TypeError, IndexError,
+    OverflowError, AttributeError, struct.error, Image.DecompressionBombError,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """One photograph's metadata; None where it does not say.
+
+    width, height_px: of the stored picture; written_size: what the camera wrote. pixels_per_mm: of
+    the sensor, in pixels as taken. taken: by the camera's clock. lat_deg, lon_deg (WGS 84),
+    height (m, as written: of the ellipsoid or the sea).
+    sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
+    camera, as written. temperature_c and what it is of. velocity: east, north, up, m/s, and what
+    says so. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time of a row as the
+    header says. tags: every XMP entry as text.
+    """
+
+    path: Path
+    width: int
+    height_px: int
+    make: str = ""
+    model: str = ""
+    orientation: int = 1
+    written_size: tuple[int, int] | None = None
+    exposure_s: float | None = None
+    focal_mm: float | None = None
+    focal_35_mm: float | None = None
+    pixels_per_mm: float | None = None
+    taken: Taken | None = None
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    height: float | None = None
+    sigma: tuple[float, float, float] | None = None
+    flag: int | None = None
+    yaw: float | None = None
+    pitch: float | None = None
+    roll: float | None = None
+    temperature_c: float | None = None
+    temperature_of: str = ""
+    velocity: tuple[float, float, float] | None = None
+    velocity_of: str = ""
+    line_ns: float | None = None
+    gyro: np.ndarray | None = None
+    tags: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """File name."""
+        return self.path.name
+
+    @property
+    def taken_size(self) -> tuple[int, int]:
+        """Width and height as the camera took it, px: of the sensor's rows, however it is stored.
+
+        Told by EXIF, or known of the model, where that has the shape of the stored picture and is
+        larger; else the stored size.
+        """
+        known = _TAKEN.get((self.model, self.tags.get("ModelType", "perspective")))
+        for size in (self.written_size, known):
+            if size is None or size[0] <= self.width:
+                continue
+            if abs(size[0] * self.height_px / (size[1] * self.width) - 1) < _SAME_SHAPE:
+                return size
+        return self.width, self.height_px
+
+    @property
+    def resized(self) -> bool:
+        """Whether the picture was made smaller after it was taken."""
+        return self.taken_size != (self.width, self.height_px)
+
+    def number(self, *names: str) -> float | None:
+        """The first finite number among the XMP entries of these names."""
+        return xmp.number(self.tags, *names)
+
+
+def photographs_in(folder: Path) -> list[Path]:
+    """Photographs of a folder and the folders in it, in order. Raises InputError without any."""
+    if not folder.is_dir():
+        raise InputError(f"{folder} is no folder; name the folder of the photographs")
+    found = sorted(
+        file
+        for file in folder.rglob("*")
+        if file.suffix.lower() in SUFFIXES and not file.name.startswith(".") and file.is_file()
+    )
+    if not found:
+        raise InputError(f"{folder} holds no photograph ({', '.join(SUFFIXES)}); name another")
+    return found
+
+
+def read_metadata(path: Path, content: bytes | None = None) -> Metadata:
+    """What a photograph says of itself.
+
+    content: the bytes of the file, where they are at hand.
+    Raises InputError where it cannot be read.
+    """
+    try:
+        with Image.open(path if content is None else io.BytesIO(content)) as picture:
+            width, height = picture.size
+            facts, note, packet = exif.facts_of(picture)
+            tags = xmp.tags_of(picture.info.get("xmp") or packet)
+    except _FAULTS as error:
+        raise InputError(
+            f"{path.name} cannot be read as a photograph ({type(error).__name__}); take it out of "
+            "the folder"
+        ) from None
+    noted = maker_note.facts_of(note) if "dji" in facts["make"].lower() else {}
+    # Of two that speak, XMP is the more precise.
+    for more in (noted, xmp.facts_of(tags)):
+        facts |= {name: value for name, value in more.items() if value is not None}
+    lat, lon = facts.get("lat_deg"), facts.get("lon_deg")
+    if lat is None or abs(lat) > 90 or abs(lon) > 180 or (lat, lon) == (0.0, 0.0):
+        facts |= {"lat_deg": None, "lon_deg": None, "height": None}
+    return Metadata(path, width, height, tags=tags, **facts)

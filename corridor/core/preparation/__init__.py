@@ -1,0 +1,30 @@
+"""What a block can know by itself: velocities, angular rates, antenna positions."""
+
+from corridor.core.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
+from corridor.core.preparation.plausibility import against, doubts, stray, unlike
+from corridor.core.preparation.preparing import Prepared, prepare
+from corridor.core.preparation.record import Derived, derived
+from corridor.core.preparation.record import record as record_derived
+from corridor.core.preparation.smoothing import rounding
+from corridor.core.preparation.strips import strips_of, track_runs
+from corridor.core.preparation.velocity import METHODS, Velocities, velocities
+
+__all__ = [
+    "METHODS",
+    "Derived",
+    "Prepared",
+    "Velocities",
+    "against",
+    "derived",
+    "doubts",
+    "prepare",
+    "rates_from_gyro",
+    "rates_from_neighbours",
+    "record_derived",
+    "rounding",
+    "stray",
+    "strips_of",
+    "track_runs",
+    "unlike",
+    "velocities",
+]

@@ -1,0 +1,393 @@
+"""What in a block is probably a mistake: read without a fault, and still not what was meant.
+
+Each doubt is one sentence with the likely cause. Nothing here stops anything: a block may be odd.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+
+import numpy as np
+
+from corridor.core.block import LAYOUTS, Block
+from corridor.core.camera import INTERIOR
+from corridor.core.errors import did_you_mean
+from corridor.core.geometry import (
+    GROSS,
+    is_outlier,
+    robust_scale_of_lengths,
+    rotation_from_quaternion,
+)
+from corridor.core.output import counted
+from corridor.core.preparation.plausibility_of_motion import motion_doubts
+
+# Readouts of frame sensors end at a quarter of a second.
+SLOWEST_READOUT_S = 0.5
+# A focal length below this share of the picture's long side sees more than 147 degrees.
+_WIDEST = 0.15
+# Observations outside their picture: a few are bad matches, which are named one by one.
+_SHARE_OUTSIDE = 0.02
+# What distortion and simulated effects push over the edge stays within this share of it.
+_FAR_OUTSIDE = 0.02
+# A picture in both directions filled by no more than this was smaller when it was measured.
+_FILLED, _ENOUGH = 0.6, 100
+_KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", "sigma",
+         "lever_arm", "effect", "corrected", "derived", "date", "local_frame")  # fmt: skip
+# The last two are written by `corridor import photos`.
+_CAMERA_KEYS = ("width", "height", *INTERIOR, "pixel_um", "readout_s", "row_direction",
+                "calibrated", "readout_from", "f_stated")  # fmt: skip
+# So far a file's name is that of a table: `tiepoints`, `Gnss`, `ground.txt`.
+_ALIKE = 0.85
+# Measured and modelled image coordinates that agree but for noise and rough start values.
+_CLEAR = 0.9
+# Beyond these two sets of positions of one flight do not belong together.
+_FAR_M, _FAR_UP_M, _GEOID_M = 100.0, 10.0, 120.0
+# Share of the width of a flight by which the same images may lie apart, each another way.
+_UNLIKE = 0.4
+# An image is astray from here on; where more than this share are, all of them are.
+_STRAY_M, _FEW, _FEWEST = 1.0, 0.1, 5
+_REMEDY = "x is east, y north, in metres less the block's offset."
+
+
+def doubts(block: Block) -> list[str]:
+    """Sentences on what is probably a mistake in a block, the gravest first."""
+    return [
+        *_positions(block),
+        *_pictures(block),
+        *_axes(block),
+        *_settings(block),
+        *_passed_over(block),
+        *motion_doubts(block),
+    ]
+
+
+# --- files ------------------------------------------------------------------------------------
+
+
+def _passed_over(block: Block) -> Iterator[str]:
+    """Files of the folder that are called nearly as a table that the block lacks."""
+    if block.folder is None or not block.folder.is_dir():
+        return
+    lacking = [table for table in LAYOUTS if not len(getattr(block, table))]
+    names = sorted(file.name for file in block.folder.iterdir() if file.is_file())
+    for name in names:
+        stem = name.partition(".")[0]
+        near = get_close_matches(stem.lower().replace("-", "_"), lacking, 1, _ALIKE)
+        if near and name not in (f"{near[0]}.csv", f"{near[0]}.parquet"):
+            yield f"{name} is not read: a block has {near[0]}.csv (or {near[0]}.parquet)."
+
+
+# --- block.toml -------------------------------------------------------------------------------
+
+
+def _settings(block: Block) -> Iterator[str]:
+    for key, value in block.extra.items():
+        near = did_you_mean(key, _KEYS) if key not in _KEYS else ""
+        if near:
+            shown = f"[{key}]" if isinstance(value, dict) else key
+            yield f"block.toml: {shown} is known to nobody and not used{near}."
+    for name, camera in block.cameras.items():
+        for key in camera.extra:
+            near = did_you_mean(key, _CAMERA_KEYS) if key not in _CAMERA_KEYS else ""
+            if near:
+                yield f"block.toml: {key} of [camera.{name}] is known to nobody and not used{near}."
+        if camera["f"] < _WIDEST * max(camera.width, camera.height):
+            told = "f is in pixels"
+            if camera.pixel_um:
+                told += f", {camera['f']:g} mm are {1000 * camera['f'] / camera.pixel_um:.0f}"
+            yield (
+                f"block.toml: f = {camera['f']:g} of [camera.{name}] is too short for a picture of "
+                f"{camera.width} x {camera.height} px: {told}."
+            )
+        readout = camera.readout_s
+        if readout is not None and readout > SLOWEST_READOUT_S:
+            yield (
+                f"block.toml: readout_s = {readout:g} of [camera.{name}] is longer than any "
+                f"shutter: it is in seconds, {readout:g} ms are {readout / 1000:g}."
+            )
+    if block.crs and not block.crs.startswith("local"):
+        yield from _crs(block.crs)
+
+
+def _crs(text: str) -> Iterator[str]:
+    try:
+        from pyproj import CRS
+        from pyproj.exceptions import CRSError
+    except ImportError:
+        return
+    try:
+        known = CRS.from_user_input(text)
+    except CRSError:
+        yield (
+            f"block.toml: crs = {text!r} is no coordinate system: write the code of a projected "
+            "one, as EPSG:25832."
+        )
+        return
+    if known.is_geographic or known.is_geocentric:
+        what = "counts degrees" if known.is_geographic else "has no height axis"
+        yield (
+            f"block.toml: crs = {text!r} {what}; a block is in metres with z up: name the "
+            "projected system its coordinates are in, as EPSG:25832."
+        )
+
+
+# --- pictures ---------------------------------------------------------------------------------
+
+
+def _pictures(block: Block) -> Iterator[str]:
+    cameras = list(block.cameras.values())
+    tables = [table for table in ("tie_points", "marks") if len(getattr(block, table))]
+    # An axis at a time: of a river both side by side take three times as long to look through.
+    pixels = {
+        table: [getattr(block, table)[axis].to_numpy(float) for axis in "xy"] for table in tables
+    }
+    users = {}
+    if len(cameras) > 1:
+        users = {table: block.image_camera[block.image_rows(table)] for table in tables}
+    for n, camera in enumerate(cameras):
+        size = np.array([camera.width, camera.height], dtype=float)
+        mine = {
+            table: np.flatnonzero(users[table] == n) if users else slice(None) for table in tables
+        }
+        parts = [[axis[rows] for axis in pixels[table]] for table, rows in mine.items()]
+        parts = [part for part in parts if len(part[0])]
+        if not parts:
+            continue
+        count = sum(len(x) for x, _ in parts)
+        low = np.min([[axis.min() for axis in part] for part in parts], axis=0)
+        high = np.max([[axis.max() for axis in part] for part in parts], axis=0)
+        beyond = float(np.maximum(-0.5 - low, high - (size - 0.5)).max())
+        gone = 0
+        # The rule is that none lies outside: then nobody asks which.
+        if not beyond <= 0.0:
+            gone = sum(
+                np.count_nonzero(
+                    (x < -0.5) | (x > size[0] - 0.5) | (y < -0.5) | (y > size[1] - 0.5)
+                )
+                for x, y in parts
+            )
+        shape = f"{camera.width} x {camera.height} px"
+        if gone > _SHARE_OUTSIDE * count:
+            seen = np.concatenate([np.stack(part, axis=1) for part in parts])
+            yield (
+                f"{gone:,} of {count:,} observations of camera {camera.name} lie outside "
+                f"its picture of {shape}: {_why_outside(seen, size)}"
+            )
+        elif beyond > _FAR_OUTSIDE * size.max():
+            yield _outside(block, camera, mine, pixels)
+        elif count >= _ENOUGH and (high < _FILLED * size).all():
+            x, y = high
+            yield (
+                f"No observation of camera {camera.name} lies beyond x = {x:.0f}, y = {y:.0f} of "
+                f"its picture of {shape}: points measured on reduced pictures, or width and "
+                "height in block.toml too large?"
+            )
+
+
+def _why_outside(seen: np.ndarray, size: np.ndarray) -> str:
+    low, high = np.percentile(seen, [1, 99], axis=0)
+    if (low < -0.2 * size).all() and (high < 0.7 * size).all():
+        return (
+            "pixels counted from the middle of the picture? (0, 0) is the centre of its top-left "
+            "pixel."
+        )
+    turned = size[::-1]
+    if (low > -0.05 * size).all() and (high < turned).all() and (high > size).any():
+        return "x and y exchanged, or the pictures turned by 90 degrees?"
+    return "are width and height in block.toml those of the pictures it was measured in?"
+
+
+def _outside(block, camera, mine, pixels) -> str:
+    """A few observations outside the picture, the farthest with its row."""
+    size = np.array([camera.width, camera.height], dtype=float)
+    count, far, at = 0, 0.0, ("", 0)
+    for table, rows in mine.items():
+        xy = np.stack([axis[rows] for axis in pixels[table]], axis=1)
+        away = np.maximum(-0.5 - xy, xy - (size - 0.5)).max(axis=1)
+        count += int((away > 0).sum())
+        if len(away) and away.max() > far:
+            row = int(np.arange(len(pixels[table][0]))[rows][away.argmax()])
+            far, at = float(away.max()), (table, row)
+    table, row = at
+    there = getattr(block, table).iloc[row]
+    return (
+        f"{counted(count, 'observation')} outside the picture of camera {camera.name} "
+        f"({camera.width} x {camera.height} px), the farthest in {block.named(table, row)} at "
+        f"{there['x']:g}, {there['y']:g}."
+    )
+
+
+def _axes(block: Block) -> Iterator[str]:
+    """Axes of the image coordinates, where start values tell which way they point."""
+    rows = block.tie_points
+    step = max(len(rows) // 2000, 1)
+    image = block.image_rows("tie_points")[::step]
+    pose = block.poses[image]
+    point = block.positions("tie_points")[rows["point"].array.codes[::step]]
+    known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
+    if known.sum() < _ENOUGH:
+        return
+    image, pose, point = image[known], pose[known], point[known]
+    rotation = rotation_from_quaternion(pose[:, 3:])
+    seen = np.einsum("nij,nj->ni", rotation, point - pose[:, :3])
+    ahead = seen[:, 2] > 0
+    every = np.stack([rows[axis].to_numpy(float)[::step] for axis in "xy"], axis=1)
+    measured = every[known][ahead]
+    if len(measured) < _ENOUGH:
+        return
+    ray = seen[ahead, :2] / seen[ahead, 2:]
+    with np.errstate(invalid="ignore"):  # a coordinate that never varies goes with nothing
+        (xu, xv), (yu, yv) = np.corrcoef(measured.T, ray.T)[:2, 2:]
+    if xu > _CLEAR and yv < -_CLEAR:
+        yield (
+            "Image coordinates run against the start poses in y: is y counted upwards? It is "
+            "counted downwards from the centre of the top-left pixel."
+        )
+    elif xv > _CLEAR and yu > _CLEAR:
+        yield (
+            "Image coordinates fit the start poses with x and y exchanged: x is to the right, y "
+            "downwards."
+        )
+
+
+# --- positions --------------------------------------------------------------------------------
+
+
+def _positions(block: Block) -> Iterator[str]:
+    centres = block.numbers("images", *"xyz")
+    antenna = np.full(centres.shape, np.nan)
+    antenna[block.image_rows("gnss")] = block.numbers("gnss", *"xyz")
+    told = against("gnss.csv", antenna, "images.csv", centres)
+    if told:
+        yield told
+    posed = np.isfinite(centres).all(axis=1).sum() > 2
+    file, reach = ("images.csv", centres) if posed else ("gnss.csv", antenna)
+    told = _ground(block, reach)
+    if told:
+        yield f"ground.csv {told} {file}: {_REMEDY}"
+
+
+def against(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
+    """What is wrong with positions (n, 3) beside those of the same images; empty where nothing is.
+
+    file, other: where they stand. Rows with NaN are left out.
+    """
+    both = np.isfinite(given).all(axis=1) & np.isfinite(known).all(axis=1)
+    given, known = given[both], known[both]
+    if len(given) < 3:
+        return ""
+    extent = np.ptp(known[:, :2], axis=0).max()
+    away = given - known
+    middle = np.median(away, axis=0)
+    spread = np.median(np.abs(away - middle), axis=0)
+    if not np.linalg.norm(middle) > _FAR_UP_M and spread.max() < 0.2 * extent:
+        return ""
+    if _degrees(given[:, :2], known[:, :2]):
+        return (
+            f"{file} gives x and y in degrees, {other} in metres: convert them to the block's "
+            "coordinates (`corridor gnss` does)."
+        )
+    swapped = given[:, [1, 0]] - known[:, :2]
+    if np.median(np.abs(swapped)) < 0.05 * np.median(np.abs(away[:, :2])):
+        return f"{file} has x and y exchanged beside {other}: x is east, y north."
+    level = np.abs(middle[:2]).max() < min(_FAR_UP_M, 0.3 * abs(middle[2]))
+    if level and spread.max() < max(0.25 * abs(middle[2]), 2.0):
+        if abs(middle[2]) > _GEOID_M:
+            return f"Heights of {file} lie {middle[2]:+.1f} m (median) from those of {other}."
+        return (
+            f"Heights of {file} lie {middle[2]:+.1f} m (median) from those of {other}: one above "
+            "the ellipsoid, the other above the geoid?"
+        )
+    if np.abs(middle[:2]).max() > _FAR_M and spread[:2].max() < 0.1 * np.abs(middle[:2]).max():
+        return (
+            f"{file} lies {_kilometres(np.hypot(*middle[:2]))} from {other}, all images by the "
+            "same way: subtract the block's offset from it."
+        )
+    return ""
+
+
+def unlike(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
+    """A sentence where positions (n, 3) go ways of their own beside those of the same images."""
+    both = np.isfinite(given).all(axis=1) & np.isfinite(known).all(axis=1)
+    if both.sum() < 4:
+        return ""
+    given, known = given[both, :2], known[both, :2]
+    away, wide = (
+        float(np.median(np.linalg.norm(one - np.median(one, axis=0), axis=1)))
+        for one in (given - known, given)
+    )
+    if away <= _UNLIKE * wide:
+        return ""
+    return (
+        f"{file} and {other} put the images {away:.1f} m (median) apart in plan, each another way, "
+        f"in a flight that is {2 * wide:.0f} m wide: do names, times and columns belong together?"
+    )
+
+
+def stray(given: np.ndarray, other: str, known: np.ndarray, images: Sequence[str]) -> str:
+    """A sentence on the few images whose two positions (n, 3) lie apart where the others' agree.
+
+    other: where `known` stands. What is less than a metre, or than start poses miss, is not told.
+    """
+    away = given - known
+    both = np.isfinite(away).all(axis=1)
+    if both.sum() < _FEWEST:
+        return ""
+    length = np.linalg.norm(away - np.median(away[both], axis=0), axis=1)
+    scale = robust_scale_of_lengths(length[both], _STRAY_M / GROSS)
+    far = np.flatnonzero(is_outlier(length, scale, GROSS))
+    if not len(far) or len(far) > _FEW * both.sum():
+        return ""
+    worst = far[np.argmax(length[far])]
+    more = f" ({len(far) - 1} more too)" if len(far) > 1 else ""
+    return (
+        f"{images[worst]} lies {length[worst]:.1f} m from its pose in {other}, the others "
+        f"{np.median(length[both]):.2f} m (median){more}: is its time right?"
+    )
+
+
+def _kilometres(metres: float) -> str:
+    return f"{metres / 1000:,.{0 if metres > 1e4 else 2}f} km"
+
+
+def _degrees(given: np.ndarray, known: np.ndarray) -> bool:
+    """Whether plan positions (n, 2) are degrees, as the extent of the known metres says."""
+    if not (np.abs(given[:, 0]) <= 360).all() or not (np.abs(given[:, 1]) <= 360).all():
+        return False
+    extent, metres = np.ptp(given, axis=0).max(), np.ptp(known, axis=0).max()
+    # A degree of latitude has 111 km, one of longitude less.
+    return bool(metres > 10.0 and 5e-6 < extent / metres < 2e-4)
+
+
+def _ground(block: Block, centres: np.ndarray) -> str:
+    """How ground points lie that the images which show them could not see; empty where they could.
+
+    centres: (images, 3), NaN where unknown.
+    """
+    marked = block.marks["point"].array
+    from_where = centres[block.image_rows("marks")]
+    posed = np.isfinite(from_where).all(axis=1) & (marked.codes >= 0)
+    # The last place is that of a point which nobody marked.
+    count, *sums = (
+        np.bincount(marked.codes[posed], weights, len(marked.categories) + 1)
+        for weights in (None, *from_where[posed].T)
+    )
+    with np.errstate(invalid="ignore"):
+        above = (np.array(sums) / count).T[marked.categories.get_indexer(block.ground["point"])]
+    given = block.numbers("ground", *"xyz")
+    known = np.isfinite(above).all(axis=1)
+    above, given = above[known], given[known]
+    if len(given) < 3:
+        return ""
+    # Nobody looks farther to the side than a few times the flying height.
+    height = max(float(np.median(above[:, 2] - given[:, 2])), 10.0)
+    away = np.median(np.linalg.norm(given[:, :2] - above[:, :2], axis=1))
+    turned = np.median(np.linalg.norm(given[:, [1, 0]] - above[:, :2], axis=1))
+    if _degrees(given[:, :2], above[:, :2]):
+        return "is in degrees, not in the metres of"
+    if turned < 0.5 * away and away > 0.3 * height:
+        return "has x and y exchanged beside"
+    if away < 5.0 * height:
+        return ""
+    return f"lies {_kilometres(away)} from"

@@ -1,0 +1,128 @@
+"""Times and velocities of a block that contradict the way that was flown."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import bdtrc
+
+from corridor.core.block import VELOCITY, Block
+
+# Units of speed that are none of metres a second, by how much larger their numbers are.
+_SPEEDS = {3.6: "km/h", 1.9438: "knots", 2.2369: "miles an hour", 3.2808: "feet a second"}
+# What chance does less often than this is told (sign test; n names in the opposite order: 1 / n!).
+_CHANCE = 1e-3
+
+
+class _Pairs(NamedTuple):
+    """Images after each other in a strip: how fast the drone flew and what is stated, m/s.
+
+    along (n,): the stated velocity along the way that was flown, over the speed flown.
+    """
+
+    flown: np.ndarray
+    told: np.ndarray
+    along: np.ndarray
+
+
+def motion_doubts(block: Block) -> list[str]:
+    """Sentences on times and velocities that are probably a mistake."""
+    backwards = [*_backwards(block), *_track_backwards(block)]
+    # Times that run backwards turn every velocity round.
+    return backwards or [*_velocities(block)]
+
+
+def _backwards(block: Block) -> Iterator[str]:
+    """Flights whose images, as they are numbered, run against their times."""
+    time, names = block.column("images", "time_s"), block.images["image"].astype(str).to_numpy()
+    cameras = block.images["camera"].astype(str).to_numpy()
+    found, flights, flight_of = [], block.flight_names, block.image_flight
+    for flight, called in enumerate(flights):
+        mine = np.flatnonzero((flight_of == flight) & np.isfinite(time))
+        if len(set(cameras[mine])) != 1:
+            continue
+        last, first = (names[mine[at(time[mine])]] for at in (np.argmax, np.argmin))
+        # Of a river the names take long to sort, and one look at two of them nearly always tells.
+        if _key(last) <= _key(first) and _falls(time[sorted(mine, key=lambda n: _key(names[n]))]):
+            found.append(str(called))
+    if found:
+        which = f" of flight {', '.join(found[:5])}" if len(flights) > 1 else ""
+        yield (
+            f"images.csv: time_s falls{which} from image to image in the order of their names: are "
+            "the times in the opposite order? Cameras number pictures as they take them."
+        )
+
+
+def _track_backwards(block: Block) -> Iterator[str]:
+    if len(block.track) and _falls(block.column("track", "time_s")):
+        yield (
+            f"track.csv: time_s falls from row to row in all {len(block.track)}: are the times in "
+            "the opposite order? A receiver writes epochs as they come."
+        )
+
+
+def _falls(time: np.ndarray) -> bool:
+    """Whether times fall from each to the next, of more than chance would put in that order."""
+    return bool(math.lgamma(len(time) + 1) > -math.log(_CHANCE) and (np.diff(time) < 0).all())
+
+
+def _key(name: str) -> list:
+    """By which names with numbers are sorted as a person does."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
+
+
+def _velocities(block: Block) -> Iterator[str]:
+    """Velocities beside the way and the time from image to image of one strip."""
+    pairs = _pairs(block)
+    against, count = int((pairs.along < 0).sum()), len(pairs.along)
+    if count and _by_chance(against, count) < _CHANCE:
+        yield (
+            f"images.csv: vx, vy, vz point against the way from image to image in {against} of "
+            f"{count} pairs: have they the opposite sign? They are the camera's velocity in the "
+            "world, m/s."
+        )
+    if count < 5:
+        return
+    middle = float(np.median(pairs.told / pairs.flown))
+    if abs(np.log(middle)) < np.log(1.4):
+        return
+    unit = min(_SPEEDS, key=lambda factor: abs(np.log(middle / factor)))
+    cause = f"{_SPEEDS[unit]}?" if abs(middle / unit - 1.0) < 0.1 else "is time_s in seconds?"
+    yield (
+        f"images.csv: vx, vy, vz are {middle:.3g} times what x, y, z and time_s of the same table "
+        f"say (median of {count} pairs): {cause} Velocities are in m/s."
+    )
+
+
+def _pairs(block: Block) -> _Pairs:
+    velocity = block.numbers("images", *VELOCITY)
+    centre = block.numbers("images", *"xyz")
+    time, camera = block.column("images", "time_s"), block.images["camera"].to_numpy()
+    strip = block.images.get("strip")
+    strip = np.zeros(len(time)) if strip is None else strip.astype(str).to_numpy()
+    flight = block.image_flight
+    order = np.lexsort((time, strip, flight))
+    one, next_one = order[:-1], order[1:]
+    same = (flight[one] == flight[next_one]) & (strip[one] == strip[next_one])
+    same &= camera[one] == camera[next_one]
+    one, next_one = one[same], next_one[same]
+    seconds = time[next_one] - time[one]
+    way, stated = centre[next_one] - centre[one], (velocity[one] + velocity[next_one]) / 2.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flown = np.linalg.norm(way, axis=1) / seconds
+        told = np.linalg.norm(velocity[one] + velocity[next_one], axis=1) / 2.0
+        along = (way * stated).sum(axis=1) / seconds / flown**2
+        # A drone that turns or stops between two images says nothing.
+        good = np.isfinite(along) & (seconds > 0) & (told > 1.0)
+    if good.any():
+        good &= flown > 0.3 * np.median(flown[good])
+    return _Pairs(flown[good], told[good], along[good])
+
+
+def _by_chance(count: int, of: int) -> float:
+    """Probability that a fair coin shows heads `count` times of `of`, or more often."""
+    return float(bdtrc(count - 1, of, 0.5))

@@ -1,0 +1,41 @@
+"""Blocks of corridor flights that nobody flew: from a flight plan, with the truth beside them."""
+
+from corridor.core.simulation.fly import reach
+from corridor.core.simulation.noise import add_noise
+from corridor.core.simulation.plan import (
+    CAMLIGHT,
+    ORDINARY_NOISE,
+    Flight,
+    Ground,
+    Noise,
+    Plan,
+    Start,
+    Terrain,
+    TiePoints,
+    cameras,
+    read_plan,
+    ready_made,
+)
+from corridor.core.simulation.simulating import Simulated, perfect_block, simulate
+from corridor.core.simulation.terrain import Dike
+
+__all__ = [
+    "CAMLIGHT",
+    "Dike",
+    "Flight",
+    "Ground",
+    "Noise",
+    "ORDINARY_NOISE",
+    "Plan",
+    "Simulated",
+    "Start",
+    "Terrain",
+    "TiePoints",
+    "add_noise",
+    "cameras",
+    "perfect_block",
+    "reach",
+    "read_plan",
+    "ready_made",
+    "simulate",
+]

@@ -1,0 +1,86 @@
+"""Random errors of the measurements of a block."""
+
+import numpy as np
+
+from corridor.core.block import Block
+from corridor.core.errors import InputError
+from corridor.core.gnss import SlowNoise
+from corridor.core.options import options
+from corridor.core.simulation.plan import Noise
+
+_OUTLIER_PX = (5.0, 50.0)
+
+
+@options(noise=Noise)
+def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
+    """A copy of the block with Gaussian errors on its measurements.
+
+    tie_px, mark_px: standard deviation of an image coordinate, pixels.
+    gnss_m, control_m: of an antenna position and of a surveyed ground point (control and check
+    points alike), metres, one number or three (x, y, z).
+    outliers: share of the tie observations that are moved by 5 to 50 px in any direction on top;
+    an outlier stays inside its picture.
+    rounding_px: step to which all image coordinates are rounded in the end, pixels.
+    gnss_slow: share of the antenna's variance that is exponentially correlated in time, with the
+    time constant gnss_slow_s, seconds; each flight on its own.
+    noise: a `Noise` in place of these.
+    The default sigmas of the block become the ones drawn, wherever those are not zero.
+    Each kind of measurement has its own stream of the seed: adding one does not change another.
+    Raises InputError for negative sigmas and a share outside 0 to 1, as `Noise` does.
+    """
+    gnss = np.broadcast_to(np.asarray(noise.gnss_m, dtype=float), 3)
+    control = np.broadcast_to(np.asarray(noise.control_m, dtype=float), 3)
+    block = block.copy()
+    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(6)]
+
+    def shake(table: str, columns: str, sigma: float | np.ndarray, rng) -> None:
+        if len(getattr(block, table)):
+            values = block.numbers(table, *columns)
+            block.put(table, columns, values + sigma * rng.standard_normal(values.shape))
+
+    shake("tie_points", "xy", noise.tie_px, draw[0])
+    shake("marks", "xy", noise.mark_px, draw[1])
+    shake("gnss", "xyz", np.sqrt(1 - noise.gnss_slow) * gnss, draw[2])
+    if noise.gnss_slow and len(block.gnss):
+        slow = np.sqrt(noise.gnss_slow) * gnss * _slow(block, noise.gnss_slow_s, draw[5])
+        block.put("gnss", "xyz", block.numbers("gnss", *"xyz") + slow)
+    shake("ground", "xyz", control, draw[3])
+    if noise.outliers:
+        _displace(block, noise.outliers, draw[4])
+    if noise.rounding_px:
+        for table in ("tie_points", "marks"):
+            steps = np.round(block.numbers(table, "x", "y") / noise.rounding_px)
+            block.put(table, "xy", steps * noise.rounding_px)
+
+    block.sigma = dict(block.sigma)
+    for key, sigma in (("tie_px", noise.tie_px), ("mark_px", noise.mark_px)):
+        if sigma > 0:
+            block.sigma[key] = float(sigma)
+    for key, sigma in (("gnss_m", gnss), ("control_m", control)):
+        if np.all(sigma > 0):
+            block.sigma[key] = sigma.copy()
+    return block
+
+
+def _slow(block: Block, constant_s: float, rng: np.random.Generator) -> np.ndarray:
+    """Unit Gauss-Markov noise (n, 3) at the times of the antenna positions."""
+    rows = block.image_rows("gnss")
+    time, flight = block.column("images", "time_s")[rows], block.image_flight[rows]
+    if np.isnan(time).any():
+        raise InputError("gnss_slow needs times: fill time_s of images.csv, or leave it at 0")
+    return SlowNoise(constant_s).draw(time, rng, 3, flight)
+
+
+def _displace(block: Block, share: float, rng: np.random.Generator) -> None:
+    count = len(block.tie_points)
+    rows = np.sort(rng.choice(count, round(share * count), replace=False))
+    length = rng.uniform(*_OUTLIER_PX, len(rows))
+    angle = rng.uniform(0, 2 * np.pi, len(rows))
+    name = block.tie_points["image"].iloc[rows].astype(str)
+    camera = block.images.set_index("image")["camera"].loc[name]
+    limit = {key: (value.width - 1, value.height - 1) for key, value in block.cameras.items()}
+    limits = np.array([limit[key] for key in camera], dtype=float).reshape(-1, 2)
+    values = block.numbers("tie_points", "x", "y")
+    moved = values[rows] + length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    values[rows] = np.clip(moved, 0.0, limits)
+    block.put("tie_points", "xy", values)

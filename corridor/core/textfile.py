@@ -1,0 +1,462 @@
+"""Text, XML and JSON that other programs wrote: every fault names file, place and remedy.
+
+A line of a file is counted from 1. `Line`, `Xml` and `Json` are a piece of a file that knows where
+it stands, so that whoever reads it says only what should stand there.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import json
+import math
+import re
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import BinaryIO
+from xml.etree import ElementTree
+
+import numpy as np
+
+from corridor.core.errors import InputError
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+# --- numbers ---------------------------------------------------------------------------------
+
+
+def number(text: str, path: Path, line: int, what: str, count: str = "line") -> float:
+    """A finite number. Raises InputError naming file, line and what it should be.
+
+    count: what lines are called: `row` in tables.
+    """
+    try:
+        value, kind = float(text), "finite number"
+    except (ValueError, OverflowError):
+        value, kind = math.nan, "number"
+    if math.isfinite(value) and "_" not in text:
+        return value
+    place = f"{path.name}, {count} {line}: {what} = {text[:40]!r}"
+    if _DECIMAL_COMMA.fullmatch(text):
+        raise InputError(f"{place} has a decimal comma; write numbers with a decimal point")
+    raise InputError(
+        f"{place} is not a {kind}; correct or delete the {count}, or export the file again"
+    )
+
+
+def numbers(words: list[str], path: Path, line: int, what: str) -> np.ndarray:
+    """float64 of words, all finite. Raises InputError naming the first that is no number."""
+    try:
+        values = np.array(words, dtype=float)
+    except (ValueError, OverflowError):
+        values = None
+    if values is None or not np.isfinite(values).all() or any("_" in word for word in words):
+        for word in words:
+            number(word, path, line, what)
+    return values
+
+
+# --- lines -----------------------------------------------------------------------------------
+
+
+class Line:
+    """A line of a text file. path, at: where it stands; text: without its end."""
+
+    __slots__ = ("at", "path", "text")
+
+    def __init__(self, path: Path, at: int, text: str):
+        self.path, self.at, self.text = path, at, text
+
+    def wrong(self, sentence: str) -> InputError:
+        """The error that names file and line before the sentence."""
+        return InputError(f"{self.path.name}, line {self.at}: {sentence}")
+
+    def words(self, count: int, what: str) -> list[str]:
+        """The words of the line. Raises InputError where they are not `count`."""
+        found = self.text.split()
+        if len(found) != count:
+            raise self.wrong(
+                f"{len(found)} words where {what} has {count}; the file is cut off or out of step"
+            )
+        return found
+
+    def values(self, count: int, what: str) -> np.ndarray:
+        """The `count` numbers of the line."""
+        return self.numbers(self.words(count, what), what)
+
+    def number(self, word: str, what: str) -> float:
+        """A finite number."""
+        return number(word, self.path, self.at, what)
+
+    def numbers(self, words: list[str], what: str) -> np.ndarray:
+        """float64 of words, all finite."""
+        return numbers(words, self.path, self.at, what)
+
+    def whole(self, word: str, what: str, least: int = 0) -> int:
+        """A whole number from `least`. Raises InputError where it is none."""
+        try:
+            value = int(word)
+        except ValueError:
+            value = least - 1
+        if value < least or "_" in word or value >= 2**63:
+            raise self.wrong(
+                f"{what} = {word[:40]!r} is not a whole number from {least}; correct the line, or "
+                "export the file again"
+            )
+        return value
+
+
+def unpacked(path: Path) -> BinaryIO:
+    """The bytes of a file, also of one packed by bzip2 or gzip (.bz2, .gz)."""
+    return {".bz2": bz2.open, ".gz": gzip.open}.get(path.suffix, open)(path, "rb")
+
+
+def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
+    """Every line, also of a packed file; CR LF, CR and LF may be mixed.
+
+    UTF-8 with or without byte order mark, or UTF-16 with one. size, passed: the bytes and lines at
+    its beginning that are left out.
+    Raises InputError where the file cannot be read or is no text.
+    """
+    at = passed
+    try:
+        with unpacked(path) as data:
+            encoding = "utf-16" if data.read(2) in _UTF16 else "utf-8-sig"
+            data.seek(size)
+            for at, text in enumerate(io.TextIOWrapper(data, encoding), start=passed + 1):
+                line = Line(path, at, text.rstrip("\n"))
+                if "\0" in text:
+                    raise line.wrong("this is no text; name a text")
+                yield line
+    except UnicodeError:
+        raise Line(path, at + 1, "").wrong(
+            "the text is not UTF-8; save the file as UTF-8"
+        ) from None
+    except (OSError, EOFError) as error:
+        raise missing(path, error) from error
+
+
+def filled(path: Path, comment: str = "") -> Iterator[Line]:
+    """The lines that are not blank, nor begin with `comment`."""
+    return Following(path, comment).rest()
+
+
+class Following:
+    """Lines with something on them, one after the other; the end is told with the place.
+
+    last: number of the line that was read last. comment: what begins a line that says nothing.
+    """
+
+    def __init__(self, path: Path, comment: str = ""):
+        self.path, self.last, self._comment, self._lines = path, 0, comment, lines(path)
+
+    def next(self, what: str) -> Line:
+        """The next line. Raises InputError where the file ends before."""
+        for line in self.rest():
+            return line
+        raise Line(self.path, self.last, "").wrong(
+            f"the file ends where {what} should follow; it is cut off or its counts are wrong"
+        )
+
+    def values(self, count: int, what: str) -> np.ndarray:
+        """The `count` numbers of the next line."""
+        return self.next(what).values(count, what)
+
+    def pass_by(self, size: int, count: int) -> None:
+        """Go on after that many bytes of the file, `count` lines further."""
+        self.last += count
+        self._lines = lines(self.path, size, self.last)
+
+    def comments(self) -> Iterator[Line]:
+        """The comments that come next."""
+        for line in self._lines:
+            if not line.text.startswith(self._comment):
+                self._lines = chain([line], self._lines)
+                return
+            self.last = line.at
+            yield line
+
+    def rest(self) -> Iterator[Line]:
+        """The lines that are left."""
+        for line in self._lines:
+            self.last = line.at
+            text = line.text.lstrip()
+            if text and not (self._comment and text.startswith(self._comment)):
+                yield line
+
+
+def read_lines(path: Path) -> list[str]:
+    """All lines of a text file without line ends; also of one packed by gzip (.gz).
+
+    UTF-8, or UTF-16 with a byte order mark; what is neither is read as Latin-1, which can only
+    happen in comments and names.
+    Raises InputError where the file cannot be read or is no text.
+    """
+    try:
+        data = path.read_bytes()
+        if data.startswith(b"\x1f\x8b"):
+            data = gzip.decompress(data)
+    except (OSError, EOFError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path.name} cannot be read ({reason}); correct the path") from error
+    if data.startswith(_UTF16):
+        text = data.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    if "\0" in text:
+        raise InputError(f"{path.name} is not a text file; name a track or image times as text")
+    return re.split(r"\r\n|\n|\r", text.rstrip("\r\n"))
+
+
+def missing(path: Path, error: Exception) -> InputError:
+    """The sentence for a file that is not there or cannot be read."""
+    if isinstance(error, FileNotFoundError):
+        return InputError(f"{path} is missing; put it there or name the whole project")
+    reason = getattr(error, "strerror", None) or error
+    return InputError(f"{path} cannot be read ({reason}); correct the path, or fetch it again")
+
+
+def opening(path: Path, size: int = 4096) -> str:
+    """The first characters of a file, whatever it is: for telling formats apart."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(size)
+    except OSError:
+        return ""
+    if data.startswith(_UTF16):
+        return data.decode("utf-16", errors="replace").lstrip("\ufeff")
+    return data.decode("utf-8-sig", errors="replace")
+
+
+def beginning(path: Path, pattern: str, start: str) -> Path | None:
+    """The file if it begins so, or the first such file of a folder among those of a pattern."""
+    files = [path] if path.is_file() else sorted(path.glob(pattern))
+    return next((file for file in files if opening(file, 64).startswith(start)), None)
+
+
+# --- XML -------------------------------------------------------------------------------------
+
+
+class Xml:
+    """An element of an XML file. ElementTree keeps no line numbers: elements are named."""
+
+    __slots__ = ("element", "path")
+
+    def __init__(self, element: ElementTree.Element, path: Path):
+        self.element, self.path = element, path
+
+    @classmethod
+    def read(cls, path: Path) -> Xml:
+        """Root of an XML file. Raises InputError where it is missing, cut off or no XML."""
+        try:
+            return cls.parse(path.read_bytes(), path)
+        except OSError as error:
+            raise missing(path, error) from error
+
+    @classmethod
+    def parse(cls, data: bytes, path: Path) -> Xml:
+        """Root of XML in memory; path: for the sentence."""
+        # Nobody's project needs entities of its own; in a damaged file they expand without end.
+        if b"<!ENTITY" in data:
+            raise InputError(f"{path.name} defines XML entities; export the project again")
+        try:
+            return cls(ElementTree.fromstring(data), path)
+        except (ElementTree.ParseError, LookupError, ValueError) as error:
+            line = getattr(error, "position", (0,))[0]
+            reason = str(error).partition(":")[0]
+            raise Line(path, line, "").wrong(
+                f"the XML is broken or ends early ({reason}); export the project again"
+            ) from None
+
+    @property
+    def tag(self) -> str:
+        """Name of the element."""
+        return self.element.tag
+
+    def wrong(self, sentence: str) -> InputError:
+        """The error that names the file before the sentence."""
+        return InputError(f"{self.path.name}: {sentence}")
+
+    def __iter__(self) -> Iterator[Xml]:
+        return (Xml(part, self.path) for part in self.element)
+
+    def all(self, place: str) -> list[Xml]:
+        """Every element at an XPath."""
+        return [Xml(part, self.path) for part in self.element.iterfind(place)]
+
+    def find(self, place: str) -> Xml | None:
+        """The first element at an XPath, None where there is none."""
+        part = self.element.find(place)
+        return None if part is None else Xml(part, self.path)
+
+    def child(self, place: str) -> Xml:
+        """The same. Raises InputError where it is missing."""
+        part = self.find(place)
+        if part is None:
+            raise self.wrong(f"<{self.tag}> has no <{place}>; export the project again")
+        return part
+
+    def text(self, place: str, default: str | None = None) -> str:
+        """Text of the element at an XPath, without quotes; raises InputError where it is empty."""
+        text = (self.element.findtext(place) or default or "").strip().strip('"')
+        if not text:
+            raise self.wrong(f"<{place}> is missing or empty; export it again")
+        return text
+
+    def values(self, place: str = ".", count: int | None = None) -> np.ndarray:
+        """Numbers in the text of the element at an XPath.
+
+        Raises InputError where there is none, or not `count` of them.
+        """
+        part = self.element if place == "." else self.child(place).element
+        words = (part.text or "").split()
+        if not words or (count is not None and len(words) != count):
+            raise self.wrong(
+                f"<{part.tag}> holds {len(words)} numbers"
+                + (f" where {count} belong" if count else "")
+                + "; export the project again"
+            )
+        return self._named(words, f"<{part.tag}>")
+
+    def value(self, place: str, default: float | None = None) -> float:
+        """The one number in the text of an element; the default where it is missing."""
+        if default is not None and self.element.find(place) is None:
+            return default
+        return float(self.values(place, 1)[0])
+
+    def get(self, name: str, default: str | None = None) -> str | None:
+        """Text of an attribute."""
+        return self.element.get(name, default)
+
+    def number(self, name: str, default: float | None = None) -> float | None:
+        """A number in an attribute, the default where it is missing."""
+        text = self.element.get(name)
+        if text is None:
+            return default
+        return float(self._named([text], f"{name} of <{self.tag}>")[0])
+
+    def _named(self, words, what):
+        try:
+            return numbers(words, self.path, 0, what)
+        except InputError as error:
+            raise InputError(str(error).replace(", line 0:", ":")) from None
+
+
+def add_xml(
+    parent: ElementTree.Element, tag: str, *found: str | float, **attributes: str | float
+) -> ElementTree.Element:
+    """A new element with text (numbers with all digits, a blank between them) and attributes."""
+    shown = {key: _shown(value) for key, value in attributes.items()}
+    element = ElementTree.SubElement(parent, tag, shown)
+    if found:
+        element.text = " ".join(map(_shown, found))
+    return element
+
+
+def _shown(value):
+    return value if isinstance(value, str) else repr(float(value))
+
+
+def write_xml(root: ElementTree.Element, path: Path) -> None:
+    """Write an XML file."""
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+# --- JSON ------------------------------------------------------------------------------------
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of TOML or JSON is a finite number; whole ones there may have any length."""
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and -1e300 < value < 1e300
+    )
+
+
+class Json:
+    """A value of a JSON file, and where it stands."""
+
+    __slots__ = ("value", "where")
+
+    def __init__(self, value, where: str):
+        self.value, self.where = value, where
+
+    @classmethod
+    def read(cls, path: Path) -> Json:
+        """What a JSON file holds. Raises InputError naming file and line."""
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise missing(path, error) from error
+        try:
+            return cls(
+                json.loads(data.decode("utf-16" if data[:2] in _UTF16 else "utf-8-sig")), path.name
+            )
+        except UnicodeDecodeError as error:
+            line = data.count(b"\n", 0, error.start) + 1
+            raise Line(path, line, "").wrong("not UTF-8; save the file as UTF-8") from None
+        except json.JSONDecodeError as error:
+            raise Line(path, error.lineno, "").wrong(
+                f"the JSON is broken or ends early ({error.msg}); export the project again"
+            ) from None
+        except RecursionError:
+            raise InputError(
+                f"{path.name} is nested without end; export the project again"
+            ) from None
+
+    def wrong(self, sentence: str) -> InputError:
+        """The error that names file and place before the sentence."""
+        return InputError(f"{self.where} {sentence}; export the project again")
+
+    def get(self, key: str) -> object:
+        """What an object holds under a key; None where it does not, or is no object."""
+        return self.value.get(key) if isinstance(self.value, dict) else None
+
+    def at(self, key: str | int, kind: str = "") -> Json:
+        """The value of a key of an object, of a row of a list."""
+        name = f"{kind} {key!r}" if kind else str(key)
+        return Json(self.value[key], f"{self.where}: {name}")
+
+    def objects(self, key: str, kind: str = "") -> dict[str, Json]:
+        """The members of the object under a key. Raises InputError where there is none."""
+        if not isinstance(self.get(key), dict):
+            raise self.wrong(f"has no {key}")
+        inner = Json(self.value[key], self.where)
+        return {name: inner.at(name, kind or key) for name in inner.value}
+
+    def rows(self, key: str, kind: str) -> list[Json]:
+        """The rows of the list under a key. Raises InputError where there is none."""
+        found = self.get(key)
+        if not isinstance(found, list):
+            raise self.wrong(f"has no list of {key}")
+        return [Json(row, f"{self.where}: {kind} {k}") for k, row in enumerate(found, start=1)]
+
+    def text(self, key: str) -> str:
+        """The text under a key. Raises InputError where there is none."""
+        if not isinstance(self.get(key), str):
+            raise self.wrong(f"has no {key}")
+        return self.value[key]
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """The finite number under a key. Raises InputError naming the place."""
+        value = self.get(key)
+        value = default if value is None and isinstance(self.value, dict) else value
+        if is_number(value):
+            return float(value)
+        raise self.wrong(f"has no number {key} ({value!r})")
+
+    def numbers(self, key: str, count: int) -> np.ndarray:
+        """The `count` finite numbers under a key. Raises InputError naming the place."""
+        found = self.get(key)
+        if isinstance(found, list) and len(found) == count and all(map(is_number, found)):
+            return np.array(found, dtype=float)
+        raise InputError(
+            f"{self.where}: {key} is not {count} finite numbers; export the project again"
+        )

@@ -1,0 +1,153 @@
+"""The call: what is missing from the model of this block?"""
+
+from __future__ import annotations
+
+import os
+import time
+
+from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_part
+from corridor.core.block import Block, read
+from corridor.core.engine.threads import one_thread
+from corridor.core.options import options
+from corridor.core.output import counted, plain
+from corridor.core.preparation import derived, doubts, prepare
+from corridor.diagnosis.anomalies.variance import variance_alarms
+from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
+from corridor.diagnosis.findings.diagnosed import Diagnosed
+from corridor.diagnosis.findings.findings import Findings
+from corridor.diagnosis.findings.verdict import detection_limits, findings
+from corridor.diagnosis.reference import ReferenceModel
+from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
+from corridor.diagnosis.report.beside import beside
+from corridor.diagnosis.rounds import Question, course_of
+from corridor.diagnosis.verification.verification import Verification
+
+
+class Diagnosis(Diagnosed):
+    __doc__ = Diagnosed.__doc__
+
+    actions = property(actions, doc="At most three sentences on what to do next, with the command.")
+    sentence = property(sentence, doc="What is missing, in a sentence that a surveyor understands.")
+    evidence = property(evidence, doc=evidence.__doc__)
+    __str__ = as_text
+    _repr_html_ = as_html
+    beside = beside
+    save = save
+
+    def __repr__(self) -> str:
+        return f"Diagnosis of {self.block.name}: {self.verdict}. {self.sentence}"
+
+    def to_dict(self) -> dict:
+        """diagnosis.json."""
+        return plain(
+            {
+                "verdict": self.verdict,
+                "sentence": self.sentence,
+                "actions": self.actions,
+                "required": self.required,
+                "effects": self.effects,
+                "unknown": self.unknown,
+                "untestable": self.untestable,
+                "derived": [one.to_dict() for one in derived(self.block)],
+                "detection_limits": self.detection_limits,
+                "gap": self.gap,
+                "lens": self.lens,
+                "variance": self.alarms,
+                "threshold": self.course.last.threshold,
+                "rounds": [one.log for one in self.course.rounds],
+                "notes": self.notes,
+            }
+        )
+
+
+@options(model=Model, asked=Question, run=Run)
+@one_thread()
+def diagnose(
+    block: Block | str | os.PathLike, model: Model, *, asked: Question, run: Run
+) -> Diagnosis:
+    """What is missing from the believed model of a measured block.
+
+    block: as read, or its folder.
+    camera, effects, control, check, lever_arm: the believed model, as given to `corridor.adjust`;
+        default: Fraser's ten parameters free, or fixed where block.toml says `calibrated = true`.
+    priors: value and standard deviation of camera and effect parameters by name; also of
+        candidates, by `slug` (its first parameter) or `slug.parameter`: laboratory knowledge.
+    model: a `Model` in place of these.
+    only, without: slugs of the catalogue to test, or to leave out.
+    level: probability of a false name in a block that lacks nothing.
+    seed: of the simulated threshold and the choice of held-out observations.
+    asked: a `Question` in place of these.
+    progress: called with a dictionary that holds a message.
+    threads, max_iterations, strict, run: of an adjustment, as `corridor.adjust` has them.
+
+    Columns that are missing never stop it: see `untestable`.
+    Raises InputError where the block cannot be adjusted as asked or a slug is unknown,
+    AdjustmentFailed where the believed model does not converge.
+    """
+    began = time.perf_counter()
+    block, found, notes = prepare(read(block))
+    notes = [*(one.sentence for one in found if one.column == "gnss"), *notes]
+    block, left_out = sound_part(block, model, run.strict)
+    doubtful = doubts(block)
+    notes = [*left_out, *notes]
+    believed = ReferenceModel.of(block, model, run)
+    course = course_of(believed, asked, run.say)
+    fallen = len(block.tie_points) - len(believed.block.tie_points)
+    if fallen:
+        block = believed.block
+        notes.append(
+            f"{counted(fallen, 'measurement')} of tie points that the believed model drew into a "
+            "camera left out: their rays are nearly parallel, or their matches are wrong."
+        )
+    run.say("measuring the gap")
+    held = Verification(believed, course, findings(course), asked.seed)
+    before, last = course.first, course.last
+    after, used = held.after()
+    found = held.findings
+    _add_discontinuity(found, before, last.adjustment)
+    untestable = sorted(course.candidates.untestable.items())
+    limits = detection_limits(last)
+    last.let_go()
+    return Diagnosis(
+        block=block,
+        believed=believed,
+        before=before,
+        after=after,
+        course=course,
+        findings=found,
+        gap=held.gap(after),
+        detection_limits=limits,
+        untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
+        lens=held.lens,
+        alarms=[*variance_alarms(last.equations), *outlier_clusters(last.adjustment)],
+        notes=[
+            *doubtful,
+            *implausible(before),
+            *course.notes,
+            *course.impossible.values(),
+            *notes,
+            *held.notes,
+        ],
+        doubts=doubtful,
+        seconds=time.perf_counter() - began,
+        used=used,
+        rivals=held.rivals,
+        level=asked.level,
+        seed=asked.seed,
+    )
+
+
+def _add_discontinuity(found: Findings, before: Adjustment, last: Adjustment) -> None:
+    """The rim of a pane among what was found: where a shape shows it, or the fit has set it aside.
+
+    before, last: adjustments of the believed model, and of the last round.
+    """
+    shown = next((one for one in found.unknown if one.group in shows_as()), None)
+    if shown is not None:
+        # The lines of that group are far apart; before they bent to it, points told the rim.
+        rim = broken_picture(before)
+        if rim is not None:
+            shown.where, shown.location = rim.where, rim.location
+    elif all(one.kind != "unknown" for one in found.unknown):
+        rim = broken_picture(last)
+        found.unknown += [] if rim is None else [rim]

@@ -1,1 +1,0 @@
-"""Formats of tracks and image times, one a file; `corridor.gnss.reading` finds them."""

@@ -1,0 +1,1 @@
+"""Verbs of the core, one a file; those of a tool stand in its folder."""

@@ -1,0 +1,31 @@
+"""Show what is in a block, and what cannot be done for lack of data.
+
+examples:
+  corridor summary data_synthetic/dike
+      the shipped block: what is in it, and what looks wrong
+  corridor summary BLOCK -o out/look
+      also saves a first-look picture there
+"""
+
+import argparse
+
+from corridor.core.command.options import option, wrote
+
+OPTIONS = {"block": {}, "--output": option("folder for the first-look picture")}
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the summary and the effects that want more data; draw the block if asked."""
+    import corridor
+    from corridor.core import output as report
+    from corridor.core.preparation import doubts
+
+    block = corridor.read(options.block)
+    look = corridor.summary(block)
+    look.notes = [*doubts(block), *look.notes]
+    print(look)
+    if options.output is not None:
+        path = options.output / "first_look.png"
+        with report.whole_file(path) as part:
+            report.write_picture(corridor.figures.first_look(block), part)
+        wrote(path)

@@ -1,0 +1,577 @@
+"""What an adjustment found, for a terminal, a notebook, another program and a folder."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+from scipy.special import chdtri
+
+from corridor.core.output.files import (
+    files_in,
+    listed_in,
+    whole_folder,
+    write_csv,
+    write_json,
+    write_picture,
+)
+from corridor.core.output.json import plain
+from corridor.core.output.numbers import (
+    DASH,
+    coefficient,
+    counted,
+    fixed,
+    metre_digits,
+    millimetres,
+    rounded,
+    scaled,
+    short,
+    significant,
+    times,
+)
+from corridor.core.output.pages import Report
+from corridor.core.output.table import Table
+from corridor.core.output.units import with_units
+
+RESULT = "adjustment.json"
+CAPTIONS = {
+    "check_points": (
+        "Where the adjusted check points lie, seen from where they were surveyed. A pattern that "
+        "turns, bends or grows along the corridor is not chance."
+    ),
+    "residual_vectors": (
+        "What the camera model leaves over. Arrows in all directions are noise; arrows that "
+        "follow their neighbours are something the camera did that the model does not know."
+    ),
+    "residuals_along": (
+        "Image and GNSS residuals along the block. Steps between strips or flights, and slopes "
+        "along one, point at time, at the antenna or at the camera."
+    ),
+    "correlation_matrix": (
+        "Parameters that this block cannot tell apart: a full cell means that one can stand in "
+        "for the other."
+    ),
+    "first_look": "Images, points and coverage of the block after the adjustment.",
+}
+
+_KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control"}
+_UNITS = {"f": "px", "cx": "px", "cy": "px"}
+_DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["sx", "sy", "sz"]
+_STRONG = 0.95
+_MOST_GROUPS_SHOWN = 8  # of one effect parameter
+_MOST_POINTS = 20
+_MOST_PAIRS = 12
+# A sum of squares of check points that chance exceeds this rarely; a sigma naught worth a question.
+_RARE, _LARGE = 0.01, 1.1
+_MOST_STEPS = 3
+
+
+class Adjusted(Protocol):
+    """What a report reads of an adjustment; see `corridor.Adjustment` for shapes and units."""
+
+    block: Any
+    required: float | None
+    converged: bool
+    iterations: int
+    seconds: float
+    sigma0: float
+    redundancy: int
+    warnings: list[str]
+    statistics: dict[str, dict]
+    residuals: dict[str, pd.DataFrame]
+    camera: pd.DataFrame
+    effects: pd.DataFrame
+    values: Any
+    lever_arm: pd.DataFrame
+    poses: pd.DataFrame
+    point_sigma: np.ndarray
+    check_points: pd.DataFrame
+    check_rms: Any
+    check_mean: Any
+    check_std: Any
+    correlations: pd.DataFrame
+    high_correlations: pd.DataFrame
+    correlation_matrix: pd.DataFrame
+
+    def write_gis(self, stem: Path) -> None: ...
+
+
+def of_adjustment(adjustment: Adjusted) -> Report:
+    """Headline, warnings and every table of an adjustment, those without rows left out."""
+    if len(adjustment.check_points):
+        # Theirs need those of all points: of a river, before the residuals take the room.
+        adjustment.point_sigma  # noqa: B018
+    made = [
+        _observations(adjustment),
+        _camera(adjustment),
+        _effects(adjustment),
+        _lever_arms(adjustment),
+        _check_points(adjustment),
+        _check_statistics(adjustment),
+        _correlations(adjustment),
+        _strong_correlations(adjustment),
+    ]
+    return Report(
+        title=f"Adjustment of {adjustment.block.name}",
+        opening=_headline(adjustment),
+        warnings=adjustment.warnings,
+        tables=[table for table in made if table is not None],
+        actions=_actions(adjustment),
+    )
+
+
+def save_adjustment(
+    adjustment: Adjusted,
+    folder: str | os.PathLike,
+    pictures: Mapping[str, Any] | Callable[[Adjusted], Mapping[str, Any]] | None = None,
+    captions: Mapping[str, str] = CAPTIONS,
+    gis: bool = False,
+) -> list[Path]:
+    """Writes an adjustment into `folder`, whole or not at all; returns the paths, sorted.
+
+    adjustment.json, report.html (one page, pictures inside), block/ (the adjusted block), one
+    PNG for each picture, check_points.csv, poses.csv, outliers.csv (image measurements held to be
+    wrong) and effect_SLUG.csv for an effect of more than 50 groups.
+    pictures: matplotlib figures by name, or what makes them: `corridor.figures.of_adjustment`.
+    captions: one sentence for each, for the page.
+    gis: also adjustment.gpkg (points, check vectors, cameras, footprints) and adjustment.las.
+    An earlier result in `folder` is replaced; what else lies there stays. Raises InputError where
+    `folder` is a file, or holds something but no earlier result; with gis, where the extra is
+    missing.
+    """
+    folder, block = Path(folder), adjustment.block
+    with (
+        whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part,
+        ThreadPoolExecutor(1) as aside,
+    ):
+        # Of a river both take as long, and a file is written while Python draws.
+        written = aside.submit(block.write, part / "block", form=block.form)
+        pictures = pictures(adjustment) if callable(pictures) else pictures or {}
+        shown = []
+        for name, figure in pictures.items():
+            png = write_picture(figure, part / f"{name}.png")
+            shown.append((name.replace("_", " "), captions.get(name, ""), png))
+        page = of_adjustment(adjustment).page(shown)
+        (part / "report.html").write_text(page, encoding="utf-8", newline="\n")
+        for name, table in _files(adjustment).items():
+            write_csv(table, part / name)
+        if gis:
+            adjustment.write_gis(part / "adjustment")
+        written.result()
+        content = adjustment_dict(adjustment)
+        content["pictures"] = [f"{name}.png" for name in pictures]
+        content["files"] = sorted([RESULT, *files_in(part)])
+        write_json(content, part / RESULT)
+        names = files_in(part)
+    return [folder / name for name in names]
+
+
+def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
+    """The content of `adjustment.json`: finite numbers or None.
+
+    Effects are as `corridor.effects.Values` writes them; effect_groups: who shares their values.
+    """
+    check = {
+        name: {"xy": found.xy, "z": found.z, "3d": found.d3}
+        for name, found in (
+            ("rms", adjustment.check_rms),
+            ("mean", adjustment.check_mean),
+            ("std", adjustment.check_std),
+        )
+    }
+    camera: dict[str, dict] = {}
+    for row in adjustment.camera.itertuples(index=False):
+        camera.setdefault(row.camera, {})[row.parameter] = {"value": row.value, "sigma": row.sigma}
+    lever_arm = {
+        row.flight: {
+            axis: {"value": getattr(row, axis), "sigma": getattr(row, f"s{axis}")} for axis in "xyz"
+        }
+        for row in adjustment.lever_arm.itertuples(index=False)
+    }
+    content = {
+        "block": adjustment.block.name,
+        "required": adjustment.required,
+        "converged": bool(adjustment.converged),
+        "iterations": adjustment.iterations,
+        "seconds": adjustment.seconds,
+        "sigma0": adjustment.sigma0,
+        "redundancy": adjustment.redundancy,
+        "observations": adjustment.statistics,
+        "camera": camera,
+        "effects": adjustment.values.to_json(),
+        "effect_groups": {slug: one.kind for slug, one in adjustment.values.items()},
+        "lever_arm": lever_arm,
+        "check_points": {"rows": adjustment.check_points.to_dict(orient="records"), **check},
+        "correlations": adjustment.correlations.to_dict(orient="records"),
+        "high_correlations": adjustment.high_correlations.to_dict(orient="records"),
+        "parameters": len(adjustment.correlation_matrix),
+        "warnings": adjustment.warnings,
+    }
+    return plain(content)
+
+
+def _files(adjustment: Adjusted) -> dict[str, pd.DataFrame]:
+    """The tables of full numbers by the names of their files."""
+    files = {
+        "check_points.csv": adjustment.check_points,
+        "poses.csv": adjustment.poses,
+        "outliers.csv": _outliers(adjustment),
+    } | adjustment.values.tables()
+    return {name: table for name, table in files.items() if len(table) or name == "poses.csv"}
+
+
+def _outliers(adjustment: Adjusted) -> pd.DataFrame:
+    """Image measurements flagged as outlier, largest first."""
+    columns = ["point", "image", "x", "y", "vx", "vy", "sigma"]
+    parts = []
+    for kind in ("tie", "mark"):
+        table = adjustment.residuals[kind]
+        part = table.loc[table["outlier"], columns].astype({"point": str, "image": str})
+        parts.append(part.assign(kind=kind))
+    every = with_units(pd.concat(parts, ignore_index=True), {"px": "x y vx vy sigma"})
+    size = np.hypot(every["vx"], every["vy"]) / every["sigma"]
+    return every.iloc[np.argsort(-size.to_numpy(), kind="stable")].reset_index(drop=True)
+
+
+# --- the opening -------------------------------------------------------------------------------
+
+
+def _headline(adjustment: Adjusted) -> str:
+    """The first sentences of a report, for a surveyor who reads nothing else."""
+    block = adjustment.block
+    name = short(block.name, 50)
+    steps = counted(adjustment.iterations, "iteration")
+    images = counted(len(block.images), "image")
+    if not adjustment.converged:
+        return (
+            f"The adjustment of {name} ({images}) did not converge in {steps}: "
+            "its numbers are not a result."
+        )
+    parts = [f"The adjustment of {name} ({images}) converged in {steps}."]
+    sigma0 = float(adjustment.sigma0)
+    if math.isfinite(sigma0):
+        parts.append(f"Sigma naught is {sigma0:.3f}: the residuals are {_compared(sigma0)}.")
+    return " ".join([*_judged(adjustment), *parts, *_measured(adjustment)])
+
+
+def _judged(adjustment: Adjusted) -> list[str]:
+    """Whether it is good enough, where somebody says what is."""
+    if adjustment.required is None:
+        return []
+    wanted = f"{millimetres(adjustment.required)} are required"
+    count = len(adjustment.check_points)
+    if not count:
+        return [f"Whether it is good enough is not known: {wanted}, and there is no check point."]
+    found = adjustment.check_rms.d3
+    verdict = "Good enough" if found <= adjustment.required else "Not good enough"
+    at = counted(count, "check point")
+    return [f"{verdict}: {millimetres(found)} at {at} (3D RMS), {wanted}."]
+
+
+def _measured(adjustment: Adjusted) -> list[str]:
+    """How far off the check points are."""
+    count, rms = len(adjustment.check_points), adjustment.check_rms
+    if not count:
+        return ["There are no check points, so nothing independent tests it."]
+    return [
+        f"At {counted(count, 'check point')} it is off by {millimetres(rms.xy)} in plan and "
+        f"{millimetres(rms.z)} in height (RMS)."
+    ]
+
+
+def check_sigma(adjustment: Adjusted) -> np.ndarray:
+    """Standard deviations (n, 3), m, of what `check_points` are off by: adjusted and surveyed."""
+    ground = adjustment.block.ground
+    at = pd.Index(ground["point"].astype(str)).get_indexer(
+        adjustment.check_points["point"].astype(str)
+    )
+    surveyed = adjustment.block.ground_sigma()[at]
+    return np.hypot(adjustment.check_points[_SIGMAS].to_numpy(float), surveyed)
+
+
+def doubted(adjustment: Adjusted) -> bool:
+    """Whether check points or residuals are larger than their standard deviations say."""
+    return _beyond(adjustment) or bool(adjustment.sigma0 > _LARGE)
+
+
+def _beyond(adjustment: Adjusted) -> bool:
+    """Whether check points are off by more than chance makes of their standard deviations."""
+    check = adjustment.check_points
+    if not len(check):
+        return False
+    # The sum of squares of n normalised numbers is a chi-square of n degrees of freedom.
+    scaled = check[_DIFFERENCES].to_numpy(float) / check_sigma(adjustment)
+    return bool(np.sum(np.square(scaled)) > chdtri(np.size(scaled), _RARE))
+
+
+def _actions(adjustment: Adjusted) -> list[str]:
+    """What to do next, the most useful first, at most three."""
+    if not adjustment.converged:
+        return []
+    go_on = "Go on with OUT/block, or in another program: `corridor export FORMAT OUT -o OUT2`."
+    return steps(adjustment) or [go_on]
+
+
+def steps(adjustment: Adjusted) -> list[str]:
+    """What has to be done about an adjustment, the most useful first, at most three sentences."""
+    out, check = [], adjustment.check_points
+    rms, beyond = adjustment.check_rms, _beyond(adjustment)
+    missed = len(check) and adjustment.required is not None and rms.d3 > adjustment.required
+    if beyond or missed or adjustment.sigma0 > _LARGE:
+        why = "Check points are off by more than their standard deviations say" if beyond else ""
+        why = why or ("It is not accurate enough" if missed else "The residuals are too large")
+        out.append(f"{why}: ask what is missing from the model, `corridor diagnose BLOCK -o OUT`")
+    if missed and not beyond:
+        out.append(
+            "The standard deviations say the same: more control, images or GNSS are needed; "
+            "`corridor plan PLAN` says how many"
+        )
+    if not len(check):
+        out.append("Keep surveyed points apart to test it: `corridor adjust BLOCK --check ID,ID`")
+    outliers = sum(len(table[table["outlier"]]) for table in adjustment.residuals.values())
+    if outliers:
+        where = counted(outliers, "measurement")
+        out.append(f"Look at {where} held to be wrong: image measurements are in outliers.csv")
+    doubtful = _doubtful(adjustment)
+    if doubtful and adjustment.camera["camera"].nunique() == 1:
+        free = adjustment.camera.loc[adjustment.camera["sigma"] > 0, "parameter"]
+        kept = ",".join(name for name in free if name not in {name for _, name in doubtful})
+        named = ", ".join(name for _, name in doubtful)
+        out.append(f"Leave out {named}, which may be zero: `--camera {kept or 'fixed'}`")
+    return [f"{action}." for action in out[:_MOST_STEPS]]
+
+
+def _compared(sigma0: float) -> str:
+    percent = round(100 * (sigma0 - 1))
+    if abs(percent) <= 5:
+        return "as large as the stated standard deviations say"
+    if percent > 100:
+        return f"{sigma0:.1f} times as large as the stated standard deviations say"
+    word = "larger" if percent > 0 else "smaller"
+    return f"{abs(percent)} % {word} than the stated standard deviations say"
+
+
+# --- the tables --------------------------------------------------------------------------------
+
+
+def _observations(adjustment: Adjusted) -> Table:
+    """Number, outliers, RMS and sigma naught of each kind of measurement."""
+    rows, gross = [], []
+    for kind, found in adjustment.statistics.items():
+        if not found.get("count"):
+            continue
+        counts = (f"{found['count']:,}", f"{found['outliers']:,}")
+        rows.append((_KINDS[kind], *counts, _rms(found["rms"]), fixed(found["sigma0"], 3)))
+        if found.get("gross"):
+            gross.append(f"{found['gross']:,} of {_KINDS[kind]}")
+    notes = [
+        f"all together: sigma naught {fixed(adjustment.sigma0, 4)}, "
+        f"redundancy {adjustment.redundancy:,}"
+    ]
+    if gross:
+        left_out = "RMS and sigma naught of a line leave out gross errors, beyond 15 robust sigmas"
+        notes.insert(0, f"{left_out}: {', '.join(gross)}")
+    header = ("residuals", "count", "outliers", "RMS", "sigma naught")
+    return Table("Observations", header, tuple(rows), "lrrlr", tuple(notes))
+
+
+def _rms(rms) -> str:
+    """One number in px an axis, or three in metres."""
+    if np.ndim(rms) == 0:
+        return f"{fixed(rms, 3)} px an axis"
+    digits = metre_digits(rms)
+    return "  ".join(fixed(value, digits) for value in rms) + " m (x, y, z)"
+
+
+def _camera(adjustment: Adjusted) -> Table:
+    """Interior parameters, and which of them may be zero."""
+    frame = adjustment.camera
+    several = frame["camera"].nunique() > 1
+    rows = []
+    for row in frame.itertuples(index=False):
+        if row.sigma <= 0 and row.value == 0:
+            continue  # a coefficient this camera does not have
+        name = (short(row.camera),) if several else ()
+        unit = _UNITS.get(row.parameter, "")
+        rows.append((*name, row.parameter, *rounded(row.value, row.sigma), unit))
+    doubtful = [
+        f"{short(camera)} {parameter}" if several else parameter
+        for camera, parameter in _doubtful(adjustment)
+    ]
+    notes = ()
+    if doubtful:
+        verb = "differs" if len(doubtful) == 1 else "differ"
+        notes = (f"{', '.join(doubtful)} {verb} from zero by less than two standard deviations",)
+    if several:
+        header = ("camera", "parameter", "value", "sigma", "unit")
+        return Table("Cameras", header, tuple(rows), "llrrl", notes)
+    title = f"Camera {short(frame['camera'].iloc[0])}"
+    return Table(title, ("parameter", "value", "sigma", "unit"), tuple(rows), "lrrl", notes)
+
+
+def _doubtful(adjustment: Adjusted) -> list[tuple[str, str]]:
+    """Camera and parameter of the coefficients that may be zero."""
+    return [
+        (row.camera, row.parameter)
+        for row in adjustment.camera.itertuples(index=False)
+        if row.parameter not in _UNITS and row.sigma > 0 and abs(row.value) < 2 * row.sigma
+    ]
+
+
+def _effects(adjustment: Adjusted) -> Table | None:
+    """Parameters of the effects that were estimated; many groups of one are summed up."""
+    frame = adjustment.effects
+    if not len(frame):
+        return None
+    rows, notes = [], []
+    for (slug, parameter), part in frame.groupby(["slug", "parameter"], sort=False):
+        slug = short(slug)
+        known = part[["value", "sigma"]].to_numpy(float)
+        factor, unit = scaled(str(part["unit"].iloc[0]), *known.ravel(), name=str(parameter))
+        part = part.assign(value=factor * part["value"], sigma=factor * part["sigma"])
+        if len(part) > _MOST_GROUPS_SHOWN:
+            values, typical = part["value"], float(np.nanmedian(part["sigma"]))
+            mean = rounded(values.mean(), typical)
+            low, high = (rounded(value, typical)[0] for value in (values.min(), values.max()))
+            rows.append((slug, parameter, f"{len(part):,} groups", *mean, unit, DASH))
+            notes.append(
+                f"{slug} {parameter}: mean of the groups and median of their sigmas; "
+                f"values from {low} to {high} {unit}".rstrip()
+            )
+            continue
+        for row in part.itertuples(index=False):
+            found = rounded(row.value, row.sigma)
+            ratio = abs(row.value) / row.sigma if row.sigma > 0 else math.nan
+            rows.append((slug, parameter, short(row.group, 16), *found, unit, times(ratio)))
+    notes += _readouts(adjustment)
+    header = ("effect", "parameter", "of", "value", "sigma", "unit", "value/sigma")
+    return Table("Effects", header, tuple(rows), "lllrrlr", tuple(notes))
+
+
+def _readouts(adjustment: Adjusted) -> list[str]:
+    """What block.toml states of a camera's readout beside what was estimated of it."""
+    frame, cameras = adjustment.effects, adjustment.block.cameras
+    notes = []
+    for row in frame[frame["parameter"] == "readout"].itertuples(index=False):
+        mine = [cameras[row.group]] if row.group in cameras else cameras.values()
+        stated = {camera.readout_s for camera in mine} - {None}
+        sources = {camera.extra.get("readout_from") for camera in mine} - {None}
+        source = f" ({sources.pop()})" if len(sources) == 1 else ""
+        if len(stated) == 1 and math.isfinite(row.sigma) and row.sigma > 0:
+            value, sigma = rounded(1000 * row.value, 1000 * row.sigma)
+            of = f" of {short(row.group, 16)}" if row.group in cameras else ""
+            notes.append(
+                f"readout{of}: stated {1000 * stated.pop():.1f} ms{source}, estimated {value} +- "
+                f"{sigma} ms"
+            )
+    return notes
+
+
+def _lever_arms(adjustment: Adjusted) -> Table | None:
+    """From the camera to the GNSS antenna, flight by flight."""
+    rows = []
+    for row in adjustment.lever_arm.itertuples(index=False):
+        axes = ((row.x, row.sx), (row.y, row.sy), (row.z, row.sz))
+        found = [rounded(value, 0.0 if row.fixed else sigma) for value, sigma in axes]
+        rows.append((short(row.flight), *found[0], *found[1], *found[2]))
+    if not rows:
+        return None
+    header = ("flight", "x", "sigma", "y", "sigma", "z", "sigma")
+    note = "metres, camera frame (x right, y down, z forward), camera to antenna"
+    return Table("Lever arm of the GNSS antenna", header, tuple(rows), "lrrrrrr", (note,))
+
+
+def _check_points(adjustment: Adjusted) -> Table | None:
+    """The check points one by one, of many the largest."""
+    frame = adjustment.check_points
+    if not len(frame):
+        return None
+    differences = frame[_DIFFERENCES].to_numpy(dtype=float)
+    numbers = 1e3 * np.hstack([differences, check_sigma(adjustment)])
+    names, rays = frame["point"].to_numpy(object), frame["rays"].to_numpy()
+    digits = _mm_digits(numbers)
+    notes = ["mm, adjusted minus given; sigmas of that difference, survey of the point included"]
+    if len(frame) > _MOST_POINTS:
+        size = np.linalg.norm(differences, axis=1)
+        left_out = counted(len(frame) - _MOST_POINTS, "smaller one")
+        notes.append(f"the {_MOST_POINTS} largest; {left_out} left out")
+        largest = np.sort(np.argsort(-size, kind="stable")[:_MOST_POINTS])
+        numbers, names, rays = numbers[largest], names[largest], rays[largest]
+    rows = [
+        (short(name), *(fixed(value, digits) for value in values), f"{seen:,}")
+        for name, values, seen in zip(names, numbers, rays, strict=True)
+    ]
+    header = ("check point", "dx", "dy", "dz", "sigma x", "sigma y", "sigma z", "images")
+    return Table("Check points", header, tuple(rows), "lrrrrrrr", tuple(notes))
+
+
+def _mm_digits(numbers) -> int:
+    """Decimals of differences in millimetres: none, unless all are below two of them."""
+    return max(metre_digits(np.asarray(numbers) / 1e3) - 3, 0)
+
+
+def _check_statistics(adjustment: Adjusted) -> Table | None:
+    """RMS, mean and STD of all check points, in plan, height and space."""
+    count = len(adjustment.check_points)
+    if not count:
+        return None
+    digits = _mm_digits(1e3 * adjustment.check_points[_DIFFERENCES].to_numpy(float))
+    statistics = {
+        "RMS": adjustment.check_rms,
+        "mean": adjustment.check_mean,
+        "STD": adjustment.check_std,
+    }
+    rows = tuple(
+        (name, *(fixed(1e3 * value, digits) for value in (found.xy, found.z, found.d3)))
+        for name, found in statistics.items()
+    )
+    title = f"{counted(count, 'check point')} together" if count > 1 else "The check point"
+    note = "mm; RMS about zero, STD about the mean"
+    return Table(title, ("", "xy", "z", "3D"), rows, "lrrr", (note,))
+
+
+def _correlations(adjustment: Adjusted) -> Table | None:
+    """Focal length and lever arm with the heights they can stand in for."""
+    rows = tuple(
+        (
+            short(pair.a, 30),
+            short(pair.b, 28),
+            coefficient(pair.mean),
+            fixed(pair.std, 3),
+            significant(pair.sigma_a),
+            significant(pair.sigma_b),
+        )
+        for pair in adjustment.correlations.itertuples()
+    )
+    if not rows:
+        return None
+    header = ("of", "with", "mean", "STD", "sigma of", "sigma with")
+    note = "over all images or points the second name stands for; sigmas in px (f) and m"
+    return Table("Correlations with position", header, rows, "llrrrr", (note,))
+
+
+def _strong_correlations(adjustment: Adjusted) -> Table | None:
+    """Parameters that can hardly be told apart, the strongest first."""
+    pairs = adjustment.high_correlations.sort_values("value", key=lambda v: -v.abs(), kind="stable")
+    names = list(adjustment.correlation_matrix)
+    if not len(pairs):
+        if len(names) < 2:
+            return None
+        note = f"none of the {len(names):,} parameters' correlations is above {_STRONG}"
+        return Table("Strong correlations", notes=(note,))
+    shown = pairs[:_MOST_PAIRS]
+    rows = tuple(
+        (short(pair.a, 38), short(pair.b, 38), coefficient(pair.value))
+        for pair in shown.itertuples()
+    )
+    notes = [f"between parameters, above {_STRONG} in size"]
+    if len(pairs) > len(shown):
+        notes.append(f"{counted(len(pairs) - len(shown), 'further pair')} above it left out")
+    header = ("of", "with", "correlation")
+    return Table("Strong correlations", header, rows, "llr", tuple(notes))

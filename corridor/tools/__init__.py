@@ -1,0 +1,1 @@
+"""Tools beside the core: each one folder with its verb, its function and its page."""

@@ -1,0 +1,1 @@
+"""Verbs of batch, one a file."""

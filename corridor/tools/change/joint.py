@@ -1,0 +1,338 @@
+"""The covariance of anything that is linear in the points of both dates.
+
+Each date has its own noise, and both may share errors: those of control points that were given
+the same coordinates both times, of priors that were given twice, of a GNSS base station. With R
+what a common error does to a function by way of one date,
+
+    cov = cov_before + cov_after + R_before C R_after' + R_after C R_before'
+
+where the variances of each date hold their R C R' already. In one adjustment of both nothing is
+left to be added: there is one covariance. Which errors may be common:
+
+- control: a point that is control in both with the same coordinates has the same survey error;
+- priors: a value known beforehand, given to both, is wrong by the same amount;
+- gnss: a constant error of the GNSS (of its base station). No sigma of a position holds it, so it
+  counts only where its standard deviation is stated; common, it leaves the change alone where both
+  blocks hang on the GNSS alike, and adds to it where it belongs to each date.
+
+Source: Caspary 2000 (deformation of two epochs), here with the points eliminated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import block_diag, csr_array, hstack, vstack
+
+from corridor.core.engine.compiled import compiled
+from corridor.core.errors import InputError
+from corridor.tools.change.epoch import Cloud, Epoch, Spread, coordinates
+
+KINDS = ("control", "priors", "gnss")
+# Two surveys of a control point are one where they agree to a tenth of a millimetre.
+SAME_M = 1e-4
+# Numbers of a covariance held at a time.
+_HELD = 40_000_000
+
+
+class Joint:
+    """Covariances of linear functions of two clouds, see `corridor.tools.change.epoch`.
+
+    common: which errors both dates share, of `KINDS`. gnss_bias: standard deviations (3,), m, of a
+    constant error of the GNSS of a date that its sigmas do not hold.
+    """
+
+    def __init__(
+        self,
+        before: Cloud,
+        after: Cloud,
+        common: tuple[str, ...] = ("control", "priors"),
+        gnss_bias: np.ndarray | None = None,
+    ):
+        self.before, self.after = before, after
+        self.together = before.epoch is after.epoch
+        self.kinds, self.gnss_bias = common, gnss_bias
+
+    @property
+    def epochs(self) -> list[Epoch]:
+        """Both, or the one of both dates."""
+        return [self.before.epoch] if self.together else [self.before.epoch, self.after.epoch]
+
+    @cached_property
+    def errors(self) -> tuple[Common, ...]:
+        """The errors that both dates share, and those of the GNSS as a whole."""
+        return common_errors(self.epochs, self.kinds, self.gnss_bias)
+
+    def with_clouds(self, before: Cloud, after: Cloud) -> Joint:
+        """The same errors for other points of the same epochs."""
+        out = Joint(before, after, self.kinds, self.gnss_bias)
+        out.__dict__["errors"] = self.errors
+        return out
+
+    def sides(self, functions: csr_array) -> tuple[csr_array, csr_array]:
+        """The functions (r, 3 (n + m)) as those of the points of each date."""
+        size = 3 * len(self.before.epoch.names)
+        return functions[:, :size], functions[:, size:]
+
+    def parts(self, functions: csr_array) -> list[Spread]:
+        """The functions by adjustment, in the order of time."""
+        rows, clouds = self.sides(functions), (self.before, self.after)
+        if not self.together:
+            return [c.epoch.spread(r, c.roughness) for c, r in zip(clouds, rows, strict=True)]
+        rough = [cloud.roughness for cloud in clouds if cloud.roughness is not None]
+        return [self.before.epoch.spread(rows[0] + rows[1], sum(rough) if rough else None)]
+
+    def variance(self, functions: csr_array) -> np.ndarray:
+        """Variances (r,), squared metres, of functions of the points: of what was measured."""
+        parts, out = self.parts(functions), self.own_variance(functions)
+        for part in parts:
+            out += part.epoch.sigma0**2 * _variances(part.through, part.epoch.solve)
+        for common, responses in zip(self.errors, self._responses(parts), strict=True):
+            out += common.variance(responses)
+        return out
+
+    def own_variance(self, functions: csr_array) -> np.ndarray:
+        """Variances (r,) of functions at given poses: what points do not share."""
+        return sum(p.epoch.sigma0**2 * p.variance(p.own) for p in self.parts(functions))
+
+    def roughness(self, functions: csr_array) -> np.ndarray:
+        """Variances (r,) of functions that come from rough ground between its points."""
+        return sum(part.variance(part.rough) for part in self.parts(functions))
+
+    def covariance(
+        self, functions: csr_array, others: csr_array | None = None, rough: bool = False
+    ) -> np.ndarray:
+        """Covariances (r, s) of functions with some others, hundreds and not all of a map.
+
+        others: default: themselves. rough: with what comes from rough ground.
+        """
+        count, alone = functions.shape[0], others is None
+        parts = self.parts(functions if alone else vstack([functions, others], format="csr"))
+        few = slice(0, count) if alone else slice(count, None)
+        out = 0.0
+        for part in parts:
+            scale = part.epoch.sigma0**2
+            solved = part.epoch.solve(part.through[few].toarray().T)
+            out = out + scale * (part.through[:count] @ solved)
+            own = scale * part.own + (part.rough if rough else 0.0)
+            out = out + (part.weighted(own)[:count] @ part.rows[few].T).toarray()
+        for common, responses in zip(self.errors, self._responses(parts), strict=True):
+            out = out + common.covariance(responses)[:count, few]
+        return 0.5 * (out + out.T) if alone else out
+
+    def _responses(self, parts: list[Spread]) -> list[list[np.ndarray]]:
+        """For each common error its R (r, c) by way of each adjustment."""
+        return [
+            [one.response(part) for one, part in zip(common.sides, parts, strict=True)]
+            for common in self.errors
+        ]
+
+
+def displacements(before: Cloud, after: Cloud, names: list[str]) -> csr_array:
+    """After minus before (3k,) of points by name (k,), as functions of the points."""
+    first, second = (
+        coordinates(cloud.epoch, np.array([cloud.named[name] for name in names], dtype=np.int64))
+        for cloud in (before, after)
+    )
+    return hstack([-first, second], format="csr")
+
+
+@dataclass(frozen=True)
+class Side:
+    """What errors (c,) do to one epoch: to its unknowns, solved (n, c), and to its points at given
+    unknowns, direct (3 n, c)."""
+
+    solved: np.ndarray
+    direct: csr_array
+
+    @classmethod
+    def of(cls, epoch: Epoch, right: np.ndarray, direct: csr_array | None = None) -> Side:
+        """By way of the right side (n, c) of the equations, and at given unknowns."""
+        nothing = csr_array((3 * len(epoch.names), right.shape[1]))
+        return cls(epoch.solve(right), nothing if direct is None else direct)
+
+    def response(self, spread: Spread) -> np.ndarray:
+        """R (r, c): what a unit of each error does to functions."""
+        at = (3 * spread.points[:, None] + np.arange(3)).ravel()
+        return np.asarray(spread.through @ self.solved + spread.rows @ self.direct[at])
+
+
+@dataclass(frozen=True)
+class Common:
+    """Errors with covariance C (c, c), and what they do to each of the epochs.
+
+    apart: the errors are not those of the noise, and count for each epoch as well. shared: both
+    epochs have the same draw of them.
+    """
+
+    sides: tuple[Side, ...]
+    matrix: np.ndarray
+    apart: bool = False
+    shared: bool = True
+
+    def variance(self, responses: list[np.ndarray]) -> np.ndarray:
+        """What they add to the variances (r,) of functions."""
+        return sum(np.einsum("rc,cd,rd->r", a, self.matrix, b) for a, b in self._pairs(responses))
+
+    def covariance(self, responses: list[np.ndarray]) -> np.ndarray:
+        """What they add to the covariances (r, r) of functions."""
+        return sum(a @ self.matrix @ b.T for a, b in self._pairs(responses))
+
+    def _pairs(self, responses):
+        """Products that count: of an epoch with itself, of both with each other."""
+        n = range(len(responses))
+        kept = [(i, j) for i in n for j in n if (i == j and self.apart) or (i != j and self.shared)]
+        zero = 0.0 * responses[0]
+        return [(responses[i], responses[j]) for i, j in kept] or [(zero, zero)]
+
+
+def common_errors(
+    epochs: list[Epoch], kinds: tuple[str, ...], gnss_bias: np.ndarray | None
+) -> tuple[Common, ...]:
+    """The errors of these kinds that epochs share. Raises InputError for an unknown kind."""
+    for kind in kinds:
+        if kind not in KINDS:
+            raise InputError(
+                f"{kind!r} is no error that epochs share: use some of {', '.join(KINDS)}, or none"
+            )
+    out = []
+    if len(epochs) == 2 and "control" in kinds:
+        out += _control(epochs)
+    if len(epochs) == 2 and "priors" in kinds:
+        out += _priors(epochs)
+    biased = gnss_bias is not None and np.any(gnss_bias)
+    if biased and all(epoch.system.gnss.names.size for epoch in epochs):
+        sides = tuple(_antennas(epoch) for epoch in epochs)
+        out.append(Common(sides, np.diag(np.square(gnss_bias)), True, "gnss" in kinds))
+    return tuple(out)
+
+
+def common_control(epochs: list[Epoch]) -> list[str]:
+    """Names of control points that both epochs were given with the same coordinates."""
+    first, second = (
+        dict(zip(e.system.control.names, e.system.control.given, strict=True)) for e in epochs
+    )
+    return [n for n in first if n in second and np.abs(first[n] - second[n]).max() < SAME_M]
+
+
+def _control(epochs: list[Epoch]) -> list[Common]:
+    names = common_control(epochs)
+    if not names:
+        return []
+    sides, sigma = [], []
+    for epoch in epochs:
+        control = epoch.system.control
+        rows = [list(control.names).index(name) for name in names]
+        point = {epoch.names[k]: k for k in np.flatnonzero(epoch.system.points.mark)}
+        points = np.array([point[name] for name in names])
+        gains, number = epoch.gains(points)
+        weight = control.sigma[rows] ** -2.0
+        own = block_diag(list(gains.own[number] * weight[:, None, :]))
+        direct = csr_array(coordinates(epoch, points).T @ own)
+        columns = (3 * number[:, None] + np.arange(3)).ravel()
+        right = -gains.gain[:, columns].toarray() * weight.ravel()
+        sides.append(Side.of(epoch, right, direct))
+        sigma.append(epoch.sigma0 * control.sigma[rows].ravel())
+    return [Common(tuple(sides), np.diag(sigma[0] * sigma[1]))]
+
+
+def _priors(epochs: list[Epoch]) -> list[Common]:
+    known = [_known(epoch.system.columns) for epoch in epochs]
+    both = {
+        name: (at, *value)
+        for name, (at, *value) in known[0].items()
+        if name in known[1] and known[1][name][1:] == tuple(value)
+    }
+    if not both:
+        return []
+    weight = np.array([weight for _, _, weight in both.values()])
+    sides = []
+    for epoch, mine in zip(epochs, known, strict=True):
+        right = np.zeros((len(epoch.system.columns), len(both)))
+        right[[mine[name][0] for name in both], np.arange(len(both))] = weight
+        sides.append(Side.of(epoch, right))
+    scale = epochs[0].sigma0 * epochs[1].sigma0
+    return [Common(tuple(sides), scale * np.diag(1.0 / weight))]
+
+
+def _known(columns) -> dict[str, tuple[int, float, float]]:
+    """Column, value and weight of each shared unknown that has a prior, by its label."""
+    return {
+        unknown.label: (at, value, columns.prior_weight[at])
+        for at, unknown, value in zip(
+            columns.shared_at, columns.shared, columns.shared_prior, strict=True
+        )
+        if columns.prior_weight[at] > 0
+    }
+
+
+def _antennas(epoch: Epoch) -> Side:
+    """A metre of constant error on every antenna position, by axis."""
+    gnss = epoch.system.gnss
+    moved = np.tile(np.eye(3), (len(gnss.names), 1)) / gnss.sigma.reshape(-1, 1) ** 2
+    return Side.of(epoch, np.asarray(gnss.jacobian.T @ moved))
+
+
+@compiled(nogil=True, error_model="numpy", fastmath={"contract"})
+def quadratic_forms(start, column, value, place, matrix, out):
+    """Adds s' Q s of sparse rows s to out (r,).
+
+    start, column, value: rows in compressed storage; place: where a column stands in matrix, its
+    part of Q.
+    """
+    for r in range(len(out)):
+        total = 0.0
+        for a in range(start[r], start[r + 1]):
+            i = place[column[a]]
+            part = 0.5 * value[a] * matrix[i, i]
+            for b in range(start[r], a):
+                part += value[b] * matrix[i, place[column[b]]]
+            total += 2.0 * value[a] * part
+        out[r] += total
+
+
+def _variances(rows: csr_array, solve) -> np.ndarray:
+    """s' Q s (r,) of sparse rows (r, n); solve(right) gives Q right.
+
+    Rows are taken in the order of the unknowns they touch, so that each piece of Q serves many.
+    """
+    rows = csr_array(rows)
+    rows.sort_indices()
+    n, out = rows.shape[1], np.zeros(rows.shape[0])
+    # Where images are ordered along the corridor, neighbours touch the same unknowns.
+    least = np.zeros(len(out))
+    filled = np.diff(rows.indptr) > 0
+    least[filled] = rows.indices[rows.indptr[:-1][filled]]
+    order = np.argsort(least, kind="stable")
+    first = 0
+    while first < len(order):
+        touched, count, last = np.zeros(n, dtype=bool), 0, first
+        while last < len(order):
+            r = order[last]
+            mine = rows.indices[rows.indptr[r] : rows.indptr[r + 1]]
+            new = mine[~touched[mine]]
+            if last > first and (count + len(new)) * n > _HELD:
+                break
+            touched[new], count, last = True, count + len(new), last + 1
+        at = np.flatnonzero(touched)
+        place = np.zeros(n, dtype=np.int64)
+        place[at] = np.arange(len(at))
+        some = order[first:last]
+        part, found = rows[some], np.zeros(len(some))
+        quadratic_forms(part.indptr, part.indices, part.data, place, _part(solve, at, n), found)
+        out[some] = found
+        first = last
+    return out
+
+
+def _part(solve, at: np.ndarray, n: int, chunk: int = 600) -> np.ndarray:
+    """Q[at, at]."""
+    out = np.empty((len(at), len(at)))
+    for first in range(0, len(at), chunk):
+        some = at[first : first + chunk]
+        unit = np.zeros((n, len(some)))
+        unit[some, np.arange(len(some))] = 1.0
+        out[:, first : first + len(some)] = solve(unit)[at]
+    return out

@@ -1,0 +1,180 @@
+"""M3C2: the distance between two clouds along the local normal, as a linear function of points.
+
+At a core point with normal n the points of each cloud within a cylinder along n are averaged; the
+distance is n . (mean after - mean before). With the points that count and the normal held, it is
+linear in the points, and its standard deviation is exact: errors that points share do not average
+out, and are not lost as in s / sqrt(number of points).
+
+Two dates rarely show the same points. Where the ground is rough, other points have other heights,
+and a mean over them changes though nothing moves. Each point is therefore given, along the local
+normal, a variance of its own: that of the heights around it beyond what its own error, which the
+covariance of the points holds already, explains.
+Source: Lague et al. 2013.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array, hstack
+from scipy.spatial import cKDTree
+
+from corridor.tools.change.cores import Cores
+from corridor.tools.change.epoch import Cloud
+
+# Fewer points than this are no surface.
+LEAST = 5
+# Core points whose roughness is taken together.
+AROUND = 25
+# Numbers in a polynomial of two variables, by degree.
+_TERMS = {0: 1, 1: 3, 2: 6}
+
+
+@dataclass(frozen=True)
+class Members:
+    """The points of a cloud in the cylinders: start (r + 1,), point (m,) of core r's members,
+    as positions in the epoch.
+
+    height (m,) along the normal, from the core point, m. weight (m,): of each in the height of the
+    surface at the core point. left (m,): height less the fitted surface, m. fit: numbers that were
+    fitted in a cylinder.
+    """
+
+    start: np.ndarray
+    point: np.ndarray
+    height: np.ndarray
+    weight: np.ndarray
+    left: np.ndarray
+    fit: int = 1
+
+    @property
+    def count(self) -> np.ndarray:
+        """How many points each cylinder holds (r,)."""
+        return np.diff(self.start)
+
+    @property
+    def core(self) -> np.ndarray:
+        """The core point (m,) of each member."""
+        return np.repeat(np.arange(len(self.start) - 1), self.count)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Height (r,) of the surface at the core points, m; NaN where nothing is."""
+        sums = np.bincount(self.core, self.weight * self.height, minlength=len(self.count))
+        return np.where(self.count > 0, sums, np.nan)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation (r,) of the heights about the surface, m; NaN of too few."""
+        squares = np.bincount(self.core, self.left**2, minlength=len(self.count))
+        free = self.count - self.fit
+        return np.where(free > 0, np.sqrt(squares / np.maximum(free, 1)), np.nan)
+
+    def elsewhere(self, here: Cloud, there: Cloud, cores: Cores) -> Members:
+        """The same points, weighted as here, where another cloud has them; one for one."""
+        order = np.full(len(here.epoch.xyz), -1)
+        order[here.surface] = there.surface
+        point = order[self.point]
+        away = there.epoch.xyz[point] - cores.xyz[self.core]
+        height = np.einsum("nk,nk->n", away, cores.normal[self.core])
+        left = self.left + (height - self.height)
+        sums = np.bincount(self.core, self.weight * (height - self.height), len(self.count))
+        return replace(self, point=point, height=height, left=left - sums[self.core])
+
+
+def members(cloud: Cloud, cores: Cores, degree: int = 0) -> Members:
+    """The points of a cloud in the cylinder of each core point, and their weights.
+
+    degree: of the polynomial in the plane across the normal whose height at the core point is
+    taken: 0 the mean (M3C2), 1 a plane, 2 with curvature, which lets points lie anywhere on a
+    slope or a bend.
+    """
+    cloud, surface = cloud.xyz, cloud.surface
+    tree = cKDTree(cloud)
+    ball = float(np.hypot(cores.radius, cores.reach))
+    steep = cores.normal[:, 2] < 0.999
+    near = np.empty(len(cores), dtype=object)
+    near[steep] = tree.query_ball_point(cores.xyz[steep], ball)
+    # Where the normal is upright, the plan tells who is near; a ball holds all else.
+    near[~steep] = cKDTree(cloud[:, :2]).query_ball_point(
+        cores.xyz[~steep, :2], cores.radius + 0.05 * cores.reach
+    )
+    count = np.fromiter((len(n) for n in near), np.int64, len(near))
+    point = np.concatenate([np.asarray(n, np.int64) for n in near] or [[]]).astype(np.int64)
+    core = np.repeat(np.arange(len(near)), count)
+    away = cloud[point] - cores.xyz[core]
+    height = np.einsum("nk,nk->n", away, cores.normal[core])
+    aside = np.linalg.norm(away - height[:, None] * cores.normal[core], axis=1)
+    inside = (aside <= cores.radius) & (np.abs(height) <= cores.reach)
+    core, point, height = core[inside], point[inside], height[inside]
+    start = np.concatenate([[0], np.cumsum(np.bincount(core, minlength=len(near)))])
+    across = (away[inside] - height[:, None] * cores.normal[core]) / cores.radius
+    weight, left = _weights(start, height, across, cores.normal, degree)
+    return Members(start, surface[point], height, weight, left, _TERMS[degree])
+
+
+def _weights(start, height, across, normal, degree: int):
+    """Weights of the members in the height at each core point, and what the fit leaves."""
+    count = np.diff(start)
+    weight, left = np.empty(len(height)), np.empty(len(height))
+    for r in range(len(count)):
+        some = slice(start[r], start[r + 1])
+        if degree == 0 or count[r] <= _TERMS[degree]:
+            weight[some] = 1.0 / max(count[r], 1)
+            left[some] = height[some] - weight[some] @ height[some]
+            continue
+        first = np.cross(normal[r], [1.0, 0.0, 0.0])
+        first /= np.linalg.norm(first)
+        u, v = across[some] @ first, across[some] @ np.cross(normal[r], first)
+        terms = [np.ones(count[r]), u, v]
+        if degree == 2:
+            terms += [u * u, u * v, v * v]
+        matrix = np.column_stack(terms)
+        inverse = np.linalg.pinv(matrix)
+        weight[some] = inverse[0]
+        left[some] = height[some] - matrix @ (inverse @ height[some])
+    return weight, left
+
+
+def distance_functions(
+    clouds: tuple[Cloud, Cloud], found: list[Members], cores: Cores
+) -> csr_array:
+    """The distances (k,) as linear functions of the points of both dates."""
+    sides = []
+    for cloud, one, sign in zip(clouds, found, (-1.0, 1.0), strict=True):
+        value = sign * cores.normal[one.core] * one.weight[:, None]
+        column = 3 * one.point[:, None] + np.arange(3)
+        entries = (value.ravel(), (np.repeat(one.core, 3), column.ravel()))
+        sides.append(csr_array(entries, shape=(len(cores), 3 * len(cloud.epoch.names))))
+    return hstack(sides, format="csr")
+
+
+def roughened(cloud: Cloud, found: Members, cores: Cores) -> tuple[Cloud, np.ndarray]:
+    """The cloud with a variance (n, 3, 3), m^2, of each point along the normal, and the variances
+    (r,) of the heights at core points that follow.
+
+    A point takes the median roughness of the cylinders it lies in.
+    """
+    roughness = _excess(cloud, found, cores)
+    order = np.lexsort((roughness[found.core], found.point))
+    point, value = found.point[order], roughness[found.core][order]
+    some, start, count = np.unique(point, return_index=True, return_counts=True)
+    middle = start + (count - 1) // 2
+    normal = cores.normal[found.core[order][middle]]
+    rough = np.zeros((len(cloud.epoch.xyz), 3, 3))
+    rough[some] = value[middle][:, None, None] * np.einsum("ni,nj->nij", normal, normal)
+    sampling = roughness * np.bincount(found.core, found.weight**2, minlength=len(roughness))
+    return replace(cloud, roughness=rough), sampling
+
+
+def _excess(cloud: Cloud, found: Members, cores: Cores) -> np.ndarray:
+    """Variance (r,), m^2, of the heights in each cylinder beyond the noise of the points."""
+    normal = cores.normal[found.core]
+    own = np.einsum("ni,nij,nj->n", normal, cloud.epoch.own(found.point), normal)
+    count = found.count
+    noise = np.bincount(found.core, own, minlength=len(count)) / np.maximum(count, 1)
+    own = np.maximum(found.spread**2 - cloud.epoch.sigma0**2 * noise, 0.0)
+    # A handful of points does not tell how rough the ground is; the surroundings know more.
+    around = cKDTree(cores.xyz).query(cores.xyz, min(AROUND, len(own)))[1]
+    return np.maximum(own, own[around.reshape(len(own), -1)].mean(axis=1))

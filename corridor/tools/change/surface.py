@@ -1,0 +1,276 @@
+"""The change of the surface at core points and of volumes, each with the standard deviation of
+that very number.
+
+A volume is the area's share of each cell times its change of height, summed: again a linear
+function of the points. Its variance comes from the one covariance of all of them, in which the
+errors of neighbouring cells, nearly the same, add up instead of averaging out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+from matplotlib.path import Path
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+from scipy.stats import t
+
+from corridor.core.brief import brief
+from corridor.core.errors import InputError
+from corridor.core.output import with_units
+from corridor.tools.change.cores import Cores
+from corridor.tools.change.epoch import Cloud
+from corridor.tools.change.joint import Joint
+from corridor.tools.change.m3c2 import LEAST, Members, distance_functions, members, roughened
+from corridor.tools.change.registration import Laying, lay
+from corridor.tools.change.significance import discoveries, two_sided
+
+_LENGTHS = "x y z station across change sigma sampling detection_95 rough_before rough_after"
+
+
+@brief
+@dataclass(frozen=True, eq=False)
+class SurfaceChange:
+    """Distances along the normals at core points, after minus before.
+
+    distance (k,), m. sigma (k,): of the measurements, exact; sampling (k,): of rough ground that
+    both dates show at other points. count, roughness (k, 2): points in the cylinders before and
+    after, and the standard deviation of their heights. probability (k,) of so large a distance,
+    were nothing changed. moved (k,): significant at the false discovery rate asked for.
+    freedom (k,): degrees of freedom of the standard deviation: a handful of points does not tell
+    how rough the ground is, and Student's distribution takes the normal one's place.
+    functions: the distances as functions of the points of `joint`.
+    """
+
+    cores: Cores
+    distance: np.ndarray
+    sigma: np.ndarray
+    sampling: np.ndarray
+    count: np.ndarray
+    roughness: np.ndarray
+    freedom: np.ndarray
+    level: float
+    functions: csr_array = field(repr=False)
+    joint: Joint = field(repr=False)
+    laying: Laying | None = field(default=None, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.distance)
+
+    def sums(self, matrix) -> csr_array:
+        """Sums of the distances, by a matrix (s, k), as functions of the points."""
+        if self.laying is None:
+            return csr_array(csr_array(matrix) @ self.functions)
+        return self.laying.sums(self.functions, matrix)
+
+    @property
+    def total(self) -> np.ndarray:
+        """Standard deviation (k,), m, of the measurements and of the sampling."""
+        return np.hypot(self.sigma, self.sampling)
+
+    @property
+    def detection(self) -> np.ndarray:
+        """Level of detection (k,), m: a change of this size is seen with 95 % confidence."""
+        return t.ppf(0.975, self.freedom) * self.total
+
+    @property
+    def floor(self) -> np.ndarray:
+        """The same (k,), m, were the ground covered with points: of the measurements alone."""
+        return t.ppf(0.975, np.inf) * self.sigma
+
+    @property
+    def probability(self) -> np.ndarray:
+        """Of so large a distance, were nothing changed (k,)."""
+        return two_sided(self.distance / self.total, self.freedom)
+
+    @property
+    def moved(self) -> np.ndarray:
+        """Significant at the false discovery rate `level` (k,)."""
+        return discoveries(self.probability, self.level)
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """A row a core point: place, normal, distance and what belongs to it, m."""
+        table = pd.DataFrame(dict(zip("xyz", self.cores.xyz.T, strict=True)))
+        table[["nx", "ny", "nz"]] = self.cores.normal
+        table["station"], table["across"] = self.cores.station, self.cores.across
+        table["change"], table["sigma"] = self.distance, self.sigma
+        table["sampling"], table["detection_95"] = self.sampling, self.detection
+        table[["points_before", "points_after"]] = self.count
+        table[["rough_before", "rough_after"]] = self.roughness
+        table = table.assign(probability=self.probability, significant=self.moved.astype(int))
+        return with_units(table, {"m": _LENGTHS})
+
+
+def surface_change(
+    joint: Joint,
+    cores: Cores,
+    level: float = 0.01,
+    degree: int = 0,
+    sampled: bool = True,
+    datum: str = "stated",
+    kind: str = "rigid",
+    laying: Laying | None = None,
+) -> SurfaceChange:
+    """The change between both clouds of `joint` at core points where each shows a surface.
+
+    level: false discovery rate. degree: see `members`. sampled: False where both surfaces are the
+    very same points of the ground, one for one, so that its roughness cancels. datum: `stated`, or
+    `stable`: laid together by a motion of the kind of `laying.MOTIONS` on what stands still.
+    laying: the motion found by another surface of the same dates, in place of one's own.
+    Raises InputError where no core point shows a surface at both dates.
+    """
+    if not len(cores):
+        raise InputError("no core points are given: there is no surface to compare")
+    clouds = (joint.before, joint.after)
+    found = _both(clouds, cores, degree, sampled)
+    least = max(LEAST, found[0].fit + 2)
+    kept = np.flatnonzero((found[0].count >= least) & (found[1].count >= least))
+    if not len(kept):
+        raise InputError(
+            f"no core point has {least} tie points within {cores.radius:.1f} m at both dates: give "
+            "a larger radius (--radius), or measure more tie points"
+        )
+    cores = cores.only(kept)
+    found = _both(clouds, cores, degree, sampled)
+    between = np.zeros((2, len(cores)))
+    if sampled:
+        sides = [roughened(c, f, cores) for c, f in zip(clouds, found, strict=True)]
+        between = np.array([variance for _, variance in sides])
+        joint = joint.with_clouds(*(cloud for cloud, _ in sides))
+    sampling = between.sum(axis=0)
+    functions = distance_functions(clouds, found, cores)
+    distance, variance = found[1].mean - found[0].mean, joint.variance(functions)
+    own = laying is None and datum == "stable"
+    if own:
+        alone = np.sqrt(joint.own_variance(functions) + sampling)
+        laying = lay(distance, alone, functions, joint.after, kind)
+    elif laying is not None:
+        laying = laying.elsewhere(functions, joint.after)
+    if laying is not None:
+        variance = np.maximum(laying.variance(joint, functions, variance), 0.0)
+        distance, known = laying.apply(distance), variance + sampling
+        if own:
+            laying = laying.scaled(joint, functions, distance / np.sqrt(known), sampling)
+        variance = variance + (laying.scale**2 - 1.0) * known
+    return SurfaceChange(
+        cores=cores,
+        distance=distance,
+        sigma=np.sqrt(variance),
+        sampling=np.sqrt(sampling),
+        count=np.column_stack([f.count for f in found]),
+        roughness=np.column_stack([f.spread for f in found]),
+        freedom=_freedom(
+            variance,
+            between,
+            np.array([f.count - f.fit for f in found]),
+            np.inf if laying is None else laying.freedom,
+        ),
+        level=level,
+        functions=functions,
+        joint=joint,
+        laying=laying,
+    )
+
+
+def _freedom(
+    variance: np.ndarray, between: np.ndarray, free: np.ndarray, scale_freedom: float
+) -> np.ndarray:
+    """Degrees of freedom (k,) of a variance (k,) that is known and two (2, k) that are estimated.
+
+    free (2, k): points of each beyond what was fitted. scale_freedom: of the scale of them all, see
+    `Laying`. Source: Welch 1947.
+    """
+    whole = (variance + between.sum(axis=0)) ** 2
+    doubt = np.sum(between**2 / free, axis=0) + whole / scale_freedom
+    return np.divide(whole, doubt, out=np.full(len(whole), np.inf), where=doubt > 0)
+
+
+def _both(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, sampled: bool) -> list[Members]:
+    """The points in each cylinder; the same ones where both clouds are the same points."""
+    first = members(clouds[0], cores, degree)
+    if sampled:
+        return [first, members(clouds[1], cores, degree)]
+    return [first, first.elsewhere(*clouds, cores)]
+
+
+@brief
+@dataclass(frozen=True)
+class Volume:
+    """A change of volume, m^3: value with sigma (of the measurements) and sampling (of rough
+    ground between the points). area: covered, m^2; share: of the polygon that could be compared.
+    independent: what the sigma would be, were the cells independent.
+    """
+
+    value: float
+    sigma: float
+    sampling: float
+    area: float
+    share: float
+    independent: float
+
+    @property
+    def total(self) -> float:
+        """Standard deviation, m^3, of the measurements and of the sampling."""
+        return float(np.hypot(self.sigma, self.sampling))
+
+
+def volume(
+    joint: Joint, polygon: np.ndarray, cores: Cores, degree: int = 0, sampled: bool = True,
+    laying: Laying | None = None,
+) -> Volume:  # fmt: skip
+    """The change of volume within a polygon (n, 2), after minus before, up is more.
+
+    cores: whose spacing and radius are used; the cells are upright. laying: of the whole surface,
+    see `surface_change`. Raises InputError where the polygon holds no cell that both epochs show.
+    """
+    polygon = np.asarray(polygon, float)[:, :2]
+    upright = _cells(polygon, cores, joint)
+    try:
+        found = surface_change(joint, upright, degree=degree, sampled=sampled, laying=laying)
+    except InputError:
+        raise InputError(
+            "the polygon holds no ground that both epochs show: check its coordinates, which are "
+            "those of the block (world minus offset)"
+        ) from None
+    return summed(found, len(found) / len(upright), abs(_area(polygon)))
+
+
+def summed(found: SurfaceChange, share: float, area: float) -> Volume:
+    """The volume of cells that cover a share of an area, m^2."""
+    cell = share * area / len(found)
+    row = csr_array(np.full((1, len(found)), cell))
+    total = found.sums(row)
+    sampling = found.joint.roughness(total)[0]
+    scale = 1.0 if found.laying is None else found.laying.scale
+    return Volume(
+        value=float(cell * found.distance.sum()),
+        sigma=scale * float(np.sqrt(found.joint.variance(total)[0])),
+        sampling=scale * float(np.sqrt(sampling)),
+        area=share * area,
+        share=share,
+        independent=float(cell * np.sqrt(np.sum(found.sigma**2))),
+    )
+
+
+def _cells(polygon: np.ndarray, cores: Cores, joint: Joint) -> Cores:
+    spacing = cores.spacing
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    # At least some fifty cells, or the rim of a small polygon would count too much or too little.
+    spacing = min(spacing, float(np.sqrt(abs(_area(polygon)) / 50.0)))
+    axes = [np.arange(a + 0.5 * spacing, b, spacing) for a, b in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    places = places[Path(polygon).contains_points(places)]
+    cloud = joint.before.xyz
+    nearest = cKDTree(cloud[:, :2]).query(places, 1)[1] if len(places) else np.zeros(0, int)
+    xyz = np.column_stack([places, cloud[nearest, 2]])
+    upright, flat = np.tile([0.0, 0.0, 1.0], (len(xyz), 1)), np.zeros(len(xyz))
+    return replace(cores, xyz=xyz, normal=upright, station=flat, across=flat, spacing=spacing)
+
+
+def _area(polygon: np.ndarray) -> float:
+    """Signed area, m^2."""
+    x, y = polygon.T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))

@@ -1,0 +1,125 @@
+"""Why photographs could not be joined to the others, by what they say of themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corridor.core.block import Block
+from corridor.core.gnss import Local
+from corridor.core.photographs import Metadata, stated_focal
+from corridor.tools.formats.placing import readout_of
+
+# Features are joined within a few pixels: more motion than this in one picture bends it too much.
+_BENT_PX, _BLURRED_PX = 8.0, 1.5
+# Where the height above ground is not known: 8 px of 4 cm.
+_BENT_M = 0.3
+_LEAST_OVERLAP, _FARTHER = 0.5, 1.5
+# Centres this many sigmas of GNSS from the positions, and this share of the block's extent.
+_BENT_SIGMAS, _BENT_SHARE = 5.0, 0.03
+
+
+def why_lost(photos: list[Metadata], joined: set[int]) -> str:
+    """The likely reasons, as the end of a sentence.
+
+    photos: all of them; joined: rows of those that are.
+    """
+    reasons = [*_motion(photos), *_overlap(photos, joined)]
+    return "; ".join(reasons) or (
+        "overlap or texture is too little, or the pictures are blurred: look at them"
+    )
+
+
+def bent(block: Block) -> str | None:
+    """Why the poses are no block's: they contradict the positions; None where they do not.
+
+    A model that grew over pictures that do not fit reprojects well and is bent all the same.
+    """
+    if not len(block.gnss):
+        return None
+    rows = block.image_rows("gnss")
+    there = rows >= 0
+    centre = block.images[["x", "y", "z"]].to_numpy(float)[rows[there]]
+    given, sigma = block.gnss[["x", "y", "z"]].to_numpy(float)[there], block.gnss_sigma()[there]
+    away = np.linalg.norm(centre - given, axis=1)
+    known = np.isfinite(away)
+    if known.sum() < 4:
+        return None
+    typical = float(np.median(away[known]))
+    stated = float(np.median(np.sqrt(np.mean(sigma[known] ** 2, axis=1))))
+    extent = float(np.linalg.norm(np.ptp(given[known], axis=0)))
+    if typical < _BENT_SIGMAS * stated or typical < _BENT_SHARE * extent:
+        return None
+    said = (
+        f"the reconstruction is bent: its camera centres lie {typical:.0f} m (median) from the "
+        f"positions of the photographs, which are stated to {stated:.1f} m"
+    )
+    speed = np.linalg.norm([block.column("images", axis) for axis in ("vx", "vy", "vz")], axis=0)
+    readout = max((camera.readout_s or 0.0 for camera in block.cameras.values()), default=0.0)
+    moved = float(np.nanmedian(speed)) * readout if np.isfinite(speed).any() else 0.0
+    if moved > _BENT_M:
+        said += (
+            f"; the drone moved {moved:.1f} m (median) while one picture was read out "
+            f"({1000 * readout:.0f} ms), which bends every picture otherwise"
+        )
+    return said
+
+
+def _motion(photos):
+    """Motion while one picture was read out, and while it was exposed."""
+    speed = [float(np.linalg.norm(p.velocity)) for p in photos if p.velocity is not None]
+    if not speed:
+        return
+    pixel = _metres_a_pixel(photos)
+    fastest = float(np.percentile(speed, 90))
+    low, high = np.percentile(speed, [10, 90])
+    readout, _ = readout_of(photos[0], photos[0].height_px)
+    if readout and fastest * readout > (_BENT_M if pixel is None else _BENT_PX * pixel):
+        moved = low * readout, high * readout
+        in_px = "" if pixel is None else f", {moved[0] / pixel:.0f} to {moved[1] / pixel:.0f} px"
+        yield (
+            f"the drone moved {moved[0]:.1f} to {moved[1]:.1f} m{in_px} while one "
+            f"picture was read out ({1000 * readout:.0f} ms at {low:.0f} to {high:.0f} m/s), which "
+            "bends every picture otherwise"
+        )
+    exposed = [p.exposure_s for p in photos if p.exposure_s]
+    if exposed and pixel and fastest * np.median(exposed) > _BLURRED_PX * pixel:
+        yield (
+            f"the motion during the exposure ({1000 * np.median(exposed):.1f} ms) blurs "
+            f"{fastest * np.median(exposed) / pixel:.1f} px"
+        )
+
+
+def _height(photos):
+    """Above the place of take-off, m, as makers write it; None where they do not."""
+    heights = [h for p in photos if (h := p.number("RelativeAltitude")) and h > 1]
+    return float(np.median(heights)) if heights else None
+
+
+def _metres_a_pixel(photos):
+    height, focal = _height(photos), stated_focal(photos[0])
+    return height / focal.px if height and focal else None
+
+
+def _overlap(photos, joined):
+    placed = [k for k, photo in enumerate(photos) if photo.lat_deg is not None]
+    lost = np.array([k not in joined for k in placed])
+    if len(placed) < 3 or not lost.any():
+        return
+    spots = np.array([[photos[k].lon_deg, photos[k].lat_deg, 0.0] for k in placed])
+    lon, lat, _ = np.median(spots, axis=0)
+    plan = Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
+    apart = np.linalg.norm(plan[:, None] - plan[None], axis=2)
+    np.fill_diagonal(apart, np.inf)
+    # A model grows from picture to picture: the second neighbour decides.
+    gap = np.partition(apart, 1, axis=1)[:, 1]
+    pixel = _metres_a_pixel(photos)
+    if pixel is not None:
+        side = pixel * np.sqrt(photos[0].width * photos[0].height_px)
+        overlap = 1 - float(np.median(gap[lost])) / side
+        if overlap < _LEAST_OVERLAP:
+            yield f"they overlap their neighbours by about {100 * max(overlap, 0):.0f} % only"
+    elif not lost.all() and np.median(gap[lost]) > _FARTHER * np.median(gap[~lost]):
+        yield (
+            f"they lie {np.median(gap[lost]):.0f} m from their neighbours, the others "
+            f"{np.median(gap[~lost]):.0f} m"
+        )

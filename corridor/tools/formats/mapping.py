@@ -1,0 +1,397 @@
+"""From photographs alone: features, matches, incremental mapping, by pycolmap.
+
+What is finished is kept in a folder beside the block (`.BLOCK.photos`) until the block is written:
+the same command goes on where it was interrupted. Images are matched with their neighbours: by
+position where the photographs have one, else all with all, or along the sequence for many.
+
+Source: Schönberger and Frahm 2016, "Structure-from-motion revisited" (COLMAP).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.gnss import Local
+from corridor.core.output import whole_folder
+from corridor.core.photographs import Metadata, photographs_in, read_metadata, stated_focal
+from corridor.tools.formats.joining import why_lost
+from corridor.tools.formats.programs import colmap
+from corridor.tools.formats.project import Project
+from corridor.tools.formats.starting import from_attitudes
+
+# Neighbours by position, all with all up to so many images, along the sequence beyond.
+_NEIGHBOURS, _ALL, _SEQUENCE = 16, 60, 12
+_BATCH_PAIRS = 20
+# A focal length further from the stated one than this is of a model that bends, or of a wrong
+# statement: the stated one is held unless the other fits so much better.
+_FOCAL_RANGE, _FITS_BETTER = 0.10, 0.7
+# A model of less than this share of the photographs is refused, of less than this kept to go on.
+_REFUSED, _KEPT = 0.5, 0.9
+_MODEL = "RADIAL"
+# Features a pixel: in small pictures the smallest ones are noise. COLMAP's most, and enough to map.
+_DENSITY, _FEWEST, _MOST = 4e-3, 2000, 8192
+_LEAST = 3
+
+
+@dataclass(frozen=True)
+class Cheaply:
+    """How much of the photographs is used.
+
+    size: long side of the pictures, px; larger ones are made smaller first, and the block is of
+    the smaller ones. share: every so many-th photograph.
+    """
+
+    size: int | None = None
+    share: int = 1
+
+
+def workplace(output: Path) -> Path:
+    """Where the finished part of the work is kept until the block is written."""
+    output = output.resolve()
+    return output.parent / f".{output.name}.photos"
+
+
+def from_photographs(
+    folder: Path,
+    output: Path,
+    progress: Callable[[str], None] = lambda what: None,
+    cheaply: Cheaply | None = None,
+    force: bool = False,
+    started: bool = False,
+) -> Project:
+    """A free reconstruction of the photographs of a folder, as a project.
+
+    output: the block to be written; the work is kept beside it. force: also of few photographs.
+    started: from the photographs' positions and attitudes, all at once.
+    Raises InputError without pycolmap or without enough photographs, AdjustmentFailed where they
+    do not make one model of at least half of them.
+    """
+    pycolmap, cheaply = _pycolmap(), cheaply or Cheaply()
+    every = photographs_in(folder)
+    files = every[:: cheaply.share]
+    if len(files) < _LEAST:
+        raise InputError(f"{folder} holds {len(files)} photographs; a block needs {_LEAST} or more")
+    photos = [read_metadata(file) for file in files]
+    names = [file.relative_to(folder).as_posix() for file in files]
+    place = workplace(output)
+    _same_photos(place, folder, files, names, cheaply)
+    pictures = _pictures(folder, place, names, photos, cheaply, progress)
+    database = place / "database.db"
+    model = place / ("started" if started else "model")
+    if not (place / "model" / "images.bin").is_file():
+        for done in _features(pycolmap, database, pictures, names, photos, cheaply):
+            progress(f"features: {done} of {len(names)} photographs")
+        pairs = _pairs(photos)
+        for done in _matches(pycolmap, database, place, names, pairs):
+            progress(f"matches: {done} of {len(pairs)} pairs")
+    if started and not (model / "images.bin").is_file():
+        progress("starting from positions and attitudes")
+        known = dict(zip(names, photos, strict=True))
+        with whole_folder(model, "images.bin") as part:
+            from_attitudes(pycolmap, database, pictures, known, progress).write_binary(part)
+    if not (model / "images.bin").is_file():
+        stated = all(stated_focal(photo) for photo in photos)
+        _map(pycolmap, database, pictures, model, photos, stated, progress)
+    project = colmap.read(model)
+    project = _with_lost_named(project, place, names, photos, force)
+    project = _with_focal_compared(project, names, photos)
+    if len(files) < len(every):
+        project = project.having(notes=[f"{len(files)} of {len(every)} photographs were used"])
+    project = project.having(name=folder.resolve().name)
+    return replace(project, form="photos", source=folder)
+
+
+def _with_lost_named(project, place, names, photos, force):
+    """Says which photographs are not in the model and why. Raises where they are most."""
+    there = set(project.block.images["image"])
+    joined = {row for row, name in enumerate(names) if name in there}
+    left = len(names) - len(joined)
+    if not left:
+        return project
+    said = (
+        f"{left} of {len(names)} photographs could not be connected to the others: "
+        f"{why_lost(photos, joined)}"
+    )
+    if len(joined) < _KEPT * len(names):
+        said += f"; features and matches are kept in {place}, the same command goes on from there"
+    if len(joined) < _REFUSED * len(names) and not force:
+        raise AdjustmentFailed(
+            f"only {len(joined)} of {len(names)} photographs make one model, which is no block. "
+            f"{said[0].upper()}{said[1:]}; --force writes the block of those that are joined"
+        )
+    return project.having(warnings=[said])
+
+
+def _with_focal_compared(project, names, photos):
+    """Says so where a focal length is far from what the photographs state."""
+    row = {name: k for k, name in enumerate(names)}
+    for name, camera in project.block.cameras.items():
+        mine = project.block.images["image"][project.block.images["camera"] == name]
+        photo = next((photos[row[image]] for image in mine if image in row), None)
+        stated = photo and stated_focal(photo, max(camera.width, camera.height))
+        if not stated:
+            continue
+        off = camera["f"] / stated.px - 1
+        said = (
+            f"camera {name}: f {camera['f']:.0f} px; stated {stated.px:.0f} px ({stated.of}), "
+            f"{abs(100 * off):.0f} % {'longer' if off > 0 else 'shorter'}"
+        )
+        if abs(off) > _FOCAL_RANGE:
+            project = project.having(
+                warnings=[
+                    f"{said}: heights and focal length may have exchanged, pictures may be turned "
+                    "or cropped, or the statement is wrong; check it before you trust heights"
+                ]
+            )
+    return project
+
+
+def is_whole(project: Project, output: Path) -> bool:
+    """Whether nearly all photographs are in the model: the kept work is of no more use."""
+    stamp = _read_stamp(workplace(output))
+    return len(project.block.images) >= _KEPT * len(stamp["photographs"]) if stamp else True
+
+
+def forget(output: Path) -> None:
+    """Remove the kept work, once the block is written."""
+    shutil.rmtree(workplace(output), ignore_errors=True)
+
+
+def _pycolmap():
+    try:
+        import pycolmap
+    except ImportError:
+        raise InputError(
+            "a block from photographs alone needs pycolmap; install it with pip install "
+            "'corridor[images]'"
+        ) from None
+    pycolmap.logging.minloglevel = 3
+    return pycolmap
+
+
+def _read_stamp(place: Path) -> dict | None:
+    try:
+        return json.loads((place / "photographs.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def _same_photos(
+    place: Path, folder: Path, files: list[Path], names: list[str], cheaply: Cheaply
+) -> None:
+    """Start anew where the kept work is of other photographs, or of another size."""
+    wanted = {
+        "folder": str(folder.resolve()),
+        "size": cheaply.size,
+        "photographs": {
+            name: [file.stat().st_size, file.stat().st_mtime_ns]
+            for name, file in zip(names, files, strict=True)
+        },
+    }
+    if _read_stamp(place) != wanted:
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir(parents=True)
+        (place / "photographs.json").write_text(json.dumps(wanted), encoding="utf-8")
+
+
+def _pictures(folder, place, names, photos, cheaply, progress) -> Path:
+    """The folder of the pictures: the photographs, or all of them made smaller."""
+    size = cheaply.size
+    if size is None or all(max(p.width, p.height_px) <= size for p in photos):
+        return folder
+    smaller = place / "pictures"
+    for done, (name, photo) in enumerate(zip(names, photos, strict=True), 1):
+        to = smaller / name
+        if to.is_file():
+            continue
+        to.parent.mkdir(parents=True, exist_ok=True)
+        with Image.open(photo.path) as picture:
+            # A JPEG is decoded at a half or a quarter where that is enough, which is quick.
+            picture.draft("L", (2 * size, 2 * size))
+            grey = picture.convert("L")
+            grey.thumbnail((size, size), Image.Resampling.LANCZOS, reducing_gap=3.0)
+            part = to.with_name(f".{to.name}")
+            grey.save(part, format=picture.format, quality=95)
+        part.replace(to)
+        progress(f"pictures made smaller: {done} of {len(names)}")
+    return smaller
+
+
+def _features(pycolmap, database, folder, names, photos, cheaply) -> Iterator[int]:
+    """Extract in batches, one camera for pictures alike; yields how many are done.
+
+    Those that are done are skipped.
+    """
+    alike: dict[tuple, list[int]] = {}
+    for row, photo in enumerate(photos):
+        key = (photo.model, photo.width, photo.height_px, photo.focal_mm)
+        alike.setdefault(key, []).append(row)
+    done, step = 0, max(os.cpu_count() or 1, 1)
+    for rows in alike.values():
+        options = pycolmap.ImageReaderOptions()
+        options.camera_model = _MODEL
+        first = photos[rows[0]]
+        size = _size_of(first, cheaply)
+        stated = stated_focal(first, max(size))
+        if stated:
+            options.camera_params = f"{stated.px}, {size[0] / 2}, {size[1] / 2}, 0, 0"
+        for start in range(0, len(rows), step):
+            batch = [names[row] for row in rows[start : start + step]]
+            options.existing_camera_id = _camera_id(pycolmap, database, names[rows[0]])
+            # Extraction numbers images as they are done: in their order, imports are alike.
+            pycolmap.import_images(
+                database, folder, camera_mode=pycolmap.CameraMode.SINGLE, image_names=batch,
+                options=options,
+            )  # fmt: skip
+            extraction = pycolmap.FeatureExtractionOptions()
+            extraction.sift.max_num_features = _features_in(size)
+            # A second orientation is the same point again, and matching costs the square.
+            extraction.sift.max_num_orientations = 1
+            pycolmap.extract_features(
+                database, folder, image_names=batch, camera_mode=pycolmap.CameraMode.SINGLE,
+                reader_options=options, extraction_options=extraction,
+                device=pycolmap.Device.cpu,
+            )  # fmt: skip
+            done += len(batch)
+            yield done
+
+
+def _features_in(size: tuple[int, int]) -> int:
+    """How many features a picture of a size is to have: matching costs the square of them."""
+    return int(np.clip(_DENSITY * size[0] * size[1], _FEWEST, _MOST))
+
+
+def _size_of(photo, cheaply):
+    """Width and height of the picture that features are taken from."""
+    size = photo.width, photo.height_px
+    if cheaply.size is None or max(size) <= cheaply.size:
+        return size
+    return tuple(round(side * cheaply.size / max(size)) for side in size)
+
+
+def _camera_id(pycolmap, database, name):
+    """The camera that an earlier batch or run made of this image, -1 without one."""
+    with pycolmap.Database.open(database) as base:
+        if not base.exists_image(name):
+            return -1
+        return base.read_image_with_name(name).camera_id
+
+
+def _pairs(photos: list[Metadata]) -> list[tuple[int, int]]:
+    """Rows of images worth matching."""
+    count = len(photos)
+    placed = [k for k, photo in enumerate(photos) if photo.lat_deg is not None]
+    if len(placed) < count and count <= _ALL or count <= _NEIGHBOURS:
+        return [(i, j) for i in range(count) for j in range(i + 1, count)]
+    found = set()
+    if len(placed) < count:
+        found |= {(i, j) for i in range(count) for j in range(i + 1, min(i + _SEQUENCE, count))}
+    if placed:
+        spots = np.array([[photos[k].lon_deg, photos[k].lat_deg, 0.0] for k in placed])
+        lon, lat, _ = np.median(spots, axis=0)
+        plan = Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
+        for k, spot in zip(placed, plan, strict=True):
+            near = np.argsort(np.hypot(*(plan - spot).T), kind="stable")[1 : _NEIGHBOURS + 1]
+            found |= {(min(k, placed[n]), max(k, placed[n])) for n in near.tolist()}
+    return sorted(found)
+
+
+def _matches(pycolmap, database, place, names, pairs) -> Iterator[int]:
+    listed = place / "pairs.txt"
+    verified = pycolmap.TwoViewGeometryOptions()
+    verified.ransac.random_seed = 0  # one import is like another
+    for first in range(0, len(pairs), _BATCH_PAIRS):
+        batch = pairs[first : first + _BATCH_PAIRS]
+        text = "".join(f"{names[i]} {names[j]}\n" for i, j in batch)
+        listed.write_text(text, encoding="utf-8")
+        options = pycolmap.ImportedPairingOptions()
+        options.match_list_path = str(listed)
+        pycolmap.match_image_pairs(
+            database,
+            pairing_options=options,
+            verification_options=verified,
+            device=pycolmap.Device.cpu,
+        )
+        yield first + len(batch)
+
+
+def _map(pycolmap, database, folder, model, photos, stated, progress) -> None:
+    """The model of most photographs, written to `model`.
+
+    stated: all photographs state a focal length: it is held while the model grows, and let go at
+    the end, where it may move within a tenth.
+    """
+    best = _grown(pycolmap, database, folder, len(photos), progress, held=stated)
+    if stated and (best is None or best.num_reg_images() < _KEPT * len(photos)):
+        progress("mapping again: the stated focal length let go")
+        other = _grown(pycolmap, database, folder, len(photos), progress, held=False)
+        least = best.num_reg_images() if best is not None else 0
+        if other is not None and other.num_reg_images() > 1.2 * least:
+            best, stated = other, False
+    if best is None:
+        raise AdjustmentFailed(
+            f"the photographs do not make a model: {why_lost(photos, set())}; features and matches "
+            f"are kept in {model.parent}, the same command goes on from there"
+        )
+    if stated:
+        best = _focal_let_go(pycolmap, best)
+    with whole_folder(model, "images.bin") as part:
+        best.write_binary(part)
+
+
+def _grown(pycolmap, database, folder, count, progress, held):
+    """The largest model; None without one. held: the focal length stays as it is stated."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.min_model_size = _LEAST
+    options.random_seed = 0
+    # Several threads race for the first pair. Small models are adjusted by one anyway.
+    options.num_threads = 1 if count <= _ALL else -1
+    options.ba_refine_focal_length = not held
+    options.mapper.abs_pose_refine_focal_length = not held
+    done = 2
+
+    def registered():
+        nonlocal done
+        done += 1
+        progress(f"mapping: {min(done, count)} of {count} photographs")
+
+    progress(f"mapping {count} photographs")
+    with tempfile.TemporaryDirectory(prefix="corridor-") as work:
+        found = pycolmap.incremental_mapping(
+            database, folder, work, options=options, next_image_callback=registered
+        )
+    return max(found.values(), key=lambda model: model.num_reg_images()) if found else None
+
+
+def _focal_let_go(pycolmap, held):
+    """The model with its focal length adjusted, where that stays near the stated one.
+
+    Beyond, the stated one stays held: over flat ground f and height exchange, and a bent model
+    takes an absurd f; unless the other fits decisively better.
+    """
+    free = pycolmap.Reconstruction(held)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    images = pycolmap.BundleAdjustmentConfig()
+    for image in free.reg_image_ids():
+        images.add_image(image)
+    images.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, images, free).solve()
+    before, after = (model.cameras[next(iter(model.cameras))] for model in (held, free))
+    off = abs(after.mean_focal_length() / before.mean_focal_length() - 1)
+    for one in (held, free):
+        one.update_point_3d_errors()
+    better = free.compute_mean_reprojection_error() < (
+        _FITS_BETTER * held.compute_mean_reprojection_error()
+    )
+    return free if off <= _FOCAL_RANGE or better else held

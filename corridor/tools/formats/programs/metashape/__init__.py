@@ -1,0 +1,593 @@
+"""Agisoft Metashape and PhotoScan: camera XML, marker XML, and PhotoScan projects (.psz).
+
+Conventions, where they differ from ours: (0.5, 0.5) is the centre of the top-left pixel; cx, cy are
+counted from the image centre (in PhotoScan's older form, with fx and fy, from the corner); b1, b2
+are in pixels and multiply the *distorted* ray. A camera's transform (4 x 4, row by row) is camera
+to chunk; the transform of the chunk, or of its component, goes on to the world: geocentric if the
+chunk has a geographic or projected system, local otherwise. Of the reference angles,
+M = Rz(-yaw) Rx(pitch) Ry(roll) takes the camera (x right, y forward, z up) to east, north, up;
+pitch 0 looks down.
+
+Source: Agisoft Metashape manual, appendix "Camera models"; the rest as found on real files.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from corridor.core.errors import InputError
+from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, known_crs
+from corridor.core.textfile import Xml, missing, opening
+from corridor.tools.formats.cameras import (
+    Held,
+    NoModel,
+    camera_from,
+    in_the_middle,
+    standing_for,
+    where_known,
+)
+from corridor.tools.formats.programs.metashape.writing import write as write
+from corridor.tools.formats.project import (
+    Pieces,
+    Project,
+    Views,
+    ground_table,
+    points_table,
+    rotations_to_columns,
+)
+
+NAME = "metashape"
+TITLE = "Metashape camera and marker XML, PhotoScan project (.psz)"
+WRITES = ("metashape",)
+HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2"), pinhole=("b1", "b2"))
+LOSSES = {
+    "tie points": "tie points: Metashape takes none from XML, only markers",
+    "GNSS": "lever arms: the references are the camera centres that GNSS gives",
+}
+
+_FLIP = np.diag([1.0, -1.0, -1.0])
+_UNSCALED = "chunk units: no scale, no place in the world (not metres)"
+_EARTH_M = (6.2e6, 6.5e6)
+_PLY = {
+    "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8", "int": "<i4",
+    "int32": "<i4", "uint": "<u4", "uint32": "<u4", "uchar": "u1", "uint8": "u1", "char": "i1",
+    "short": "<i2", "ushort": "<u2",
+}  # fmt: skip
+
+
+def recognise(path: Path) -> bool:
+    """An XML file with a chunk, a .psz, or a folder with one of them."""
+    if path.is_file():
+        return _looks(path)
+    return any(_looks(file) for end in ("*.psz", "*.xml") for file in sorted(path.glob(end)))
+
+
+def _looks(path):
+    if path.suffix.lower() in (".psz", ".psx"):
+        return True
+    head = opening(path)
+    return path.suffix.lower() == ".xml" and "<document" in head and "<chunk" in head
+
+
+def _known_xml(path):
+    return _looks(path) or "<calibration>" in opening(path)
+
+
+@dataclass
+class _Chunk:
+    """What the XML files of one chunk say together.
+
+    Cameras by label and sensors by label or number: two exports may number them differently.
+    projections: marker number -> (camera label, element). sensor_of: camera label -> sensor.
+    """
+
+    sensors: dict[str, Xml] = field(default_factory=dict)
+    cameras: dict[str, Xml] = field(default_factory=dict)
+    markers: dict[str, Xml] = field(default_factory=dict)
+    projections: dict[str, list[tuple[str, Xml]]] = field(default_factory=dict)
+    sensor_of: dict[str, str] = field(default_factory=dict)
+    components: dict[str, Xml] = field(default_factory=dict)
+    transform: Xml | None = None
+    crs: str | None = None
+    marker_crs: str | None = None
+
+    def add(self, element: Xml) -> None:
+        """What the chunk of one more file says; what is known already stays."""
+        here = {}
+        for part in element.all("sensors/sensor"):
+            number = part.get("id", "")
+            key = part.get("label") or f"sensor {number}"
+            here[number] = key = f"{key} {number}" if key in here.values() else key
+            known = self.sensors.get(key)
+            if known is None or known.find("calibration") is None:
+                self.sensors[key] = part
+        for part in element.all("markers/marker"):
+            if not part.get("id"):
+                raise part.wrong("a marker has no id; export the markers again")
+            self.markers.setdefault(part.get("id"), part)
+        labels = {}
+        # Cameras may stand in groups.
+        for part in element.all(".//camera"):
+            label, number = part.get("label"), part.get("id")
+            if label is None or number is None:
+                continue
+            if label in labels.values():
+                raise part.wrong(f"two cameras are labelled {label!r}; rename one")
+            labels[number] = label
+            known = self.cameras.get(label)
+            if known is None or len(part.element) > len(known.element):
+                self.cameras[label] = part
+                self.sensor_of[label] = here.get(part.get("sensor_id", ""), "")
+        for part in element.all("components/component"):
+            self.components.setdefault(part.get("id", ""), part)
+        for part in element.all("frames/frame[1]/markers/marker"):
+            self.projections.setdefault(
+                part.get("marker_id", ""),
+                [
+                    (labels.get(place.get("camera_id", ""), ""), place)
+                    for place in part.all("location")
+                ],
+            )
+        self.transform = element.find("transform") or self.transform
+        for tag, name in (("reference", "crs"), ("marker_reference", "marker_crs")):
+            text = (element.element.findtext(tag) or "").strip()
+            setattr(self, name, text or getattr(self, name))
+
+
+def read(path: Path, size: tuple[int, int] | None = None) -> Project:
+    """The project of a file or folder. Raises InputError naming file and line."""
+    if path.suffix.lower() == ".psx":
+        raise InputError(
+            f"{path.name}: a .psx project is not read; export its cameras and markers as XML "
+            "(File > Export), or save it as .psz"
+        )
+    notes: list[str] = []
+    warnings: list[str] = []
+    archives = [path] if path.is_file() else sorted(path.glob("*.psz"))
+    if archives and archives[0].suffix.lower() == ".psz":
+        path = archives[0]
+        chunk, cloud = _psz(path, notes)
+    else:
+        chunk, cloud = _together(path, notes, warnings), None
+    return _project(chunk, cloud, path, notes, warnings)
+
+
+def _together(path, notes, warnings):
+    """The chunk of the file that says most, and of those that are of the same cameras."""
+    files = [path] if path.is_file() else [f for f in sorted(path.glob("*.xml")) if _looks(f)]
+    if not files:
+        raise InputError(f"{path} holds no Metashape XML; name the exported file")
+    if path.is_dir():
+        strange = [f.name for f in sorted(path.glob("*.xml")) if not _known_xml(f)]
+        warnings += [f"{name} is no XML of Metashape that corridor knows" for name in strange]
+    parts = [_document(Xml.read(file), notes) for file in files]
+    parts.sort(key=lambda part: -len(part.all(".//camera/transform") + part.all(".//location")))
+    chunk = _Chunk()
+    known = _labels(parts[0])
+    for part in parts:
+        labels = _labels(part)
+        if labels and known and not (labels <= known or labels >= known):
+            warnings.append(
+                f"{part.path.name} is of other cameras than {parts[0].path.name} and was left out; "
+                "name the file to import it"
+            )
+        else:
+            chunk.add(part)
+    return chunk
+
+
+def _labels(part):
+    return {camera.get("label") for camera in part.all(".//camera") if camera.get("label")}
+
+
+def _document(root, notes):
+    chunks = root.all("chunk") or root.all("chunks/chunk")
+    if root.tag != "document" or not chunks:
+        raise root.wrong("it is no Metashape document with a chunk; export it again")
+    if len(chunks) > 1:
+        notes.append(f"{root.path.name} holds {len(chunks)} chunks; the first was read")
+    return chunks[0]
+
+
+# --- cameras ---------------------------------------------------------------------------------
+
+
+def _camera(sensor, name, notes):
+    """Our camera of a sensor. Raises NoModel."""
+    calibrations = sensor.all("calibration")
+    adjusted = [part for part in calibrations if part.get("class") == "adjusted"]
+    calibration = (adjusted or calibrations[::-1] or [None])[0]
+    kind = (calibration or sensor).get("type", "frame")
+    if kind != "frame":
+        raise NoModel(f"sensor {name!r} is a {kind}, for which corridor has no model")
+    resolution = (calibration or sensor).child("resolution")
+    size = [resolution.number(key, 0.0) for key in ("width", "height")]
+    middle = in_the_middle(*size)
+    pixel, focal = (_stated(sensor, key) for key in ("pixel_width", "focal_length"))
+    pixel_um = {"pixel_um": 1000 * pixel} if pixel and pixel > 0 else {}
+    if calibration is None:
+        if not focal or not pixel or min(focal, pixel) <= 0:
+            raise NoModel(f"sensor {name!r} has neither a calibration nor a focal length")
+        notes.append(f"sensor {name!r} has no calibration: f from its focal length and pixel size")
+        return camera_from(name, *size, focal / pixel, *middle, **pixel_um)
+    k1, k2, k3, k4, p1, p2, p3, p4 = (
+        calibration.value(f"{letter}{n}", 0.0) for letter in "kp" for n in range(1, 5)
+    )
+    cx, cy = (calibration.value(key, 0.0) for key in ("cx", "cy"))
+    if calibration.find("fx") or calibration.find("fy"):
+        # PhotoScan's older form: cx, cy from the corner.
+        f, fx = calibration.value("fy", 0.0), calibration.value("fx", 0.0)
+        cx, cy = cx - 0.5, cy - 0.5
+        b1, b2 = fx - f, calibration.value("skew", 0.0)
+        if p1 or p2:
+            notes.append(
+                f"sensor {name!r}: the older form (fx, fy) does not say which of p1, p2 is which; "
+                "they were read in today's order"
+            )
+    else:
+        cx, cy = cx + middle[0], cy + middle[1]
+        f, b1, b2 = (calibration.value(key, 0.0) for key in ("f", "b1", "b2"))
+    if not f > 0:
+        raise sensor.wrong(f"sensor {name!r} has the focal length {f:g}; export again")
+    camera = camera_from(
+        name, *size, f, cx, cy, k1=k1, k2=k2, k3=k3, k4=k4, p1=p1, p2=p2, b1=b1 / f, b2=b2 / f,
+        **pixel_um,
+    )  # fmt: skip
+
+    def project(rays: np.ndarray) -> np.ndarray:
+        u, v = rays.T
+        r2 = u * u + v * v
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
+        more = 1 + r2 * (p3 + r2 * p4)
+        x = u * radial + (p1 * (r2 + 2 * u * u) + 2 * p2 * u * v) * more
+        y = v * radial + (p2 * (r2 + 2 * v * v) + 2 * p1 * u * v) * more
+        return np.column_stack([cx + f * x + b1 * x + b2 * y, cy + f * y])
+
+    return standing_for(camera, project, notes)
+
+
+def _stated(sensor, name):
+    part = sensor.find(f"property[@name='{name}']")
+    return None if part is None else part.number("value")
+
+
+# --- from chunk to world ---------------------------------------------------------------------
+
+
+@dataclass
+class _World:
+    """Where a chunk lies.
+
+    local: its frame on Earth; None: metres of a local system, or none at all. scaled: the chunk's
+    coordinates are metres. geocentric: they are geocentric.
+    """
+
+    local: Local | None = None
+    scaled: bool = True
+    geocentric: bool = False
+
+    def points(self, places: np.ndarray, crs: str | None) -> np.ndarray:
+        """Block coordinates (n, 3) of places in a CRS (None: local already)."""
+        places = np.asarray(places, dtype=float).reshape(-1, 3)
+        return places if self.local is None or crs is None else self.local.from_crs(places, crs)
+
+
+def _similarity(element):
+    """Scale, rotation, translation; None where a transform holds nothing but a region."""
+    if element is None or element.find("rotation") is None:
+        return None
+    rotation = element.values("rotation", 9).reshape(3, 3)
+    translation = element.values("translation", 3)
+    scale = element.value("scale")
+    try:
+        rotations_to_columns(rotation)
+    except ValueError as error:
+        raise element.wrong(f"the transform: {error}") from None
+    if not scale > 0:
+        raise element.wrong(f"the transform's scale is {scale:g}; export it again")
+    return scale, rotation, translation
+
+
+def _is_local(crs):
+    return crs is None or crs.startswith("LOCAL")
+
+
+def _crs(text):
+    return None if _is_local(text) else known_crs(text).to_wkt()
+
+
+def _project(chunk, cloud, path, notes, warnings):
+    cameras = where_known(chunk.sensors, lambda name: _camera(chunk.sensors[name], name, notes))
+    labels = [label for label in chunk.cameras if chunk.sensor_of[label] in cameras]
+    if not labels:
+        raise InputError(
+            f"{path.name} holds no image of a frame camera; export the cameras of a chunk with "
+            "frame cameras"
+        )
+    parts = [chunk.cameras[label] for label in labels]
+    crs = _crs(chunk.crs)
+    centre, rotation, world = _poses(chunk, parts, notes)
+    known = np.isfinite(centre).all(axis=1)
+    measured = _Reference([part.find("reference") for part in parts])
+    have = np.isfinite(measured.place).all(axis=1)
+    # Measured positions mean nothing in a frame of its own.
+    free = bool(known.any()) and not world.scaled
+    have &= not free
+    if (crs is not None or world.geocentric) and not free:
+        world.local = _local(centre[known] if world.geocentric else None, measured.place[have], crs)
+    if world.geocentric:
+        turn = world.local.rotation()
+        centre[known] = world.local.from_crs(centre[known], GEOCENTRIC)
+        rotation[known] = rotation[known] @ turn.T
+    reference = np.full_like(centre, np.nan)
+    reference[have] = world.points(measured.place[have], crs)
+    taken = have & np.isfinite(measured.angle).all(axis=1) & (not known.any())
+    if taken.any():
+        rotation[taken], centre[taken] = _of_angles(measured.angle[taken]), reference[taken]
+        notes.append(
+            f"{int(taken.sum())} cameras are not aligned: their poses are the measured positions "
+            "and angles (start values)"
+        )
+    if free:
+        notes.append(
+            "the chunk has no transform: its coordinates have no scale and no place, they are not "
+            "metres"
+        )
+    if world.local is not None:
+        lat, lon, height = world.local.origin
+        notes.append(f"world: east, north, up about {lat:g}, {lon:g} degrees, height {height:g} m")
+    placed = world.scaled or (not known.any() and np.isfinite(measured.place).any())
+    ties, points = (None, None) if cloud is None else _ties(*cloud, labels, world, chunk.transform)
+    return Pieces(
+        name=path.stem,
+        cameras=cameras,
+        images=labels,
+        used=[chunk.sensor_of[label] for label in labels],
+        centre=centre,
+        rotation=rotation,
+        ties=ties,
+        points=points,
+        marks=_marks(chunk, labels, notes),
+        ground=_ground(chunk, world) if placed else None,
+        gnss=_gnss(labels, reference, measured, have, notes),
+        local=world.local,
+        description=_UNSCALED if free else "",
+        notes=notes,
+        warnings=warnings,
+    ).project(NAME, path, placed=bool(placed))
+
+
+def _poses(chunk, parts, notes):
+    """Centres and rotations (world to camera) by the transforms, NaN without; their world."""
+    count = len(parts)
+    centre, rotation = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    scaled, far = True, []
+    for k, part in enumerate(parts):
+        if part.find("transform") is None:
+            continue
+        matrix = part.values("transform", 16).reshape(4, 4)
+        own = chunk.components.get(part.get("component_id", ""))
+        own = own.find("transform") if own is not None else None
+        found = _similarity(own or chunk.transform)
+        scaled &= found is not None
+        scale, turn, shift = found or (1.0, np.eye(3), np.zeros(3))
+        far.append(np.linalg.norm(shift))
+        try:
+            rotations_to_columns(matrix[:3, :3])
+        except ValueError as error:
+            raise part.wrong(f"camera {part.get('label')!r}: {error}") from None
+        centre[k] = scale * turn @ matrix[:3, 3] + shift
+        rotation[k] = (turn @ matrix[:3, :3]).T
+    if far and len(far) < count:
+        notes.append(f"{count - len(far)} of {count} cameras are not aligned")
+    geocentric = bool(far) and not _is_local(chunk.crs) and scaled
+    if geocentric and not all(_EARTH_M[0] < length < _EARTH_M[1] for length in far):
+        raise parts[0].wrong(
+            "the chunk's system is geographic or projected, but its transform is not "
+            "geocentric; export the cameras again from Metashape"
+        )
+    return centre, rotation, _World(scaled=scaled, geocentric=geocentric)
+
+
+class _Reference:
+    """Measured place, angle (yaw, pitch, roll), sigma (n, 3), NaN where unknown; enabled (n,)."""
+
+    def __init__(self, elements: list[Xml | None]):
+        self.place, self.angle, self.sigma = (np.full((len(elements), 3), np.nan) for _ in range(3))
+        self.enabled = np.zeros(len(elements), dtype=bool)
+        for k, element in enumerate(elements):
+            if element is None:
+                continue
+            place, angle = (
+                [element.number(key, np.nan) for key in keys]
+                for keys in ("xyz", ("yaw", "pitch", "roll"))
+            )
+            if np.isfinite(place).all():
+                self.place[k], self.enabled[k] = place, _is_on(element, "enabled")
+            if np.isfinite(angle).all():
+                self.angle[k] = angle
+            self.sigma[k] = _sigmas(element)
+
+
+def _is_on(element, name):
+    return element.get(name, "true").lower() in ("true", "1")
+
+
+def _sigmas(element):
+    """sx, sy, sz of the attributes sxyz, or sxy and sz, or sx, sy, sz; NaN where unknown."""
+    if element.get("sxyz"):
+        # "sx/sy/sz" or one number for all.
+        try:
+            found = np.array([float(word) for word in element.get("sxyz").split("/")])
+        except ValueError:
+            found = np.array([np.nan])
+        if np.isinf(found).any():
+            raise element.wrong(
+                f"sxyz of <{element.tag}> = {element.get('sxyz')} is infinite; correct it, or "
+                "export the project again"
+            )
+        found = np.broadcast_to(found, 3) if len(found) in (1, 3) else np.full(3, np.nan)
+    else:
+        both = element.number("sxy", np.nan)
+        defaults = {"sx": both, "sy": both, "sz": np.nan}
+        found = np.array([element.number(key, value) for key, value in defaults.items()])
+    return np.where(found > 0, found, np.nan)
+
+
+def _of_angles(angles):
+    """Rotations (n, 3, 3), world to camera, of yaw, pitch, roll (n, 3) degrees."""
+    turned = Rotation.from_euler("ZXY", angles * [-1, 1, 1], degrees=True).as_matrix()
+    return _FLIP @ turned.transpose(0, 2, 1)
+
+
+def _local(geocentric, place, crs):
+    """A frame about the middle of the cameras, on round numbers."""
+    if geocentric is not None:
+        geographic = convert(geocentric, GEOCENTRIC, GEOGRAPHIC)
+    elif len(place):
+        geographic = convert(place, crs, GEOGRAPHIC)
+    else:
+        return None
+    lon, lat, _ = np.median(geographic, axis=0)
+    return Local(round(float(lat), 3), round(float(lon), 3), 0.0)
+
+
+def _gnss(names, reference, measured, have, notes):
+    unused = have & ~measured.enabled
+    if unused.any():
+        notes.append(f"{int(unused.sum())} measured camera positions are switched off: left out")
+    rows = np.flatnonzero(have & measured.enabled)
+    if not len(rows):
+        return None
+    table = points_table([names[k] for k in rows], reference[rows])
+    table = table.rename(columns={"point": "image"})
+    if np.isfinite(measured.sigma[rows]).any():
+        table[["sx", "sy", "sz"]] = measured.sigma[rows]
+    return table
+
+
+def _name(chunk, number):
+    return (chunk.markers[number].get("label") if number in chunk.markers else None) or number
+
+
+def _ground(chunk, world):
+    """ground.csv of the markers with a reference; None without any."""
+    numbers = list(chunk.markers)
+    found = _Reference([chunk.markers[number].find("reference") for number in numbers])
+    rows = np.flatnonzero(np.isfinite(found.place).all(axis=1))
+    if not len(rows):
+        return None
+    return ground_table(
+        [_name(chunk, numbers[k]) for k in rows],
+        world.points(found.place[rows], _crs(chunk.marker_crs or chunk.crs)),
+        found.sigma[rows],
+        np.where(found.enabled[rows], "control", "check"),
+    )
+
+
+def _marks(chunk, labels, notes):
+    at = {label: k for k, label in enumerate(labels)}
+    rows, loose, lost = [], 0, 0
+    for number in dict.fromkeys([*chunk.markers, *chunk.projections]):
+        for label, element in chunk.projections.get(number, []):
+            x, y = (element.number(key) for key in "xy")
+            if not _is_on(element, "pinned"):
+                loose += 1
+            elif label not in at:
+                lost += 1
+            elif x is None or y is None:
+                raise element.wrong(f"a projection of marker {number} has no x, y")
+            else:
+                rows.append((_name(chunk, number), at[label], x - 0.5, y - 0.5))
+    if loose:
+        notes.append(f"{loose} marker projections are not pinned (guessed): left out")
+    if lost:
+        notes.append(f"{lost} marker projections are in images that were not imported")
+    return Views.of(rows, "marker projections")
+
+
+# --- PhotoScan's .psz ------------------------------------------------------------------------
+
+
+def _psz(path, notes):
+    """The chunk of an archive, and its points and their projections by camera, or None."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            element = _document(Xml.parse(archive.read("doc.xml"), path), notes)
+            chunk = _Chunk()
+            chunk.add(element)
+            label_of = {part.get("id"): part.get("label") for part in element.all(".//camera")}
+            cloud = element.find("frames/frame/point_cloud")
+            points = cloud and cloud.find("points")
+            if not points or not points.get("path"):
+                return chunk, None
+            places = _ply(archive, points)
+            found = {
+                label_of.get(part.get("camera_id"), ""): _ply(archive, part)
+                for part in cloud.all("projections")
+            }
+            return chunk, (places, found)
+    except FileNotFoundError as error:
+        raise missing(path, error) from error
+    except (zipfile.BadZipFile, KeyError, EOFError, NotImplementedError, OSError) as error:
+        raise InputError(
+            f"{path.name} is damaged or no PhotoScan archive ({error}); save the project again"
+        ) from None
+    except zipfile.zlib.error as error:
+        raise InputError(f"{path.name} is damaged ({error}); save the project again") from None
+
+
+def _ply(archive, element):
+    """Vertices of the binary little endian PLY that an element names, as a structured array."""
+    name = element.get("path", "")
+    data = archive.read(name)
+    end = data.find(b"end_header\n")
+    head = data[: max(end, 0)].decode("ascii", errors="replace").split("\n")
+    columns, count = [], None
+    for row in head:
+        words = row.split()
+        if words[:2] == ["element", "vertex"] and len(words) == 3 and words[2].isdecimal():
+            count = int(words[2])
+        elif words[:1] == ["property"] and len(words) == 3 and words[1] in _PLY:
+            columns.append((words[2], _PLY[words[1]]))
+    if end < 0 or count is None or "binary_little_endian" not in head[1:2][0]:
+        raise element.wrong(f"{name} is no binary PLY; save the project again")
+    kind = np.dtype(columns)
+    start = end + len(b"end_header\n")
+    if kind.itemsize == 0 or len(data) < start + count * kind.itemsize:
+        raise element.wrong(f"{name} is cut off; save the project again")
+    return np.frombuffer(data, kind, count, start)
+
+
+def _ties(places, found, labels, world, transform):
+    """Views of the tie points, and names and places of the points; None, None without any."""
+    at = {label: k for k, label in enumerate(labels)}
+    ids, images, pixels = [], [], []
+    for label, table in found.items():
+        if label in at and {"x", "y", "id"} <= set(table.dtype.names or ()):
+            ids.append(table["id"].astype(np.int64))
+            images.append(np.full(len(table), at[label]))
+            pixels.append(np.column_stack([table["x"], table["y"]]).astype(float) - 0.5)
+    if not ids or not {"x", "y", "z", "id"} <= set(places.dtype.names or ()):
+        return None, None
+    ids, images, pixels = np.concatenate(ids), np.concatenate(images), np.concatenate(pixels)
+    known = places["id"].astype(np.int64)
+    order = np.argsort(known)
+    near = np.minimum(np.searchsorted(known[order], ids), len(known) - 1)
+    kept = known[order][near] == ids
+    xyz = np.column_stack([places[axis].astype(float) for axis in "xyz"])
+    if not (np.isfinite(xyz).all() and np.isfinite(pixels[kept]).all()):
+        raise InputError("a tie point of the archive is not finite; save the project again")
+    if world.scaled and (similarity := _similarity(transform)):
+        scale, turn, shift = similarity
+        xyz = scale * xyz @ turn.T + shift
+        xyz = world.points(xyz, GEOCENTRIC if world.geocentric else None)
+    # Marker labels are often plain numbers: tie points get a letter.
+    names = ("t" + pd.Index(known).astype("str")).astype("str")
+    return Views(order[near][kept], names, images[kept], pixels[kept], "tie points"), (names, xyz)

@@ -1,0 +1,287 @@
+"""Pix4D: the text files of its folder `params`.
+
+Conventions, where they differ from ours: K counts from the corner of the first pixel; tangential
+T1, T2 are OpenCV's p1, p2 (our p2, p1); centre and rotation (world to camera, x right, y down, z
+forward) are in a frame that lies `offset.xyz` from the world. Omega, phi, kappa of the external
+parameters: R = diag(1, -1, -1) (Rx Ry Rz)'. BINGO tie points are in mm from the image centre, y
+upwards, as measured (distortion not removed).
+
+Source: Pix4D support pages on the files of `params`; proved on a real project.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.errors import InputError
+from corridor.core.geometry import quaternion_from_rotation, rotation_from_angles
+from corridor.core.textfile import Line, filled, opening
+from corridor.tools.formats.cameras import camera_from, in_the_middle, shared
+from corridor.tools.formats.project import Pieces, Project, Views, ground_table
+
+NAME = "pix4d"
+TITLE = "Pix4D calibrated parameters and BINGO tie points"
+
+_MAIN = "calibrated_camera_parameters.txt"
+_EXTERNAL = "calibrated_external_camera_parameters.txt"
+_FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+def recognise(path: Path) -> bool:
+    """A folder with calibrated_camera_parameters.txt, or one of Pix4D's parameter files."""
+    if path.is_file():
+        head = opening(path, 200)
+        return head.startswith("fileName imageWidth imageHeight") or head.startswith(
+            "imageName X Y Z Omega Phi Kappa"
+        )
+    return any(path.glob(f"*{_MAIN}")) or any((path / "params").glob(f"*{_MAIN}"))
+
+
+def _find(folder, *endings):
+    found = [file for ending in endings for file in sorted(folder.glob(f"*{ending}"))]
+    return found[0] if found else None
+
+
+def read(path: Path, size: tuple[int, int] | None = None) -> Project:
+    """The project of a folder. Raises InputError naming file and line."""
+    folder = path if path.is_dir() else path.parent
+    if path.is_dir() and not any(path.glob(f"*{_MAIN}")) and (path / "params").is_dir():
+        folder = path / "params"
+    main = path if path.is_file() else _find(folder, _MAIN)
+    if main is None:
+        raise InputError(f"{folder} has no ..._{_MAIN}; name Pix4D's folder params")
+    if opening(main, 200).startswith("imageName"):
+        _external(main)
+        raise InputError(
+            f"{main.name} holds poses without a camera; put ..._{_MAIN} of the same project beside "
+            "it and name the folder"
+        )
+    prefix = main.name[: -len(_MAIN)] if main.name.endswith(_MAIN) else ""
+    notes: list[str] = []
+    warnings: list[str] = []
+    shots = _shots(main)
+    offset = _offset(folder / f"{prefix}offset.xyz", notes)
+    names = [shot.name for shot in shots]
+    cameras, used = shared([shot.interior for shot in shots], "camera_{}".format, _camera)
+    centre, rotation = (
+        np.array([getattr(shot, key) for shot in shots]) for key in ("centre", "rotation")
+    )
+    external = folder / f"{prefix}{_EXTERNAL}"
+    if external.is_file():
+        _compare(names, centre + offset, rotation, external, warnings)
+    bingo = _find(folder, "tp_bingo.txt", "bingo.txt")
+    return Pieces(
+        name=folder.resolve().name if folder.name != "params" else folder.resolve().parent.name,
+        cameras=cameras,
+        images=names,
+        used=used,
+        centre=centre,
+        rotation=rotation,
+        ties=None if bingo is None else _bingo(bingo, names, used, cameras, notes),
+        ground=_ground(folder / f"{prefix}measured_estimated_gcps_position.txt", offset),
+        gnss=_gnss(folder / f"{prefix}{_EXTERNAL[:-4]}_error.txt", names, offset, notes),
+        offset=offset,
+        notes=notes,
+        warnings=warnings,
+    ).project(NAME, main)
+
+
+@dataclass
+class _Shot:
+    """One image of the calibrated camera parameters.
+
+    interior: width, height, fx, cx, fy, cy, K1, K2, K3, T1, T2.
+    """
+
+    name: str
+    interior: tuple[float, ...]
+    centre: np.ndarray
+    rotation: np.ndarray
+
+
+_PARTS = (
+    *(("the camera matrix", 3),) * 3,
+    ("the radial distortion", 3),
+    ("the tangential distortion", 2),
+    ("the position", 3),
+    *(("the rotation", 3),) * 3,
+)
+_HEAD_LINES = 8
+
+
+def _shots(path):
+    found = filled(path)
+    for count, line in enumerate(found, start=1):
+        if line.text.strip().startswith("camera model"):
+            break
+        if count > _HEAD_LINES:
+            raise line.wrong(
+                "its eight lines of header are missing or another program's; export the "
+                "calibrated camera parameters again"
+            )
+    shots: dict[str, _Shot] = {}
+    for line in found:
+        # The name may hold blanks; width and height are the last two.
+        name, *size = line.text.strip().rsplit(maxsplit=2)
+        if len(size) != 2 or not all(word.isdecimal() for word in size):
+            raise line.wrong(
+                f"{line.text.strip()[:40]!r} where an image name with width and height belongs; a "
+                "line is missing or too many before it"
+            )
+        width, height = (line.whole(word, "the picture size", 2) for word in size)
+        if name in shots:
+            raise line.wrong(f"image {name!r} stands there twice")
+        rows = []
+        for what, count in _PARTS:
+            line = next(found, None)
+            if line is None:
+                raise InputError(f"{path.name} ends within image {name!r}; it is cut off")
+            rows.append(line.values(count, what))
+        matrix = np.array(rows[:3])
+        if matrix[0, 1] or matrix[1, 0] or matrix[2].tolist() != [0, 0, 1]:
+            raise line.wrong(
+                f"the camera matrix of {name!r} has skew or another last row than 0 0 1; the lines "
+                "are out of step"
+            )
+        if min(matrix[0, 0], matrix[1, 1]) <= 0:
+            raise InputError(f"camera of {name!r}: its focal length is not positive")
+        inner = (width, height, *matrix[0, [0, 2]], *matrix[1, 1:], *rows[3], *rows[4])
+        shots[name] = _Shot(name, inner, rows[5], np.array(rows[6:]))
+    if not shots:
+        raise InputError(f"{path.name} holds no image; export the project again")
+    return list(shots.values())
+
+
+def _camera(name, *interior):
+    width, height, fx, cx, fy, cy, k1, k2, k3, t1, t2 = interior
+    return camera_from(
+        name, width, height, fy, cx - 0.5, cy - 0.5,
+        k1=k1, k2=k2, k3=k3, p1=t2, p2=t1, b1=(fx - fy) / fy,
+    )  # fmt: skip
+
+
+def _offset(path, notes):
+    if not path.is_file():
+        notes.append(f"{path.name} is missing: coordinates are those of the file")
+        return np.zeros(3)
+    for line in filled(path):
+        return line.values(3, "the offset")
+    raise InputError(f"{path.name} is empty; export the project again")
+
+
+def _external(path):
+    """name -> centre (3,), omega, phi, kappa (degrees)."""
+    found = {}
+    for line in filled(path):
+        if line.at > 1:
+            name, *words = line.text.rsplit(maxsplit=6)
+            if len(words) != 6:
+                raise line.wrong(f"{len(words) + 1} words where a name and 6 numbers belong")
+            found[name.strip()] = line.numbers(words, "the pose")
+    return found
+
+
+def _compare(names, centre, rotation, path, warnings):
+    """The two files of poses must agree: then sense and offset are proved."""
+    external = _external(path)
+    rows = [k for k, name in enumerate(names) if name in external]
+    if not rows:
+        return
+    pose = np.array([external[names[k]] for k in rows])
+    away = np.abs(centre[rows] - pose[:, :3]).max()
+    turned = np.array([rotation_from_angles(*angles) for angles in pose[:, 3:]])
+    quaternions = [
+        quaternion_from_rotation(matrix)
+        for matrix in (_FLIP @ turned.transpose(0, 2, 1), rotation[rows])
+    ]
+    near = np.abs(np.prod(quaternions, axis=0).sum(axis=1)).min()
+    if away > 1e-3 or near < np.cos(1e-5):
+        warnings.append(
+            f"{path.name} and {_MAIN} disagree by up to {away:.3g} m and "
+            f"{np.degrees(2 * np.arccos(min(near, 1.0))):.2g} degrees; the latter was taken"
+        )
+
+
+def _gnss(path, names, offset, notes):
+    if not path.is_file():
+        return None
+    wanted = ["imageName", *(f"{axis}_{kind}" for kind in ("gps", "acc") for axis in "XYZ")]
+    rows, at = [], None
+    for line in filled(path):
+        words = [word.strip() for word in line.text.split(",")]
+        if at is None:
+            if not set(wanted) <= set(words):
+                return None
+            at, width = [words.index(name) for name in wanted], len(words)
+            continue
+        if len(words) != width:
+            raise line.wrong(f"{len(words)} cells where the header has {width}")
+        if words[at[0]] in names:
+            values = line.numbers([words[k] for k in at[1:]], "a position")
+            rows.append((words[at[0]], *(values[:3] - offset), *values[3:]))
+    if not rows:
+        return None
+    notes.append("measured camera positions (X_gps, X_acc) became gnss.csv")
+    table = pd.DataFrame(rows, columns=["image", "x", "y", "z", "sx", "sy", "sz"])
+    sigma = table[["sx", "sy", "sz"]]
+    table[["sx", "sy", "sz"]] = sigma.where(sigma > 0)
+    return table
+
+
+def _ground(path, offset):
+    if not path.is_file():
+        return None
+    labels, places = [], []
+    for line in filled(path):
+        words = [word.strip() for word in line.text.split(",")]
+        if line.at == 1:
+            continue
+        if len(words) < 4:
+            raise line.wrong(f"{len(words)} cells where 4 are needed")
+        labels.append(words[0])
+        places.append(line.numbers(words[1:4], "a measured position") - offset)
+    return ground_table(labels, np.array(places)) if labels else None
+
+
+def _bingo(path, names, used, cameras, notes):
+    """An image with its size in mm (name H_width_height), its tie points, -99."""
+    stems: dict[str, int] = {}
+    for k, name in enumerate(names):
+        stems.setdefault(name, k)
+        stems.setdefault(name.rpartition(".")[0] or name, k)
+    rows, lost, width, image = [], 0, None, None
+    for line in filled(path):
+        if line.text.split() == ["-99"]:
+            width = None
+        elif width is None:
+            image, width = _bingo_head(line, stems)
+            lost += image is None
+        else:
+            name, *xy = line.words(3, "a tie point")
+            if image is not None:
+                camera = cameras[used[image]]
+                x, y = line.numbers(xy, "a tie point") * camera.width / width
+                cx, cy = in_the_middle(camera.width, camera.height)
+                rows.append((name, image, cx + x, cy - y))
+    if width is not None:
+        raise InputError(f"{path.name} ends without -99 after the last image; it is cut off")
+    if lost:
+        notes.append(f"{path.name}: {lost} images are not among the calibrated ones: left out")
+    return Views.of(rows, "tie points")
+
+
+def _bingo_head(line: Line, stems: dict[str, int]) -> tuple[int | None, float]:
+    # The name may hold blanks.
+    name, *size = line.text.strip().rsplit(maxsplit=1)
+    sides = size[0].split("_") if size else []
+    if len(sides) != 3:
+        raise line.wrong(
+            f"{line.text.strip()[:40]!r} where an image with its size in mm (H_width_height) "
+            "belongs; a line -99 is missing or too many"
+        )
+    width = line.number(sides[1], "the width in mm")
+    if width <= 0:
+        raise line.wrong(f"the width {width:g} mm is none")
+    return stems.get(name.strip()), width

@@ -1,0 +1,376 @@
+"""What a project of another program says, and how its pieces become a block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.block import POSE, Block
+from corridor.core.brief import brief
+from corridor.core.camera import Camera
+from corridor.core.errors import InputError
+from corridor.core.geometry import quaternion_from_rotation
+from corridor.core.gnss import Local
+from corridor.tools.formats.cameras import NoModel
+from corridor.tools.formats.rows import rows_of
+
+# From here on a float32 of another program, or a difference of cubes, loses what a survey needs.
+_FAR_M = 10_000.0
+
+
+@brief
+@dataclass
+class Project:
+    """A block made from another program's project, and what is worth knowing about it.
+
+    form: the format's name. block: not yet checked; without observations where the project has
+    none. pairs: image, x, y (px), X, Y, Z: image and ground that the project itself says belong
+    together, for the proof only. notes: sentences on what was decided or left out. warnings:
+    sentences on what may be wrong. placed: the coordinates are metres in a known or stated frame,
+    not the free frame of a reconstruction. image_to_ray: the format's distortion goes that way.
+    """
+
+    form: str
+    source: Path
+    block: Block
+    pairs: pd.DataFrame | None = None
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    placed: bool = True
+    image_to_ray: bool = False
+
+    def having(
+        self,
+        *,
+        notes: Iterable[str] = (),
+        warnings: Iterable[str] = (),
+        placed: bool | None = None,
+        **changes,
+    ) -> Project:
+        """The project with more sentences, and with other fields of its block."""
+        return replace(
+            self,
+            block=replace(self.block, **changes) if changes else self.block,
+            notes=[*self.notes, *notes],
+            warnings=[*self.warnings, *warnings],
+            placed=self.placed if placed is None else placed,
+        )
+
+
+def local_table(local: Local) -> dict[str, float]:
+    """`local_frame` of block.toml."""
+    return {"lat_deg": local.lat_deg, "lon_deg": local.lon_deg, "height": local.height}
+
+
+def local_of(block: Block) -> Local | None:
+    """The block's east, north, up frame on Earth, None where it has none."""
+    local = block.extra.get("local_frame")
+    return Local(local["lat_deg"], local["lon_deg"], local["height"]) if local else None
+
+
+def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
+    """Quaternions (n, 4) of rotations (n, 3, 3), world to camera, made exactly orthogonal.
+
+    Raises ValueError where one is no rotation: who reads a file says which it is.
+    """
+    rotation = np.asarray(rotation, dtype=float).reshape(-1, 3, 3)
+    u, singular, vt = np.linalg.svd(rotation)
+    if np.abs(singular - 1).max(initial=0.0) > 1e-3 or (np.linalg.det(rotation) < 0).any():
+        row = int(np.argmax(np.abs(singular - 1).max(axis=1)))
+        if np.abs(singular[row] - 1).max() <= 1e-3:
+            row = int(np.argmax(np.linalg.det(rotation) < 0))
+        raise ValueError(
+            f"the rotation of image {row + 1} of {len(rotation)} is none: its rows are no "
+            "perpendicular unit vectors, right-handed"
+        )
+    return quaternion_from_rotation(u @ vt)
+
+
+def matrices_of(quaternions: np.ndarray) -> np.ndarray:
+    """Matrices (n, 3, 3), world to camera, of quaternions as files have them, any length > 0.
+
+    A quaternion printed with six digits is unit to 1e-6 only; its matrix is then made without
+    dividing by its length, so that R and C = -R' t belong to the t that was printed with it.
+    `rotations_to_columns` makes rotations of them. One that is far from unit is divided.
+    """
+    q = np.asarray(quaternions, dtype=float).reshape(-1, 4)
+    length = np.linalg.norm(q, axis=1, keepdims=True)
+    w, x, y, z = np.where(np.abs(length - 1) < 1e-4, q, q / length).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def images_table(
+    names: Sequence[str],
+    cameras: Sequence[str],
+    centres: np.ndarray,
+    quaternions: np.ndarray,
+    **columns,
+) -> pd.DataFrame:
+    """images.csv of names, cameras, centres (n, 3) and quaternions (n, 4), NaN where unknown."""
+    table = pd.DataFrame({"image": pd.array(list(names), dtype="str"), "camera": list(cameras)})
+    table["camera"] = table["camera"].astype("str")
+    for name, values in columns.items():
+        table[name] = values
+    table[list(POSE)] = np.column_stack([centres, quaternions])
+    return table
+
+
+def observations_table(
+    point: np.ndarray,
+    point_names: Sequence[str] | pd.Index,
+    image: np.ndarray,
+    image_names: Sequence[str],
+    pixels: np.ndarray,
+) -> pd.DataFrame:
+    """tie_points.csv or marks.csv of codes into names, and pixels (n, 2)."""
+    return pd.DataFrame(
+        {
+            "point": _coded(point, point_names),
+            "image": _coded(image, image_names),
+            "x": np.ascontiguousarray(pixels[:, 0]),
+            "y": np.ascontiguousarray(pixels[:, 1]),
+        }
+    )
+
+
+def _coded(codes, names):
+    names = names if isinstance(names, pd.Index) else pd.Index(list(names), dtype="str")
+    if not names.is_unique:
+        where = names.duplicated()
+        # Whoever reads the project says which file is at fault (`blaming`).
+        raise ValueError(f"two images or points are named {names[where][0]!r}")
+    return pd.Categorical.from_codes(np.asarray(codes, dtype=np.int32), names)
+
+
+def points_table(names: Sequence[str] | pd.Index, positions: np.ndarray) -> pd.DataFrame:
+    """points.csv of names and positions (n, 3)."""
+    table = pd.DataFrame({"point": pd.Series(names, dtype="str")})
+    table[["x", "y", "z"]] = np.asarray(positions, dtype=float).reshape(-1, 3)
+    return table
+
+
+def ground_table(
+    names: Sequence[str],
+    positions: np.ndarray,
+    sigmas: np.ndarray | None = None,
+    roles: Sequence[str] | None = None,
+) -> pd.DataFrame:
+    """ground.csv of names, positions (n, 3), sigmas (n, 3) in metres, roles (default control)."""
+    table = points_table(list(names), positions)
+    if sigmas is not None and np.isfinite(sigmas).any():
+        table[["sx", "sy", "sz"]] = sigmas
+    table["role"] = pd.Series(list(roles) if roles is not None else ["control"] * len(table))
+    table["role"] = table["role"].astype("str")
+    return table
+
+
+def same_point_once(table: pd.DataFrame, what: str, warnings: list[str]) -> pd.DataFrame:
+    """The observations without a second one of the same point in the same image, which are told."""
+    key = table["point"].array.codes.astype(np.int64)
+    key = key * max(len(table["image"].cat.categories), 1) + table["image"].array.codes
+    again = pd.Series(key).duplicated().to_numpy()
+    if not again.any():
+        return table
+    first = table.iloc[int(np.argmax(again))]
+    warnings.append(
+        f"{int(again.sum())} of {len(table)} {what} see a point a second time in one image (first: "
+        f"point {first['point']} in {first['image']}); the first of each was kept"
+    )
+    return table[~again].reset_index(drop=True)
+
+
+def near_origin(block: Block) -> Block:
+    """The block with small coordinates, and the rest in its offset (whole hundreds of metres).
+
+    Coordinates already below 10 km stay as they are.
+    """
+    places = {}
+    for name in ("images", "points", "ground", "gnss"):
+        frame = getattr(block, name)
+        if len(frame) and set(POSE[:3]) <= set(frame.columns):
+            places[name] = frame[list(POSE[:3])].to_numpy(float)
+    known = (places[name] for name in ("images", "points", "ground") if name in places)
+    known = (xyz[np.isfinite(xyz).all(axis=1)] for xyz in known)
+    first = next((xyz for xyz in known if len(xyz)), np.zeros((1, 3)))
+    middle = np.median(first, axis=0)
+    shift = np.where(np.abs(middle) > _FAR_M, np.round(middle / 100) * 100, 0.0)
+    if not shift.any():
+        return block
+    moved = {
+        name: getattr(block, name).assign(**dict(zip(POSE[:3], (xyz - shift).T, strict=True)))
+        for name, xyz in places.items()
+    }
+    return replace(block, offset=block.offset + shift, **moved)
+
+
+# --- the step that all formats share ---------------------------------------------------------
+
+
+@dataclass
+class Views:
+    """Where points are seen: one row an observation.
+
+    point (m,): into names. image (m,): into the images. pixels (m, 2). what: the format's word.
+    """
+
+    point: np.ndarray
+    names: Sequence[str] | pd.Index
+    image: np.ndarray
+    pixels: np.ndarray
+    what: str = "observations"
+
+    @classmethod
+    def of(
+        cls, rows: Sequence[tuple[str, int, float, float]], what: str = "observations"
+    ) -> Views | None:
+        """Of rows (name of the point, row of the image, x, y); None without any."""
+        if not rows:
+            return None
+        names, image, x, y = zip(*rows, strict=True)
+        codes, known = pd.factorize(np.array(names, dtype=object))
+        return cls(
+            codes, pd.Index(known, dtype="str"), np.array(image), np.column_stack([x, y]), what
+        )
+
+    def in_images(self, keep: np.ndarray) -> Views:
+        """Those in the images that are kept (n,), numbered anew."""
+        mine = keep[self.image]
+        return replace(
+            self,
+            point=self.point[mine],
+            image=(np.cumsum(keep) - 1)[self.image[mine]],
+            pixels=self.pixels[mine],
+        )
+
+    def table(self, images: Sequence[str], warnings: list[str]) -> pd.DataFrame:
+        """tie_points.csv or marks.csv; a second view of a point in one image is left out."""
+        table = observations_table(self.point, self.names, self.image, images, self.pixels)
+        return same_point_once(table, self.what, warnings)
+
+
+@dataclass
+class Pieces:
+    """What a format found, before it is a block.
+
+    cameras: by name; a NoModel in the place of one leaves its images out. images, used: names of
+    the images and of the camera of each. centre (n, 3), rotation (n, 3, 3), world to camera; NaN
+    where an image has no pose. columns: more of images.csv. ties, marks: what is seen of points.
+    points: names and places (p, 3), or None: where the rays of the ties meet. ground, gnss: as in
+    a block. local: the east, north, up frame of the coordinates.
+    """
+
+    name: str
+    cameras: dict[str, Camera | NoModel]
+    images: list[str]
+    used: Sequence[str]
+    centre: np.ndarray
+    rotation: np.ndarray
+    columns: dict = field(default_factory=dict)
+    ties: Views | None = None
+    marks: Views | None = None
+    points: tuple[Sequence[str] | pd.Index, np.ndarray] | None = None
+    ground: pd.DataFrame | None = None
+    gnss: pd.DataFrame | None = None
+    local: Local | None = None
+    offset: np.ndarray | None = None
+    crs: str | None = None
+    description: str = ""
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def project(self, form: str, source: Path, **more) -> Project:
+        """The project; more: further fields of it. Raises InputError where a pose is none."""
+        self = self._of_known_cameras(source)
+        known = np.isfinite(self.rotation).all(axis=(1, 2))
+        quaternion = np.full((len(known), 4), np.nan)
+        quaternion[known] = rotations_to_columns(self.rotation[known])
+        used = set(self.used)
+        block = Block(
+            name=self.name,
+            cameras={name: camera for name, camera in self.cameras.items() if name in used},
+            images=images_table(self.images, self.used, self.centre, quaternion, **self.columns),
+            tie_points=self.ties and self.ties.table(self.images, self.warnings),
+            marks=self.marks and self.marks.table(self.images, self.warnings),
+            points=self.points and points_table(*self.points),
+            ground=self.ground,
+            gnss=self.gnss,
+            offset=np.zeros(3) if self.offset is None else self.offset,
+            crs=self.crs,
+            description=self.description,
+            extra={} if self.local is None else {"local_frame": local_table(self.local)},
+        )
+        if set(block.ground["point"]) | set(block.marks["point"].cat.categories):
+            block = apart(block, self.notes)
+        if self.points is None and self.ties is not None:
+            block = replace(block, points=_met(block))
+            self.notes.append(
+                f"{form} has no coordinates of tie points: they were intersected from the rays"
+            )
+            lost = len(block.tie_points["point"].cat.categories) - len(block.points)
+            if lost:
+                self.warnings.append(
+                    f"{lost} tie points have no coordinates: their rays do not meet"
+                )
+        return Project(form, source, block, notes=self.notes, warnings=self.warnings, **more)
+
+    def _of_known_cameras(self, source: Path) -> Pieces:
+        """The pieces without the images of cameras for which there is no model, which are told."""
+        strange = {k: why for k, why in self.cameras.items() if isinstance(why, NoModel)}
+        if not strange:
+            return self
+        keep = np.array([name not in strange for name in self.used], dtype=bool)
+        if not keep.any():
+            raise InputError(f"{source}: {next(iter(strange.values()))}; nothing is left to import")
+        for name, why in strange.items():
+            lost = [
+                image for image, used in zip(self.images, self.used, strict=True) if used == name
+            ]
+            if lost:
+                first = ", ".join(lost[:5])
+                self.warnings.append(f"{why}: its {len(lost)} images were left out ({first})")
+        images = [image for image, kept in zip(self.images, keep, strict=True) if kept]
+        return replace(
+            self,
+            images=images,
+            used=[name for name in self.used if name not in strange],
+            centre=self.centre[keep],
+            rotation=self.rotation[keep],
+            columns={name: np.asarray(values)[keep] for name, values in self.columns.items()},
+            ties=self.ties and self.ties.in_images(keep),
+            marks=self.marks and self.marks.in_images(keep),
+            gnss=None if self.gnss is None else self.gnss[self.gnss["image"].isin(images)],
+        )
+
+
+def apart(block: Block, notes: list[str], more: Iterable[str] = ()) -> Block:
+    """The block whose tie points have other names than its ground points and `more`.
+
+    Numbers name tie points and ground points alike in many programs.
+    """
+    ties = block.tie_points["point"].cat.categories
+    taken = {*block.ground["point"], *block.marks["point"].cat.categories, *more}
+    if not ties.isin(taken).any():
+        return block
+    notes.append("tie points got a t before their names, which ground points have too")
+    table = block.tie_points.assign(
+        point=block.tie_points["point"].cat.rename_categories(("t" + ties).astype("str"))
+    )
+    names = block.points["point"]
+    points = block.points.assign(point=names.where(~names.isin(ties), "t" + names))
+    return replace(block, tie_points=table, points=points)
+
+
+def _met(block: Block) -> pd.DataFrame:
+    rows = rows_of(block, complete=False)
+    good = np.isfinite(rows.positions).all(axis=1)
+    good[rows.ties :] = False
+    return points_table(rows.point_names[good], rows.positions[good])

@@ -1,0 +1,94 @@
+"""Read a project of another program, whatever its format."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.block import Block
+from corridor.core.errors import InputError
+from corridor.tools.formats.faults import blaming
+from corridor.tools.formats.programs import candidates, formats
+from corridor.tools.formats.project import Project, near_origin
+
+
+@np.errstate(all="ignore")
+def read_project(
+    path: str | Path, form: str = "auto", size: tuple[int, int] | None = None
+) -> Project:
+    """The project of a file or folder, in this package's conventions; not yet proved.
+
+    form: a name of `format_names()`, or auto. size: of the pictures, pixels, for formats whose
+    files do not have it.
+    Raises InputError: one sentence that names file, line and what to do.
+    """
+    path, others = Path(path), []
+    if not path.exists():
+        raise InputError(f"{path} is not there; name the file or folder of a project")
+    if form == "auto":
+        form, path, others = _found(path)
+    elif form not in formats():
+        known = ", ".join(formats())
+        raise InputError(f"format {form!r} is unknown; use auto, photos or one of {known}")
+    else:
+        path = next((place for name, place in candidates(path) if name == form), path)
+    with blaming(path, f"a project of {form}"):
+        project = formats()[form].read(path, size)
+        project = replace(project, block=near_origin(project.block))
+        project = project.having(warnings=_unseen(project.block))
+    if others:
+        also = f"the same place is also a project of {', '.join(others)}: name it so"
+        project = project.having(notes=[also])
+    return project
+
+
+def _unseen(block: Block) -> list[str]:
+    """Points and images without observations: a file that ends early at the end of a line."""
+    if not len(block.tie_points):
+        return []
+    warnings = []
+    names = block.tie_points["point"].cat.categories
+    codes = block.tie_points["point"].array.codes.astype(np.int64)
+    seen = np.bincount(codes, minlength=len(names))
+    same = len(names) == len(block.points) and names.equals(pd.Index(block.points["point"]))
+    at = np.arange(len(names)) if same else names.get_indexer(block.points["point"])
+    few = pd.Series(np.where(at >= 0, seen[at], 0) < 2)
+    if len(block.ground) or len(block.marks):
+        few &= ~block.points["point"].isin(set(block.ground["point"]))
+        few &= ~block.points["point"].isin(set(block.marks["point"].cat.categories))
+    if few.any():
+        warnings.append(
+            f"{int(few.sum())} of {len(block.points)} points are seen in fewer than two images "
+            f"(first: {block.points['point'][few].iloc[0]}): the observations may be cut off"
+        )
+    bare = ~block.images["image"].isin(set(block.tie_points["image"].unique()))
+    bare &= ~block.images["image"].isin(set(block.marks["image"].unique()))
+    if bare.any():
+        warnings.append(
+            f"{int(bare.sum())} of {len(block.images)} images see no point (first: "
+            f"{block.images['image'][bare].iloc[0]})"
+        )
+    return warnings
+
+
+def _found(path: Path) -> tuple[str, Path, list[str]]:
+    found = candidates(path)
+    if not found:
+        known = ", ".join(formats())
+        raise InputError(
+            f"{path} is no project that corridor recognises ({known}); name the exported file or "
+            "folder, and its format in place of auto"
+        )
+    if len({place for _, place in found}) > 1:
+        places = "; ".join(f"{name}: {place}" for name, place in found[:6])
+        raise InputError(f"{path} holds several projects ({places}); name one of them")
+    (form, place), *others = found
+    return form, place, [name for name, _ in others]
+
+
+def format_names() -> dict[str, str]:
+    """What each format is, by its name."""
+    return {name: module.TITLE for name, module in formats().items()}

@@ -1,0 +1,1 @@
+"""Verbs of formats, one a file."""

@@ -1,0 +1,49 @@
+"""The level of detection of a planned flight: where two such flights would show which change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+
+import pandas as pd
+
+from corridor.core.block import Block
+from corridor.core.errors import InputError
+from corridor.core.simulation import Plan, add_noise
+from corridor.tools import change
+from corridor.tools.planning.network import without_control
+from corridor.tools.planning.noise import GnssNoise
+from corridor.tools.planning.planner import Believed
+
+
+def detectable(plan: Plan, laid_out: Block, options: Mapping[str, object]) -> change.SurfaceChange:
+    """The surface of a flight set with the levels of detection of two flights like it.
+
+    laid_out: its images with the ground points that are to be surveyed, at both dates anew.
+    options: of `Planner`. The noise is drawn once: heights of tie points tell how rough the
+    ground is between them. Raises InputError where a camera is carried over.
+    """
+    if options.get("carried") is not None:
+        raise InputError(
+            "the level of detection is that of flights adjusted on their own: plan it without "
+            "--carry-over, with --camera fixed where the calibration holds"
+        )
+    seed, noise = int(options.get("seed", 0)), options.get("noise") or GnssNoise()
+    stated = laid_out.sigma
+    shown = laid_out.marks["point"].isin(laid_out.ground["point"])
+    block = replace(
+        without_control(plan, seed), ground=laid_out.ground, marks=laid_out.marks[shown],
+        sigma=dict(stated),
+    )  # fmt: skip
+    kinds = ("tie_px", "mark_px", "gnss_m", "control_m")
+    flown = add_noise(block, **{kind: stated[kind] for kind in kinds}, seed=seed)
+    told = {one.name: options[one.name] for one in fields(Believed) if one.name in options}
+    model = Believed(**told).as_model()
+    # A survey of control is made anew at each date: nothing of it is common.
+    return change.detection(flown, model, common=("priors",), gnss_bias=noise.bias_sigma_m)
+
+
+def columns(surface: change.SurfaceChange) -> pd.DataFrame:
+    """What is known before any change: place, sigma, sampling, level of detection (m)."""
+    kept = ["x", "y", "z", "station", "across", "sigma", "sampling", "detection_95"]
+    return surface.frame[kept]

@@ -1,0 +1,310 @@
+"""What a flight tells of a readout time: which to use, sentences, tables and numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from corridor.core.brief import brief
+from corridor.core.output import Report, Table, rounded, short
+from corridor.core.photographs import PublishedReadout
+from corridor.tools.readout.motion import Motion
+from corridor.tools.readout.next_photographs import Advice
+
+PICTURE = "readout.png"
+_MOST_PUBLISHED = 6
+# Sources of one camera differ by 5 to 10 per cent.
+PUBLISHED_SHARE = 0.07
+# Eight and ten camera parameters, or a sign, contradict beyond so many sigmas.
+CONTRADICTS = 3.0
+_GYROSCOPE_SCALE = (
+    "A gyroscope that shows all turns too large by some share makes the readout time too short by "
+    "as much, as far as turns tell it: strips do not show that, and the sigma leaves it out."
+)
+
+
+@dataclass(frozen=True)
+class Left:
+    """The readout, s, and its formal sigma without one strip."""
+
+    strip: str
+    images: int
+    readout: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Turns:
+    """What rates.csv says of how the camera turned while it was read.
+
+    rate (m, 3): rad/s about the camera's axes, mean of each readout, in the order of images.csv.
+    estimated: what was estimated with the readout, (name, value, formal sigma, unit).
+    """
+
+    rate: np.ndarray
+    estimated: tuple[tuple[str, float, float, str], ...]
+
+    @property
+    def median_deg_s(self) -> float:
+        """Median of the angular rates, degrees a second."""
+        return float(np.degrees(np.median(np.linalg.norm(self.rate, axis=1))))
+
+
+@brief
+@dataclass(frozen=True)
+class FlightReadout:
+    """What a flight tells of its camera's readout time, first to last row. Times in s.
+
+    camera: its name. told: whether the flight tells it; reasons: sentences, why not.
+    readout, sigma: by the flight, one sigma, all included: the formal one (noise, errors and delay
+        of the velocities, motion that nobody wrote down), or what the strips show when each is
+        left out (`geometry.by_contrasts`), where that contradicts it. formal, jackknife: either
+        alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
+    unstated: motion that nobody wrote down, m/s. delay: by which the speeds were written late, s,
+        with its sigma. motion: of the images, in the order of images.csv. turns: of a block with
+        rates.csv, else None.
+    published: of this camera and mode; stated: what the block states, s. advice: photographs that
+        would settle it.
+    place (m, 3) m, names: of the images. sigma0: of the adjustment. rows: of a picture. notes:
+        sentences of the preparation.
+    """
+
+    camera: str
+    readout: float
+    sigma: float
+    formal: float
+    jackknife: float
+    left: tuple[Left, ...]
+    eight: float
+    eight_sigma: float
+    unstated: float
+    delay: tuple[float, float]
+    motion: Motion
+    reasons: tuple[str, ...]
+    published: tuple[PublishedReadout, ...] = ()
+    stated: float | None = None
+    advice: Advice | None = None
+    place: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    names: tuple[str, ...] = ()
+    sigma0: float = 1.0
+    rows: int = 0
+    notes: tuple[str, ...] = ()
+    turns: Turns | None = None
+
+    @property
+    def advises(self) -> bool:
+        """Whether there are photographs worth taking: by which the sigma would fall by a fifth."""
+        return self.advice is not None and self.advice.sigma <= 0.8 * self.sigma
+
+    @property
+    def told(self) -> bool:
+        """Whether the flight tells the readout."""
+        return not self.reasons
+
+    @property
+    def is_short(self) -> bool:
+        """Whether what the flight tells is that the shutter is global, or nearly."""
+        return self.told and abs(self.readout) <= CONTRADICTS * self.sigma
+
+    def __str__(self) -> str:
+        return str(report_of(self))
+
+    def _repr_html_(self) -> str:
+        return report_of(self).html()
+
+
+def use(found: FlightReadout) -> tuple[float | None, float | None, str]:
+    """Which readout to use and its sigma, s, and why; None where none is known."""
+    known = published_value(found)
+    told = f"{1000 * found.readout:.1f} +- {1000 * found.sigma:.1f} ms"
+    if known is None:
+        if found.told:
+            return found.readout, found.sigma, f"Use the flight's {told}: no other value is known."
+        return None, None, (
+            "No readout time is known: measure it from photographs (`corridor readout led --help`)"
+            " or fly again as advised."
+        )  # fmt: skip
+    value, sigma, source = known
+    word = f"{source} {1000 * value:.1f} ms"
+    if not found.told:
+        return value, sigma, f"Use the {word}: the flight neither proves nor disproves it."
+    if abs(found.readout - value) > 2 * np.hypot(found.sigma, sigma):
+        return found.readout, found.sigma, (
+            f"The {word} contradicts the flight's {told}: use the flight's, and look whether the "
+            "pictures were taken in another mode."
+        )  # fmt: skip
+    if found.sigma < sigma:
+        return found.readout, found.sigma, f"Use the flight's {told}: the {word} agrees with it."
+    return value, sigma, f"Use the {word}: the flight's {told} agrees and is less certain."
+
+
+def published_value(found: FlightReadout) -> tuple[float, float, str] | None:
+    """Published readout from the first to the last row, its sigma, s, and whose it is."""
+    rows = max(found.rows, 2)
+    if found.published:
+        # Published times count all rows.
+        each = [1e-3 * one.readout_ms * (rows - 1) / rows for one in found.published]
+        value, source = float(np.median(each)), "published"
+        scatter = float(np.std(each, ddof=1)) if len(each) > 1 else 0.0
+    elif found.stated:
+        value, scatter, source = found.stated, 0.0, "block's stated"
+    else:
+        return None
+    return value, max(PUBLISHED_SHARE * value, scatter), source
+
+
+def report_of(found: FlightReadout) -> Report:
+    """The result as a report: the sentence, why or why not, and what it rests on."""
+    _, _, why = use(found)
+    if found.told:
+        value = _ms(found.readout, found.sigma)
+        witness = "the flight itself" + (" and its gyroscope" if found.turns else "")
+        said, warnings = f"The readout time is {value} by {witness}.", []
+        if found.is_short:
+            most = 1000 * (max(found.readout, 0.0) + 2 * found.sigma)
+            said = f"The flight shows no rolling shutter: {value}, at most {most:.2g} (two sigma)."
+        opening = f"{said} {why}"
+    else:
+        opening = f"This flight does not tell the readout time. {why}"
+        warnings = list(found.reasons)
+    return Report(
+        f"Readout time of camera {found.camera} from a flight",
+        f"{opening} {_advice(found)}".strip(),
+        warnings,
+        [_values(found), _strips(found), *_published(found), _rests_on(found)],
+    )
+
+
+def _ms(value: float, sigma: float) -> str:
+    text, error = rounded(1000 * value, 1000 * sigma)
+    return f"{text} \u00b1 {error} ms"
+
+
+def _advice(found: FlightReadout) -> str:
+    if not found.advises:
+        return ""
+    places = ", ".join(found.advice.images)
+    return (
+        f"Four more photographs from where {places} were taken, {found.advice.how}, would bring it "
+        f"to {1000 * found.advice.sigma:.2g} ms."
+    )
+
+
+def _values(found: FlightReadout) -> Table:
+    rows = [
+        ("by the flight", *_pair(found.readout, found.sigma), "all included"),
+        ("", "", rounded(0.0, 1000 * found.formal)[1], "of it formal"),
+        ("", "", _sigma(found.jackknife), "by the jackknife over strips alone"),
+        ("with eight camera parameters", *_pair(found.eight, found.eight_sigma), "b1 = b2 = 0"),
+    ]
+    known = published_value(found)
+    if known is not None:
+        rows.append((known[2], *_pair(known[0], known[1]), "modes and sources differ by so much"))
+    return Table("Readout time, first to last row", ("", "ms", "sigma", ""), tuple(rows), "lrrl")
+
+
+def _pair(value: float, sigma: float) -> tuple[str, str]:
+    return rounded(1000 * value, 1000 * sigma)
+
+
+def _sigma(value: float) -> str:
+    return rounded(0.0, 1000 * value)[1] if np.isfinite(value) and value > 0 else "\u2013"
+
+
+def _strips(found: FlightReadout) -> Table:
+    rows = tuple((one.strip, str(one.images), *_pair(one.readout, one.sigma)) for one in found.left)
+    return Table("Without one strip", ("left out", "images", "ms", "formal"), rows, "lrrr")
+
+
+def _published(found: FlightReadout) -> list[Table]:
+    if not found.published:
+        return []
+    shown = found.published[:_MOST_PUBLISHED]
+    rows = tuple((f"{o.readout_ms:g}", o.mode or "not stated", short(o.source, 60)) for o in shown)
+    more = len(found.published) - len(shown)
+    notes = (f"and {more} more",) if more else ()
+    return [Table("Published, all rows", ("ms", "mode", "source"), rows, "rll", notes)]
+
+
+def _rests_on(found: FlightReadout) -> Table:
+    speed = np.linalg.norm(found.motion.velocity, axis=1)
+    low, middle, high = np.percentile(speed, [0, 50, 100])
+    delay, delay_sigma = found.delay
+    rows = [
+        ("velocities", found.motion.source),
+        ("speeds", f"{low:.1f} to {high:.1f} m/s, median {middle:.1f} m/s"),
+        ("sigma of a velocity", f"{np.median(found.motion.independent):.2g} m/s (median)"),
+        ("motion nobody wrote down", f"{found.unstated:.2g} m/s"),
+        ("speeds written late by", f"{delay:.2f} \u00b1 {delay_sigma:.2f} s"),
+        ("images, sigma naught", f"{len(found.names)}, {found.sigma0:.2f}"),
+    ]
+    notes = found.notes
+    if found.turns:
+        rows.append(
+            ("turns of the camera", f"rates.csv, median {found.turns.median_deg_s:.2g}\u00b0/s")
+        )
+        for name, value, error, unit in found.turns.estimated:
+            text, sigma = rounded(value, error)
+            text = _ms(value, error) if unit == "s" else f"{text} \u00b1 {sigma} {unit}"
+            rows.append((name, f"{text} (formal)"))
+        notes = (*notes, _GYROSCOPE_SCALE)
+    return Table("What it rests on", (), tuple(rows), "ll", notes)
+
+
+def to_dict(found: FlightReadout) -> dict:
+    """The content of readout.json; times in milliseconds where the key says so."""
+    value, sigma, why = use(found)
+    known = published_value(found)
+    witness = "velocities" + (" and recorded turns" if found.turns else "")
+    return {
+        "target": "flight",
+        "method": f"least-squares adjustment of a survey with the {witness} of its images",
+        "told": found.told,
+        "reasons": list(found.reasons),
+        "camera": found.camera,
+        "readout_ms": 1000 * found.readout,
+        "sigma_ms": 1000 * found.sigma,
+        "formal_sigma_ms": 1000 * found.formal,
+        "jackknife_sigma_ms": 1000 * found.jackknife,
+        "rows": found.rows,
+        "eight_parameters": {
+            "readout_ms": 1000 * found.eight, "sigma_ms": 1000 * found.eight_sigma
+        },
+        "without_strip": [
+            {"strip": one.strip, "images": one.images, "readout_ms": 1000 * one.readout,
+             "sigma_ms": 1000 * one.sigma}
+            for one in found.left
+        ],
+        "published": None if known is None else {
+            "readout_ms": 1000 * known[0], "sigma_ms": 1000 * known[1], "whose": known[2],
+            "values": [
+                {"readout_ms": one.readout_ms, "mode": one.mode, "source": one.source}
+                for one in found.published
+            ],
+        },
+        "use": {
+            "readout_ms": None if value is None else 1000 * value,
+            "sigma_ms": None if sigma is None else 1000 * sigma,
+            "why": why,
+        },
+        "next_photographs": None if found.advice is None else {
+            "images": list(found.advice.images), "how": found.advice.how,
+            "sigma_ms": 1000 * found.advice.sigma,
+        },
+        "velocities": {
+            "source": found.motion.source, "measured": found.motion.measured,
+            "sigma_m_s": float(np.median(found.motion.independent)),
+            "unstated_m_s": found.unstated, "delay_s": found.delay[0],
+            "delay_sigma_s": found.delay[1],
+        },
+        "gyroscope": None if found.turns is None else {
+            "median_deg_s": found.turns.median_deg_s,
+            "estimated": [
+                {"name": name, "value": value, "formal_sigma": error, "unit": unit}
+                for name, value, error, unit in found.turns.estimated
+            ],
+        },
+        "warnings": list(found.notes),
+        "pictures": [PICTURE],
+    }  # fmt: skip

@@ -1,0 +1,1 @@
+"""Verbs of readout, one a file."""

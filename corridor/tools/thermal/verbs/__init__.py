@@ -1,0 +1,1 @@
+"""Verbs of thermal, one a file."""

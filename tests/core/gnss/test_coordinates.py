@@ -1,0 +1,157 @@
+"""The local frame and the conversion to a grid against closed formulas."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from corridor.core.errors import InputError
+from corridor.core.gnss import Local, Track, convert, geographic_positions, to_local
+
+A, F = 6378137.0, 1 / 298.257223563
+E2 = F * (2 - F)
+CULOZ = (45.83, 5.78)
+PLACE = Local(*CULOZ, 230.0)
+
+
+def geocentric(lon, lat, height):
+    """The textbook formula (Heiskanen and Moritz 1967, eq. 5-3)."""
+    lon, lat = np.radians(lon), np.radians(lat)
+    n = A / np.sqrt(1 - E2 * np.sin(lat) ** 2)
+    return np.stack(
+        [
+            (n + height) * np.cos(lat) * np.cos(lon),
+            (n + height) * np.cos(lat) * np.sin(lon),
+            (n * (1 - E2) + height) * np.sin(lat),
+        ],
+        axis=-1,
+    )
+
+
+def somewhere(count=20):
+    draw = np.random.default_rng(1)
+    spread = draw.uniform(-1, 1, (count, 3)) * [0.02, 0.01, 150]
+    return np.array([CULOZ[1], CULOZ[0], 300.0]) + spread
+
+
+def track(points, crs="EPSG:4979", **more):
+    table = pd.DataFrame(points, columns=["x", "y", "z"])
+    table.insert(0, "time_s", np.arange(len(points), dtype=float))
+    return Track(table.assign(**more), None, None, crs, Path("t.pos"))
+
+
+def test_the_local_frame_is_the_textbooks():
+    points = somewhere()
+    origin = geocentric(PLACE.lon_deg, PLACE.lat_deg, PLACE.height)
+    expected = (geocentric(*points.T) - origin) @ PLACE.rotation().T
+    assert np.abs(PLACE.from_geographic(points) - expected).max() < 1e-8
+
+
+def test_axes_point_east_north_and_up():
+    east, north, up = PLACE.from_geographic(
+        [[5.781, 45.83, 230], [5.78, 45.831, 230], [5.78, 45.83, 240]]
+    )
+    assert np.argmax(np.abs(east)) == 0 and east[0] == pytest.approx(77.7, abs=0.1)
+    assert np.argmax(np.abs(north)) == 1 and north[1] == pytest.approx(111.15, abs=0.1)
+    assert up == pytest.approx([0, 0, 10], abs=1e-8)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4979", "EPSG:4978", "EPSG:2154", "EPSG:32631"])
+def test_there_and_back_to_any_crs(crs):
+    local = PLACE.from_geographic(somewhere())
+    assert np.abs(PLACE.from_crs(PLACE.to_crs(local, crs), crs) - local).max() < 1e-6
+
+
+def test_the_origin_of_a_track_is_its_middle_on_round_numbers():
+    points = np.array([[5.7, 45.8, 250.0], [5.80011, 45.9, 320.0], [5.75, 45.81, 300.0]])
+    assert Local.about(track(points)).origin == (45.85, 5.7501, 0.0)
+
+
+def test_a_track_over_the_180th_meridian_has_its_middle_there():
+    points = np.array([[179.9, -17.0, 50.0], [-179.8, -17.2, 60.0]])
+    assert Local.about(track(points)).origin == (-17.1, -179.95, 0.0)
+
+
+def test_every_kind_of_track_ends_in_the_same_metres():
+    points = somewhere()
+    local = to_local(track(points), PLACE)
+    assert local.crs is None and local.origin == PLACE.origin
+    for crs in ("EPSG:4978", "EPSG:2154"):
+        other = to_local(track(convert(points, "EPSG:4979", crs), crs), PLACE)
+        assert np.abs(other.positions() - local.positions()).max() < 1e-6
+    again = to_local(to_local(local, Local(45.9, 5.9, 0.0)), PLACE)
+    assert np.abs(again.positions() - local.positions()).max() < 1e-7
+    assert np.abs(geographic_positions(local) - points).max() < 1e-8
+
+
+def test_covariances_and_velocities_of_a_geocentric_track_are_turned():
+    """Made up along east, north, up, put into geocentric axes by hand."""
+    point = np.array([[5.78, 45.83, 230.0]])
+    enu = np.diag([0.01, 0.02, 0.05]) ** 2
+    enu[0, 1] = enu[1, 0] = -5e-5
+    turn = PLACE.rotation()
+    full = turn.T @ enu @ turn
+    velocity = turn.T @ [3.0, -4.0, 0.5]
+    deviation = np.sqrt(np.diag(full))
+    given = track(
+        geocentric(*point.T), "EPSG:4978",
+        **dict(zip(["sx", "sy", "sz"], deviation, strict=True)),
+        cxy=full[0, 1], cyz=full[1, 2], czx=full[2, 0],
+        **dict(zip(["vx", "vy", "vz"], velocity, strict=True)),
+    )  # fmt: skip
+    row = to_local(given, PLACE).table.iloc[0]
+    assert row[["sx", "sy", "sz"]].tolist() == pytest.approx([0.01, 0.02, 0.05])
+    assert row[["cxy", "cyz", "czx"]].tolist() == pytest.approx([-5e-5, 0, 0], abs=1e-12)
+    assert row[["vx", "vy", "vz"]].tolist() == pytest.approx([3.0, -4.0, 0.5])
+
+
+def test_a_local_track_without_a_place_stays_as_it_is_and_has_no_latitude():
+    nowhere = replace(track(somewhere()), crs=None)
+    assert to_local(nowhere) is nowhere and PLACE.to_local(nowhere) is nowhere
+    with pytest.raises(InputError, match=r"t.pos is in local metres without a place"):
+        geographic_positions(nowhere)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:2154+5720", "EPSG:5698"])
+def test_a_height_system_whose_geoid_is_missing_is_refused_not_ignored(crs, monkeypatch):
+    import pyproj
+
+    if pyproj.network.is_network_enabled():
+        pytest.skip("PROJ may fetch the geoid here")
+    try:
+        found = convert(somewhere(), "EPSG:4979", crs)
+    except InputError as error:
+        assert "install its grid" in str(error)
+    else:  # the geoid is installed: it lies about 50 m above the ellipsoid
+        assert np.abs(found[:, 2] - somewhere()[:, 2]).min() > 40
+
+
+def test_an_unknown_crs_is_refused():
+    with pytest.raises(InputError, match=r"crs 'EPSG:99' is not known"):
+        convert(somewhere(), "EPSG:4979", "EPSG:99")
+
+
+def lambert_93_scale(lat_deg):
+    """Snyder 1987, eqs. 14-15, 15-8, 15-9, 15-6 (with parallels 44 and 49), 15-10 on GRS 80."""
+    f = 1 / 298.257222101
+    e = np.sqrt(f * (2 - f))
+    lat, one, two = np.radians([lat_deg, 44, 49])
+
+    def m(x):
+        return np.cos(x) / np.sqrt(1 - e**2 * np.sin(x) ** 2)
+
+    def t(x):
+        return np.tan(np.pi / 4 - x / 2) / ((1 - e * np.sin(x)) / (1 + e * np.sin(x))) ** (e / 2)
+
+    n = np.log(m(one) / m(two)) / np.log(t(one) / t(two))
+    return m(one) * (t(lat) / t(one)) ** n / m(lat)
+
+
+@pytest.mark.parametrize("lat", [43.0, 44.0, 45.83, 49.0, 50.5])
+def test_distances_in_lambert_93_have_snyders_scale(lat):
+    """600 m east at the height of the ellipsoid; the curvature changes its length by 0.0002 mm."""
+    ends = Local(lat, 5.78).to_crs(np.array([[-300.0, 0, 0], [300.0, 0, 0]]), "EPSG:2154")
+    length = np.linalg.norm(np.diff(ends[:, :2], axis=0))
+    assert length == pytest.approx(600 * lambert_93_scale(lat), abs=1e-5)

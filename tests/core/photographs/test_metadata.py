@@ -1,0 +1,197 @@
+"""What photographs say of themselves."""
+
+import csv
+import struct
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import corridor
+from corridor.core.errors import InputError
+from corridor.core.photographs import (
+    exif,
+    maker_note,
+    of_picture,
+    published_readouts,
+    read_metadata,
+)
+from corridor.tools.formats import Project
+from corridor.tools.formats.placing import add_photographs, gyro_rates, readout_of
+
+
+def saved(path, tags=(), inner=(), xmp=""):
+    """A small picture with these EXIF tags and attributes of an XMP packet."""
+    exif = Image.Exif()
+    exif.update(dict(tags))
+    exif.get_ifd(0x8769).update(dict(inner))
+    packet = (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/'
+        f'22-rdf-syntax-ns#"><rdf:Description xmlns:a="http://made/1.0/" {xmp}/></rdf:RDF>'
+        "</x:xmpmeta>"
+    )
+    Image.new("L", (40, 30)).save(path, exif=exif, xmp=packet.encode())
+    return path
+
+
+def test_djis_speed_is_north_east_down_and_ours_east_north_up(tmp_path):
+    xmp = 'a:FlightXSpeed="+6.70" a:FlightYSpeed="-0.30" a:FlightZSpeed="+0.20"'
+    found = read_metadata(saved(tmp_path / "a.jpg", xmp=xmp))
+    assert found.velocity == (-0.3, 6.7, -0.2)
+    assert found.velocity_of.startswith("FlightXSpeed")
+
+
+def test_one_speed_of_three_is_no_velocity(tmp_path):
+    found = read_metadata(saved(tmp_path / "a.jpg", xmp='a:FlightXSpeed="+6.70"'))
+    assert found.velocity is None
+
+
+def test_the_time_keeps_its_sub_seconds_and_its_zone(tmp_path):
+    inner = {36867: "2024:06:24 10:20:31", 37521: "05", 36881: "+07:00"}
+    taken = read_metadata(saved(tmp_path / "a.jpg", inner=inner)).taken
+    assert (taken.day, taken.decimals, taken.zone) == ("2024-06-24", 2, "+07:00")
+    assert taken.seconds == pytest.approx(37231.05, abs=1e-9)
+
+
+def test_a_day_that_no_calendar_has_is_no_day(tmp_path):
+    taken = read_metadata(saved(tmp_path / "a.jpg", inner={36867: "2024:13:24 10:20:31"})).taken
+    assert taken.day is None and taken.text.startswith("2024:13:24")
+
+
+def test_what_makes_no_sense_is_not_known(tmp_path):
+    found = read_metadata(
+        saved(tmp_path / "a.jpg", {271: "DJI\0", 274: 77}, {37386: 0.0}, 'a:RtkStdLon="x"')
+    )
+    assert found.make == "DJI" and found.orientation == 1
+    assert found.focal_mm is None and found.sigma is None and found.taken is None
+
+
+def test_a_cut_off_file_ends_in_a_sentence(tmp_path):
+    saved(tmp_path / "a.jpg")
+    (tmp_path / "a.jpg").write_bytes((tmp_path / "a.jpg").read_bytes()[:40])
+    with pytest.raises(InputError, match=r"^a\.jpg cannot be read as a photograph"):
+        read_metadata(tmp_path / "a.jpg")
+
+
+def test_photographs_of_a_phantom_4_give_a_block_its_velocities(real_data):
+    """special_plot: 76 photographs, their speeds also in metadata.csv, read by another program."""
+    home = real_data / "special_plot"
+    project = Project("made", home, corridor.read(home / "block"))
+    project, *_ = add_photographs(project, home / "photos")
+    block = project.block
+    with (home / "metadata.csv").open() as file:
+        known = {row["image"]: row for row in csv.DictReader(file)}
+    for row in block.images.itertuples(index=False):
+        said = known[row.image]
+        north, east, down = (float(said[f"speed_{axis}"]) for axis in ("north", "east", "down"))
+        assert (row.vx, row.vy, row.vz) == (east, north, -down)
+    assert len(block.images) == 76
+    # The block was placed by these positions: it moves as it says it does.
+    moved = block.images.sort_values("image")
+    step = np.diff(moved[["x", "y"]].to_numpy(), axis=0) / np.diff(moved["time_s"])[:, None]
+    middle = (moved[["vx", "vy"]].to_numpy()[1:] + moved[["vx", "vy"]].to_numpy()[:-1]) / 2
+    assert np.median(np.linalg.norm(step - middle, axis=1)) < 1.0
+
+
+def dji_note(**floats):
+    """DJI's maker note with these tags, t3=1.5: single floats among an entry of text."""
+    entries = [
+        (1, 2, 4, b"DJI\0"),
+        *((int(k[1:]), 11, 1, struct.pack("<f", floats[k])) for k in floats),
+    ]
+    body = b"".join(struct.pack("<HHI4s", *entry) for entry in entries)
+    return struct.pack("<H", len(entries)) + body + bytes(4)
+
+
+def test_a_small_djis_speed_is_in_its_maker_note(tmp_path):
+    note = dji_note(t3=6.5, t4=-0.25, t5=0.5, t9=-90.0, t10=12.5, t11=0.0)
+    found = read_metadata(saved(tmp_path / "a.jpg", {271: "DJI"}, {37500: note}))
+    assert found.velocity == (-0.25, 6.5, -0.5)
+    assert "maker note" in found.velocity_of
+    assert (found.yaw, found.pitch, found.roll) == (12.5, -90.0, 0.0)
+    # XMP, where it speaks, is asked first; another maker's note is another thing.
+    xmp = 'a:FlightXSpeed="1" a:FlightYSpeed="2" a:FlightZSpeed="3"'
+    both = read_metadata(saved(tmp_path / "b.jpg", {271: "DJI"}, {37500: note}, xmp))
+    assert both.velocity == (2.0, 1.0, -3.0)
+    other = read_metadata(saved(tmp_path / "c.jpg", {271: "made"}, {37500: note}))
+    assert other.velocity is None
+
+
+@pytest.mark.parametrize("note", [b"", b"\x00" * 40, b"\xff" * 40, dji_note(t3=1.0, t4=2.0)])
+def test_a_maker_note_of_another_form_says_nothing(tmp_path, note):
+    found = read_metadata(saved(tmp_path / "a.jpg", {271: "DJI"}, {37500: note}))
+    assert found.velocity is None
+
+
+@pytest.mark.parametrize("written", [True, False])
+def test_a_picture_made_smaller_keeps_the_rows_that_were_read(tmp_path, written):
+    """Parrot's row time is of 3456 rows, whatever is stored, and told by EXIF or the model."""
+    inner = {40962: 4608, 40963: 3456} if written else {}
+    xmp = 'a:LineReadoutTime="47500" a:ModelType="perspective"'
+    found = read_metadata(saved(tmp_path / "a.jpg", {271: "Parrot", 272: "Sequoia"}, inner, xmp))
+    assert found.resized and found.taken_size == (4608, 3456)
+
+
+def test_a_cropped_picture_is_not_a_smaller_one(tmp_path):
+    found = read_metadata(saved(tmp_path / "a.jpg", inner={40962: 4000, 40963: 2250}))
+    assert not found.resized and found.taken_size == (40, 30)
+
+
+@pytest.mark.parametrize(
+    ("camera", "size", "milliseconds"),
+    [
+        ("DJI FC7203", (4000, 3000), {25.0}),
+        ("DJI FC7203", (4000, 2250), {19.0}),
+        ("Hasselblad L1D-20c", (5472, 3648), {56.0}),
+        ("Hasselblad L1D-20c", (5472, 3420), {47.0}),
+        ("DJI FC3582", (4032, 3024), {26.0}),
+        ("DJI FC3582", (8064, 6048), {60.0}),
+        ("DJI FC8482", (4032, 2268), {16.0}),
+        ("DJI FC8482", (1008, 756), {21.0, 58.0}),
+        ("DJI FC8482", (1000, 1000), {16.0, 21.0, 43.0, 58.0}),
+        ("Panasonic GX85", (4592, 3448), {40.12}),
+        ("Panasonic GX85", (3840, 2160), {27.06}),
+    ],
+)
+def test_the_size_of_a_picture_tells_the_mode(camera, size, milliseconds):
+    found = of_picture(published_readouts(camera), size)
+    assert {row.readout_ms for row in found} == milliseconds
+
+
+def test_garfield_was_made_smaller_and_says_its_own_readout(real_data):
+    """47,500 ns a row of 3456, the maker's; the pictures are stored with 864."""
+    photo = read_metadata(sorted((real_data / "garfield" / "photos").iterdir())[3])
+    assert (photo.width, photo.height_px) == (1152, 864)
+    readout, source = readout_of(photo, 864)
+    assert 1000 * readout == pytest.approx(164.1, abs=0.05)
+    assert "3456 rows as they were taken" in source
+    rates = gyro_rates(photo, 100.0)
+    first_row = photo.gyro["us"][0] * 1e-6 + photo.number("IMUTimeOffset") * 1e-9
+    middle = first_row + 0.0475e-3 * 3455 / 2
+    expected = photo.gyro["us"][0] * 1e-6 + 100.0 - middle
+    assert rates["time_s"].iloc[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_positions_of_photographs_hold_a_lever_arm_of_naught(real_data, tmp_path):
+    home = real_data / "special_plot"
+    block = corridor.read(home / "block")
+    block.lever_arm, block.lever_arm_fixed = {}, False
+    project, *_ = add_photographs(Project("made", home, block), home / "photos")
+    assert project.block.lever_arm == {"default": (0.0, 0.0, 0.0)}
+    assert any(note.startswith("lever arm: 0, held") for note in project.notes)
+    assert any("made smaller" in note and "4000 x 3000" in note for note in project.notes)
+    project.block.write(tmp_path / "block", observed=False)
+    assert corridor.read(tmp_path / "block").lever_arm_fixed
+
+
+def test_the_maker_note_says_what_xmp_says(real_data):
+    """A Phantom 4 writes speed and yaw in both: an independent check of the tags."""
+    files = sorted((real_data / "special_plot" / "photos").iterdir())
+    differ = []
+    for file in files:
+        photo = read_metadata(file)
+        with Image.open(file) as picture:
+            noted = maker_note.facts_of(exif.facts_of(picture)[1])
+        moved = np.subtract(noted["velocity"], photo.velocity)
+        differ.append([*moved, noted["yaw"] - photo.yaw])
+    assert len(files) == 76 and np.abs(differ).max() < 1e-4

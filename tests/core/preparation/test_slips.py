@@ -1,0 +1,38 @@
+"""What is probably a mistake in a block is said, and what the program writes itself is none."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import corridor
+from corridor.core.preparation.plausibility import doubts
+
+DIKE = Path(__file__).parents[3] / "data_synthetic" / "dike"
+
+
+@pytest.fixture(scope="module")
+def dike():
+    return corridor.read(DIKE)
+
+
+def with_keys(block, of_block, of_camera):
+    """The block with further keys in its block.toml."""
+    (name, camera), *_ = block.cameras.items()
+    cameras = {**block.cameras, name: replace(camera, extra={**camera.extra, **of_camera})}
+    return replace(block, cameras=cameras, extra={**block.extra, **of_block})
+
+
+def unknown(block):
+    return [doubt for doubt in doubts(block) if "known to nobody" in doubt]
+
+
+def test_keys_that_an_import_writes_are_not_called_unknown(dike):
+    frame = {"local_frame": {"lat_deg": 3.6}, "date": "2026-03-01"}
+    camera = {"readout_from": "published for FC330", "f_stated": [566.6, 17.0]}
+    assert unknown(with_keys(dike, frame, camera)) == []
+
+
+def test_a_key_nearly_written_as_a_known_one_is_called_unknown(dike):
+    (said,) = unknown(with_keys(dike, {}, {"readout": 0.03}))
+    assert "readout of [camera." in said and "readout_s" in said

@@ -1,0 +1,149 @@
+"""What an import of photographs says of those that it could not join, and of the focal length."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from corridor.core.errors import AdjustmentFailed
+from corridor.core.gnss import Local
+from corridor.core.photographs import Metadata, photographs_in, read_metadata, stated_focal
+from corridor.tools.formats import Project, mapping
+from corridor.tools.formats.importing import _straight
+from corridor.tools.formats.joining import bent, why_lost
+
+from .conftest import exact_block
+
+PLACE = Local(47.5, 8.7, 0.0)
+
+
+def flown(step_m, speed=6.5, count=12, **facts):
+    """Photographs of a strip, 50 m above ground, as a Phantom 4 writes them."""
+    photos = []
+    for k in range(count):
+        lon, lat, height = PLACE.to_geographic(np.array([[step_m * k, 0.0, 50.0]]))[0]
+        known = {"make": "DJI", "model": "FC330", "focal_mm": 3.61, "focal_35_mm": 20.0,
+                 "velocity": (speed, 0.0, 0.0), "exposure_s": 1e-3,
+                 "tags": {"RelativeAltitude": "+50.0"}}  # fmt: skip
+        photos.append(
+            Metadata(Path(f"IMG_{k:04d}.JPG"), 4000, 3000, lat_deg=lat, lon_deg=lon, height=height,
+                     **known | facts)
+        )  # fmt: skip
+    return photos
+
+
+def test_pictures_bent_by_the_shutter_say_so_in_pixels():
+    """6.5 m/s times 33 ms is 0.215 m, 9.7 px of 2.2 cm; at a third of the speed it is 3.2 px."""
+    assert "the drone moved 0.2 to 0.2 m, 10 to 10 px while" in why_lost(flown(10.0), {0})
+    assert "overlap or texture" in why_lost(flown(10.0, speed=2.0), {0})
+
+
+def test_pictures_that_hardly_overlap_say_so():
+    said = why_lost(flown(45.0, speed=2.0), {0, 1, 2})
+    assert said.startswith("they overlap their neighbours by about") and "% only" in said
+
+
+def test_a_long_exposure_blurs():
+    assert "blurs 2.9 px" in why_lost(flown(10.0, exposure_s=0.01), {0})
+
+
+def test_garfield_says_that_its_shutter_bends_the_pictures(real_data):
+    photos = [read_metadata(path) for path in photographs_in(real_data / "garfield" / "photos")]
+    said = why_lost(photos, {0, 1, 2, 3, 4})
+    assert "while one picture was read out (164 ms at" in said
+
+
+def joined(images):
+    block = exact_block(images=images)
+    return Project("photos", Path("photos"), block), [str(name) for name in block.images["image"]]
+
+
+def test_few_joined_keep_the_work_and_are_no_block(tmp_path):
+    photos = flown(10.0, count=28)
+    names = [photo.name for photo in photos]
+    project, there = joined(6)
+    project.block.images["image"] = names[: len(there)]
+    with pytest.raises(AdjustmentFailed) as failed:
+        mapping._with_lost_named(project, tmp_path, names, photos, force=False)
+    said = str(failed.value)
+    assert said.startswith("only 6 of 28 photographs make one model") and "10 px" in said
+    assert str(tmp_path) in said and "the same command goes on" in said
+    forced = mapping._with_lost_named(project, tmp_path, names, photos, force=True)
+    assert "22 of 28 photographs could not be connected" in forced.warnings[0]
+
+
+def test_focal_lengths_that_photographs_state(real_data):
+    """Maker's 4.812 mm is 3591 px of 4608; 20 mm of 35 mm film is between 2222 and 2312 of 4000."""
+    garfield = read_metadata(photographs_in(real_data / "garfield" / "photos")[0])
+    assert stated_focal(garfield).px == pytest.approx(3591 / 4, abs=0.5)
+    assert stated_focal(garfield, 4608).px == pytest.approx(3591, abs=1)
+    phantom = stated_focal(flown(10.0)[0])
+    assert 2222 < phantom.px < 2312 and phantom.of == "EXIF's, of 35 mm film"
+    assert stated_focal(replace(flown(10.0)[0], focal_35_mm=None)) is None
+
+
+@pytest.mark.parametrize(("f", "word"), [(2600.0, "15 % longer"), (2270.0, None)])
+def test_a_focal_length_far_from_the_stated_one_is_told(f, word):
+    photos = flown(10.0)
+    block = exact_block(f=f)
+    project = Project("photos", Path("photos"), block)
+    made = mapping._with_focal_compared(project, [photo.name for photo in photos], photos)
+    assert bool(made.warnings) == bool(word)
+    if word:
+        assert (
+            word in made.warnings[0]
+            and "stated 2266 px (EXIF's, of 35 mm film)" in made.warnings[0]
+        )
+
+
+def test_work_is_kept_for_the_same_photographs_at_the_same_size_only(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(b"1")
+    place = tmp_path / "place"
+    files = [tmp_path / "a.jpg"]
+
+    def again(cheaply):
+        mapping._same_photos(place, tmp_path, files, ["a.jpg"], cheaply)
+        return (place / "mark").exists()
+
+    again(mapping.Cheaply())
+    (place / "mark").touch()
+    assert again(mapping.Cheaply())
+    assert not again(mapping.Cheaply(size=1000))
+
+
+def test_pictures_are_made_smaller_once(real_data, tmp_path):
+    folder = real_data / "brighton" / "photos"
+    files = photographs_in(folder)[:2]
+    photos, names, said = [read_metadata(file) for file in files], [f.name for f in files], []
+    cheaply = mapping.Cheaply(size=400)
+    made = mapping._pictures(folder, tmp_path, names, photos, cheaply, said.append)
+    small = read_metadata(made / names[0])
+    assert (small.width, small.height_px) == mapping._size_of(photos[0], cheaply) == (400, 225)
+    assert said == ["pictures made smaller: 1 of 2", "pictures made smaller: 2 of 2"]
+    mapping._pictures(folder, tmp_path, names, photos, cheaply, said.append)
+    assert len(said) == 2
+    assert mapping._pictures(folder, tmp_path, names, photos, mapping.Cheaply(), print) == folder
+
+
+def test_a_model_that_contradicts_its_positions_is_bent():
+    """Centres 30 m off in the median where GNSS states 3 m and the block has 120 m."""
+    block = exact_block()
+    place = block.images[["x", "y", "z"]].to_numpy(float)
+    block.gnss = pd.DataFrame({"image": block.images["image"]})
+    block.gnss[["x", "y", "z"]] = place
+    block.gnss[["sx", "sy", "sz"]] = 3.0
+    assert bent(block) is None
+    off = np.random.default_rng(3).normal(0, 25.0, (len(place), 2))
+    block.gnss[["x", "y"]] += off
+    block.images[["vx", "vy", "vz"]] = [12.0, 0.0, 0.0]
+    name, camera = next(iter(block.cameras.items()))
+    block.cameras[name] = replace(camera, readout_s=0.164)
+    said = bent(block)
+    assert said.startswith("the reconstruction is bent") and "stated to 3.0 m" in said
+    assert "moved 2.0 m (median) while one picture was read out (164 ms)" in said
+    project = Project("photos", Path("photos"), block)
+    with pytest.raises(AdjustmentFailed, match=r"kept in .*--force"):
+        _straight(project, Path("block"), force=False)
+    assert _straight(project, Path("block"), force=True).warnings == [said]
