@@ -10,11 +10,15 @@ Everything named in `__all__` is loaded at its first use, so that `import corrid
 (and `corridor --help`) do not wait for the numerical libraries.
 """
 
-import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from corridor.core import __version__ as __version__
+from corridor.core import registry
+
 if TYPE_CHECKING:
+    from corridor.core import effects as effects
+    from corridor.core import gnss as gnss
     from corridor.core.adjustment import Adjustment as Adjustment
     from corridor.core.adjustment import Model as Model
     from corridor.core.adjustment import adjust as adjust
@@ -30,57 +34,52 @@ if TYPE_CHECKING:
     from corridor.core.simulation import simulate as simulate
     from corridor.diagnosis import Diagnosis as Diagnosis
     from corridor.diagnosis import diagnose as diagnose
+    from corridor.interface import figures as figures
+    from corridor.tools import change as change
+    from corridor.tools import data as data
+    from corridor.tools import readout as readout
+    from corridor.tools import thermal as thermal
     from corridor.tools.batch import batch as batch
     from corridor.tools.formats import export_project as export  # noqa: F401
     from corridor.tools.formats import import_project as import_project
     from corridor.tools.planning import plan as plan
 
-__version__ = "0.1.0"
-
 # Public names that are called otherwise at home, where a folder bears the name.
 _AT_HOME = {"catalogue": "every_effect", "export": "export_project"}
 _HOME = {
-    "read": "corridor.block",
-    "summary": "corridor.effects",
-    "prepare": "corridor.preparation",
-    "adjust": "corridor.adjustment",
-    "diagnose": "corridor.diagnosis",
-    "batch": "corridor.campaign",
-    "simulate": "corridor.simulation",
-    "plan": "corridor.planning",
-    "correct": "corridor.effects",
-    "import_project": "corridor.interchange",
-    "export": "corridor.interchange",
-    "catalogue": "corridor.effects",
-    "Block": "corridor.block",
-    "Camera": "corridor.camera",
-    "Model": "corridor.adjustment",
-    "Adjustment": "corridor.adjustment",
-    "Diagnosis": "corridor.diagnosis",
-    "InputError": "corridor.errors",
-    "AdjustmentFailed": "corridor.errors",
+    "read": "block",
+    "summary": "effects",
+    "prepare": "preparation",
+    "adjust": "adjustment",
+    "diagnose": "diagnosis",
+    "batch": "campaign",
+    "simulate": "simulation",
+    "plan": "planning",
+    "correct": "effects",
+    "import_project": "formats",
+    "export": "formats",
+    "catalogue": "effects",
+    "Block": "block",
+    "Camera": "camera",
+    "Model": "adjustment",
+    "Adjustment": "adjustment",
+    "Diagnosis": "diagnosis",
+    "InputError": "errors",
+    "AdjustmentFailed": "errors",
 }
 # Commands of several functions (`corridor.thermal.fit`), and what draws.
 _ROOMS = ("change", "data", "effects", "figures", "gnss", "readout", "thermal")
-# What stands behind a function above; there when asked for.
-_BEHIND = ("campaign", "diagnosis", "interchange", "planning", "preparation", "simulation")
 
 __all__ = [*_HOME, *_ROOMS]
+
+registry.answer_to_public_names()
 
 
 def __getattr__(name):
     if name in _HOME:
-        value = getattr(import_module(_HOME[name]), _AT_HOME.get(name, name))
-    elif name == "rolling_shutter":
-        warnings.warn(
-            "corridor.rolling_shutter is called corridor.readout and corridor.preparation now; "
-            "the old name goes with the next release",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return import_module("corridor.readout")
-    elif name in (*_ROOMS, *_BEHIND):
-        value = import_module(f"corridor.{name}")
+        value = getattr(registry.room(_HOME[name]), _AT_HOME.get(name, name))
+    elif registry.home(name) is not None:
+        value = import_module(registry.home(name))
     else:
         raise AttributeError(f"module 'corridor' has no attribute {name!r}")
     globals()[name] = value

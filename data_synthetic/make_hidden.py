@@ -3,7 +3,7 @@
 Writes data_synthetic/hidden/A to F by the generator in benchmarks/diagnosis; what is hidden in each
 stands beside it, in NAME.truth.json, for whoever wants to look before guessing. Guess first:
 
-    corridor benchmark-diagnosis --blocks data_synthetic/hidden -o out/hidden
+    python -m benchmarks.diagnosis --blocks data_synthetic/hidden -o out/hidden
 
 data_synthetic/stories holds the flights of chapter 5, some with their twin: the same flight and
 noise, nothing hidden.

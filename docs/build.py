@@ -96,16 +96,18 @@ def section(title):
 
 def commands(path):
     """The command reference: what each verb's help prints."""
-    import corridor.interface.cli as cli
+    from corridor.core import registry
+    from corridor.interface import cli
 
     lines = ["# Commands", "", "What `corridor VERB --help` prints, verb by verb.", ""]
     os.environ["COLUMNS"] = "96"
-    verbs = next(
-        action
-        for action in cli._parser()._actions
-        if isinstance(action, argparse._SubParsersAction)
-    )
-    for name, parser in verbs.choices.items():
+    for name in registry.verbs():
+        verbs = next(
+            action
+            for action in cli._parser(name)._actions
+            if isinstance(action, argparse._SubParsersAction)
+        )
+        parser = verbs.choices[name]
         lines += [f"## {name}", "", "```text", parser.format_help().rstrip(), "```", ""]
         deeper = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
         for action in deeper:

@@ -24,10 +24,10 @@
 # over a dike. We fly them again with another simulator and another adjustment, and put every
 # published number beside ours.
 #
-# Where the sources give no value, we chose one: strips of 105 m (the dike has 200), about 1,300 check points
-# (5,000), f = 5489 px (5510), and the angle of the oblique images. The lever arms of the thesis's
-# chapter 5, which used the same flights, say 23 degrees; 30 is what such flights usually take. It
-# is a parameter below; the appendix varies it.
+# Where the sources give no value, we chose one: strips of 105 m (the dike has 200), about 1,300
+# check points (5,000), f = 5489 px (5510), and the angle of the oblique images. The lever arms of
+# the thesis's chapter 5, which used the same flights, say 23 degrees; 30 is what such flights
+# usually take. It is a parameter below; the appendix varies it.
 #
 # You need to know what a bundle adjustment estimates. Change a number anywhere and run again.
 # *Run time on one core: about 6 minutes; in the fast form about 4 minutes.*
@@ -164,10 +164,10 @@ compare({"simulation.perfect.check_rms": 1e9 * exact.check_rms.d3})
 #
 # The laboratory said 5539 px, the truth is 5489, and the adjustment believes the laboratory. (The
 # ten camera parameters: f, cx, cy; k1, k2, k3 for radial and p1, p2 for decentring distortion; b1
-# where pixels are not square, b2 where their axes are not at right angles. H is the flying height.) The
-# article holds the whole camera; the thesis holds f and frees the other nine parameters. Where does
-# the error go? Guess which flight suffers more: nadir images at two heights, or nadir and oblique
-# images. And does it help to free the rest?
+# where pixels are not square, b2 where their axes are not at right angles. H is the flying height.)
+# The article holds the whole camera; the thesis holds f and frees the other nine parameters. Where
+# does the error go? Guess which flight suffers more: nadir images at two heights, or nadir and
+# oblique images. And does it help to free the rest?
 
 # %%
 sets = {
@@ -623,6 +623,7 @@ def fly(f_px=0.0, drift_px=0.0, readout_ms=30.0, speed=3.0, tilt=tilt_deg, noise
     laid = adjusted(believed(block, f_px), camera="fixed" if f_px else "fraser10")
     title = "your flight: what your errors do to the ground"
     return figures.error_maps({"nadir + oblique": laid.check_points}, title)
+
 
 # %% tags=["nbval-ignore-output"]
 from kit.widgets import explore, slider

@@ -190,7 +190,9 @@ print(f"mean {null_row[0]:.3f} px, spread {null_row[1]:.3f} px")
 # well: a model in counts is as good.
 
 # %%
-print(f"counts 1200, 1250, 1300 with a = 10 and b = 900: {thermal.degrees([1200, 1250, 1300], 10.0, 900.0)} °C")
+print(
+    f"counts 1200, 1250, 1300 with a = 10 and b = 900: {thermal.degrees([1200, 1250, 1300], 10.0, 900.0)} °C"
+)
 
 # %% [markdown]
 # Which terms? A picture's nodes share its errors, so a criterion that counts pixels always asks for

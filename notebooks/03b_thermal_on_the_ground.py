@@ -79,9 +79,10 @@ figures.camera_difference(
 #
 # ## 2. The pylon
 #
-# 28 pictures around a pylon while the camera warms from 23 to 31 °C, self-calibrated, transformed onto
-# 13 targets by a similarity (closed loop); and with no tie points across the ends, where the two ends see the same
-# points twice (open loop). Guess: which error of a tie point, in pixels, hides the heat?
+# 28 pictures around a pylon while the camera warms from 23 to 31 °C, self-calibrated, transformed
+# onto 13 targets by a similarity (closed loop); and with no tie points across the ends, where the
+# two ends see the same points twice (open loop). Guess: which error of a tie point, in pixels,
+# hides the heat?
 
 # %%
 drawings.ring(ring_block(seed=seed), "a ring of 28 pictures, every second one turned")
@@ -103,10 +104,10 @@ table = pd.DataFrame(
 table.round({"raw (mm)": 3, "corrected (mm)": 3, "gain": 1})
 
 # %% [markdown]
-# At 0.3 px, typical of tie points, the noise hides the effect. At a hundredth of a pixel the correction is worth a
-# factor of three; at three tenths the camera's pose takes up the growing picture, and the noise
-# does the rest. But the published 4.7 and 3.2 mm are *twenty times* ours: whatever bent that
-# network, it was not the heat alone. What would leave millimetres?
+# At 0.3 px, typical of tie points, the noise hides the effect. At a hundredth of a pixel the
+# correction is worth a factor of three; at three tenths the camera's pose takes up the growing
+# picture, and the noise does the rest. But the published 4.7 and 3.2 mm are *twenty times* ours:
+# whatever bent that network, it was not the heat alone. What would leave millimetres?
 
 # %%
 rows = {}
@@ -312,6 +313,7 @@ def try_it(span=6.0, offset=10.0, radial=0.012, noise_px=0.1):
         },
         "your flight: residuals at the ground points",
     )
+
 
 # %% tags=["nbval-ignore-output"]
 from kit.widgets import explore, slider

@@ -731,6 +731,7 @@ def survey(readout_ms=56, speed=5.0, tilt=0):
     }
     return figures.error_maps(cases, "your flight: what the shutter costs, and what is left")
 
+
 # %% tags=["nbval-ignore-output"]
 from kit.widgets import explore, slider
 

@@ -98,7 +98,7 @@ def test_the_table_is_a_file_and_every_link_of_the_page_leads_to_a_report(done):
 @pytest.fixture
 def without_pictures(monkeypatch):
     """They take longer than the adjustments."""
-    monkeypatch.setattr("corridor.tools.batch.work.of_adjustment", lambda _: {})
+    monkeypatch.setattr("corridor.interface.figures.of_adjustment", lambda _: {})
 
 
 def when(out):
@@ -204,7 +204,7 @@ class TestCommand:
             called.update(options, verb=verb, blocks=named)
             raise corridor.InputError("seen")
 
-        monkeypatch.setattr(corridor, "batch", record)
+        monkeypatch.setattr("corridor.tools.batch.batch", record)
         words = (
             "--camera fixed --required 0.02 --threads 1 --only focal --counterparts 19 --jobs 3 "
             "--scheduler tcp://here:1 --memory 2.5"

@@ -5,7 +5,6 @@ import dataclasses
 import errno
 import json
 import os
-import pkgutil
 import re
 import signal
 import subprocess
@@ -17,15 +16,12 @@ import pytest
 
 import corridor
 import corridor.interface.cli
+from corridor.core import registry
 from corridor.core.errors import AdjustmentFailed
 from corridor.core.parallel import parallel
 from corridor.interface.cli import main
 
-VERBS = sorted(
-    module.name.rstrip("_").replace("_", "-")
-    for module in pkgutil.iter_modules(corridor.cli.__path__)
-    if not module.name.startswith("_")
-)
+VERBS = sorted(registry.verbs())
 
 
 def helps():
@@ -33,13 +29,15 @@ def helps():
     out = {}
 
     def visit(name, parser):
-        out[name] = parser.format_help()
+        out.setdefault(name, parser.format_help())
         for action in parser._actions:
             if isinstance(action, argparse._SubParsersAction):
                 for below, one in action.choices.items():
                     visit(f"{name} {below}", one)
 
-    visit("corridor", corridor.cli._parser())
+    out["corridor"] = corridor.cli._parser().format_help()
+    for verb in VERBS:
+        visit("corridor", corridor.cli._parser(verb))
     return out
 
 
@@ -268,7 +266,7 @@ class TestEndings:
             raise KeyboardInterrupt(bar)
 
         before = signal.getsignal(signal.SIGINT)
-        monkeypatch.setattr("corridor.cli.main", pressed)
+        monkeypatch.setattr("corridor.interface.cli.main", pressed)
         monkeypatch.setattr(sys, "unraisablehook", sys.__unraisablehook__)
         try:
             assert command.main() == 130

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 from strips import corridor_block
 
-import corridor
 from corridor.core.simulation import add_noise
 from corridor.interface.cli import main
 
@@ -90,7 +89,7 @@ class TestDiagnose:
             called.update(options)
             return SimpleNamespace()
 
-        monkeypatch.setattr(corridor, "diagnose", record)
+        monkeypatch.setattr("corridor.diagnosis.diagnose", record)
         words = (
             "--camera f,cx,cy --effect gnss_bias --control P1,P2 --check none "
             "--prior thermal=0.075+-0.01 --prior camera.P1.f=8190+-5 --only thermal,focal_drift "
@@ -154,7 +153,7 @@ class TestBadInput:
     def test_a_folder_of_something_else_is_refused_before_any_work(
         self, folder, tmp_path, monkeypatch, capsys
     ):
-        monkeypatch.setattr(corridor, "diagnose", None)
+        monkeypatch.setattr("corridor.diagnosis.diagnose", None)
         (tmp_path / "thesis.tex").write_text("years of work")
         assert main(["diagnose", str(folder), "-o", str(tmp_path)]) == 2
         assert "name a new folder" in capsys.readouterr().err

@@ -36,9 +36,9 @@ def test_a_change_of_the_distortion_reaches_the_kernels_of_other_files(tmp_path)
     clean = shutil.ignore_patterns("__pycache__")
     shutil.copytree(Path(corridor.__file__).parent, package, ignore=clean)
     assert float(printed(tmp_path, PIXEL)) == 625.0
-    source = (package / "camera.py").read_text()
+    source = (package / "core" / "camera.py").read_text()
     assert source.count("r2 = u * u + v * v\n    radial = 0.0\n    slope") == 1
-    (package / "camera.py").write_text(
+    (package / "core" / "camera.py").write_text(
         source.replace("r2 = u * u + v * v\n    radial = 0.0\n    slope",
                        "r2 = 2.0 * (u * u + v * v)\n    radial = 0.0\n    slope")
     )  # fmt: skip

@@ -1,14 +1,14 @@
 """What `import corridor` offers: a function for each command, and what one types first."""
 
-import pkgutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import corridor
-import corridor.interface.cli
+from corridor.core import registry
 from corridor.core.effects import every_effect
 
 DIKE = Path(__file__).parents[1] / "data_synthetic" / "dike"
@@ -16,13 +16,10 @@ DIKE = Path(__file__).parents[1] / "data_synthetic" / "dike"
 
 def test_every_command_has_a_function_or_a_room():
     """A verb of several functions is a room of its own name."""
-    # Verb -> what stands for it where it cannot bear its name, or is no part of the package.
-    other = {"import": "import_project", "benchmark-diagnosis": None}
-    for module in pkgutil.iter_modules(corridor.cli.__path__):
-        verb = module.name.rstrip("_").replace("_", "-")
+    # Verb -> what stands for it where it cannot bear its name.
+    other = {"import": "import_project"}
+    for verb in registry.verbs():
         name = other.get(verb, verb)
-        if module.name.startswith("_") or name is None:
-            continue
         assert name in dir(corridor), verb
         assert getattr(corridor, name).__doc__
 
@@ -34,9 +31,34 @@ def test_dir_shows_nothing_that_is_no_function_type_or_room_of_a_user():
         assert getattr(corridor, name) is not None
 
 
-@pytest.mark.parametrize("room", ["diagnosis", "interchange", "planning", "preparation"])
-def test_rooms_behind_a_function_are_there_when_asked_for(room):
-    assert getattr(corridor, room).__name__ == f"corridor.{room}"
+@pytest.mark.parametrize(
+    ("room", "home"),
+    [
+        ("diagnosis", "diagnosis"),
+        ("interchange", "tools.formats"),
+        ("formats", "tools.formats"),
+        ("planning", "tools.planning"),
+        ("preparation", "core.preparation"),
+        ("report", "interface.report"),
+    ],
+)
+def test_rooms_are_there_by_their_public_names_wherever_they_stand(room, home):
+    assert getattr(corridor, room).__name__ == f"corridor.{home}"
+    assert import_module(f"corridor.{room}") is import_module(f"corridor.{home}")
+
+
+def test_a_file_of_a_room_is_one_module_under_either_name():
+    """Else a class would be two, and `isinstance` wrong."""
+    public = import_module("corridor.effects.contract")
+    assert public is import_module("corridor.core.effects.contract")
+    assert public.__spec__.name == "corridor.core.effects.contract"
+
+
+def test_what_is_no_room_is_not_there():
+    with pytest.raises(ModuleNotFoundError, match="nonsense"):
+        import_module("corridor.nonsense")
+    with pytest.raises(AttributeError, match="nonsense"):
+        corridor.nonsense  # noqa: B018
 
 
 def test_importing_it_loads_no_numerical_library():

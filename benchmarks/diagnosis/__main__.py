@@ -1,15 +1,15 @@
 """Benchmark the diagnosis on blocks in which an effect is hidden.
 
 examples:
-  corridor benchmark-diagnosis --cases all --short -o out/benchmark
-      blocks of 40 images by the independent generator (source checkout), each case once
-  corridor benchmark-diagnosis --cases null --count 100 --jobs 2 -o out/nulls
+  python -m benchmarks.diagnosis --cases all --short -o out/benchmark
+      blocks of 40 images by the independent generator, each case once
+  python -m benchmarks.diagnosis --cases null --count 100 --jobs 2 -o out/nulls
       a hundred blocks in which nothing is hidden; kinds: null, single, lookalike, together,
       unknown (outside the catalogue), perfect (no noise), all
-  corridor benchmark-diagnosis --blocks FOLDER -o out/theirs
+  python -m benchmarks.diagnosis --blocks FOLDER -o out/theirs
       blocks of anybody's: FOLDER/NAME with FOLDER/NAME.truth.json and, where there is one,
       FOLDER/NAME_twin, the same block without the effect
-  corridor benchmark-diagnosis --cases single --cluster tcp://host:8786 -o out/single
+  python -m benchmarks.diagnosis --cases single --cluster tcp://host:8786 -o out/single
       on the workers of a Dask cluster, which need corridor and nothing else
 
 The truth needs {"effects": [{"slug": "rolling_shutter"}]}; with parameters (name, value, unit; the
@@ -21,8 +21,10 @@ for each block, blocks/NAME.json, written as soon as it is done.
 """
 
 import argparse
+import sys
 from pathlib import Path
 
+from benchmarks import diagnosis as benchmark
 from corridor.core.command.options import (
     BlockBar,
     checked,
@@ -34,7 +36,8 @@ from corridor.core.command.options import (
     whole,
     wrote,
 )
-from corridor.core.errors import InputError
+from corridor.core.output import counted
+from corridor.interface import cli
 
 # A block of 40 images, its diagnosis and the baselines on one idle core: 7 to 14 s.
 _SECONDS = 10.0
@@ -66,13 +69,6 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> None:
     """Run, print the table, save it."""
-    try:
-        from benchmarks import diagnosis as benchmark
-    except ImportError:
-        raise InputError(
-            "the benchmark is part of the source checkout, not of the installed package: "
-            "run it from a clone"
-        ) from None
     if options.blocks is not None:
         trials = benchmark.of_folder(options.blocks)
     else:
@@ -102,10 +98,13 @@ def run(options: argparse.Namespace) -> None:
     wrote(*written, options.output / benchmark.KEPT)
 
 
+def main(arguments: list[str] | None = None) -> int:
+    """Run it as a command; the exit status is as that of `corridor`."""
+    return cli.alone(sys.modules[__name__], "python -m benchmarks.diagnosis", arguments)
+
+
 def _how_long(trials, options):
     """How many blocks there are, and how long they take, before the first is begun."""
-    from corridor.core.output import counted
-
     blocks = counted(len(trials), "block")
     if options.cluster is not None:
         return f"{blocks}, on the workers of {options.cluster}"
@@ -117,3 +116,7 @@ def _how_long(trials, options):
         f"{blocks}: about {long} on an idle machine ({_SECONDS:.0f} s a block and process); Ctrl-C "
         "keeps what is done"
     )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

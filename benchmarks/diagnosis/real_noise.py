@@ -2,7 +2,7 @@
 
     python -m benchmarks.diagnosis.real_noise FOLDER       writes NAME, NAME_twin, NAME.truth.json
     python -m benchmarks.diagnosis.real_rates FOLDER OUT   diagnoses them, and counts
-    corridor benchmark-diagnosis --blocks FOLDER -o OUT    the same beside twins and other methods
+    python -m benchmarks.diagnosis --blocks FOLDER -o OUT    the same beside twins and other methods
 
 A measured block is adjusted once; at its adjusted poses, points and camera every measurement is
 moved by what the effect does to it there, so residuals, outliers and the lens stay those of the

@@ -4,7 +4,7 @@
 
 OUT holds a row for each block, kept as soon as it is done, and the rates. Of the untouched twin the
 first round alone is made, which tells how strongly the flight shows what is hidden, and from what
-it can tell it (see `signal`). No other methods, as `corridor benchmark-diagnosis --blocks FOLDER`
+it can tell it (see `signal`). No other methods, as `python -m benchmarks.diagnosis --blocks FOLDER`
 has them: a third of its time.
 """
 

@@ -8,6 +8,8 @@ published values are (synthetic likelihood, Wood 2010). `notebooks/viabon.csv` h
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

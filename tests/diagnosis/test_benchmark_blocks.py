@@ -2,7 +2,6 @@
 
 import importlib
 import json
-import sys
 
 import numpy as np
 import pandas as pd
@@ -10,6 +9,7 @@ import pytest
 
 import corridor
 from benchmarks import diagnosis as benchmark
+from benchmarks.diagnosis.__main__ import main
 from benchmarks.diagnosis.assess import assess
 from benchmarks.diagnosis.baselines import METHODS, baselines
 from benchmarks.diagnosis.generator import plan_of_benchmark as made
@@ -18,7 +18,6 @@ from benchmarks.diagnosis.truth import truth_of
 from corridor.core.adjustment import Model
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.interface.cli import main
 
 TINY = {"images": 24, "observations": 80, "check": 4, "noise": made.null("clean").noise}
 
@@ -168,7 +167,7 @@ def folder(shutter, tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(folder, tmp_path_factory):
     out = tmp_path_factory.mktemp("out") / "b"
-    code = main(["benchmark-diagnosis", "--blocks", str(folder), "-o", str(out),
+    code = main(["--blocks", str(folder), "-o", str(out),
                  "--without-baselines"])  # fmt: skip
     return out, code
 
@@ -228,7 +227,7 @@ class TestCommand:
 
 class TestRefused:
     def test_a_folder_without_blocks(self, tmp_path, capsys):
-        code = main(["benchmark-diagnosis", "--blocks", str(tmp_path), "-o", str(tmp_path / "o")])
+        code = main(["--blocks", str(tmp_path), "-o", str(tmp_path / "o")])
         assert code == 2 and "holds no block" in capsys.readouterr().err
 
     def test_an_output_folder_that_holds_something_else(self, folder, tmp_path):
@@ -241,13 +240,8 @@ class TestRefused:
     )
     def test_options_that_cannot_be(self, options, tmp_path, capsys):
         with pytest.raises(SystemExit) as stop:
-            main(["benchmark-diagnosis", *options, "-o", str(tmp_path / "o")])
+            main([*options, "-o", str(tmp_path / "o")])
         assert stop.value.code == 2
-
-    def test_cases_without_the_source_checkout(self, monkeypatch, tmp_path, capsys):
-        monkeypatch.setitem(sys.modules, "benchmarks", None)
-        code = main(["benchmark-diagnosis", "--cases", "null", "-o", str(tmp_path / "o")])
-        assert code == 2 and "source checkout" in capsys.readouterr().err
 
 
 class TestFailing:

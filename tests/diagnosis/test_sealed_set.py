@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import corridor
-from corridor.interface.cli import main
+from benchmarks.diagnosis.__main__ import main
 
 SHIPPED = Path(__file__).parents[2] / "data_synthetic"
 SEALED, STORIES = SHIPPED / "hidden", SHIPPED / "stories"
@@ -74,7 +74,7 @@ def test_the_benchmark_solves_them(tmp_path):
     """A name for what has one, a set for the pair that nobody can tell apart, a place for the dent
     in the glass, and silence where nothing is hidden."""
     out = tmp_path / "out"
-    command = ["benchmark-diagnosis", "--blocks", str(SEALED), "-o", str(out)]
+    command = ["--blocks", str(SEALED), "-o", str(out)]
     assert main([*command, "--without-baselines"]) == 0
     rows = json.loads((out / "benchmark.json").read_text(encoding="utf-8"))["rows"]
     said = {row["name"]: row for row in rows}

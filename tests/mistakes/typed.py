@@ -349,15 +349,4 @@ VERBS = {
         ("data fetch dike -o FULL", 2, "FULL"),
         ("data fetch dike -o TEXT", 2, "TEXT"),
     ],
-    "benchmark-diagnosis": [
-        ("benchmark-diagnosis", 2, "--blocks --cases is required|required: "),
-        ("benchmark-diagnosis --cases nothing -o OUT", 2, "nothing"),
-        ("benchmark-diagnosis --cases null", 2, "required: -o"),
-        ("benchmark-diagnosis --blocks NOWHERE -o OUT", 2, "NOWHERE"),
-        ("benchmark-diagnosis --blocks EMPTY -o OUT", 2, "EMPTY"),
-        ("benchmark-diagnosis --cases null --jobs 0 -o OUT", 2, "'0'|number of processes"),
-        ("benchmark-diagnosis --cases null --count 0 -o OUT", 2, "'0'"),
-        ("benchmark-diagnosis --cases null --level 1 -o OUT", 2, "1"),
-        ("benchmark-diagnosis --cases null -o FULL", 2, "FULL"),
-    ],
 }

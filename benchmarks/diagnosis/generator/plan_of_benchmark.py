@@ -1,4 +1,4 @@
-"""The cases of `corridor benchmark-diagnosis`: which effects, how large, in which flights."""
+"""The cases of `python -m benchmarks.diagnosis`: which effects, how large, in which flights."""
 
 import math
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
-from corridor.core import output as report
+from corridor.core import registry
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.export import write_gis
 from corridor.core.adjustment.misfit import misfit
@@ -45,13 +49,25 @@ class Adjustment(Tables):
         )
 
     def __str__(self) -> str:
-        return str(report.of_adjustment(self))
+        return str(registry.room("report").of_adjustment(self))
 
     def _repr_html_(self) -> str:
-        return report.of_adjustment(self).html()
+        return registry.room("report").of_adjustment(self).html()
 
-    to_dict = report.adjustment_dict
-    save = report.save_adjustment
+    def to_dict(self) -> dict[str, Any]:
+        """What `adjustment.json` holds: every number, by the names of the design's section 7."""
+        return registry.room("report").adjustment_dict(self)
+
+    def save(
+        self,
+        folder: str | os.PathLike,
+        pictures: Mapping[str, Any] | Callable[[Adjustment], Mapping[str, Any]] | None = None,
+        captions: Mapping[str, str] | None = None,
+        gis: bool = False,
+    ) -> list[Path]:
+        """Writes it into `folder`, whole or not at all: see `corridor.report.save_adjustment`."""
+        return registry.room("report").save_adjustment(self, folder, pictures, captions, gis)
+
     write_gis = write_gis
 
     def start_misfit(self) -> list[str]:

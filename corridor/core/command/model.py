@@ -34,10 +34,10 @@ def table(camera: str, effect: str, prior: str, threads: int = 1) -> dict[str, d
 
 def of_options(options: argparse.Namespace):
     """The `corridor.Model` that the options say."""
-    import corridor
+    from corridor.core.adjustment import Model
 
     more = {name: vars(options)[name] for name in ("loss", "lever_arm") if name in options}
-    return corridor.Model(
+    return Model(
         camera=options.camera,
         effects=options.effect,
         control=options.control,

@@ -11,6 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from corridor.core import output as report
+from corridor.core import registry
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.report import tables
 from corridor.diagnosis.report.actions import actions
@@ -180,7 +181,7 @@ def _tables(diagnosis: Diagnosed, compared: Beside, written: list[str]) -> dict[
 
 
 def _pictures(diagnosis: Diagnosed, compared: Beside, folder: Path) -> dict[str, str]:
-    from corridor.interface import figures
+    figures = registry.room("figures")
 
     name = diagnosis.block.name
     drawn = {}

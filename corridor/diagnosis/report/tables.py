@@ -8,7 +8,7 @@ from importlib.metadata import version
 import numpy as np
 import pandas as pd
 
-from corridor import __version__
+from corridor.core import __version__
 from corridor.core.output import DASH, scaled
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate

@@ -65,16 +65,17 @@ def keywords(options: argparse.Namespace) -> dict:
 
 def run(options: argparse.Namespace) -> None:
     """Diagnose, print what came of it, save what was asked for."""
-    import corridor
+    from corridor import diagnosis as room
+    from corridor.core.block import read
     from corridor.core.output import check_gis
 
     announce_compilation("half a minute", "core")
     if options.output is not None:
-        corridor.diagnosis.check_output(options.output)
-    block = corridor.read(options.block)
+        room.check_output(options.output)
+    block = read(options.block)
     if options.gis:
         check_gis(block.crs)
-    diagnosis = corridor.diagnose(block, progress=_progress, **keywords(options))
+    diagnosis = room.diagnose(block, progress=_progress, **keywords(options))
     diagnosis.required = options.required
     print(diagnosis)
     if options.output is None:

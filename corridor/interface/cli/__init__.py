@@ -1,32 +1,31 @@
 """The command `corridor`.
 
-A verb is a file of this folder, found by looking; a name that begins with an underscore is none.
-It has a docstring (the verb's help: first line in the list of verbs, the rest under `corridor VERB
---help`), OPTIONS (a table for `_options.add`; a verb of several kinds has `configure(parser)`), and
-`run(options)`, which makes one call of the package and prints what came of it. MARK, where there
-is one, is the file by which the folder that it writes is known: another folder is refused before
-any work.
+A verb is a file in a folder `verbs` of the command, the diagnosis or a tool, or a module of another
+package (`corridor.core.registry`). It has a docstring (the verb's help: first line in the list of
+verbs, the rest under `corridor VERB --help`), OPTIONS (a table for `command.options.add`; a verb of
+several kinds has `configure(parser)`), and `run(options)`, which makes one call of the package and
+prints what came of it. MARK, where there is one, is the file by which the folder that it writes is
+known: another folder is refused before any work.
 """
 
 import _thread
 import argparse
-import importlib
-import pkgutil
 import re
 import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import ModuleType
 
-from corridor import __version__
+from corridor.core import __version__, registry
 from corridor.core.command.options import add
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.interface.cli._help import Parser
 from corridor.interface.cli._streams import unread
 
-__all__ = ["main"]
+__all__ = ["alone", "main"]
 
 _OPENING = """\
 What did the camera of a corridor flight do that the model does not know, what does it cost on
@@ -53,6 +52,22 @@ A BLOCK is a folder of plain files; README.md says which. Exit status: 0 done, 1
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one verb; its exit status. Failures end on one sentence, never on a traceback."""
+    return _answer(lambda words: _parser(*words[:1]), arguments)
+
+
+def alone(verb: ModuleType, program: str, arguments: list[str] | None = None) -> int:
+    """Run a module that is written as a verb, as a program of its own; its exit status."""
+
+    def parser(words: list[str]) -> Parser:
+        first, _, rest = verb.__doc__.partition("\n")
+        made = Parser(prog=program, description=first, epilog=rest.strip())
+        _configure(made, verb)
+        return made
+
+    return _answer(parser, arguments)
+
+
+def _answer(parser_of: Callable[[list[str]], Parser], arguments: list[str] | None) -> int:
     for stream in (sys.stdout, sys.stderr):
         # A console that knows no Greek letters must not end an adjustment.
         if hasattr(stream, "reconfigure"):
@@ -62,7 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
         warnings.filterwarnings("ignore", module=r"PIL\.")
         try:
             words = _asking(_with_signs(arguments))
-            options = _parser(*words[:1]).parse_args(words)
+            options = parser_of(words).parse_args(words)
             _check_output(options)
             options.run(options)
             sys.stdout.flush()
@@ -164,22 +179,25 @@ def _parser(word: str = ""):
     parser = Parser(prog="corridor", description=_OPENING, epilog=_FIRST_STEPS)
     parser.add_argument("--version", action="version", version=f"corridor {__version__}")
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
-    # What several verbs have in common begins with an underscore; `import` and other words of the
-    # language are files with a trailing one.
-    files = [found.name for found in pkgutil.iter_modules(__path__) if found.name[0] != "_"]
-    names = {file.rstrip("_").replace("_", "-"): file for file in files}
-    for name in [word] if word in names else names:
-        verb = importlib.import_module(f"{__name__}.{names[name]}")
-        first, _, rest = verb.__doc__.partition("\n")
+    known = registry.verbs()
+    for name in [word] if word in known else known:
+        # One verb is loaded to be run; of the others the first line of their help is read.
+        verb = registry.verb(name) if name == word else None
+        first, _, rest = registry.help_of(name).partition("\n")
         below = verbs.add_parser(
             name,
             help=first[:1].lower() + first[1:].rstrip("."),
             description=f"{first}\n",
             epilog=rest.strip(),
         )
-        if hasattr(verb, "OPTIONS"):
-            add(below, verb.OPTIONS)
-        else:
-            verb.configure(below)
-        below.set_defaults(run=verb.run)
+        if verb is not None:
+            _configure(below, verb)
     return parser
+
+
+def _configure(parser: Parser, verb: ModuleType) -> None:
+    if hasattr(verb, "OPTIONS"):
+        add(parser, verb.OPTIONS)
+    else:
+        verb.configure(parser)
+    parser.set_defaults(run=verb.run)

@@ -29,7 +29,7 @@ from corridor.interface.figures.correlation import correlation_matrix
 from corridor.interface.figures.diagnosis import evidence_bars
 from corridor.interface.figures.planning import accuracy_by_control, control_map
 from corridor.interface.figures.readout import readout_picture
-from corridor.interface.figures.report import of_adjustment, save_adjustment
+from corridor.interface.figures.report import of_adjustment
 from corridor.interface.figures.thermal import (
     camera_difference,
     deformation_maps,
@@ -70,7 +70,6 @@ __all__ = [
     "readout_picture",
     "residual_vectors",
     "residuals_along",
-    "save_adjustment",
     "thermal_parameters",
     "track",
 ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -9,7 +11,9 @@ from matplotlib.figure import Figure
 from corridor.core.output import counted, millimetres, nice, readable, short
 from corridor.interface.figures import maps, style
 from corridor.interface.figures._residual_vectors import arrows, stated_arrow
-from corridor.interface.report import Adjusted
+
+if TYPE_CHECKING:
+    from corridor.core.adjustment import Adjustment
 
 NONE = "No check points: nothing independent of the adjustment tests it."
 MOST_NAMES = 40
@@ -17,7 +21,7 @@ _CONTROL = style.dot("^", style.INK, 6.5)
 _CHECK = style.dot("o", "white", 4.5, style.INK)
 
 
-def check_points(adjustment: Adjusted) -> Figure:
+def check_points(adjustment: Adjustment) -> Figure:
     """Map of the check-point differences, adjusted minus given.
 
     Horizontal as arrows, height as a bar up (too high) or down (too low), both at one stated scale.
@@ -29,7 +33,7 @@ def check_points(adjustment: Adjusted) -> Figure:
 
 
 def compare_check_points(
-    a: Adjusted, b: Adjusted, labels: tuple[str, str] = ("first", "second")
+    a: Adjustment, b: Adjustment, labels: tuple[str, str] = ("first", "second")
 ) -> Figure:
     """The check-point differences of two adjustments of one block, at one stated scale."""
     title = f"{short(a.block.name, 50)}: check points, adjusted minus given"
@@ -38,7 +42,7 @@ def compare_check_points(
     return _maps([a, b], list(labels), title)
 
 
-def check_points_moved(before: Adjusted, after: Adjusted) -> Figure:
+def check_points_moved(before: Adjustment, after: Adjustment) -> Figure:
     """The check-point differences before (grey) and after (in colour) on one map."""
     title = f"{short(before.block.name, 50)}: check points, adjusted minus given"
     if not len(before.check_points):
@@ -46,7 +50,9 @@ def check_points_moved(before: Adjusted, after: Adjusted) -> Figure:
     return _maps([before, after], ["before", "after"], title, one_map=True)
 
 
-def _maps(results: list[Adjusted], labels: list[str], title: str, one_map: bool = False) -> Figure:
+def _maps(
+    results: list[Adjustment], labels: list[str], title: str, one_map: bool = False
+) -> Figure:
     frame = maps.frame_of(results[0].block)
     tables = [_table(result, frame) for result in results]
     places = [maps.centres(r.block) for r in results] + [
@@ -98,7 +104,7 @@ def _maps(results: list[Adjusted], labels: list[str], title: str, one_map: bool 
     return figure
 
 
-def _table(result: Adjusted, frame: maps.MapFrame) -> pd.DataFrame:
+def _table(result: Adjustment, frame: maps.MapFrame) -> pd.DataFrame:
     """Place and differences of each check point on the sheet, metres."""
     ground = pd.DataFrame(
         maps.columns(result.block.ground), index=result.block.ground["point"].astype(str)
@@ -146,7 +152,7 @@ def _draw_earlier(axes, table, exaggeration) -> None:
     arrows(axes, x, y, table["px"], table["py"], exaggeration, style.QUIET, 3)
 
 
-def _keys(result: Adjusted) -> list:
+def _keys(result: Adjustment) -> list:
     keys = [
         style.key("horizontal", color=style.DARK, marker=">", ms=5, lw=1.2),
         style.key("height (up: too high)", color=style.LIGHT, lw=4),
@@ -157,7 +163,7 @@ def _keys(result: Adjusted) -> list:
     return [*keys, style.key("image", **style.dot(".", style.FAINT))]
 
 
-def _numbers(result: Adjusted, brief: bool) -> str:
+def _numbers(result: Adjustment, brief: bool) -> str:
     """RMS of the check points, as the table has it."""
     if not len(result.check_points):
         return ""

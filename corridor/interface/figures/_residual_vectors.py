@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -11,7 +13,9 @@ from matplotlib.patches import Rectangle
 from corridor.core.output import nice, readable, short
 from corridor.interface.figures import style
 from corridor.interface.figures._first_look import camera_of, cells, in_cells
-from corridor.interface.report import Adjusted
+
+if TYPE_CHECKING:
+    from corridor.core.adjustment import Adjustment
 
 MOST_CAMERAS = 4
 ROOM = 1.08  # the panel over the image, for arrows that leave it
@@ -22,7 +26,7 @@ _ARROW = {
 LEAST = 3  # residuals a cell needs before it gets an arrow
 
 
-def residual_vectors(adjustment: Adjusted, camera: str | None = None) -> Figure:
+def residual_vectors(adjustment: Adjustment, camera: str | None = None) -> Figure:
     """Mean residual (measured minus modelled) in each cell of the image, as an arrow.
 
     adjustment: its tie points, or its marks where it has no tie points; outliers left out.
@@ -77,7 +81,7 @@ def _scale(camera, width: float, height: float) -> float:
     return min(width / camera.width, height / camera.height)
 
 
-def used(adjustment: Adjusted) -> tuple[pd.DataFrame, np.ndarray] | None:
+def used(adjustment: Adjustment) -> tuple[pd.DataFrame, np.ndarray] | None:
     """Image residuals, of tie points, else of marks, and which took part; None without any."""
     for kind in ("tie", "mark"):
         table = adjustment.residuals.get(kind)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -12,12 +14,14 @@ from corridor.core.output import short
 from corridor.interface.figures import maps, style
 from corridor.interface.figures._first_look import ROWS_AT_ONCE
 from corridor.interface.figures._residual_vectors import used
-from corridor.interface.report import Adjusted
+
+if TYPE_CHECKING:
+    from corridor.core.adjustment import Adjustment
 
 _BAND = "#ececec"
 
 
-def residuals_along(adjustment: Adjusted) -> Figure:
+def residuals_along(adjustment: Adjustment) -> Figure:
     """RMS of the image residuals of each image, and the GNSS residuals x, y, z, along the block.
 
     The distance is that of the camera centre along the block's main axis; where a block has

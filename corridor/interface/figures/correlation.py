@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
@@ -9,7 +11,9 @@ from matplotlib.patches import Patch, Rectangle
 
 from corridor.core.output import short
 from corridor.interface.figures import style
-from corridor.interface.report import Adjusted
+
+if TYPE_CHECKING:
+    from corridor.core.adjustment import Adjustment
 
 MOST = 40
 STRONG = 0.95
@@ -20,7 +24,7 @@ _SIGNS = (
 )
 
 
-def correlation_matrix(adjustment: Adjusted) -> Figure:
+def correlation_matrix(adjustment: Adjustment) -> Figure:
     """Correlations of the camera, effect and lever-arm parameters.
 
     Lower triangle: a square whose side grows with the coefficient, full cell at 1, dark where

@@ -7,37 +7,38 @@ import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from scipy.special import chdtri
 
-from corridor.core.output.files import (
-    files_in,
-    listed_in,
-    whole_folder,
-    write_csv,
-    write_json,
-    write_picture,
-)
-from corridor.core.output.json import plain
-from corridor.core.output.numbers import (
+from corridor.core.output import (
     DASH,
+    Report,
+    Table,
     coefficient,
     counted,
+    files_in,
     fixed,
+    listed_in,
     metre_digits,
     millimetres,
+    plain,
     rounded,
     scaled,
     short,
     significant,
     times,
+    whole_folder,
+    with_units,
+    write_csv,
+    write_json,
+    write_picture,
 )
-from corridor.core.output.pages import Report
-from corridor.core.output.table import Table
-from corridor.core.output.units import with_units
+
+if TYPE_CHECKING:
+    from corridor.core.adjustment import Adjustment
 
 RESULT = "adjustment.json"
 CAPTIONS = {
@@ -72,37 +73,7 @@ _RARE, _LARGE = 0.01, 1.1
 _MOST_STEPS = 3
 
 
-class Adjusted(Protocol):
-    """What a report reads of an adjustment; see `corridor.Adjustment` for shapes and units."""
-
-    block: Any
-    required: float | None
-    converged: bool
-    iterations: int
-    seconds: float
-    sigma0: float
-    redundancy: int
-    warnings: list[str]
-    statistics: dict[str, dict]
-    residuals: dict[str, pd.DataFrame]
-    camera: pd.DataFrame
-    effects: pd.DataFrame
-    values: Any
-    lever_arm: pd.DataFrame
-    poses: pd.DataFrame
-    point_sigma: np.ndarray
-    check_points: pd.DataFrame
-    check_rms: Any
-    check_mean: Any
-    check_std: Any
-    correlations: pd.DataFrame
-    high_correlations: pd.DataFrame
-    correlation_matrix: pd.DataFrame
-
-    def write_gis(self, stem: Path) -> None: ...
-
-
-def of_adjustment(adjustment: Adjusted) -> Report:
+def of_adjustment(adjustment: Adjustment) -> Report:
     """Headline, warnings and every table of an adjustment, those without rows left out."""
     if len(adjustment.check_points):
         # Theirs need those of all points: of a river, before the residuals take the room.
@@ -127,10 +98,10 @@ def of_adjustment(adjustment: Adjusted) -> Report:
 
 
 def save_adjustment(
-    adjustment: Adjusted,
+    adjustment: Adjustment,
     folder: str | os.PathLike,
-    pictures: Mapping[str, Any] | Callable[[Adjusted], Mapping[str, Any]] | None = None,
-    captions: Mapping[str, str] = CAPTIONS,
+    pictures: Mapping[str, Any] | Callable[[Adjustment], Mapping[str, Any]] | None = None,
+    captions: Mapping[str, str] | None = None,
     gis: bool = False,
 ) -> list[Path]:
     """Writes an adjustment into `folder`, whole or not at all; returns the paths, sorted.
@@ -146,6 +117,7 @@ def save_adjustment(
     missing.
     """
     folder, block = Path(folder), adjustment.block
+    captions = CAPTIONS if captions is None else captions
     with (
         whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part,
         ThreadPoolExecutor(1) as aside,
@@ -172,7 +144,7 @@ def save_adjustment(
     return [folder / name for name in names]
 
 
-def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
+def adjustment_dict(adjustment: Adjustment) -> dict[str, Any]:
     """The content of `adjustment.json`: finite numbers or None.
 
     Effects are as `corridor.effects.Values` writes them; effect_groups: who shares their values.
@@ -216,7 +188,7 @@ def adjustment_dict(adjustment: Adjusted) -> dict[str, Any]:
     return plain(content)
 
 
-def _files(adjustment: Adjusted) -> dict[str, pd.DataFrame]:
+def _files(adjustment: Adjustment) -> dict[str, pd.DataFrame]:
     """The tables of full numbers by the names of their files."""
     files = {
         "check_points.csv": adjustment.check_points,
@@ -226,7 +198,7 @@ def _files(adjustment: Adjusted) -> dict[str, pd.DataFrame]:
     return {name: table for name, table in files.items() if len(table) or name == "poses.csv"}
 
 
-def _outliers(adjustment: Adjusted) -> pd.DataFrame:
+def _outliers(adjustment: Adjustment) -> pd.DataFrame:
     """Image measurements flagged as outlier, largest first."""
     columns = ["point", "image", "x", "y", "vx", "vy", "sigma"]
     parts = []
@@ -242,7 +214,7 @@ def _outliers(adjustment: Adjusted) -> pd.DataFrame:
 # --- the opening -------------------------------------------------------------------------------
 
 
-def _headline(adjustment: Adjusted) -> str:
+def _headline(adjustment: Adjustment) -> str:
     """The first sentences of a report, for a surveyor who reads nothing else."""
     block = adjustment.block
     name = short(block.name, 50)
@@ -260,7 +232,7 @@ def _headline(adjustment: Adjusted) -> str:
     return " ".join([*_judged(adjustment), *parts, *_measured(adjustment)])
 
 
-def _judged(adjustment: Adjusted) -> list[str]:
+def _judged(adjustment: Adjustment) -> list[str]:
     """Whether it is good enough, where somebody says what is."""
     if adjustment.required is None:
         return []
@@ -274,7 +246,7 @@ def _judged(adjustment: Adjusted) -> list[str]:
     return [f"{verdict}: {millimetres(found)} at {at} (3D RMS), {wanted}."]
 
 
-def _measured(adjustment: Adjusted) -> list[str]:
+def _measured(adjustment: Adjustment) -> list[str]:
     """How far off the check points are."""
     count, rms = len(adjustment.check_points), adjustment.check_rms
     if not count:
@@ -285,7 +257,7 @@ def _measured(adjustment: Adjusted) -> list[str]:
     ]
 
 
-def check_sigma(adjustment: Adjusted) -> np.ndarray:
+def check_sigma(adjustment: Adjustment) -> np.ndarray:
     """Standard deviations (n, 3), m, of what `check_points` are off by: adjusted and surveyed."""
     ground = adjustment.block.ground
     at = pd.Index(ground["point"].astype(str)).get_indexer(
@@ -295,12 +267,12 @@ def check_sigma(adjustment: Adjusted) -> np.ndarray:
     return np.hypot(adjustment.check_points[_SIGMAS].to_numpy(float), surveyed)
 
 
-def doubted(adjustment: Adjusted) -> bool:
+def doubted(adjustment: Adjustment) -> bool:
     """Whether check points or residuals are larger than their standard deviations say."""
     return _beyond(adjustment) or bool(adjustment.sigma0 > _LARGE)
 
 
-def _beyond(adjustment: Adjusted) -> bool:
+def _beyond(adjustment: Adjustment) -> bool:
     """Whether check points are off by more than chance makes of their standard deviations."""
     check = adjustment.check_points
     if not len(check):
@@ -310,7 +282,7 @@ def _beyond(adjustment: Adjusted) -> bool:
     return bool(np.sum(np.square(scaled)) > chdtri(np.size(scaled), _RARE))
 
 
-def _actions(adjustment: Adjusted) -> list[str]:
+def _actions(adjustment: Adjustment) -> list[str]:
     """What to do next, the most useful first, at most three."""
     if not adjustment.converged:
         return []
@@ -318,7 +290,7 @@ def _actions(adjustment: Adjusted) -> list[str]:
     return steps(adjustment) or [go_on]
 
 
-def steps(adjustment: Adjusted) -> list[str]:
+def steps(adjustment: Adjustment) -> list[str]:
     """What has to be done about an adjustment, the most useful first, at most three sentences."""
     out, check = [], adjustment.check_points
     rms, beyond = adjustment.check_rms, _beyond(adjustment)
@@ -360,7 +332,7 @@ def _compared(sigma0: float) -> str:
 # --- the tables --------------------------------------------------------------------------------
 
 
-def _observations(adjustment: Adjusted) -> Table:
+def _observations(adjustment: Adjustment) -> Table:
     """Number, outliers, RMS and sigma naught of each kind of measurement."""
     rows, gross = [], []
     for kind, found in adjustment.statistics.items():
@@ -389,7 +361,7 @@ def _rms(rms) -> str:
     return "  ".join(fixed(value, digits) for value in rms) + " m (x, y, z)"
 
 
-def _camera(adjustment: Adjusted) -> Table:
+def _camera(adjustment: Adjustment) -> Table:
     """Interior parameters, and which of them may be zero."""
     frame = adjustment.camera
     several = frame["camera"].nunique() > 1
@@ -415,7 +387,7 @@ def _camera(adjustment: Adjusted) -> Table:
     return Table(title, ("parameter", "value", "sigma", "unit"), tuple(rows), "lrrl", notes)
 
 
-def _doubtful(adjustment: Adjusted) -> list[tuple[str, str]]:
+def _doubtful(adjustment: Adjustment) -> list[tuple[str, str]]:
     """Camera and parameter of the coefficients that may be zero."""
     return [
         (row.camera, row.parameter)
@@ -424,7 +396,7 @@ def _doubtful(adjustment: Adjusted) -> list[tuple[str, str]]:
     ]
 
 
-def _effects(adjustment: Adjusted) -> Table | None:
+def _effects(adjustment: Adjustment) -> Table | None:
     """Parameters of the effects that were estimated; many groups of one are summed up."""
     frame = adjustment.effects
     if not len(frame):
@@ -454,7 +426,7 @@ def _effects(adjustment: Adjusted) -> Table | None:
     return Table("Effects", header, tuple(rows), "lllrrlr", tuple(notes))
 
 
-def _readouts(adjustment: Adjusted) -> list[str]:
+def _readouts(adjustment: Adjustment) -> list[str]:
     """What block.toml states of a camera's readout beside what was estimated of it."""
     frame, cameras = adjustment.effects, adjustment.block.cameras
     notes = []
@@ -473,7 +445,7 @@ def _readouts(adjustment: Adjusted) -> list[str]:
     return notes
 
 
-def _lever_arms(adjustment: Adjusted) -> Table | None:
+def _lever_arms(adjustment: Adjustment) -> Table | None:
     """From the camera to the GNSS antenna, flight by flight."""
     rows = []
     for row in adjustment.lever_arm.itertuples(index=False):
@@ -487,7 +459,7 @@ def _lever_arms(adjustment: Adjusted) -> Table | None:
     return Table("Lever arm of the GNSS antenna", header, tuple(rows), "lrrrrrr", (note,))
 
 
-def _check_points(adjustment: Adjusted) -> Table | None:
+def _check_points(adjustment: Adjustment) -> Table | None:
     """The check points one by one, of many the largest."""
     frame = adjustment.check_points
     if not len(frame):
@@ -516,7 +488,7 @@ def _mm_digits(numbers) -> int:
     return max(metre_digits(np.asarray(numbers) / 1e3) - 3, 0)
 
 
-def _check_statistics(adjustment: Adjusted) -> Table | None:
+def _check_statistics(adjustment: Adjustment) -> Table | None:
     """RMS, mean and STD of all check points, in plan, height and space."""
     count = len(adjustment.check_points)
     if not count:
@@ -536,7 +508,7 @@ def _check_statistics(adjustment: Adjusted) -> Table | None:
     return Table(title, ("", "xy", "z", "3D"), rows, "lrrr", (note,))
 
 
-def _correlations(adjustment: Adjusted) -> Table | None:
+def _correlations(adjustment: Adjustment) -> Table | None:
     """Focal length and lever arm with the heights they can stand in for."""
     rows = tuple(
         (
@@ -556,7 +528,7 @@ def _correlations(adjustment: Adjusted) -> Table | None:
     return Table("Correlations with position", header, rows, "llrrrr", (note,))
 
 
-def _strong_correlations(adjustment: Adjusted) -> Table | None:
+def _strong_correlations(adjustment: Adjustment) -> Table | None:
     """Parameters that can hardly be told apart, the strongest first."""
     pairs = adjustment.high_correlations.sort_values("value", key=lambda v: -v.abs(), kind="stable")
     names = list(adjustment.correlation_matrix)

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from corridor.interface.report import doubted, steps
+from corridor.core import registry
 
 if TYPE_CHECKING:
     from corridor.core.adjustment import Adjustment
@@ -62,16 +62,17 @@ class Row:
     def of_adjustment(cls, block: str, folder: str, adjustment: Adjustment) -> Row:
         """The row of an adjustment that converged."""
         known, tested = _measured(adjustment, adjustment.required), len(adjustment.check_points) > 0
+        report = registry.room("report")
         if known["missed"]:
             verdict = MISSED
         elif adjustment.required is not None and tested:
             verdict = "good enough"
-        elif doubted(adjustment):
+        elif report.doubted(adjustment):
             verdict = IN_DOUBT
         else:
             verdict = "fits" if tested else NOT_TESTED
-        good = verdict in ("fits", "good enough") and not doubted(adjustment)
-        todo = "" if good else next(iter(steps(adjustment)), "")
+        good = verdict in ("fits", "good enough") and not report.doubted(adjustment)
+        todo = "" if good else next(iter(report.steps(adjustment)), "")
         return cls(
             block, folder, verdict, attention=todo, seconds=adjustment.seconds, **known
         )  # fmt: skip

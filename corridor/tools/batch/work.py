@@ -17,13 +17,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from corridor import __version__
+from corridor.core import __version__, registry
 from corridor.core import adjustment as least_squares
 from corridor.core.adjustment import Model, not_converged
 from corridor.core.block import read
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.output import forget_parts, sole, whole_file, write_json
-from corridor.interface.figures import of_adjustment
 from corridor.tools.batch.row import FAILED, Row
 
 MARK = "batch.json"
@@ -148,9 +147,8 @@ def call_of(verb: str) -> Callable:
     """The function of a verb."""
     if verb == "adjust":
         return least_squares.adjust
-    from corridor import diagnosis  # a second that workers of adjustments do without
-
-    return diagnosis.diagnose
+    # A second that workers of adjustments do without.
+    return registry.room("diagnosis").diagnose
 
 
 def work(task: Task) -> Row:
@@ -202,7 +200,7 @@ def _adjusted(task: Task) -> Row:
     if not adjustment.converged:
         raise not_converged(adjustment)
     adjustment.required = asked.required
-    adjustment.save(task.target, of_adjustment, gis=asked.gis)
+    adjustment.save(task.target, registry.room("figures").of_adjustment, gis=asked.gis)
     return Row.of_adjustment(task.name, str(task.folder), adjustment)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from corridor.core import registry
 from corridor.core.adjustment import grave
 from corridor.core.errors import InputError
 from corridor.core.output import (
@@ -25,7 +26,6 @@ from corridor.core.output import (
     write_las,
     write_picture,
 )
-from corridor.interface import figures
 from corridor.tools.change.explanation import Explanation
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.sentence import millimetres, remedies, verdict_sentence
@@ -113,7 +113,7 @@ def save(change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
     folder = Path(folder)
     with whole_folder(folder, RESULT) as part:
         pictures = []
-        for name, (drawn, caption) in figures.of_change(change).items():
+        for name, (drawn, caption) in registry.room("figures").of_change(change).items():
             pictures.append((name, caption, write_picture(drawn, part / f"{name}.png")))
         page = of_change(change).page(pictures)
         (part / "report.html").write_text(page, encoding="utf-8", newline="\n")

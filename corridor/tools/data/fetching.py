@@ -10,13 +10,13 @@ from importlib.util import find_spec
 from pathlib import Path
 
 # Its rooms come at first use: a list of what there is needs none of them.
-import corridor
+from corridor.core import registry
 from corridor.core.errors import AdjustmentFailed, InputError, did_you_mean
 from corridor.tools.data.registered import DataSet, register
 
 # The file by which a fetched folder is known again.
 _MARK = "SOURCE.txt"
-_HERE = Path(corridor.__file__).parent
+_HERE = Path(__file__).parents[2]
 
 
 def fetch(
@@ -100,8 +100,9 @@ def _project(one, folder):
     known = one.known
     size = tuple(known["size_px"]) if "size_px" in known else None
     path = folder / next(iter(one.files))
-    made = corridor.interchange.import_project(
-        path, known["form"], folder / "block", corridor.interchange.Additions(size=size)
+    formats = registry.room("formats")
+    made = formats.import_project(
+        path, known["form"], folder / "block", formats.Additions(size=size)
     )
     block = made.block
     _as_known(one, images=len(block.images), observations=len(block.tie_points))
@@ -115,8 +116,9 @@ def _project(one, folder):
 
 def _gnss(one, folder):
     """A receiver's track and the exposures on it."""
-    track = corridor.gnss.read_track(folder / one.known["track"])
-    exposures = corridor.gnss.read_exposures(folder / one.known["exposures_file"])
+    gnss = registry.room("gnss")
+    track = gnss.read_track(folder / one.known["track"])
+    exposures = gnss.read_exposures(folder / one.known["exposures_file"])
     _as_known(one, epochs=len(track.table), exposures=len(exposures.table))
     return [
         f"read: {len(track.table):,} epochs and {len(exposures.table)} exposures as known; go on "
@@ -146,7 +148,7 @@ def _readout(one, folder):
     """A photograph of something lit by a blinking LED, measured."""
     path = folder / next(iter(one.files))
     hertz, known = one.known["frequency_hz"], one.known["readout_ms"]
-    found = corridor.readout.readout_from_led(path, hertz).readout_ms
+    found = registry.room("readout").readout_from_led(path, hertz).readout_ms
     if abs(found - known) > 1e-3 * known:
         raise AdjustmentFailed(f"{one.name} gives {found:.3f} ms, known are {known:.3f} ms")
     return [

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from corridor.core import registry
 from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.core.simulation import Plan, add_noise
-from corridor.tools import change
 from corridor.tools.planning.network import without_control
 from corridor.tools.planning.noise import GnssNoise
 from corridor.tools.planning.planner import Believed
 
+if TYPE_CHECKING:
+    from corridor.tools.change import SurfaceChange
 
-def detectable(plan: Plan, laid_out: Block, options: Mapping[str, object]) -> change.SurfaceChange:
+
+def detectable(plan: Plan, laid_out: Block, options: Mapping[str, object]) -> SurfaceChange:
     """The surface of a flight set with the levels of detection of two flights like it.
 
     laid_out: its images with the ground points that are to be surveyed, at both dates anew.
@@ -40,10 +44,12 @@ def detectable(plan: Plan, laid_out: Block, options: Mapping[str, object]) -> ch
     told = {one.name: options[one.name] for one in fields(Believed) if one.name in options}
     model = Believed(**told).as_model()
     # A survey of control is made anew at each date: nothing of it is common.
-    return change.detection(flown, model, common=("priors",), gnss_bias=noise.bias_sigma_m)
+    return registry.room("change").detection(
+        flown, model, common=("priors",), gnss_bias=noise.bias_sigma_m
+    )
 
 
-def columns(surface: change.SurfaceChange) -> pd.DataFrame:
+def columns(surface: SurfaceChange) -> pd.DataFrame:
     """What is known before any change: place, sigma, sampling, level of detection (m)."""
     kept = ["x", "y", "z", "station", "across", "sigma", "sampling", "detection_95"]
     return surface.frame[kept]

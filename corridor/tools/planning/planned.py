@@ -6,18 +6,21 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.output import with_units
 from corridor.core.simulation import ORDINARY_NOISE, Noise, Plan
-from corridor.tools.change import SurfaceChange
 from corridor.tools.planning.advising import advice, cheapest
 from corridor.tools.planning.detection import detectable
 from corridor.tools.planning.planner import Control
 from corridor.tools.planning.report import report_of, save
 from corridor.tools.planning.sweeping import flight_sets, swept
+
+if TYPE_CHECKING:
+    from corridor.tools.change import SurfaceChange
 
 
 @dataclass(repr=False)

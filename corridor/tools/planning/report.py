@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from corridor.core import registry
 from corridor.core.output import (
     DASH,
     Report,
@@ -20,8 +21,6 @@ from corridor.core.output import (
     write_json,
     write_picture,
 )
-from corridor.interface.figures import accuracy_by_control, control_map, detection_map
-from corridor.tools import change
 from corridor.tools.planning.detection import columns
 
 RESULT = "plan.json"
@@ -67,7 +66,7 @@ def report_of(planned) -> Report:
         _of(table, _KNOWN, "What the flights can tell apart", (known,)),
     ]
     if planned.detection is not None:
-        made.append(change.detection_table(planned.detection))
+        made.append(registry.room("change").detection_table(planned.detection))
     holes = dict.fromkeys(table.loc[table["open"] != "", "open"])
     names = ", ".join(dict.fromkeys(table["flights"]))
     return Report(
@@ -98,10 +97,15 @@ def save(planned, folder: str | os.PathLike) -> list[Path]:
         if planned.chosen is not None:
             write_csv(planned.control, part / "control.csv")
             block = planned.laid_out()
-            write_picture(control_map(block, _count(planned.chosen)), part / "control.png")
+            write_picture(
+                registry.room("figures").control_map(block, _count(planned.chosen)),
+                part / "control.png",
+            )
         if planned.detection is not None:
             write_csv(columns(planned.detection), part / "detection.csv")
-            write_picture(detection_map(planned.detection), part / "detection.png")
+            write_picture(
+                registry.room("figures").detection_map(planned.detection), part / "detection.png"
+            )
         written = [name for name in _FILES if (part / name).is_file()]
     return [folder / name for name in sorted(written)]
 
@@ -116,7 +120,9 @@ def _picture(table: pd.DataFrame) -> Figure:
         str(name): (rows["control"].to_numpy(), rows["xy"].to_numpy(), rows["z"].to_numpy())
         for name, rows in table.sort_values("control").groupby("flights", sort=False)
     }
-    return accuracy_by_control({name: series[name] for name in table["flights"].unique()})
+    return registry.room("figures").accuracy_by_control(
+        {name: series[name] for name in table["flights"].unique()}
+    )
 
 
 def _control(planned) -> Table | None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from corridor.core import registry
 from corridor.core.output import check_folder, png, whole_folder, write_json
-from corridor.interface import figures
 from corridor.tools.readout.flight_report import (
     PICTURE,
     FlightReadout,
@@ -32,7 +32,7 @@ def save_flight(found: FlightReadout, folder: str | os.PathLike) -> list[Path]:
     Where the flight does not tell, refused.json stands in place of readout.json.
     Raises InputError where `folder` is a file or a folder of something else.
     """
-    picture = png(figures.flight_readout(found, published_value(found)))
+    picture = png(registry.room("figures").flight_readout(found, published_value(found)))
     caption = (
         "Left: the readout time by the whole flight (thick bar: the honest sigma), without each "
         "strip, with eight camera parameters, and as published. Right: where the images were taken "

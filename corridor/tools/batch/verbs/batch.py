@@ -25,6 +25,7 @@ import shlex
 import sys
 from pathlib import Path
 
+from corridor.core import registry
 from corridor.core.command.options import (
     BlockBar,
     add,
@@ -35,10 +36,9 @@ from corridor.core.command.options import (
     wrote,
 )
 from corridor.core.errors import AdjustmentFailed
-from corridor.diagnosis.verbs import diagnose
-from corridor.interface.cli.verbs import adjust
 
 MARK = "batch.json"
+_adjust, _diagnose = registry.verb("adjust"), registry.verb("diagnose")
 
 
 def _of_many(options):
@@ -62,7 +62,7 @@ _SHARED_OUT = {
 _VERBS = {
     "adjust": (
         "adjust every block",
-        _of_many(adjust.OPTIONS),
+        _of_many(_adjust.OPTIONS),
         """
 campaign/* -o out/campaign --required 0.02
 campaign/* -o out/campaign --camera fixed --effect rolling_shutter --jobs 4
@@ -70,7 +70,7 @@ campaign/* -o out/campaign --camera fixed --effect rolling_shutter --jobs 4
     ),
     "diagnose": (
         "diagnose every block",
-        _of_many(diagnose.OPTIONS),
+        _of_many(_diagnose.OPTIONS),
         """
 campaign/* -o out/missing
 campaign/* -o out/missing --scheduler tcp://host:8786 --only rolling_shutter,clock_offset
@@ -87,20 +87,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Do it, print what needs attention, and end with status 1 where a block failed."""
-    import corridor
+    from corridor.tools import batch
 
     announce_compilation("half a minute, and once in each new worker", "core")
     if options.verb == "diagnose":
-        keywords = diagnose.keywords(options) | {"counterparts": options.counterparts}
+        keywords = _diagnose.keywords(options) | {"counterparts": options.counterparts}
     else:
-        keywords = adjust.keywords(options)
+        keywords = _adjust.keywords(options)
     with BlockBar() as bar:
 
         def progress(row, done: int, of: int) -> None:
             bar(row.block, row.verdict, done, of)
 
         try:
-            campaign = corridor.batch(
+            campaign = batch.batch(
                 options.verb,
                 options.block,
                 options.output,

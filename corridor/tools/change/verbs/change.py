@@ -106,9 +106,10 @@ OPTIONS = _model.table(
 
 def run(options: argparse.Namespace) -> None:
     """Compare, print the report, save what was asked for."""
-    import corridor
+    from corridor.core.block import read
     from corridor.core.errors import InputError
     from corridor.core.output import check_folder
+    from corridor.tools import change
 
     announce_compilation("half a minute", "core")
     model = _model.of_options(options)
@@ -117,21 +118,19 @@ def run(options: argparse.Namespace) -> None:
     if options.dates is not None:
         if after is not None:
             raise InputError("--dates are of one block that holds both; two are given")
-        before, after = corridor.change.dates_of(corridor.read(before), options.dates)
+        before, after = change.dates_of(read(before), options.dates)
     if after is None:
-        surface = corridor.change.detection(options.block, model, **asked)
-        print(corridor.change.detection_report(surface))
+        surface = change.detection(options.block, model, **asked)
+        print(change.detection_report(surface))
         return
     if options.output is not None:
         check_folder(options.output, "change.json")
-    found = corridor.change(
-        before, after, model=model, threads=options.threads, progress=say, **asked
-    )
+    found = change(before, after, model=model, threads=options.threads, progress=say, **asked)
     print(found)
     if options.output is None:
         print("\nNothing was written: -o OUT saves the report, the tables and the pictures.")
         return
-    wrote(*corridor.change.save(found, options.output))
+    wrote(*change.save(found, options.output))
 
 
 def _comparison(options: argparse.Namespace) -> dict:

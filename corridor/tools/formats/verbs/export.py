@@ -39,12 +39,12 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> None:
     """Export, and say what the target holds and what not."""
-    import corridor
+    from corridor.tools import formats
 
     effects: dict[str, dict] = {}
     for slug, values in options.effect:
         effects.setdefault(slug, {}).update(values)
-    made = corridor.export(
+    made = formats.export_project(
         options.block,
         options.form,
         options.output,

@@ -136,7 +136,6 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> None:
     """Plan, print the advice and the tables, save what was asked for."""
-    import corridor
     from corridor.tools import planning
 
     options.control = sorted(set(options.control or (0, 1, 3, 5)))
@@ -160,7 +159,7 @@ def run(options: argparse.Namespace) -> None:
     if options.carry_over is not None:
         other = planning.Planner(options.carry_over, **known).expect(options.carry_control)
         carried = other.carried(dict(options.mounted), held=options.held)
-    planned = corridor.plan(
+    planned = planning.plan(
         options.plans,
         options.control,
         options.place,

@@ -156,8 +156,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Measure, draw, save, and print what came of it."""
+    from corridor.core import registry
     from corridor.core.errors import InputError
-    from corridor.interface import figures
     from corridor.tools import readout as room
 
     if options.target == "flight":
@@ -176,6 +176,7 @@ def run(options: argparse.Namespace) -> None:
                 raise InputError(f"--{option.replace('_', '-')} needs --video")
     say(f"measuring the {options.target} ...")
     readout = _measure(room, options)
+    figures = registry.room("figures")
     pictures = {"readout": figures.png(figures.readout_picture(readout))}
     written = room.save_readout(readout, options.output, pictures)
     print(readout)
@@ -229,10 +230,10 @@ def _flight(room, options):
 
 def _block(options):
     """The block to look at, imported first where photographs are given; make and model by EXIF."""
-    from corridor import read
+    from corridor.core import registry
+    from corridor.core.block import read
     from corridor.core.errors import InputError
     from corridor.core.photographs import photographs_in, read_metadata
-    from corridor.tools import formats as interchange
 
     source = options.source
     photos = []
@@ -245,7 +246,8 @@ def _block(options):
         return read(source), ""
     first = read_metadata(photos[0])
     output = options.output.with_name(f"{options.output.name}_block")
-    added = interchange.Additions(long_side=options.size, share=options.share or 1)
-    interchange.import_project(source, "photos", output, added, progress=say)
+    formats = registry.room("formats")
+    added = formats.Additions(long_side=options.size, share=options.share or 1)
+    formats.import_project(source, "photos", output, added, progress=say)
     wrote(output)
     return read(output), f"{first.make} {first.model}".strip()

@@ -85,8 +85,8 @@ def run(options: argparse.Namespace) -> None:
 
 def _map(options):
     from corridor.core import output as report
+    from corridor.core import registry
     from corridor.core.errors import InputError
-    from corridor.interface import figures
     from corridor.tools import thermal
 
     picture = _beside(options)
@@ -111,7 +111,7 @@ def _map(options):
                 )
             warn(maps.warnings)
             with report.whole_file(picture) as part:
-                report.write_picture(figures.deformation_maps(maps), part)
+                report.write_picture(registry.room("figures").deformation_maps(maps), part)
                 maps.write(options.output)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
@@ -128,7 +128,7 @@ def _map(options):
 
 def _fit(options):
     from corridor.core import output as report
-    from corridor.interface import figures
+    from corridor.core import registry
     from corridor.tools import thermal
 
     picture = _beside(options)
@@ -136,7 +136,7 @@ def _fit(options):
     model = fit.model
     warn(model.warnings)
     with report.whole_file(picture) as part:
-        report.write_picture(figures.thermal_parameters(fit), part)
+        report.write_picture(registry.room("figures").thermal_parameters(fit), part)
         model.write(options.output)
     low, high = model.range_c
     print(
@@ -160,12 +160,10 @@ def _apply(options):
 
 
 def _prior(options):
-    import corridor
+    from corridor.core.block import read
     from corridor.tools import thermal
 
-    known = thermal.laboratory_prior(
-        thermal.read_model(options.model), corridor.read(options.block)
-    )
+    known = thermal.laboratory_prior(thermal.read_model(options.model), read(options.block))
     words = ["--effect", "thermal"]
     for name, (value, sigma) in known.items():
         words += ["--prior", f"{name}={value:.6g}+-{sigma:.3g}"]
