@@ -191,7 +191,7 @@ print(f"mean {null_row[0]:.3f} px, spread {null_row[1]:.3f} px")
 
 # %%
 print(
-    f"counts 1200, 1250, 1300 with a = 10 and b = 900: {thermal.degrees([1200, 1250, 1300], 10.0, 900.0)} °C"
+    f"1200, 1250, 1300 counts, a = 10, b = 900: {thermal.degrees([1200, 1250, 1300], 10, 900)} °C"
 )
 
 # %% [markdown]

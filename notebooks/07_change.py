@@ -174,7 +174,7 @@ print(f"were the cells independent, it would be {ratio:.0f} times smaller")
 # From so few draws the ratio below is itself known to the number after it only.
 
 # %%
-draws = 4 if fast else 24
+draws = 4 if fast else 12
 rest = [
     compare(
         flight(10 + 2 * k), flight(11 + 2 * k), camera=False, polygons={"bowl": corners}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -245,6 +246,58 @@ def rates(rows: Sequence[tuple[str, int, int, float, float]], title: str, note: 
     axes.set_yticks(range(len(rows)), [row[0] for row in rows])
     axes.set(xlim=(-2, 115), ylim=(len(rows) - 0.5, -0.5), xticks=[0, 25, 50, 75, 100])
     style.label(axes, "share (%), bar: 95 % interval")
+    return figure
+
+
+def rate_of(text: str) -> tuple[int, int, float, float]:
+    """Hits, count and the ends of the interval of `90.5 % (19 of 21; 71.1 to 97.3)`, as shares."""
+    _, hits, count, low, high = (float(x) for x in re.findall(r"[0-9.]+", text))
+    return int(hits), int(count), low / 100, high / 100
+
+
+def intervals(
+    values: Mapping[str, tuple[float, float]],
+    known: tuple[float, float],
+    unit: str,
+    title: str,
+    note: str,
+) -> Figure:
+    """Values with their sigmas, one below the other, beside a band in which they should lie."""
+    figure, ((axes,),) = style.charts(title, note, [0.4 * len(values) + 0.5])
+    axes.axvspan(*known, color=style.FAINT, zorder=0)
+    for k, (value, sigma) in enumerate(values.values()):
+        axes.plot([value - sigma, value + sigma], [k, k], color=style.DARK, lw=2)
+        axes.plot(value, k, **style.dot("o", style.DARK, 6))
+    axes.set_yticks(range(len(values)), list(values))
+    axes.set_ylim(len(values) - 0.5, -0.5)
+    style.label(axes, unit)
+    return figure
+
+
+def speeds_and_readout(
+    block: Block,
+    slow: np.ndarray,
+    readouts: Mapping[str, tuple[float, float]],
+    known_ms: float,
+    title: str,
+) -> Figure:
+    """Speed of every photograph, the slow ones marked, and the readout with and without them."""
+    figure, ((left, right),) = style.charts(
+        title, "left: hollow squares are slow photographs; right: dashed is the published readout",
+        [2.8], 2,
+    )  # fmt: skip
+    time = block.column("images", "time_s")
+    speed = np.linalg.norm(block.images[["vx", "vy", "vz"]].to_numpy(float), axis=1)
+    left.plot(time[~slow] - time.min(), speed[~slow], **style.dot("o", style.DARK, 4))
+    left.plot(time[slow] - time.min(), speed[slow], **style.dot("s", "white", 6, style.INK, 1.4))
+    style.label(left, "time (s)", "speed (m/s)")
+    for k, (value, sigma) in enumerate(readouts.values()):
+        right.plot([k, k], [value - sigma, value + sigma], color=style.DARK, lw=2)
+        right.plot(k, value, **style.dot("o", style.DARK, 6))
+    right.axhline(known_ms, color=style.INK, ls="--", lw=1)
+    right.set_xticks(range(len(readouts)), list(readouts))
+    right.set(xlim=(-0.6, len(readouts) - 0.4), ylim=(0, None))
+    style.label(right, None, "readout (ms)")
     return figure
 
 

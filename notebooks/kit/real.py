@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 import corridor
@@ -27,4 +28,22 @@ def special_plot(data: Path = DATA) -> Block | None:
         vy=speed["speed_north"].to_numpy(),
         vz=-speed["speed_down"].to_numpy(),
     )
+    return block
+
+
+def slow_ones(block: Block, speed: float) -> np.ndarray:
+    """(images,) whether an image was taken more slowly than so many m/s."""
+    return np.linalg.norm(block.images[["vx", "vy", "vz"]].to_numpy(float), axis=1) < speed
+
+
+def without_images(block: Block, left_out: np.ndarray) -> Block:
+    """The block without some images (images,), nor points that fewer than two others see."""
+    block = block.copy()
+    block.images = block.images[~left_out].reset_index(drop=True)
+    kept = set(block.images["image"].astype(str))
+    for table in ("tie_points", "marks", "gnss"):
+        rows = getattr(block, table)
+        setattr(block, table, rows[rows["image"].astype(str).isin(kept)].reset_index(drop=True))
+    rays = block.tie_points.groupby("point", observed=True)["image"].transform("size")
+    block.tie_points = block.tie_points[rays >= 2].reset_index(drop=True)
     return block

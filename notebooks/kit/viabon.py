@@ -31,7 +31,7 @@ READOUT_S = 0.0564  # section 7.4.2.1
 # Tie points an image, as MicMac's reduction may leave: a choice of ours, of which heights of the
 # corridor depend (50: 1 to 6 cm by seed, 150: 2 to 3). Dataset 3 has fewer, for 648 images.
 TIES = 150
-TIES_OF = {"d3": 50}
+TIES_OF = {"d3": 25}
 NOTHING = "nothing"
 _N30, _O60, _N90, _N40 = (f"thesis_viabon_{name}" for name in ("n30", "o60", "n90", "n40"))
 SURVEYS = {
@@ -49,6 +49,8 @@ PARTS = {"xy": "rms_xy", "z": "rms_z"}
 STATISTICS = [f"{row} {part}" for row in CONFIGURATIONS for part in PARTS]
 # The plans' speeds were chosen with the horizontal RMS of `o-8p`: that one judges nothing.
 FITTED = [s for s in STATISTICS if "-8p" in s and not (s[0] == "o" and s.endswith("xy"))]
+# What the survey at 90 m leaves as likely (chapter 5), and is simulated for the others.
+LEFT = ("rotation", "pitch", "roll", "yaw", "velocity", "control", "marks")
 HELD_OUT = [s for s in STATISTICS if "-10p" in s]
 # Of other programs: what no correction has touched.
 ELSEWHERE = {
@@ -212,11 +214,12 @@ def published_values(survey: str, statistics: Sequence[str], program: str = "") 
 
 def _value(register, survey, statistic, program):
     row, part = statistic.split()
-    kind, camera, control = row.split("-")
-    row = f"{kind}_{camera}_{control[-1]}"
+    entry = identifier(survey, row, part)
     if not program:
-        return register[f"shutter.{survey}.{row}.{part}"].values[0]
-    values = register[f"shutter.{program}.{survey}.{row}"].values
+        return register[entry].values[0]
+    values = register[
+        f"shutter.{program}.{entry.removeprefix('shutter.').rpartition('.')[0]}"
+    ].values
     # Of eight parameters the height alone: the plans' speeds were chosen with the other.
     return values[-1] if part == "z" else values[0]
 
@@ -248,6 +251,10 @@ class Judged:
     def expected(self, amount: float) -> np.ndarray:
         """RMS expected with so much of the cause, cm, in the order of the statistics."""
         return np.sqrt(self.squares[0] + self.squares[1] * amount**2)
+
+    def in_words(self, unit: str) -> str:
+        """Amount and its 95 % interval: `0.9 (0.5 to 1.4) deg/s`."""
+        return f"{self.amount:.1f} ({self.low:.1f} to {self.high:.1f}) {unit}".strip()
 
     def at(self, amount: float) -> float:
         """Log likelihood of so much of the cause less that of none of it."""
@@ -321,6 +328,26 @@ def likely(draws: pd.DataFrame, survey: str) -> dict[str, float]:
     return found
 
 
+def held_as_text(draws: pd.DataFrame, survey: str, cause: str, amount: float) -> str:
+    """How many predictions hold with all draws, and the range of single ones: `17 (9 to 18)`."""
+    if cause != NOTHING:
+        amount = nearest(draws, survey, cause, amount)
+    rows = some(draws, survey, cause, amount)
+    single = [holding(one, survey)[0] for _, one in rows.groupby("seed")]
+    return f"{holding(rows, survey)[0]} ({min(single)} to {max(single)})"
+
+
+def factor(known: Sequence[float], draws: np.ndarray) -> float:
+    """Typical factor between published values and the medians of draws."""
+    return float(np.exp(np.sqrt(np.mean(np.log(known / np.median(draws, axis=0)) ** 2))))
+
+
+def identifier(survey: str, configuration: str, part: str) -> str:
+    """Id in the register of a row of the survey's table: `shutter.d2.c_8p_1.xy`."""
+    kind, camera, control = configuration.split("-")
+    return f"shutter.{survey}.{kind}_{camera}_{control[-1]}.{part}"
+
+
 def as_text(values: Sequence[float], digits: int = 1) -> str:
     """Median and range of draws: `4.1 (3.3 to 4.6)`."""
     values = np.asarray(values, float)
@@ -350,13 +377,11 @@ def ours(rows: pd.DataFrame, survey: str) -> dict[str, Draws]:
     """Numbers of the draws for every row of a survey's table, by its id in the register."""
     found = {}
     for row in CONFIGURATIONS:
-        kind, camera, control = row.split("-")
-        key = f"shutter.{survey}.{kind}_{camera}_{control[-1]}"
         for part, short in (("xy", "xy"), ("z", "z"), ("d3", "3d")):
             columns = [f"{row} {what}_{short}" for what in ("rms", "mean", "std")]
-            found[f"{key}.{part}"] = Draws(rows[columns].to_numpy(float))
-        if kind == "c":
-            found[f"{key}.gain"] = Draws(gain(rows, row))
+            found[identifier(survey, row, part)] = Draws(rows[columns].to_numpy(float))
+        if row[0] == "c":
+            found[identifier(survey, row, "gain")] = Draws(gain(rows, row))
     return found
 
 
