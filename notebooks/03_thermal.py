@@ -82,9 +82,9 @@ figures.deformation_maps(maps)
 
 # %% [markdown]
 # The upper row is the picture that moved most: it has grown, and moved as a whole (the shift is the
-# larger part, so that the growth shows as arrows that differ). The lower row
-# is a picture at the first one's temperature, on a scale of its own, beside the error that the
-# matcher predicts. Is that prediction honest?
+# larger part, so that the growth shows as arrows that differ). The lower row shows a second picture
+# at the starting temperature (its own colour scale) and the predicted matching error. Is that
+# prediction honest?
 
 # %%
 warm = course.optics()
@@ -294,7 +294,8 @@ for kind, words in (("printed", "i, j = 1..4, as printed"), ("polynomial", "i, j
 # ## 3. The other way: ground points and a camera that stands still
 #
 # Marks on 21 surveyed points, 263 pictures while the camera warms (table 6.6). The pose is held,
-# f and principal point follow temperature. Then the pose is let free in each picture.
+# f and principal point follow temperature. Then the pose is let free in each picture (in the table;
+# the figure shows the held one).
 
 # %%
 standing = thermal.uncorrect(static_block(seed=seed), camlight(scale=scale, radial=0.0))[0]

@@ -156,6 +156,10 @@ else:
     picture = None
 picture
 
+# %% [markdown]
+# Look at the lower left: the fitted lines lie beside the measured ones, in waves of up to ten
+# pixels. A smeared tube is no ideal spoke, and the stated sigma is the larger for it.
+
 # %% tags=["nbval-ignore-output"]
 compare(ours, absent="the photographs are not here")
 
@@ -347,7 +351,7 @@ drawings.beside_published(
         }
         for key, (_, title) in viabon.SURVEYS.items()
     },
-    "@TITLE@",
+    "8 parameters: the correction helps everywhere; 10: it does not always help",
     "3D RMS of check points; lines: range of our draws; o original, c corrected; two control sets",
     "3D RMS (cm)",
 )

@@ -53,6 +53,7 @@ def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") ->
                 },
                 zorder=7,
             )  # fmt: skip
+        axes.set_aspect("equal", adjustable="datalim")
         surveyed = block.copy()
         # Thousands of check points from tie points would hide the strips.
         if len(surveyed.ground) > maps.MANY:

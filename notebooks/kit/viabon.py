@@ -422,6 +422,7 @@ def reasons(draws: pd.DataFrame, survey: str, causes: Mapping[str, float]) -> di
 
 # What is in the table: every cause at every amount over 90 m, those that are left over elsewhere.
 SEEDS = 8
+LEAST = 8
 AMOUNTS = {
     "d1": {
         "rotation": (1.0, 2.0, 3.0), "pitch": (2.0, 4.0), "roll": (2.0, 4.0),
