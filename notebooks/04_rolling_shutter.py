@@ -385,7 +385,7 @@ pd.DataFrame(
 
 # %% [markdown]
 # "One draw alone" says how many rows a single simulated flight would have confirmed: for the
-# corridor anything from @LOW@ to @HIGH@ of 24. Whoever flies once can prove what he likes.
+# corridor anything from 5 to 15 of 24. Whoever flies once can prove what he likes.
 #
 # What the shutter does is found again: the errors of the original observations horizontally, and
 # that the correction takes them away. What is left afterwards is not: MicMac's published errors lie

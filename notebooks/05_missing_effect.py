@@ -272,10 +272,6 @@ largest = hidden["parameters"][0]["value"]
 print(f"hidden: a bump of up to {largest} px,")
 print(f"  x = {x0:.0f} to {x1:.0f} px, y = {y0:.0f} to {y1:.0f} px")
 print(f"found: {unknown['where']}")
-print(
-    f"outside their bands: {len(weir_before.leaving)} statistics before, "
-    f"{len(weir_after.leaving)} after"
-)
 
 # %% [markdown]
 # (The size in the sentence is an RMS over all pictures, after the poses have absorbed their share;
@@ -540,7 +536,10 @@ chance = stats.chi2.cdf(7 * (1.1 / off) ** 2, 14)
 print(f"points off by {off:.1f} cm in x and y would look good to 1.1 cm in {chance:.0e} of cases")
 
 # %% [markdown]
-# @PIX@
+# Beside a camera that turns (or beside nothing), and not beside marks or ground points that are
+# off: those would leave three to five centimetres, whatever is estimated. If both programs used the
+# same marks, what is left of the seven is motion of single images: rotation, or a velocity that is
+# not kept, which the rows kept back refuse.
 
 # %%
 rows = []

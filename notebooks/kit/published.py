@@ -37,7 +37,6 @@ KINDS = {
     "tuned": "a free choice of ours was made with it",
     "input": "we put it in",
     "consistency": "the source against itself, or a program against itself",
-    "again": "a prediction of another chapter once more, with an effect added: counted there",
 }
 # Who says the number: what a chapter re-does is one thing, a check of the software another.
 GROUPS = {

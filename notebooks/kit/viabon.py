@@ -443,7 +443,14 @@ PLANNED = [
     for seed in range(24 if (survey, cause) == ("d2", NOTHING) else SEEDS)
 ]
 # Seeds below this number estimate a motion of each image as well.
-PER_IMAGE: dict[tuple, int] = {}
+PER_IMAGE = dict.fromkeys(
+    [("d1", NOTHING, 0.0), ("d2", NOTHING, 0.0), ("d4", NOTHING, 0.0)]
+    + [
+        ("d2", cause, amount)
+        for cause, amount in (("rotation", 1.0), ("marks", 2.0), ("control", 2.0))
+    ],
+    3,
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
