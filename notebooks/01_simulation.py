@@ -239,7 +239,8 @@ print(f"f freed: off by less than 1e-4 px: {max(v[:, 0].max() for v in freed.val
 # %% [markdown]
 # The angle of the oblique images is not printed, and it decides: the article's 3.5 cm for 50 px
 # come out at 16 to 17 degrees, its statement that all flights together are slightly better than
-# nadir + oblique holds up to 23, and the thesis's 5 mm for 10 px at no angle (appendix).
+# nadir + oblique holds up to 23, and the thesis's 5 mm for 10 px come out nowhere (5.6 at best, at
+# 15 degrees with the whole camera held: appendix).
 
 # %%
 both = rms["camera held"]["nadir + oblique"]
@@ -354,9 +355,10 @@ figures.error_maps(
 )
 
 # %% [markdown]
-# None of them. Horizontally the ground is stretched and sheared: what the shutter does to a picture
-# is nearly what the affine parameters b1, b2 do, and a block whose strips all lie one way cannot
-# tell the two apart. Two strips at other heights make that worse.
+# (Shown is the draw nearest to the medians of all draws, horizontally and in height.) Which flights
+# help? None of them. Horizontally the ground is stretched and sheared: what the shutter does to a
+# picture is nearly what the affine parameters b1, b2 do, and a block whose strips all lie one way
+# cannot tell the two apart. Two strips at other heights make that worse.
 #
 # How much b1, b2 take up depends on what is not printed: which way the drone flies and looks, which
 # images the matcher ties, and how the velocity of a camera is computed. The thesis takes it from
@@ -392,10 +394,11 @@ rows["published, table 4.3"] = {names[case]: published[case] for case in cases}
 pd.DataFrame(rows).T
 
 # %% [markdown]
-# A trap for everybody who simulates: one image between two flights gets a velocity of a hundred
-# metres a second, and the whole block is half a metre off. The published 18.2 cm of case (b) lie
-# between the rows. The other open choices (appendix) change it less, and none of them brings the
-# published heights of (a) and (d).
+# A trap for everybody who simulates: the image before a gap between strips or flights gets a
+# velocity of tens of metres a second, and the whole block is decimetres off. The published 18.2 cm
+# of case (b) lie between the rows. Heading, direction, matcher and yaw, which are not printed
+# either, change it as much (appendix). None of all these brings the published heights of (a) and
+# (d).
 
 # %% [markdown]
 # ### Stop and go

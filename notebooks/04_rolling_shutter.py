@@ -362,7 +362,7 @@ drawings.beside_published(
 # a motion of every image, as our `motion of each image` does.
 #
 # Every published number beside the median of our draws; a row that does not hold says which added
-# cause would make it hold (chapter 5 tells how that is known):
+# cause would make it hold (chapter 5c tells how that is known):
 
 # %%
 why = {}
@@ -391,7 +391,7 @@ pd.DataFrame(
 # that the correction takes them away. What is left afterwards is not: MicMac's published errors lie
 # above ours nearly everywhere, in height by a factor of two to three. So something else was in
 # these surveys or in their processing. Pix4D had the same pictures and the same ground points, and
-# gets 1 to 3 cm over the block: the points are good. Which cause it was, chapter 5 asks (section
+# gets 1 to 3 cm over the block: the points are good. Which cause it was, chapter 5c asks (section
 # 7).
 #
 # The other programs' errors of *original* observations (no correction of ours or theirs has touched
@@ -717,7 +717,7 @@ if fast:
     ways = {name: ways[name] for name in ("30 deg, 7.8 m/s", "15 deg, 7.8 m/s")}
 three = read_plan(viabon.SURVEYS["d3"][0])
 control = dict(zip((1, 2), in_pairs(block.ground["point"].tolist()), strict=True))
-three = replace(three, tie_points=replace(three.tie_points, per_image=25))
+three = replace(three, tie_points=replace(three.tie_points, per_image=40))
 rows = {}
 for words, change in ways.items():
     flights = tuple(replace(f, **change) if f.tilt_deg else f for f in three.flights)

@@ -12,6 +12,7 @@ import argparse
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,7 @@ PARTS = {"xy": "rms_xy", "z": "rms_z"}
 STATISTICS = [f"{row} {part}" for row in CONFIGURATIONS for part in PARTS]
 # The plans' speeds were chosen with the horizontal RMS of `o-8p`: that one judges nothing.
 FITTED = [s for s in STATISTICS if "-8p" in s and not (s[0] == "o" and s.endswith("xy"))]
-# What the survey at 90 m leaves as likely (chapter 5), and is simulated for the others.
+# What the survey at 90 m leaves as likely (chapter 5c), and is simulated for the others.
 LEFT = ("rotation", "pitch", "roll", "yaw", "velocity", "control", "marks")
 HELD_OUT = [s for s in STATISTICS if "-10p" in s]
 # Of other programs: what no correction has touched.
@@ -206,9 +207,14 @@ def draw(survey: str, cause: str, amount: float, seed: int) -> dict[str, float]:
 # --- how likely the published values are ---------------------------------------------------------
 
 
+@cache
+def _register():
+    return published.read()
+
+
 def published_values(survey: str, statistics: Sequence[str], program: str = "") -> np.ndarray:
     """RMS as printed, cm: MicMac's of tables 7.4 to 7.7, `metashape` or `pix4d_rms`."""
-    register = published.read()
+    register = _register()
     return np.array([_value(register, survey, name, program) for name in statistics])
 
 
@@ -389,7 +395,7 @@ def holding(rows: pd.DataFrame, survey: str, camera: str = "") -> tuple[int, int
     """How many predictions of a survey's table hold, and of how many."""
     words = [
         verdict.word
-        for verdict in published.compare(ours(rows, survey))
+        for verdict in published.compare(ours(rows, survey), register=_register())
         if verdict.published.kind == "prediction" and camera in verdict.published.id
     ]
     return words.count(published.HOLDS), len(words)
@@ -400,13 +406,15 @@ def reasons(draws: pd.DataFrame, survey: str, causes: Mapping[str, float]) -> di
 
     causes: the amount of each that is asked, or the nearest that is simulated.
     """
-    plain = published.compare(ours(some(draws, survey), survey))
-    with_it = {
-        f"{cause} {nearest(draws, survey, cause, amount):g} {CAUSES[cause].unit}".strip():
-        published.compare(ours(some(draws, survey, cause, nearest(draws, survey, cause, amount)),
-                               survey))
-        for cause, amount in causes.items()
-    }  # fmt: skip
+
+    def compared(cause=NOTHING, amount=0.0):
+        rows = some(draws, survey, cause, amount)
+        return published.compare(ours(rows, survey), register=_register())
+
+    plain, with_it = compared(), {}
+    for cause, amount in causes.items():
+        amount = nearest(draws, survey, cause, amount)
+        with_it[f"{cause} {amount:g} {CAUSES[cause].unit}".strip()] = compared(cause, amount)
     found = {}
     for verdict in plain:
         identifier = verdict.published.id
@@ -414,8 +422,8 @@ def reasons(draws: pd.DataFrame, survey: str, causes: Mapping[str, float]) -> di
             cures = [words for words, table in with_it.items()
                      if table[identifier].word == published.HOLDS]  # fmt: skip
             found[identifier] = (
-                f"holds with {', '.join(cures)} (chapter 5)" if cures
-                else "holds with none of the causes of chapter 5"
+                f"holds with {', '.join(cures)} (chapter 5c)" if cures
+                else "holds with none of the causes of chapter 5c"
             )  # fmt: skip
     return found
 
