@@ -29,8 +29,8 @@ from kit.table_7_3 import Configurations, configurations
 
 TABLE = Path(__file__).resolve().parents[1] / "viabon.csv"
 READOUT_S = 0.0564  # section 7.4.2.1
-# Tie points an image, as MicMac's reduction may leave: a choice of ours, of which heights of the
-# corridor depend (50: 1 to 6 cm by seed, 150: 2 to 3). Dataset 3 has fewer, for 648 images.
+# Tie points an image: a choice of ours, since what MicMac's reduction leaves is not printed. Errors
+# depend on it less than on the draw (chapter 4, appendix). Dataset 3 has fewer, for its 648 images.
 TIES = 150
 TIES_OF = {"d3": 25}
 NOTHING = "nothing"
