@@ -6,43 +6,15 @@ print(corridor.diagnose("data_synthetic/dike").sentence)
 
 A function for each command, and Python's rooms for those of several steps: `dir(corridor)`.
 
-Everything named in `__all__` is loaded at its first use, so that `import corridor`
-(and `corridor --help`) do not wait for the numerical libraries.
+Everything named in `__all__` is loaded at its first use, so that `import corridor` (and `corridor
+--help`) do not wait for the numerical libraries. What a type checker is told stands in
+`__init__.pyi`, which `docs/stub.py` writes.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from corridor.core import __version__ as __version__
 from corridor.core import registry
-
-if TYPE_CHECKING:
-    from corridor.core import effects as effects
-    from corridor.core import gnss as gnss
-    from corridor.core.adjustment import Adjustment as Adjustment
-    from corridor.core.adjustment import Model as Model
-    from corridor.core.adjustment import adjust as adjust
-    from corridor.core.block import Block as Block
-    from corridor.core.block import read as read
-    from corridor.core.camera import Camera as Camera
-    from corridor.core.effects import correct as correct
-    from corridor.core.effects import every_effect as catalogue  # noqa: F401
-    from corridor.core.effects import summary as summary
-    from corridor.core.errors import AdjustmentFailed as AdjustmentFailed
-    from corridor.core.errors import InputError as InputError
-    from corridor.core.preparation import prepare as prepare
-    from corridor.core.simulation import simulate as simulate
-    from corridor.diagnosis import Diagnosis as Diagnosis
-    from corridor.diagnosis import diagnose as diagnose
-    from corridor.interface import figures as figures
-    from corridor.tools import change as change
-    from corridor.tools import data as data
-    from corridor.tools import readout as readout
-    from corridor.tools import thermal as thermal
-    from corridor.tools.batch import batch as batch
-    from corridor.tools.formats import export_project as export  # noqa: F401
-    from corridor.tools.formats import import_project as import_project
-    from corridor.tools.planning import plan as plan
 
 # Public names that are called otherwise at home, where a folder bears the name.
 _AT_HOME = {"catalogue": "every_effect", "export": "export_project"}
@@ -65,7 +37,11 @@ _HOME = {
     "Adjustment": "adjustment",
     "Diagnosis": "diagnosis",
     "InputError": "errors",
+    "CorridorError": "errors",
+    "WorkFailed": "errors",
     "AdjustmentFailed": "errors",
+    "ReadoutFailed": "errors",
+    "FetchFailed": "errors",
 }
 # Commands of several functions (`corridor.thermal.fit`), and what draws.
 _ROOMS = ("change", "data", "effects", "figures", "gnss", "readout", "thermal")

@@ -2,15 +2,18 @@
 
 import gc
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from threadpoolctl import threadpool_limits
 
 # Matrices of tests are small and many: threads of BLAS wait for each other, for ten times the
 # time, and two workers have two cores. The variables are for programs that tests start.
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"))
-threadpool_limits(1)
+with suppress(ImportError):
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
 
 
 def pytest_collection_modifyitems(items):

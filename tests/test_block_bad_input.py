@@ -312,3 +312,11 @@ def test_a_table_made_in_memory_is_held_to_the_same():
     block = small(images=pd.DataFrame({"image": ["a"], "camera": ["c"]}))
     with pytest.raises(InputError, match=r"tie_points\.csv, row 2: image 'b' is not in"):
         block.check()
+
+
+def test_a_parquet_file_of_more_rows_than_bytes_is_refused_before_it_is_read(folder):
+    """Two million equal rows are packed to some kilobytes; two billion hardly take more."""
+    (folder / "marks.csv").unlink()
+    rows = pd.DataFrame({"point": "G1", "image": "007", "x": 1.0, "y": 2.0}, index=range(2_000_000))
+    rows.to_parquet(folder / "marks.parquet")
+    assert "marks.parquet says that it has 2,000,000 rows, more than bytes" in fault(folder)

@@ -1,5 +1,6 @@
 """Machine code follows the source of all that it has taken in, and other people's is let be."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -62,3 +63,56 @@ def test_numbas_settings_stay_as_they_are_for_everyone_else(imported):
 
 def test_an_adjustment_does_not_wait_for_libraries_that_it_does_not_need(imported):
     assert imported[1:] == []
+
+
+WITHOUT_A_PLACE = """
+import os, stat, tempfile
+from pathlib import Path
+from numba.core import caching
+
+def nowhere(self):
+    raise OSError("read only")
+
+for one in (caching.InTreeCacheLocator, caching.UserWideCacheLocator):
+    one.ensure_cache_path = nowhere
+tempfile.tempdir = {folder!r}
+from corridor.core.engine.compiled import compiled
+
+def twice(x):
+    return 2 * x
+
+made = compiled()(twice)
+print(made(21))
+where = Path({folder!r})
+print(*sorted(oct(stat.S_IMODE(p.stat().st_mode)) for p in where.iterdir()) or ["none"])
+print(sum(p.suffix == ".nbc" for p in where.rglob("*")))
+import numba
+print(repr(numba.config.CACHE_DIR))
+"""
+
+
+def without_a_place(folder):
+    script = folder.parent / f"{folder.name}.py"  # what is in no file has no cache
+    script.write_text(WITHOUT_A_PLACE.format(folder=str(folder)))
+    source = f"import runpy; runpy.run_path({str(script)!r})"
+    return printed(Path(corridor.__file__).parents[1], source).splitlines()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no users by number")
+class TestAReadOnlyInstallationWithoutAHome:
+    def test_keeps_its_machine_code_in_a_temporary_folder_of_the_users(self, tmp_path):
+        assert without_a_place(tmp_path) == ["42", "0o700", "1", "''"]
+        assert without_a_place(tmp_path) == ["42", "0o700", "1", "''"]
+        assert len(list(tmp_path.iterdir())) == 1
+
+    def test_does_not_run_what_others_could_have_put_there(self, tmp_path):
+        """A folder of that name that others can write to, and a link to another one."""
+        taken = tmp_path / f"corridor-{os.getuid()}"
+        taken.mkdir()
+        taken.chmod(0o777)
+        assert without_a_place(tmp_path) == ["42", "0o700 0o777", "1", "''"]
+        assert not list(taken.iterdir())
+
+    def test_compiles_each_time_where_nothing_at_all_can_be_written(self, tmp_path):
+        script = WITHOUT_A_PLACE.format(folder=str(tmp_path / "missing")).split("where =")[0]
+        assert printed(Path(corridor.__file__).parents[1], script) == "42"

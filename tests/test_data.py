@@ -1,5 +1,6 @@
 """Fetching data: from a server of this machine, whole and checked, or not at all."""
 
+import hashlib
 import http.server
 import shutil
 import socket
@@ -9,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 import corridor
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import FetchFailed, InputError
 from corridor.tools import data
 
 
@@ -60,7 +61,7 @@ def bundler(real_data, tmp_path):
 
 
 def refused(name, out, mirror):
-    with pytest.raises(AdjustmentFailed) as reason:
+    with pytest.raises(FetchFailed) as reason:
         data.fetch(name, out, mirror)
     assert not out.exists() and not list(out.parent.glob(".*"))
     return str(reason.value)
@@ -108,15 +109,33 @@ def test_other_photographs_are_refused_by_what_they_say(real_data, serve, tmp_pa
     names = list(one.files)[:2]
     few = replace(
         one,
-        files={name: one.files[name] for name in names},
+        files={name: (name, "") for name in names},
+        address=serve(real_data / "brighton" / "photos"),
         known={"model": "FC300S", "photographs": 2},
     )
     monkeypatch.setitem(data.register(), "brighton", few)
-    mirror = serve(real_data / "brighton" / "photos")
-    assert "2 photographs of a FC300S" in data.fetch("brighton", tmp_path / "good", mirror)[-1]
+    said = data.fetch("brighton", tmp_path / "good")[-1]
+    assert said.startswith("not verified") and "2 photographs of a FC300S" in said
+    kept = (tmp_path / "good" / "SOURCE.txt").read_text()
+    picture = (tmp_path / "good" / names[0]).read_bytes()
+    assert f"sha256: {hashlib.sha256(picture).hexdigest()} {names[0]}\n" in kept
     wrong = replace(few, known={"model": "FC330", "photographs": 2})
     monkeypatch.setitem(data.register(), "brighton", wrong)
-    assert "FC300S, known is FC330" in refused("brighton", tmp_path / "out", mirror)
+    assert "FC300S, known is FC330" in refused("brighton", tmp_path / "out", None)
+
+
+def test_what_cannot_be_verified_is_not_taken_from_a_mirror(tmp_path):
+    assert not data.register()["brighton"].verified and data.register()["led"].verified
+    with pytest.raises(InputError, match="no hash of the files of brighton is known"):
+        data.fetch("brighton", tmp_path / "out", "http://127.0.0.1:1")
+
+
+def test_a_second_fetch_replaces_its_files_and_no_others(tmp_path):
+    data.fetch("dike", tmp_path / "dike")
+    (tmp_path / "dike" / "mine.txt").write_text("keep me")
+    data.fetch("wall", tmp_path / "dike")
+    left = {path.name for path in (tmp_path / "dike").iterdir()}
+    assert {"mine.txt", "series.csv"} <= left and "block.toml" not in left
 
 
 def test_every_set_says_whose_it_is_and_what_one_may_do():

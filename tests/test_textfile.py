@@ -1,12 +1,17 @@
 """Faults in files of other programs: one sentence with the file, the place and the remedy."""
 
 import bz2
+import gzip
+import io
+import tracemalloc
 
 import numpy as np
 import pytest
 
+from corridor.core import textfile
 from corridor.core.errors import InputError
-from corridor.core.textfile import Following, Json, Line, Xml, filled, lines, number
+from corridor.core.textfile import Following, Json, Line, Xml, filled, lines, number, read_lines
+from corridor.tools.formats.columns import NumberLines
 
 
 def test_lines_of_any_encoding_and_ending_are_counted_from_one(tmp_path):
@@ -60,3 +65,57 @@ def test_elements_and_members_are_named_where_lines_are_not_known(tmp_path):
     shot = Json.read(tmp_path / "x.json").objects("shots", "shot")["A"]
     with pytest.raises(InputError, match=r"x.json: shot 'A' has no number focal \(True\)"):
         shot.number("focal")
+
+
+def grown(pack, megabytes=80):
+    """What unpacks to so many megabytes of one letter."""
+    out = io.BytesIO()
+    with pack(out, "wb") as file:
+        for _ in range(megabytes):
+            file.write(b"7" * 1_000_000)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "pack", "read"),
+    [
+        ("a.pos.gz", gzip.open, read_lines),
+        ("a.txt.gz", gzip.open, lambda path: list(lines(path))),
+        ("a.txt.bz2", bz2.open, lambda path: list(lines(path))),
+        ("a.txt.bz2", bz2.open, lambda path: NumberLines(Following(path))),
+    ],
+)
+def test_a_packed_file_that_grows_beyond_measure_is_refused_while_it_grows(
+    tmp_path, name, pack, read
+):
+    path = tmp_path / name
+    path.write_bytes(grown(pack))
+    assert path.stat().st_size < 100_000
+    tracemalloc.start()
+    with pytest.raises(InputError, match=f"{name} unpacks to more than 100 times its size"):
+        read(path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 300e6
+
+
+def test_what_is_small_may_be_all_alike(tmp_path):
+    path = tmp_path / "a.txt.gz"
+    path.write_bytes(gzip.compress(b"1 2\n" * 1_000_000))
+    assert len(read_lines(path)) == 1_000_000
+
+
+def test_a_text_that_is_held_whole_has_an_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(textfile, "_MOST_HELD", 1000)
+    monkeypatch.setattr(textfile, "_PIECE", 400)
+    (tmp_path / "a.pos").write_text("1 2\n" * 300)
+    with pytest.raises(InputError, match=r"a\.pos holds more than"):
+        read_lines(tmp_path / "a.pos")
+
+
+def test_a_damaged_packed_text_is_a_sentence(tmp_path):
+    data = bytearray(gzip.compress(np.random.default_rng(1).bytes(5000)))
+    data[100:140] = bytes(40)
+    (tmp_path / "a.pos.gz").write_bytes(data)
+    with pytest.raises(InputError, match=r"a\.pos\.gz cannot be read"):
+        read_lines(tmp_path / "a.pos.gz")

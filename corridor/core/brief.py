@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sized
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
@@ -23,7 +23,7 @@ def brief(kind: Kind) -> Kind:
         more = ", ..." if length >= _MOST_TOGETHER else ""
         return f"{type(self).__name__}({', '.join(parts)}{more})"
 
-    kind.__repr__ = shown
+    kind.__repr__ = shown  # type: ignore[method-assign, assignment]
     return kind
 
 
@@ -39,7 +39,7 @@ def in_words(value: Any) -> str:
         return f"<{type(value).__name__}>"
     if isinstance(value, Mapping) or (isinstance(value, Iterable) and not isinstance(value, str)):
         # What is in it may be anything: its repr is asked for only where it is short.
-        size = len(value) if hasattr(value, "__len__") else None
+        size = len(value) if isinstance(value, Sized) else None
         if size is None or size > 6 or not all(_plain(one) for one in _flat(value)):
             return f"<{type(value).__name__}{'' if size is None else f' of {size}'}>"
     text = repr(value)

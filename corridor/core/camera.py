@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -86,10 +86,10 @@ class Camera:
         if missing:
             raise InputError(f"{where} has no {' and no '.join(missing)}: add it")
 
-        def number(key: str, default: float | None = None) -> float | None:
+        def number(key: str, default: float | None = None) -> float:
             value = table.pop(key, default)
             if value is None:
-                return None
+                return None  # type: ignore[return-value]  # of a key that may be missing
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise InputError(f"{where} {key} = {value!r} is not a number: write a number")
             if not is_number(value):
@@ -136,7 +136,7 @@ class Camera:
 
     def to_table(self) -> dict:
         """The `[camera.NAME]` table; distortion that is zero is left out."""
-        table = {"width": self.width, "height": self.height}
+        table: dict[str, Any] = {"width": self.width, "height": self.height}
         for name, value in zip(INTERIOR, self.interior.tolist(), strict=True):
             if name in ("f", "cx", "cy") or value != 0.0:
                 table[name] = value
@@ -335,8 +335,8 @@ def _undistort(pixels, interior, image, radials):
 
 def _rows(interior: np.ndarray, row: np.ndarray | None, count: int):
     # One kind of array: kernels would be compiled anew for each other.
-    table = np.require(np.atleast_2d(interior), float, "CW")
-    rows = np.zeros(count, dtype=np.int64) if row is None else np.require(row, np.int64, "CW")
+    table = np.require(np.atleast_2d(interior), float, ["C", "W"])
+    rows = np.zeros(count, dtype=np.int64) if row is None else np.require(row, np.int64, ["C", "W"])
     return table, rows, radials_in_use(table)
 
 

@@ -1,15 +1,31 @@
-"""The two ways in which a call can end badly."""
+"""The ways in which a call can end badly: every one is a `CorridorError`."""
 
 import difflib
 from collections.abc import Iterable
 
 
-class InputError(ValueError):
+class CorridorError(Exception):
+    """What every error of this package is: one sentence for the person who asked."""
+
+
+class InputError(CorridorError, ValueError):
     """The input is wrong: one sentence that names the file, the row and what to do."""
 
 
-class AdjustmentFailed(RuntimeError):
+class WorkFailed(CorridorError, RuntimeError):
     """The input is readable but the work cannot be done: one sentence says why."""
+
+
+class AdjustmentFailed(WorkFailed):
+    """The unknowns of a block cannot be determined, or the iteration does not end."""
+
+
+class ReadoutFailed(WorkFailed):
+    """A photograph or a flight does not show how long the camera takes to read its rows."""
+
+
+class FetchFailed(WorkFailed):
+    """A file cannot be had from its source, or is not the one that is known."""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -39,7 +39,7 @@ def options(**kinds: type) -> Callable[[Callable], Callable]:
                 given[name] = made(kind, given.get(name), told, name)
             return call(**given)
 
-        asked.__signature__ = shown
+        asked.__signature__ = shown  # type: ignore[attr-defined]
         return asked
 
     return around
@@ -52,7 +52,7 @@ def made(kind: type[Kind], given: Kind | None, told: Mapping[str, Any], name: st
     """
     if given is None:
         return kind(**told)
-    default = {one.name: _default(one) for one in fields(kind)}
+    default = {one.name: _default(one) for one in fields(kind)}  # type: ignore[arg-type]
     twice = [key for key, value in told.items() if not _same(value, default[key])]
     if twice:
         raise InputError(

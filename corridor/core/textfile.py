@@ -12,8 +12,9 @@ import io
 import json
 import math
 import re
+import zlib
 from collections.abc import Iterator
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import BinaryIO
 from xml.etree import ElementTree
@@ -24,6 +25,12 @@ from corridor.core.errors import InputError
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
+# Numbers as text are packed to a third or a tenth. What is packed to less than a hundredth holds
+# nothing but repetition, and may have been made to fill a memory; so few bytes fill none.
+_MOST_GROWTH, _ALWAYS = 100, 50_000_000
+# Text that is held whole: a track of a day at 20 Hz, 150 bytes an epoch, has 260 MB.
+_MOST_HELD = 300_000_000
+_PIECE = 1 << 20
 
 
 # --- numbers ---------------------------------------------------------------------------------
@@ -111,8 +118,62 @@ class Line:
 
 
 def unpacked(path: Path) -> BinaryIO:
-    """The bytes of a file, also of one packed by bzip2 or gzip (.bz2, .gz)."""
-    return {".bz2": bz2.open, ".gz": gzip.open}.get(path.suffix, open)(path, "rb")
+    """The bytes of a file, also of one packed by bzip2 or gzip (.bz2, .gz).
+
+    Reading raises InputError where a packed file grows beyond all measure.
+    """
+    opened = {".bz2": bz2.open, ".gz": gzip.open}.get(path.suffix)
+    if opened is None:
+        return path.open("rb")
+    return _bounded(opened(path, "rb"), path)
+
+
+def _bounded(file: BinaryIO, path: Path) -> BinaryIO:
+    return io.BufferedReader(_Bounded(file, path), _PIECE)
+
+
+class _Bounded(io.RawIOBase):
+    """The bytes of a packed file, so long as they are no more than such a file can hold."""
+
+    def __init__(self, file: BinaryIO, path: Path):
+        self._file, self._path, self._packed = file, path, path.stat().st_size
+
+    def readable(self):
+        return True
+
+    def seekable(self):
+        return True
+
+    def seek(self, offset, whence=io.SEEK_SET):
+        return self._file.seek(offset, whence)
+
+    def tell(self):
+        return self._file.tell()
+
+    def readinto(self, buffer):
+        try:
+            data = self._file.read(min(len(buffer), _PIECE))
+        except zlib.error as error:
+            raise OSError(f"it is damaged: {error}") from None
+        buffer[: len(data)] = data
+        check_growth(self._path.name, self._packed, self._file.tell())
+        return len(data)
+
+    def close(self):
+        self._file.close()
+        super().close()
+
+
+def check_growth(name: str, packed: int, size: int) -> None:
+    """Raises InputError where something packed is or becomes larger than it can honestly be.
+
+    name: of the file, or of the member of an archive. packed, size: bytes.
+    """
+    if size > max(_MOST_GROWTH * packed, _ALWAYS):
+        raise InputError(
+            f"{name} unpacks to more than {_MOST_GROWTH} times its size, so it holds nothing but "
+            "repetition; unpack and look at it, or fetch it again"
+        )
 
 
 def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
@@ -127,11 +188,12 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
         with unpacked(path) as data:
             encoding = "utf-16" if data.read(2) in _UTF16 else "utf-8-sig"
             data.seek(size)
-            for at, text in enumerate(io.TextIOWrapper(data, encoding), start=passed + 1):
-                line = Line(path, at, text.rstrip("\n"))
-                if "\0" in text:
-                    raise line.wrong("this is no text; name a text")
-                yield line
+            with io.TextIOWrapper(data, encoding) as texts:
+                for at, text in enumerate(texts, start=passed + 1):
+                    line = Line(path, at, text.rstrip("\n"))
+                    if "\0" in text:
+                        raise line.wrong("this is no text; name a text")
+                    yield line
     except UnicodeError:
         raise Line(path, at + 1, "").wrong(
             "the text is not UTF-8; save the file as UTF-8"
@@ -197,12 +259,20 @@ def read_lines(path: Path) -> list[str]:
     Raises InputError where the file cannot be read or is no text.
     """
     try:
-        data = path.read_bytes()
-        if data.startswith(b"\x1f\x8b"):
-            data = gzip.decompress(data)
+        with path.open("rb") as file:
+            packed = file.read(2) == b"\x1f\x8b"
+        with _bounded(gzip.open(path), path) if packed else path.open("rb") as file:
+            # In one piece, room for all of it would be made at once.
+            pieces = iter(lambda: file.read(_PIECE), b"")
+            data = b"".join(islice(pieces, _MOST_HELD // _PIECE + 1))
     except (OSError, EOFError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path.name} cannot be read ({reason}); correct the path") from error
+    if len(data) > _MOST_HELD:
+        raise InputError(
+            f"{path.name} holds more than {_MOST_HELD / 1e6:.0f} MB of text; give the part that "
+            "the flight needs"
+        )
     if data.startswith(_UTF16):
         text = data.decode("utf-16", errors="replace")
     else:

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 
 from corridor.core.camera import Camera
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
+from corridor.core.photographs import MOST_PIXELS
 from corridor.tools.readout import Photograph, Readout, readout_from_wheel, render
 from corridor.tools.readout.photograph import decode
 
@@ -105,7 +106,7 @@ def or_sentence(work, *arguments):
     """The result, or the sentence that says why there is none."""
     try:
         return work(*arguments)
-    except (AdjustmentFailed, InputError) as reason:
+    except (WorkFailed, InputError) as reason:
         return str(reason)
 
 
@@ -134,10 +135,12 @@ def measure_own(
     rotating: tuple[str, bytes],
     turns_per_second: float,
     sense: str | None = None,
+    most_pixels: int = MOST_PIXELS,
 ) -> Readout:
     """Readout time from two uploaded photographs, each a name and the bytes of its file.
 
+    most_pixels: of one; a larger one is refused before it is decoded.
     Raises InputError or CannotMeasure with a sentence for the person who took them.
     """
-    photos = [decode(content, name) for name, content in (static, rotating)]
+    photos = [decode(content, name, most_pixels) for name, content in (static, rotating)]
     return readout_from_wheel(*photos, turns_per_second, sense=sense)

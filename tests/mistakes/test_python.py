@@ -113,10 +113,6 @@ class TestWhatOneHoldsInHand:
         assert table.loc["gnss", "rms_z_m"] == adjusted.statistics["gnss"]["rms"][2]
         assert np.isnan(table.loc["gnss", "rms_px"])
 
-    def test_the_dictionary_it_was_answers_for_a_release(self, adjusted):
-        with pytest.warns(DeprecationWarning, match=r'observations.loc\["tie"\]'):
-            assert adjusted.observations["tie"] == adjusted.statistics["tie"]
-
     @pytest.mark.parametrize(
         ("name", "units"),
         [

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 
 class Parts(NamedTuple):
@@ -58,6 +59,8 @@ def check_table(differences: np.ndarray) -> CheckStatistics:
 
 class Checked:
     """Statistics of `check_points`, a table with dx, dy, dz (adjusted minus given, metres)."""
+
+    check_points: pd.DataFrame
 
     @cached_property
     def _check(self) -> CheckStatistics:

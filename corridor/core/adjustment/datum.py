@@ -126,11 +126,11 @@ def explain(system: LinearSystem, singular: Singular) -> InputError:
     """What a singular matrix means for the person who made the block."""
     p = system.problem
     if singular.shared is not None:
-        name = system.columns.shared[singular.shared].label
+        label = system.columns.shared[singular.shared].label
         off = misfit(system, far=True)
         correct = f"; or correct what lies far off: {off[0]}" if off else ""
         return InputError(
-            f"{p.block.folder or p.block.name}: {name} cannot be determined from these "
+            f"{p.block.folder or p.block.name}: {label} cannot be determined from these "
             "measurements together with the other unknowns: hold it, give it a prior, or leave "
             f"the effect out{correct}"
         )

@@ -50,7 +50,8 @@ def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block,
     first = len(block.tie_points)
     counts[first:] = ~unused[point[first:]]
     keep, there = counts.copy(), np.ones(len(block.images), dtype=bool)
-    alone, few = np.zeros(len(names), dtype=bool), {}
+    alone = np.zeros(len(names), dtype=bool)
+    few: dict[str, int] = {}
     while True:
         # Where all count, which is the rule, nothing is copied.
         rows = slice(None) if keep.all() else keep

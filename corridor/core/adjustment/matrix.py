@@ -82,7 +82,9 @@ class Band:
         """B (images * k, images * l) of some unknowns of every image, one (k,) and other (l,)."""
         d, m = self.d, self.images
         band = self.flat[: self.n * self.ld].reshape(m, d, self.ld)
-        row, column, values = [], [], []
+        rows: list[np.ndarray] = []
+        columns: list[np.ndarray] = []
+        values = []
         for apart in range(-(-self.ld // d)):
             # Of images so far apart: lower (pairs, unknowns of the later, of the earlier one).
             lower = np.zeros((m - apart, d, d))
@@ -94,12 +96,12 @@ class Band:
                 lower += np.tril(lower, -1).transpose(0, 2, 1)
             seen = np.flatnonzero(lower.any(axis=(1, 2)))
             lower = lower[seen]
-            row, column = [*row, seen + apart], [*column, seen]
+            rows, columns = [*rows, seen + apart], [*columns, seen]
             values.append(lower[:, one[:, None], other])
             if apart:
-                row, column = [*row, seen], [*column, seen + apart]
+                rows, columns = [*rows, seen], [*columns, seen + apart]
                 values.append(lower.transpose(0, 2, 1)[:, one[:, None], other])
-        row, column = np.concatenate(row), np.concatenate(column)
+        row, column = np.concatenate(rows), np.concatenate(columns)
         order = np.lexsort((column, row))
         start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=m))])
         out = bsr_array(

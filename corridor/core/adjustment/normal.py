@@ -396,7 +396,7 @@ class Normal:
     def _assemble(self, view: View, damping: float, matrix: bool) -> None:
         p, state = self.problem, view.state
         q, wide = p.shared_count, p.wide
-        kept = [self.gradient]
+        kept: list[np.ndarray] = [self.gradient]
         if matrix:
             kept += [self.reference, self.cross, self.blocks.rows]
         block = np.zeros((len(self.pieces), wide * wide))
@@ -586,6 +586,7 @@ class Normal:
         if self.assembled is None or self.assembled.state is not state:
             self.stand_at(state)
         view = self.assembled
+        assert view is not None
         moved = np.empty_like(state.points)
         totals = np.zeros((len(self.pieces), 2))
         padded = np.zeros(p.wide)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,29 +9,6 @@ import pandas as pd
 
 _METRES = ("rms_x_m", "rms_y_m", "rms_z_m")
 _COLUMNS = ("count", "outliers", "gross", "rms_px", *_METRES, "sigma0")
-
-
-class _ByKind(pd.DataFrame):
-    """A table that was a dictionary by kind, and for one release answers as one."""
-
-    _metadata = ("statistics",)
-    statistics: Mapping[str, Mapping] = {}
-
-    @property
-    def _constructor(self):
-        return pd.DataFrame
-
-    def __getitem__(self, key):
-        old = self.statistics
-        if isinstance(key, str) and key in old and key not in self.columns:
-            warnings.warn(
-                f'observations is a table: observations.loc["{key}"], with rms_px, or rms_x_m, '
-                f'rms_y_m, rms_z_m; observations["{key}"] goes with the next release',
-                DeprecationWarning,
-                stacklevel=2,
-            )
-            return old[key]
-        return super().__getitem__(key)
 
 
 def observation_table(statistics: Mapping[str, Mapping]) -> pd.DataFrame:
@@ -48,6 +24,4 @@ def observation_table(statistics: Mapping[str, Mapping]) -> pd.DataFrame:
             rows[kind] = {**found, **dict(zip(unit, rms, strict=True))}
     table = pd.DataFrame.from_dict(rows, orient="index").reindex(columns=_COLUMNS)
     table = table.fillna({"gross": 0}).astype({"count": int, "outliers": int, "gross": int})
-    table = _ByKind(table.rename_axis("kind"))
-    table.statistics = statistics
-    return table
+    return table.rename_axis("kind")

@@ -44,6 +44,7 @@ def compile_late() -> None:
     p = make_problem(_small_block())
     normal, state, count = Normal(p, Loss()), p.start, len(p.ptr) - 1
     normal.stand_at(state)
+    assert normal.assembled is not None
     scene = normal.scene(normal.assembled, normal.modelled, 0, count)
     n, q = p.image_count * p.d, p.shared_count
     normal.substitute(state, 0.0, np.zeros((p.image_count, p.d)), np.zeros(q))

@@ -70,6 +70,11 @@ class Adjustment(Tables):
 
     write_gis = write_gis
 
+    @property
+    def notes(self) -> list[str]:
+        """What was left out or set aside on the way, a sentence each."""
+        return list(self._notes)
+
     def start_misfit(self) -> list[str]:
         """Sentences on how far the measurements lie from the start values."""
         return misfit(replace(self.system, state=self.problem.start))

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -108,7 +109,9 @@ def _solve(
     normal.assemble(state, damping)
     cost, near = normal.cost, normal.modelled
     # Of the step before: its length, and the factor, which is taken again without a new matrix.
-    last, system, factor, matrix = np.inf, None, None, True
+    last, matrix = np.inf, True
+    system: Any = None
+    factor: Any = None
     for iteration in range(len(history) + 1, max_iterations + 1):
         raising = 4.0
         while True:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -43,13 +44,13 @@ class Block:
     name: str
     cameras: dict[str, Camera]
     images: pd.DataFrame
-    tie_points: pd.DataFrame | None = None
-    points: pd.DataFrame | None = None
-    marks: pd.DataFrame | None = None
-    ground: pd.DataFrame | None = None
-    gnss: pd.DataFrame | None = None
-    rates: pd.DataFrame | None = None
-    track: pd.DataFrame | None = None
+    tie_points: pd.DataFrame = None  # type: ignore[assignment]
+    points: pd.DataFrame = None  # type: ignore[assignment]
+    marks: pd.DataFrame = None  # type: ignore[assignment]
+    ground: pd.DataFrame = None  # type: ignore[assignment]
+    gnss: pd.DataFrame = None  # type: ignore[assignment]
+    rates: pd.DataFrame = None  # type: ignore[assignment]
+    track: pd.DataFrame = None  # type: ignore[assignment]
     sigma: dict = field(default_factory=dict)
     lever_arm: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     lever_arm_fixed: bool = False
@@ -73,6 +74,14 @@ class Block:
             for key, value in (SIGMA | self.sigma).items()
         }
         self.offset = np.array(self.offset, dtype=float)
+
+    def with_(self, **changes: Any) -> Block:
+        """A block like this one but for some fields: `block.with_(images=table)`.
+
+        Tables are brought to their types as if handed to `Block`; the others are shared.
+        Raises TypeError for a name that is no field.
+        """
+        return replace(self, **changes)
 
     # --- looking things up -------------------------------------------------------------------
 

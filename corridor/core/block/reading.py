@@ -21,6 +21,7 @@ import pyarrow.csv
 
 from corridor.core.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns
 from corridor.core.errors import InputError
+from corridor.core.textfile import check_growth
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 _CODED = pa.dictionary(pa.int32(), pa.string())
 _NUMBER = r"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*$"
 _UNNAMED = "\0unnamed "
+# A measured row takes more than a byte, however it is packed; fewer rows fill no memory.
+_FEW_ROWS = 1_000_000
 
 
 def read_table(folder: Path, table: str) -> tuple[pd.DataFrame, Path] | None:
@@ -287,6 +290,14 @@ def _opened(path: Path, layout: Layout) -> ParquetFile:
 def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
     try:
         with _opened(path, layout) as file:
+            rows, size = file.metadata.num_rows, path.stat().st_size
+            groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
+            check_growth(path.name, size, sum(one.total_byte_size for one in groups))
+            if rows > max(_FEW_ROWS, size):
+                raise InputError(
+                    f"{path.name} says that it has {rows:,} rows, more than bytes: it holds "
+                    "nothing but repetition; write it again"
+                )
             names = file.schema_arrow.names
             missing = [name for name in layout.needed if name not in names]
             if missing:

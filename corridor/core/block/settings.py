@@ -103,7 +103,8 @@ def _table(value: object, where: _Where, key: str) -> dict:
 def _three(value: object, where: str, key: str) -> tuple[float, float, float]:
     if not (isinstance(value, list) and len(value) == 3 and all(map(is_number, value))):
         raise InputError(f"{where}: {key} is not three numbers; write {key} = [x, y, z] in metres")
-    return tuple(float(part) for part in value)
+    x, y, z = map(float, value)
+    return x, y, z
 
 
 def _cameras(cameras: object, where: _Where) -> dict[str, Camera]:

@@ -30,6 +30,8 @@ def write_block(block, folder: str | os.PathLike, form: str) -> None:
 
 
 def _of_a_block(name: str) -> bool:
+    if "/" in name:
+        return False
     return name == FILE or Path(name).stem in LAYOUTS and Path(name).suffix in (".csv", ".parquet")
 
 

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 # So many files are named one by one; what somebody is to read is named last.
 _MOST_FILES = 6
@@ -38,12 +39,12 @@ def digits(text: str) -> int:
 
 def number(
     wrong: str, least: float = -math.inf, above: float = -math.inf, below: float = math.inf
-) -> Callable[[str], float]:
+) -> Callable[[str], object]:
     """A type of option: a finite number in a range; wrong: what is said of any other text."""
     return checked(float, lambda v: math.isfinite(v) and v >= least and above < v < below, wrong)
 
 
-def whole(what: str, least: int) -> Callable[[str], int]:
+def whole(what: str, least: int) -> Callable[[str], object]:
     """A type of option: a whole number of at least so much."""
     return checked(digits, lambda v: v >= least, f"is no {what}: a whole number from {least}")
 
@@ -84,7 +85,7 @@ def slugs(text: str) -> list[str]:
     return found
 
 
-def effect(text: str) -> tuple[str, dict[str, float] | None]:
+def effect(text: str) -> tuple[str, dict[str, Any] | None]:
     """Slug and values of SLUG:PARAMETER=VALUE,...; no values where it is a SLUG alone."""
     from corridor.core.effects import parse_word
 
@@ -96,10 +97,10 @@ def effect(text: str) -> tuple[str, dict[str, float] | None]:
         ) from None
 
 
-def valued_effect(text: str) -> tuple[str, dict[str, float]]:
+def valued_effect(text: str) -> tuple[str, dict[str, Any]]:
     """Slug and values of SLUG:PARAMETER=VALUE,PARAMETER=VALUE."""
     name, values = effect(text)
-    return name, values if values is not None else effect(f"{text}:")[1]
+    return name, values if values is not None else effect(f"{text}:")[1] or {}
 
 
 def option(text: str, metavar: str | None = None, of: Callable | None = None, **more) -> dict:
@@ -228,9 +229,9 @@ def warn(sentences: Iterable[str]) -> None:
         say(f"warning: {sentence}")
 
 
-def wrote(*paths: object) -> None:
+def wrote(*written: str | os.PathLike) -> None:
     """What was written and where: some files a line each, many folded, the report last."""
-    paths = [Path(path) for path in paths]
+    paths = [Path(path) for path in written]
     if len(paths) <= _MOST_FILES:
         print("\nWrote", *paths, sep="\n  ")
         return

@@ -42,9 +42,9 @@ def correct(
         for slug in [slug for slug, values in given.items() if values is None]:
             (given[slug],) = Values.read(source, block, [slug]).values()
     block, found = _with_motion(block, given, velocity, turning)
-    given = Values.of(block, {name: mine or None for name, mine in given.items()})
+    stated = Values.of(block, {name: mine or None for name, mine in given.items()})
     out = block.copy()
-    record_correction(out, given.plain(), [*found, *notes])
+    record_correction(out, stated.plain(), [*found, *notes])
     remedy = "run `corridor adjust` first and correct OUT/block"
     block.demand("images", np.isfinite(block.poses), "has no pose", remedy)
     for table in ("tie_points", "marks"):

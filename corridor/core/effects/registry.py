@@ -13,11 +13,13 @@ import warnings
 from copy import copy
 from functools import cache
 from importlib.metadata import entry_points
+from typing import TypeVar
 
 from corridor.core.block import Block, Summary, read
 from corridor.core.effects.contract import Effect, check_contract
 from corridor.core.errors import InputError, did_you_mean
 
+Kind = TypeVar("Kind", bound="Effect | type[Effect]")
 ENTRY_POINTS = "corridor.effects"
 _registered: dict[str, Effect] = {}
 
@@ -51,7 +53,7 @@ def summary(block: Block | str | os.PathLike) -> Summary:
     return read(block).summary(needs={effect.slug: effect.needs for effect in every_effect()})
 
 
-def register(effect: Effect | type[Effect]) -> Effect:
+def register(effect: Kind) -> Kind:
     """Make an effect known by its slug until the session ends; as a decorator of a class, too.
 
     Raises InputError where another effect has the slug, or the class is no effect.

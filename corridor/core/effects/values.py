@@ -21,6 +21,7 @@ from corridor.core.effects.context import GROUPS, Images, control_names, group_n
 from corridor.core.effects.contract import Effect, Parameter
 from corridor.core.effects.registry import find
 from corridor.core.errors import InputError
+from corridor.core.output import as_it_was
 
 # Groups from which on a JSON file holds a summary, and a table beside it the values.
 MOST_GROUPS = 50
@@ -399,7 +400,11 @@ def _table_cells(path: Path, parameter: str) -> _Cells:
             f"{path} cannot be read ({error.strerror}): it belongs beside the JSON file"
         ) from error
     table = table[table["parameter"] == parameter]
-    columns = table["group"], table["value"].tolist(), table["sigma"].tolist()
+    columns = (
+        table["group"].map(as_it_was, na_action="ignore"),
+        table["value"].tolist(),
+        table["sigma"].tolist(),
+    )
     return {(group, parameter): (v, s) for group, v, s in zip(*columns, strict=True)}
 
 

@@ -6,17 +6,23 @@ have changed since, and the old machine code would go on.
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import os
+import shutil
+import stat
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 
-from numba import njit
+from numba import config, njit
+from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 
@@ -24,7 +30,7 @@ from numba.core.extending import _Intrinsic
 # a new name that holds a reference to its array. And `_nrt` off leaves the counting of references
 # out altogether; it took longer than the arithmetic. Such a function cannot make an array. It is
 # numba's own option, so that pyproject.toml bounds the version.
-SCALAR = {
+SCALAR: dict[str, Any] = {
     "forceinline": True,
     "no_cfunc_wrapper": True,
     "_nrt": False,
@@ -33,10 +39,10 @@ SCALAR = {
 }
 # What kernels alone call compiles sooner without a way in from Python: called from there it would
 # end the process.
-UNWRAPPED = SCALAR | {"no_cpython_wrapper": True}
+UNWRAPPED: dict[str, Any] = SCALAR | {"no_cpython_wrapper": True}
 # Kernels proper: as the scalar functions, and they let other threads run.
 _SHARED = ("_nrt", "no_cfunc_wrapper", "error_model", "fastmath")
-KERNEL = {key: SCALAR[key] for key in _SHARED} | {"nogil": True}
+KERNEL: dict[str, Any] = {key: SCALAR[key] for key in _SHARED} | {"nogil": True}
 
 # A process that compiles for us has failed where it takes longer for one kernel, s.
 PATIENCE_S = 60.0
@@ -49,13 +55,49 @@ def compiled(late: bool = False, **options) -> Callable:
     """
 
     def make(function: Callable) -> Dispatcher:
-        made = njit(cache=True, **options)(function)
+        made = _cached(function, options)
+        if isinstance(made._cache, NullCache):
+            return made
         made._cache._cache_file._source_stamp = _stamp(function)
         if late:
             made._cache.load_overload = _patient(made._cache.load_overload)
         return made
 
     return make
+
+
+def _cached(function: Callable, options: dict) -> Dispatcher:
+    """The function with its cache beside the source or in the user's folder of caches.
+
+    Where neither can be written (a read-only installation, a user without a home) it is in a folder
+    of the user's in the temporary one; where that cannot be either, there is none.
+    """
+    with suppress(RuntimeError):
+        return njit(cache=True, **options)(function)
+    before = config.CACHE_DIR
+    try:
+        config.CACHE_DIR = _private_folder()
+        return njit(cache=True, **options)(function)
+    except (OSError, RuntimeError):
+        return njit(**options)(function)
+    finally:
+        config.CACHE_DIR = before
+
+
+@cache
+def _private_folder() -> str:
+    """A folder that nobody else can write to: what lies there is run as it is. Raises OSError."""
+    if hasattr(os, "getuid"):
+        folder = Path(tempfile.gettempdir()) / f"corridor-{os.getuid()}"
+        with suppress(OSError):
+            folder.mkdir(mode=0o700, exist_ok=True)
+            facts = folder.lstat()
+            alone = stat.S_ISDIR(facts.st_mode) and not facts.st_mode & 0o077
+            if alone and facts.st_uid == os.getuid():
+                return str(folder)
+    made = tempfile.mkdtemp(prefix="corridor-")
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return made
 
 
 def _stamp(function: Callable) -> str:
@@ -116,7 +158,9 @@ def meanwhile(code: str) -> Iterator[None]:
 
 def is_kept(kernel: Dispatcher) -> bool:
     """Whether any machine code of a kernel is in its cache, of this source."""
-    return bool(kernel._cache._cache_file._load_index())
+    return not isinstance(kernel._cache, NullCache) and bool(
+        kernel._cache._cache_file._load_index()
+    )
 
 
 def _patient(load: Callable) -> Callable:

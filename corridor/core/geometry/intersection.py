@@ -33,7 +33,7 @@ class Intersection(NamedTuple):
     place: np.ndarray
     angle: np.ndarray
     within: np.ndarray
-    count: np.ndarray
+    count: np.ndarray  # type: ignore[assignment]
     ahead: np.ndarray
 
 

@@ -13,7 +13,7 @@ def jackknife(values: Sequence[float]) -> float:
     count = len(values)
     if count < 2:
         return float("nan")
-    return float(np.sqrt((count - 1) / count * np.sum((values - np.mean(values)) ** 2)))
+    return float(np.sqrt((count - 1) / count * np.sum((np.asarray(values) - np.mean(values)) ** 2)))
 
 
 def by_contrasts(

@@ -10,7 +10,7 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.brief import brief
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss.alignment import align
 from corridor.core.gnss.coordinates import Local, convert, to_local
 from corridor.core.gnss.exposures import Exposures
@@ -133,7 +133,7 @@ def antenna(
         Sigmas are east, north, up: a grid's own north is taken for north.
     track_system, exposures_system: see `align`.
     Exposures without names get their number as `image`.
-    Raises InputError for a track or times that do not fit; AdjustmentFailed where no exposure is
+    Raises InputError for a track or times that do not fit; WorkFailed where no exposure is
     left.
     """
     check_quality(track)
@@ -151,7 +151,7 @@ def antenna(
     good = (made.table["why"] == "").to_numpy()
     if not good.any():
         why = made.table["why"].value_counts()
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"none of the {len(times)} exposures got a position ({why.index[0]}: {why.iloc[0]})"
         )
     points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset)

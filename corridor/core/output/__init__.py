@@ -7,8 +7,10 @@ JSON and CSV. Files and folders appear whole or not at all.
 """
 
 from corridor.core.output.files import (
+    as_it_was,
     check_folder,
     check_writable,
+    file_lines,
     files_in,
     folder_of,
     forget_parts,
@@ -22,7 +24,7 @@ from corridor.core.output.files import (
     write_json,
     write_picture,
 )
-from corridor.core.output.gis import Layer, check_gis, write_geopackage, write_las
+from corridor.core.output.gis import Layer, check_gis, write_geopackage, write_geotiff, write_las
 from corridor.core.output.json import json_text, plain
 from corridor.core.output.numbers import (
     DASH,
@@ -44,6 +46,7 @@ from corridor.core.output.table import WIDTH, Link, Table
 from corridor.core.output.units import UnitTable, named_with_units, with_units
 
 __all__ = [
+    "as_it_was",
     "DASH",
     "Layer",
     "Link",
@@ -56,6 +59,7 @@ __all__ = [
     "check_writable",
     "coefficient",
     "counted",
+    "file_lines",
     "files_in",
     "fixed",
     "folder_of",
@@ -83,6 +87,7 @@ __all__ = [
     "with_units",
     "write_csv",
     "write_geopackage",
+    "write_geotiff",
     "write_json",
     "write_las",
     "write_picture",

@@ -12,6 +12,7 @@ import io
 import json
 import math
 import os
+import re
 import shutil
 import time
 import uuid
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from corridor.core.errors import InputError
 from corridor.core.output.json import json_text
@@ -29,6 +31,9 @@ from corridor.core.output.units import named_with_units
 
 # The smallest result has a table and a picture.
 LEAST_FREE = 1_000_000
+_FILE = "file: "
+# Also behind blanks and control characters, which some spreadsheets pass over; and in full width.
+_FORMULA = re.compile(r"'*[\s\x00-\x1f]*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 
 
 @contextmanager
@@ -63,13 +68,14 @@ def whole_files(*paths: str | os.PathLike) -> Iterator[tuple[Path, ...]]:
 
 @contextmanager
 def whole_folder(
-    folder: str | os.PathLike, mark: str, ours: Callable[[str], bool] = lambda name: True
+    folder: str | os.PathLike, mark: str, ours: Callable[[str], bool] | None = None
 ) -> Iterator[Path]:
     """A folder to write into, which becomes `folder` when the `with` ends well.
 
     Otherwise (error, full disk, Ctrl-C) nothing of it stays and what `folder` held is untouched.
     mark: file that tells a folder of this kind; another folder that is not empty is not replaced.
-    ours: names of entries that may go with the old folder, asked when it goes; the others are kept.
+    ours: files that may go with the old folder, paths in it with slashes, asked when it goes; by
+    default those that `mark` lists (`listed_in`). All others are kept, in folders of ours as well.
     Raises InputError where `folder` is something else.
     """
     check_folder(folder, mark)
@@ -83,7 +89,7 @@ def whole_folder(
         with _alone_in(target.parent):
             try:
                 if target.exists():
-                    _keep(target, part, ours)
+                    _keep(target, part, ours or listed_in(folder, mark))
                     target.rename(old)
                 part.rename(target)
             finally:
@@ -126,20 +132,35 @@ def check_folder(folder: str | os.PathLike, mark: str) -> None:
 
 
 def listed_in(folder: str | os.PathLike, mark: str, key: str = "files") -> Callable[[str], bool]:
-    """Whether an entry of a folder is on the list that its result keeps: `ours` of `whole_folder`.
+    """Whether a file of a folder is on the list that its result keeps: `ours` of `whole_folder`.
 
-    mark: the JSON file of the result. key: where it lists its files, paths in the folder.
+    mark: the file of the result: JSON with paths in the folder under `key`, or text with the lines
+    of `file_lines`.
     """
     path = Path(folder) / mark
+    listed: dict[int, set[str]] = {}
 
     def ours(name: str) -> bool:
         try:
-            files = json.loads(path.read_text(encoding="utf-8"))[key]
-            return name == mark or name in {str(file).split("/")[0] for file in files}
+            written = path.stat().st_mtime_ns
+            if written not in listed:
+                listed[written] = _listed(path.read_text(encoding="utf-8"), key)
         except (OSError, ValueError, KeyError, TypeError):
             return name == mark
+        return name == mark or name in listed[written]
 
     return ours
+
+
+def _listed(text: str, key: str) -> set[str]:
+    if text.startswith("{"):
+        return set(map(str, json.loads(text)[key]))
+    return {line[len(_FILE) :] for line in text.splitlines() if line.startswith(_FILE)}
+
+
+def file_lines(folder: Path) -> str:
+    """A line for each file of a folder, for a mark that is a text."""
+    return "".join(f"{_FILE}{name}\n" for name in files_in(folder))
 
 
 def files_in(folder: Path) -> list[str]:
@@ -154,9 +175,38 @@ def write_json(content: Mapping[str, Any], path: Path) -> None:
     path.write_text(json_text(content), encoding="utf-8", newline="\n")
 
 
-def write_csv(frame: pd.DataFrame, path: Path) -> None:
-    """A table with ten digits and units in its column names; empty where a number is unknown."""
-    named_with_units(frame).to_csv(path, index=False, float_format="%.10g", lineterminator="\n")
+def write_csv(frame: pd.DataFrame, path: Path, digits: int = 10) -> None:
+    """A table with so many digits and units in its column names; empty where a number is unknown.
+
+    These tables are opened in spreadsheets, which would run a name like `=cmd|...`: a text that
+    begins so gets an apostrophe before it (`harmless`).
+    """
+    table = named_with_units(frame).rename(columns=harmless)
+    for name in table.columns[[not is_numeric_dtype(kind) for kind in table.dtypes]]:
+        table[name] = table[name].map(harmless)
+    table.to_csv(path, index=False, float_format=f"%.{digits}g", lineterminator="\n")
+
+
+def harmless(text: object) -> object:
+    """The same, with an apostrophe before a text that a spreadsheet would take for a formula.
+
+    A number is none, whatever its sign. Source: OWASP, CSV injection.
+    """
+    if not isinstance(text, str):
+        return text
+    text = text.replace("\r", " ")  # it would begin a row of its own
+    if not _FORMULA.match(text):
+        return text
+    try:
+        float(text)
+    except ValueError:
+        return f"'{text}"
+    return text
+
+
+def as_it_was(text: str) -> str:
+    """What `harmless` was given."""
+    return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
 def png(figure, dpi: float = 144) -> bytes:
@@ -297,13 +347,25 @@ def _remove_empty(folders: list[Path]) -> None:
 
 
 def _keep(source: Path, target: Path, ours: Callable[[str], bool]) -> None:
-    for entry in source.iterdir():
-        if ours(entry.name) or (target / entry.name).exists():
-            continue
-        if entry.is_dir() and not entry.is_symlink():
-            shutil.copytree(entry, target / entry.name, symlinks=True, copy_function=_link)
-        else:
-            _link(entry, target / entry.name)
+    for folder, folders, files in os.walk(source):
+        at = Path(folder).relative_to(source)
+        for name in folders:
+            # An empty folder is somebody's; a link is one thing, whatever it leads to.
+            if (source / at / name).is_symlink():
+                files.append(name)
+            elif not any((source / at / name).iterdir()):
+                (target / at / name).mkdir(parents=True, exist_ok=True)
+        for name in files:
+            if ours((at / name).as_posix()):
+                continue
+            if (target / at / name).is_dir():
+                raise FileExistsError(
+                    errno.EEXIST, "is in the way of a folder, move it", str(source / at / name)
+                )
+            if os.path.lexists(target / at / name):
+                continue
+            (target / at).mkdir(parents=True, exist_ok=True)
+            _link(source / at / name, target / at / name)
 
 
 def _link(source: str | Path, target: str | Path) -> None:

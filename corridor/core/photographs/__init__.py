@@ -12,6 +12,7 @@ from corridor.core.photographs.metadata import (
     photographs_in,
     read_metadata,
 )
+from corridor.core.photographs.opening import FAULTS, MOST_PIXELS, fault, open_picture
 from corridor.core.photographs.published import (
     PublishedReadout,
     compared,
@@ -20,13 +21,17 @@ from corridor.core.photographs.published import (
 )
 
 __all__ = [
+    "FAULTS",
+    "MOST_PIXELS",
     "SUFFIXES",
     "Metadata",
     "PublishedReadout",
     "StatedFocal",
     "Taken",
     "compared",
+    "fault",
     "of_picture",
+    "open_picture",
     "photographs_in",
     "published_readouts",
     "read_metadata",

@@ -55,6 +55,7 @@ def facts_of(picture: Image.Image) -> tuple[dict[str, object], bytes | None, byt
         "focal_35_mm": _positive(inner.get(41989)),
         "pixels_per_mm": per_mm / unit if per_mm and unit else None,
         "written_size": None if None in size else (int(size[0]), int(size[1])),
+        "serial": _text(inner.get(42033)),
         "taken": _taken(*(_text(inner.get(tag)) for tag in (36867, 37521, 36881))),
         "height": height,
     }

@@ -13,12 +13,14 @@ _FLOAT, _MOST_ENTRIES = 11, 200
 
 
 def facts_of(note: bytes | None) -> dict[str, object]:
-    """Fields of `Metadata`: velocity (written north, east, down) and attitude of the camera."""
+    """Fields of `Metadata`: velocity (written north, east, down), attitude of the camera, yaw of
+    the airframe."""
     tags, facts = _floats_of(note), {}
     if {3, 4, 5} <= set(tags):
         facts["velocity"] = tags[4], tags[3], -tags[5]
         facts["velocity_of"] = "tags 3, 4, 5 of DJI's maker note"
-    return facts | {"yaw": tags.get(10), "pitch": tags.get(9), "roll": tags.get(11)}
+    attitude = {"yaw": 10, "pitch": 9, "roll": 11, "flight_yaw": 7}
+    return facts | {name: tags.get(tag) for name, tag in attitude.items()}
 
 
 def _floats_of(note: bytes | None) -> dict[int, float]:

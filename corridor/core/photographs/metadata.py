@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import io
-import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
 
 from corridor.core.errors import InputError
 from corridor.core.photographs import exif, maker_note, xmp
 from corridor.core.photographs.exif import Taken
+from corridor.core.photographs.opening import FAULTS, MOST_PIXELS, fault, open_picture
 
 SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png")
 # Pictures as a camera takes them, where a program that made them smaller struck EXIF's size.
 _TAKEN = {("Sequoia", "perspective"): (4608, 3456)}
 _SAME_SHAPE = 0.01
-# What Pillow raises on damaged files.
-_FAULTS = (
-    UnidentifiedImageError, OSError, SyntaxError, ValueError, KeyError, TypeError, IndexError,
-    OverflowError, AttributeError, struct.error, Image.DecompressionBombError,
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -33,9 +27,10 @@ class Metadata:
     the sensor, in pixels as taken. taken: by the camera's clock. lat_deg, lon_deg (WGS 84),
     height (m, as written: of the ellipsoid or the sea).
     sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
-    camera, as written. temperature_c and what it is of. velocity: east, north, up, m/s, and what
-    says so. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time of a row as the
-    header says. tags: every XMP entry as text.
+    camera, as written: the yaw of some gimbals counts from the airframe's, `flight_yaw`, which
+    counts from north. serial: of the body. temperature_c and what it is of. velocity: east, north,
+    up, m/s, and what says so. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time
+    of a row as the header says. tags: every XMP entry as text.
     """
 
     path: Path
@@ -58,6 +53,8 @@ class Metadata:
     yaw: float | None = None
     pitch: float | None = None
     roll: float | None = None
+    flight_yaw: float | None = None
+    serial: str = ""
     temperature_c: float | None = None
     temperature_of: str = ""
     velocity: tuple[float, float, float] | None = None
@@ -110,21 +107,24 @@ def photographs_in(folder: Path) -> list[Path]:
     return found
 
 
-def read_metadata(path: Path, content: bytes | None = None) -> Metadata:
+def read_metadata(
+    path: Path, content: bytes | None = None, most_pixels: int = MOST_PIXELS
+) -> Metadata:
     """What a photograph says of itself.
 
-    content: the bytes of the file, where they are at hand.
+    content: the bytes of the file, where they are at hand. most_pixels: as in `open_picture`.
     Raises InputError where it cannot be read.
     """
     try:
-        with Image.open(path if content is None else io.BytesIO(content)) as picture:
+        source = path if content is None else io.BytesIO(content)
+        with open_picture(source, most_pixels) as picture:
             width, height = picture.size
             facts, note, packet = exif.facts_of(picture)
             tags = xmp.tags_of(picture.info.get("xmp") or packet)
-    except _FAULTS as error:
+    except FAULTS as error:
         raise InputError(
-            f"{path.name} cannot be read as a photograph ({type(error).__name__}); take it out of "
-            "the folder"
+            f"{path.name} cannot be read as a photograph ({fault(error)}); take it out "
+            "of the folder"
         ) from None
     noted = maker_note.facts_of(note) if "dji" in facts["make"].lower() else {}
     # Of two that speak, XMP is the more precise.

@@ -75,7 +75,7 @@ def of_picture(rows: list[PublishedReadout], size: tuple[int, int]) -> list[Publ
     where none fits.
     """
     width, height = max(size), min(size)
-    ranked = {1: [], 2: [], 3: []}
+    ranked: dict[int, list] = {1: [], 2: [], 3: []}
     for row in rows:
         rank = _fit(row.mode, width, height)
         if rank:

@@ -19,6 +19,8 @@ _TEMPERATURES = (
     "LensTemperature", "SensorTemperature", "ImagerTemperatureC", "CameraTemperature",
     "DetectorTemperature",
 )  # fmt: skip
+# What tells one drone from another, the drone before its camera.
+_SERIALS = ("DroneSerialNumber", "DroneID", "CameraSerialNumber", "SerialNumber")
 _GYRO = np.dtype([("us", "<u8"), ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("flag", "<i4")])
 
 
@@ -61,6 +63,8 @@ def facts_of(tags: dict[str, str]) -> dict[str, object]:
         "height": number(tags, "AbsoluteAltitude"),
         "flag": None if flag is None else int(flag),
         "line_ns": number(tags, "LineReadoutTime"),
+        "flight_yaw": number(tags, "FlightYawDegree"),
+        "serial": next((tags[name] for name in _SERIALS if tags.get(name)), None),
         "gyro": _gyroscope(tags),
     }
     lat = number(tags, "GpsLatitude", "Latitude")

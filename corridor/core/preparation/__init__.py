@@ -2,21 +2,40 @@
 
 from corridor.core.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
 from corridor.core.preparation.plausibility import against, doubts, stray, unlike
+from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_doubts
 from corridor.core.preparation.preparing import Prepared, prepare
-from corridor.core.preparation.record import Derived, derived
+from corridor.core.preparation.record import (
+    AGREES,
+    ARBITRARY,
+    CONTRADICTS,
+    FRAME,
+    UNCHECKED,
+    Derived,
+    Witness,
+    derived,
+    derived_table,
+)
 from corridor.core.preparation.record import record as record_derived
 from corridor.core.preparation.smoothing import rounding
 from corridor.core.preparation.strips import strips_of, track_runs
 from corridor.core.preparation.velocity import METHODS, Velocities, velocities
 
 __all__ = [
+    "AGREES",
+    "ARBITRARY",
+    "CONTRADICTS",
+    "FRAME",
     "METHODS",
+    "UNCHECKED",
     "Derived",
     "Prepared",
     "Velocities",
+    "Witness",
     "against",
     "derived",
+    "derived_table",
     "doubts",
+    "paired_speeds",
     "prepare",
     "rates_from_gyro",
     "rates_from_neighbours",
@@ -27,4 +46,5 @@ __all__ = [
     "track_runs",
     "unlike",
     "velocities",
+    "velocity_doubts",
 ]

@@ -62,10 +62,10 @@ def rates_from_gyro(
     effect that rates.csv serves. Raises InputError for missing columns, images and readouts, and
     for axes that are no rotation.
     """
-    axes = np.asarray(axes, dtype=float)
-    if axes.shape != (3, 3) or not np.allclose(axes @ axes.T, np.eye(3), atol=1e-3):
+    turn = np.asarray(axes, dtype=float)
+    if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
         raise InputError("the axes of a gyroscope are a 3 x 3 rotation to the camera's axes")
-    if np.linalg.det(axes) < 0:
+    if np.linalg.det(turn) < 0:
         raise InputError("the axes of a gyroscope are right-handed: a mirror image is no rotation")
     needed = ("image", "after_first_row_s", "gyro_x", "gyro_y", "gyro_z")
     lacking = [name for name in needed if name not in gyro]
@@ -85,7 +85,7 @@ def rates_from_gyro(
         readout[:] = readout_s
     if np.isnan(readout[at]).any():
         raise InputError("block.toml states no readout_s: give readout_s, or add it to the camera")
-    rate = gyro[["gyro_x", "gyro_y", "gyro_z"]].to_numpy(float) @ axes.T
+    rate = gyro[["gyro_x", "gyro_y", "gyro_z"]].to_numpy(float) @ turn.T
     table = pd.DataFrame(
         {
             "time_s": times(block)[at]

@@ -33,7 +33,7 @@ _FAR_OUTSIDE = 0.02
 # A picture in both directions filled by no more than this was smaller when it was measured.
 _FILLED, _ENOUGH = 0.6, 100
 _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", "sigma",
-         "lever_arm", "effect", "corrected", "derived", "date", "local_frame")  # fmt: skip
+         "lever_arm", "effect", "corrected", "derived", "date", "local_frame", "frame")  # fmt: skip
 # The last two are written by `corridor import photos`.
 _CAMERA_KEYS = ("width", "height", *INTERIOR, "pixel_um", "readout_s", "row_direction",
                 "calibrated", "readout_from", "f_stated")  # fmt: skip

@@ -22,18 +22,21 @@ class _Pairs(NamedTuple):
     """Images after each other in a strip: how fast the drone flew and what is stated, m/s.
 
     along (n,): the stated velocity along the way that was flown, over the speed flown.
+    way, stated (n, 3): the velocity flown and stated.
     """
 
     flown: np.ndarray
     told: np.ndarray
     along: np.ndarray
+    way: np.ndarray
+    stated: np.ndarray
 
 
 def motion_doubts(block: Block) -> list[str]:
     """Sentences on times and velocities that are probably a mistake."""
     backwards = [*_backwards(block), *_track_backwards(block)]
     # Times that run backwards turn every velocity round.
-    return backwards or [*_velocities(block)]
+    return backwards or velocity_doubts(block)
 
 
 def _backwards(block: Block) -> Iterator[str]:
@@ -75,30 +78,55 @@ def _key(name: str) -> list:
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 
-def _velocities(block: Block) -> Iterator[str]:
-    """Velocities beside the way and the time from image to image of one strip."""
-    pairs = _pairs(block)
-    against, count = int((pairs.along < 0).sum()), len(pairs.along)
-    if count and _by_chance(against, count) < _CHANCE:
-        yield (
-            f"images.csv: vx, vy, vz point against the way from image to image in {against} of "
-            f"{count} pairs: have they the opposite sign? They are the camera's velocity in the "
-            "world, m/s."
-        )
+# Ways to write a velocity wrongly, and what they make of east, north, up.
+_MISTAKEN = {
+    "against the way from image to image: have they the opposite sign": lambda v: -v,
+    "across the way from image to image: are vx and vy exchanged": lambda v: v[:, [1, 0, 2]],
+    "across the way from image to image: are vx and vy exchanged, with the opposite sign": (
+        lambda v: -v[:, [1, 0, 2]]
+    ),
+}
+# What a mistake explains: stated and flown then differ by less than half of the speed, and by less
+# than a third of what they differ as they are.
+_EXPLAINS, _BETTER = 0.5, 1.0 / 3.0
+
+
+def velocity_doubts(block: Block) -> list[str]:
+    """Velocities beside the way and the time from image to image of one strip, as sentences."""
+    pairs = paired_speeds(block)
+    count = len(pairs.told)
+    as_they_are = _differ(pairs.way, pairs.stated)
+    for cause, mistaken in _MISTAKEN.items() if count else ():
+        off = _differ(pairs.way, mistaken(pairs.stated))
+        explained = (off < _EXPLAINS) & (off < _BETTER * as_they_are)
+        if _by_chance(int(explained.sum()), count) < _CHANCE:
+            where, question = cause.split(":")
+            return [
+                f"images.csv: vx, vy, vz point {where} in {int(explained.sum())} of {count} pairs:"
+                f"{question}? They are the camera's velocity in the world, m/s."
+            ]
     if count < 5:
-        return
+        return []
     middle = float(np.median(pairs.told / pairs.flown))
     if abs(np.log(middle)) < np.log(1.4):
-        return
+        return []
     unit = min(_SPEEDS, key=lambda factor: abs(np.log(middle / factor)))
     cause = f"{_SPEEDS[unit]}?" if abs(middle / unit - 1.0) < 0.1 else "is time_s in seconds?"
-    yield (
+    return [
         f"images.csv: vx, vy, vz are {middle:.3g} times what x, y, z and time_s of the same table "
         f"say (median of {count} pairs): {cause} Velocities are in m/s."
-    )
+    ]
 
 
-def _pairs(block: Block) -> _Pairs:
+def _differ(way: np.ndarray, stated: np.ndarray) -> np.ndarray:
+    """(n,) by which directions (n, 3) differ: length of the difference of unit vectors."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, other = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (way, stated))
+    return np.linalg.norm(one - other, axis=1)
+
+
+def paired_speeds(block: Block) -> _Pairs:
+    """How fast each pair of neighbours flew, and what is stated."""
     velocity = block.numbers("images", *VELOCITY)
     centre = block.numbers("images", *"xyz")
     time, camera = block.column("images", "time_s"), block.images["camera"].to_numpy()
@@ -120,7 +148,9 @@ def _pairs(block: Block) -> _Pairs:
         good = np.isfinite(along) & (seconds > 0) & (told > 1.0)
     if good.any():
         good &= flown > 0.3 * np.median(flown[good])
-    return _Pairs(flown[good], told[good], along[good])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = way / seconds[:, None]
+    return _Pairs(flown[good], told[good], along[good], way[good], stated[good])
 
 
 def _by_chance(count: int, of: int) -> float:

@@ -12,10 +12,24 @@ import pandas as pd
 from corridor.core.block import RATES, SIGMAS, VELOCITY, Block, read
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.gnss import Antenna, of_block
-from corridor.core.preparation.record import Derived, derived, record
+from corridor.core.preparation.plausibility import against
+from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_doubts
+from corridor.core.preparation.record import (
+    AGREES,
+    ARBITRARY,
+    CONTRADICTS,
+    FRAME,
+    UNCHECKED,
+    Derived,
+    Witness,
+    derived,
+    record,
+)
 from corridor.core.preparation.smoothing import FASTEST_M_S, motion, of_gnss, of_poses
+from corridor.core.preparation.tracks import interleaved
 
 _VELOCITY_SIGMA = ("svx", "svy", "svz")
+_LEAST_PAIRS = 5
 
 
 class Prepared(NamedTuple):
@@ -54,7 +68,8 @@ def prepare(block: Block | str | os.PathLike, velocities: bool = True) -> Prepar
         _flights_of_track(made)
     flown = _antenna(made, notes, velocities) if len(made.track) and known.any() else None
     if velocities and known.all():
-        _velocities(made, flown)
+        if _each_flight_one_track(made, notes):
+            _velocities(made, flown)
         _rates(made)
     # Whatever is derived is recorded.
     made = block if made.extra == block.extra else made
@@ -79,6 +94,22 @@ def _flights_of_track(block: Block) -> None:
     )  # fmt: skip
 
 
+def _each_flight_one_track(block: Block, notes: list[str]) -> bool:
+    """Whether each flight is of one drone, after those that names tell apart were separated."""
+    found = interleaved(block)
+    if found is None:
+        return True
+    told = found.sentence(block)
+    if not found.named or block.has("images.flight"):
+        notes.append(told)
+        return False
+    names = pd.Series([f"track {k + 1}" for k in found.track], block.images.index, dtype="str")
+    block.images = block.images.assign(flight=names)
+    jumps = Witness("positions", AGREES, f"they jump to and fro, {found.apart_m:.0f} m apart")
+    record(block, "images.flight", found.named, None, told, witnesses=[jumps])
+    return True
+
+
 def _antenna(block: Block, notes: list[str], velocities: bool) -> Antenna | None:
     """The track at the exposures; its positions go into gnss.csv where that is missing."""
     needed = not len(block.gnss)
@@ -101,7 +132,7 @@ def _antenna(block: Block, notes: list[str], velocities: bool) -> Antenna | None
             block, "gnss", "track.csv",
             found[list(SIGMAS)].to_numpy() if "sx" in found else None,
             f"Antenna positions of {len(found)} of {len(block.images)} images are interpolated "
-            "from the track.",
+            "from the track.", witnesses=[_as_posed(block)],
         )  # fmt: skip
         notes += flown.notes
     return flown
@@ -129,14 +160,45 @@ def _velocities(block: Block, flown: Antenna | None) -> None:
         return
     block.put("images", VELOCITY, velocity)
     block.put("images", _VELOCITY_SIGMA, sigma)
-    several = sigma[lacking]
+    several, witness = sigma[lacking], _as_flown(block, sources)
     text = (
         f"Velocities of {int(lacking.sum())} of {len(given)} images are derived from "
         f"{' and '.join(sources)}: sigma {np.median(several):.2g} m/s (median), "
         f"{several.max():.2g} m/s (largest)."
     )
     for axis in VELOCITY:
-        record(block, f"images.{axis}", " and ".join(sources), several, text)
+        record(
+            block, f"images.{axis}", " and ".join(sources), several, text, witnesses=[witness]
+        )  # fmt: skip
+
+
+def _as_flown(block: Block, sources: list[str]) -> Witness:
+    """What the poses of neighbouring images say of velocities that come from elsewhere."""
+    poses = "the poses of images.csv"
+    if poses in sources:
+        return Witness("another source", UNCHECKED, "poses are the only one")
+    pairs, doubts = paired_speeds(block), velocity_doubts(block)
+    if doubts:
+        return Witness(poses, CONTRADICTS, doubts[0])
+    if len(pairs.told) < _LEAST_PAIRS or block.extra.get(FRAME) == ARBITRARY:
+        return Witness(poses, UNCHECKED, "too slow, or too few neighbours")
+    return Witness(poses, AGREES, f"{np.median(pairs.along):.2f} of the way from image to image")
+
+
+def _as_posed(block: Block) -> Witness:
+    """What the poses say of antenna positions that come from a track."""
+    poses, centres = "the poses of images.csv", block.numbers("images", *"xyz")
+    given = np.full(centres.shape, np.nan)
+    given[block.image_rows("gnss")] = block.numbers("gnss", *"xyz")
+    away = np.linalg.norm(given - centres, axis=1)
+    if not np.isfinite(away).any():
+        return Witness(poses, UNCHECKED, "there are none")
+    doubt = against("track.csv", given, "images.csv", centres)
+    if doubt or block.extra.get(FRAME) == ARBITRARY:
+        return Witness(
+            poses, CONTRADICTS if doubt else UNCHECKED, doubt or "in a frame of their own"
+        )
+    return Witness(poses, AGREES, f"{np.nanmedian(away):.2g} m apart (median)")
 
 
 def _sources(block: Block, flown: Antenna | None):
@@ -145,7 +207,9 @@ def _sources(block: Block, flown: Antenna | None):
         yield "track.csv", lambda: motion(flown.interpolated)
     elif len(block.gnss):
         yield "gnss.csv", lambda: of_gnss(block)
-    yield "the poses of images.csv", lambda: of_poses(block)
+    # Without a scale, what poses fly in a second is no speed.
+    if block.extra.get(FRAME) != ARBITRARY:
+        yield "the poses of images.csv", lambda: of_poses(block)
 
 
 def _rates(block: Block) -> None:

@@ -99,9 +99,9 @@ def strips_of(flight: Flight, camera: Camera, axis: Axis) -> Strips:
     interval = 2.5 if interval is None else interval
 
     if (flight.images or 0) > MOST_IMAGES:
-        raise InputError(_too_many(flight.name, flight.images))
+        raise InputError(_too_many(flight.name, flight.images or 0))
     if base is None:
-        count = share_out(flight.images, np.ones(flight.strips))
+        count = share_out(flight.images or 0, np.ones(flight.strips))
         length = np.full(flight.strips, end - begin)
         base = length / (count - 1)
     elif flight.images is not None:

@@ -23,11 +23,11 @@ def surveyed(
             control = max(2, round(control / max(count, 1) * (length / ground.every_m + 1)))
         count = int(length / ground.every_m) + 1
         control = min(control, count)
-        station = begin + (length - (count - 1) * ground.every_m) / 2
-        station = station + ground.every_m * np.arange(count)
+        first = begin + (length - (count - 1) * ground.every_m) / 2
+        station = first + ground.every_m * np.arange(count)
     else:
-        station = begin + np.linspace(0.04, 0.96, count) * length if count > 1 else [begin + length]
-        station = np.array(station)[:count]
+        share = np.linspace(0.04, 0.96, count) if count > 1 else np.ones(count)
+        station = begin + share * length
     side = np.where(np.arange(count) % 2, -1.0, 1.0)
     if ground.layout == "spread":
         # Both banks and the axis in turn, so that a plane through them is held across as well.

@@ -56,9 +56,9 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     for key, sigma in (("tie_px", noise.tie_px), ("mark_px", noise.mark_px)):
         if sigma > 0:
             block.sigma[key] = float(sigma)
-    for key, sigma in (("gnss_m", gnss), ("control_m", control)):
-        if np.all(sigma > 0):
-            block.sigma[key] = sigma.copy()
+    for key, three in (("gnss_m", gnss), ("control_m", control)):
+        if np.all(three > 0):
+            block.sigma[key] = three.copy()
     return block
 
 

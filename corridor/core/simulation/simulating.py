@@ -63,7 +63,7 @@ class Simulated(Block):
         """The block with what is true of it."""
         return cls(**{one.name: getattr(block, one.name) for one in fields(Block)}, truth=truth)
 
-    def write(self, folder: str | os.PathLike, form: str = "csv") -> None:
+    def write(self, folder: str | os.PathLike, form: str = "csv", observed: bool = True) -> None:
         """Write the block folder, and the truth beside it to FOLDER.truth.json; both or neither.
 
         See `Block.write`; `copy().write` leaves the truth out.
@@ -73,7 +73,7 @@ class Simulated(Block):
         lines = ",\n".join(f"{json.dumps(k)}: {_lines(v)}" for k, v in self.truth.items())
         with whole_file(path) as part:
             part.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8", newline="\n")
-            super().write(folder, form)
+            super().write(folder, form, observed)
 
 
 def simulate(
@@ -187,7 +187,7 @@ def perfect_block(
         gnss=pd.DataFrame({"image": image_name, **_xyz(flown.antenna)})[: images * plan.gnss],
         # One weight for all image points, as long as no noise says otherwise.
         sigma={"tie_px": 0.5, "mark_px": 0.5},
-        lever_arm={f.name: tuple(f.lever_arm_m) for f in plan.flights} if plan.gnss else {},
+        lever_arm={f.name: (*f.lever_arm_m,) for f in plan.flights} if plan.gnss else {},
         description=plan.description or f"simulated from the plan {plan.name}",
         source=plan.source,
     )
@@ -268,8 +268,8 @@ def _check_points(
     fit = (seen.views.multiplicity >= 3) & (seen.station >= begin) & (seen.station <= end)
     if ground.within_m is not None:
         fit &= np.abs(seen.across) <= ground.within_m
-    fit = np.flatnonzero(fit)
-    return fit[evenly(seen.station[fit], seen.across[fit], ground.check_from_ties, draw)]
+    rows = np.flatnonzero(fit)
+    return rows[evenly(seen.station[rows], seen.across[rows], ground.check_from_ties, draw)]
 
 
 def _settings(given, plans, kind):
@@ -299,7 +299,11 @@ def _check_camera(start: Start) -> None:
 
 
 def _check_number(where: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not np.isfinite(value):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, numbers.Real)
+        or not np.isfinite(float(value))
+    ):
         raise InputError(f"{where} = {value!r} is not a number")
 
 

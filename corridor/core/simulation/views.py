@@ -157,7 +157,7 @@ def thin(views: Views, images: int, target: float, draw: np.random.Generator) ->
 
 def _footprints(flown: Flown, low: float, high: float) -> np.ndarray:
     """Where the border of each picture meets the lowest and the highest ground (m, n, 2)."""
-    out = None
+    out: np.ndarray | None = None
     for k, camera in enumerate(flown.cameras):
         rays = border_rays(camera)
         rays = np.column_stack([rays, np.ones(len(rays))])
@@ -176,6 +176,7 @@ def _footprints(flown: Flown, low: float, high: float) -> np.ndarray:
         if out is None:
             out = np.empty((len(flown.centre), hits.shape[1], 2))
         out[mine] = hits
+    assert out is not None  # a flight has a camera
     return out
 
 

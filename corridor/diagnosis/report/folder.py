@@ -9,14 +9,7 @@ from pathlib import Path
 from corridor.core.adjustment import Adjustment
 from corridor.core.effects import Values
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.output import (
-    check_folder,
-    files_in,
-    listed_in,
-    whole_folder,
-    write_csv,
-    write_json,
-)
+from corridor.core.output import check_folder, files_in, whole_folder, write_csv, write_json
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.replicates.comparison import Comparison
 from corridor.diagnosis.report.beside import COUNT, beside
@@ -60,7 +53,7 @@ def save(
     compared = beside(diagnosis, counterparts, threads, say)
     notes = [*diagnosis.notes, *compared.notes]
     slugs, adjustment = _believable(diagnosis, say)
-    with whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part:
+    with whole_folder(folder, RESULT) as part:
         say({"message": "writing the blocks"})
         adjustment.block.write(part / "block")
         corrected(diagnosis.block, adjustment, slugs).write(part / "corrected")

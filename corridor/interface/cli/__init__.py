@@ -21,7 +21,7 @@ from types import ModuleType
 
 from corridor.core import __version__, registry
 from corridor.core.command.options import add
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.interface.cli._help import Parser
 from corridor.interface.cli._streams import unread
 
@@ -96,7 +96,7 @@ def _failed(error: Exception) -> int:
     """One sentence on what went wrong, and its status; faults of ours are raised again."""
     if isinstance(error, InputError):
         return _end(2, f"error: {error}")
-    if isinstance(error, AdjustmentFailed):
+    if isinstance(error, WorkFailed):
         return _end(1, f"failed: {error}")
     if isinstance(error, OSError):
         # What is not whole yet has a hidden name, of which nobody knows.

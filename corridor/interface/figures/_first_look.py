@@ -150,10 +150,9 @@ def _coverage(
     axes = style.panel(figure, left, top, wide, high)
     number = int(sum(np.count_nonzero(mine) for mine in chosen))
     edges_x, edges_y = cells(size.width, size.height, number, most=32)
-    count = sum(
-        in_cells(table, mine, edges_x, edges_y)[0]
-        for table, mine in zip(tables, chosen, strict=True)
-    )
+    count = np.zeros((len(edges_y) - 1, len(edges_x) - 1))
+    for table, mine in zip(tables, chosen, strict=True):
+        count = count + in_cells(table, mine, edges_x, edges_y)[0]
     image = axes.pcolormesh(
         edges_x, edges_y, count, cmap=style.COUNTS, vmin=0, vmax=max(count.max(), 1)
     )

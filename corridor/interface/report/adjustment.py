@@ -21,7 +21,6 @@ from corridor.core.output import (
     counted,
     files_in,
     fixed,
-    listed_in,
     metre_digits,
     millimetres,
     plain,
@@ -119,7 +118,7 @@ def save_adjustment(
     folder, block = Path(folder), adjustment.block
     captions = CAPTIONS if captions is None else captions
     with (
-        whole_folder(folder, RESULT, listed_in(folder, RESULT)) as part,
+        whole_folder(folder, RESULT) as part,
         ThreadPoolExecutor(1) as aside,
     ):
         # Of a river both take as long, and a file is written while Python draws.

@@ -14,7 +14,7 @@ import joblib
 
 from corridor.core.adjustment import Model
 from corridor.core.block import is_block
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.core.options import made
 from corridor.core.output import check_folder, check_gis, sole
 from corridor.core.parallel import WorkerDied, parallel
@@ -114,7 +114,7 @@ def _worked(tasks: list[Task], jobs: int, cluster: str | None) -> Iterator[Row]:
         except WorkerDied as died:
             left = [task for task in waiting.values() if not task.begun]
             if before == (len(waiting), len(left)):
-                raise AdjustmentFailed(
+                raise WorkFailed(
                     f"workers die before they begin with a block ({died}); what is done is kept"
                 ) from None
     for task in waiting.values():

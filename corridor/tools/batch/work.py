@@ -21,7 +21,7 @@ from corridor.core import __version__, registry
 from corridor.core import adjustment as least_squares
 from corridor.core.adjustment import Model, not_converged
 from corridor.core.block import read
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.core.output import forget_parts, sole, whole_file, write_json
 from corridor.tools.batch.row import FAILED, Row
 
@@ -176,7 +176,7 @@ def _attempted(task: Task) -> Row:
     try:
         with limited(memory):
             row = _adjusted(task) if task.asked.verb == "adjust" else _diagnosed(task)
-    except (InputError, AdjustmentFailed) as error:
+    except (InputError, WorkFailed) as error:
         row = task.failed(str(error))
     except MemoryError:
         most = "there is" if memory is None else f"the {memory:.3g} GB that a worker may use"

@@ -14,6 +14,15 @@ from corridor.core.block import Block, read
 from corridor.core.effects import find
 from corridor.core.errors import InputError
 from corridor.core.simulation import Plan, read_plan, ready_made
+from corridor.tools.change.admission import (
+    BOTH_FLIGHTS,
+    FLIGHTS,
+    Coordinates,
+    Objection,
+    held_apart,
+    misfits,
+    strange_effects,
+)
 from corridor.tools.change.comparison import (
     Comparison,
     check_blocks,
@@ -37,11 +46,16 @@ from corridor.tools.change.points import point_changes
 from corridor.tools.change.registration import brought
 from corridor.tools.change.result import Change, Compared
 from corridor.tools.change.signature import Signatures
-from corridor.tools.change.surface import SurfaceChange, surface_change, volume
+from corridor.tools.change.surface import PatchChange, SurfaceChange, surface_change, volume
 from corridor.tools.change.together import joined
 
 Dated = Block | Adjustment | str | os.PathLike
 _DATES = ("the first date", "the second date")
+_NO_COMMON_CONTROL = (
+    "No control point is common to both dates: a constant error of the GNSS of either date moves "
+    "everything and is in no standard deviation. State how large it may be (--gnss-bias 0.02), or "
+    "measure control that stands still at both dates."
+)
 
 
 def change(
@@ -67,8 +81,12 @@ def change(
     blocks = tuple(one.start if isinstance(one, Adjustment) else read(one) for one in given)
     check_blocks(*blocks)
     run = _Run(model or Model(), asked, threads, progress or (lambda text: None), blocks)
+    # Laid together on what stands still, dates may have other coordinates.
+    surveys = None if asked.datum == "stable" else Coordinates.of(*blocks)
+    mistaken = [] if surveys is None else surveys.mistaken
+    run.without_control(mistaken)
     adjusted = tuple(
-        one if isinstance(one, Adjustment) else run.adjust(block, name)
+        one if isinstance(one, Adjustment) and not mistaken else run.adjust(block, name)
         for one, block, name in zip(given, blocks, _DATES, strict=True)
     )
     for one in adjusted:
@@ -78,18 +96,22 @@ def change(
         run.asked = asked = replace(asked, datum=usual_datum(adjusted))
     check_datum(*adjusted, asked.datum)
     compared = run.apart(adjusted)
-    gained, notes = None, []
+    gained, notes = None, [] if surveys is None else list(surveys.notes())
     if asked.together:
         run.stable = _stable_names(compared, asked.stable)
         notes.append(_told(run.stable, asked.same_camera))
         apart, compared = compared, run.together()
         if apart.surface is not None:
             gained = float(np.median(apart.surface.sigma)), float(np.median(compared.surface.sigma))
-    remaining, explanation = None, None
-    if asked.camera and (compared.points is not None or compared.surface is not None):
-        compared, remaining, explanation = run.explained(compared)
+    compared, remaining, explanation = run.explained(compared)
+    objections = [] if surveys is None else list(surveys.objections())
+    objections += _objections(remaining or compared, run.model)
+    if not compared.joint.common_control and asked.bias is None and asked.datum == "stated":
+        notes.append(_NO_COMMON_CONTROL)
     names = tuple(block.name for block in blocks)
-    return Change(names, asked, compared, remaining, explanation, gained, tuple(notes))
+    return Change(
+        names, asked, compared, remaining, explanation, gained, tuple(notes), tuple(objections)
+    )
 
 
 def detection(
@@ -135,6 +157,18 @@ def _cores(joint: Joint, asked: Comparison, known: Cores | None = None) -> Cores
     return make_cores(*pair, known.spacing, known.radius, asked.normal, at=known.xyz)
 
 
+def _objections(compared: Compared, model: Model) -> list[Objection]:
+    """What of the epochs does not fit their own model."""
+    out, adjusted = [], compared.adjustments
+    believed = {effect.slug for effect in model.effects}
+    who = (BOTH_FLIGHTS,) if compared.joint.together else FLIGHTS
+    for one, name in zip(adjusted, who, strict=False):
+        out += misfits(one, name)
+        out += strange_effects(one, set(one.values) - believed, name)
+    out += held_apart(compared.points, min(one.sigma0 for one in adjusted))
+    return out
+
+
 @dataclass
 class _Run:
     """One comparison and how it is made. cores: those of the first surface. stable: ground points
@@ -147,6 +181,16 @@ class _Run:
     blocks: tuple[Block, Block]
     cores: Cores | None = None
     stable: list[str] | None = None
+
+    def without_control(self, names: list[str]) -> None:
+        """Take some ground points for check points, whatever their role."""
+        if names:
+            control = self.model.control
+            self.model = replace(
+                self.model,
+                control=None if control is None else [n for n in control if n not in names],
+                check=[*(self.model.check or ()), *names],
+            )
 
     def adjust(self, block: Block, name: str, slugs: Iterable[str] = ()) -> Adjustment:
         """The block adjusted, with some effects more and what one expects of them beforehand."""
@@ -163,7 +207,9 @@ class _Run:
             effects=(*self.model.effects, *slugs),
             priors={**known, **self.model.priors},
         )
-        return adjustment.adjust(block, model=model, threads=self.threads)
+        return adjustment.adjust(
+            block, model=model, threads=self.threads, reject_gnss=self.asked.reject_gnss
+        )
 
     def apart(
         self, adjusted: tuple[Adjustment, ...], shown: tuple[set[str], ...] = (set(), set())
@@ -209,30 +255,37 @@ class _Run:
 
     def explained(self, compared: Compared) -> tuple[Compared, Compared | None, Explanation | None]:
         """The change, the one with what the measurements show modelled, and what effects say."""
-        self.say("what the camera could do to the ground")
-        evidence, level = _evidence(compared), self.asked.level
-        if evidence is None:
+        level = self.asked.level
+        compared, evidence = self._judged(compared)
+        if evidence is None or not self.asked.camera:
             return compared, None, None
-        compared = replace(compared, points=evidence.judged(compared.points, level))
-        first = explain(evidence, level)
+        first = explain(evidence, level, compared.moved)
         if not any(first.shown):
             return compared, None, first
         if self.stable is None:
             remaining = self.apart(compared.adjustments, first.shown)
         else:
             remaining = self.together(first.shown)
-        again = _evidence(remaining)
-        remaining = replace(remaining, points=again.judged(remaining.points, level))
-        return compared, remaining, explained_again(first, evidence, again, level)
+        remaining, again = self._judged(remaining)
+        return compared, remaining, explained_again(first, evidence, again, level, remaining.moved)
 
-
-def _evidence(compared: Compared) -> Evidence | None:
-    """What is tested of a comparison; None where that is nothing."""
-    held = compared.points is None or compared.points.held.all()
-    if held and compared.surface is None:
-        return None
-    signatures = tuple(Signatures(epoch) for epoch in compared.joint.epochs)
-    return gathered(compared.joint, compared.points, compared.surface, signatures)
+    def _judged(self, compared: Compared) -> tuple[Compared, Evidence | None]:
+        """The comparison with what moved beside every effect, and what was tested for that; None
+        where that is nothing."""
+        points, surface, level = compared.points, compared.surface, self.asked.level
+        if (points is None or points.held.all()) and surface is None:
+            return compared, None
+        signatures = ()
+        if self.asked.camera:
+            self.say("what the camera could do to the ground")
+            signatures = tuple(Signatures(epoch) for epoch in compared.joint.epochs)
+        evidence = gathered(compared.joint, points, surface, signatures)
+        found = tuple(
+            PatchChange.of(surface, evidence.cores_of(one), one.probability)
+            for one in evidence.patches(0.5 * level)
+        )
+        points = evidence.judged(points, level)
+        return replace(compared, points=points, patches=found), evidence
 
 
 def _stable_names(compared: Compared, stable: Iterable[str] | None) -> list[str]:

@@ -36,6 +36,7 @@ class Comparison:
     surface: whether surfaces are compared. camera: whether effects of the camera are asked for.
     together: both dates in one adjustment. stable: ground points that stand still, one point
         there (default: those that do as far as can be seen). same_camera: one calibration.
+    reject_gnss: see `corridor.adjust`.
     largest: m, displacement of a named point beyond which the name means something else.
 
     Of the surface:
@@ -61,6 +62,7 @@ class Comparison:
     together: bool = False
     stable: str | Iterable[str] | None = None
     same_camera: bool = False
+    reject_gnss: bool = False
     largest: float = 5.0
     spacing: float | None = None
     radius: float | None = None

@@ -37,9 +37,14 @@ class Cores:
 
     @property
     def cells(self) -> np.ndarray:
-        """Corners (k, 4, 2) in plan, m, of the square around each core point, as the grid lies."""
-        corners = 0.5 * self.spacing * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ self.axes
+        """Corners (k, 4, 2) in plan, m, of the square around each core point."""
+        corners = 0.5 * self.spacing * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         return self.xyz[:, None, :2] + corners
+
+    def along(self, places: np.ndarray) -> np.ndarray:
+        """Station and across (2, n), m, of places (n, 2+) in plan."""
+        away = (places[:, :2] - self.xyz[0, :2]) @ self.axes.T
+        return away.T + np.array([[self.station[0]], [self.across[0]]])
 
     def only(self, rows: np.ndarray) -> Cores:
         """Some of the core points."""
@@ -86,9 +91,7 @@ def make_cores(
         spacing = spacing or 0.5 * radius
         places = _along(np.asarray(profile, float)[:, :2], spacing)
     else:
-        where = (before[:, :2] - origin) @ axes.T
-        grid, spacing = _grid(where, spacing or 0.5 * radius)
-        places = origin + grid @ axes
+        places, spacing = _grid(before[:, :2], origin, axes, spacing or 0.5 * radius)
     near = [tree.query(places, 1)[0] < radius for tree in trees]
     places = places[near[0] & near[1]]
     if not len(places):
@@ -133,13 +136,21 @@ def _frame(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return origin, np.array([along, [-along[1], along[0]]])
 
 
-def _grid(where: np.ndarray, spacing: float) -> tuple[np.ndarray, float]:
-    """Places (k, 2) by station and across over others (n, 2), and their spacing."""
-    low, high = np.percentile(where, [0.5, 99.5], axis=0)
+def _grid(xy: np.ndarray, origin, axes, spacing: float) -> tuple[np.ndarray, float]:
+    """Places (k, 2) on a grid along x and y, as a map lies, over the corridor of others (n, 2), and
+    their spacing."""
+    low, high = np.percentile((xy - origin) @ axes.T, [0.5, 99.5], axis=0)
     area = np.prod(np.maximum(high - low, spacing))
     spacing = max(spacing, float(np.sqrt(area / MOST_CORES)))
-    grid = [np.arange(a, b + 0.5 * spacing, spacing) for a, b in zip(low, high, strict=True)]
-    return np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 2), spacing
+    corners = (
+        origin + np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]) @ axes
+    )
+    first, last = corners.min(axis=0), corners.max(axis=0)
+    grid = [np.arange(a, b + 0.5 * spacing, spacing) for a, b in zip(first, last, strict=True)]
+    places = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 2)
+    where = (places - origin) @ axes.T
+    inside = (where >= low - 0.5 * spacing) & (where <= high + 0.5 * spacing)
+    return places[inside.all(axis=1)], spacing
 
 
 def _along(line: np.ndarray, spacing: float) -> np.ndarray:

@@ -20,7 +20,7 @@ from corridor.core.brief import brief
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.signature import Signatures
-from corridor.tools.change.significance import Test, tested
+from corridor.tools.change.significance import Patch, Test, normal_scores, patches, tested
 from corridor.tools.change.surface import SurfaceChange
 
 # Cells of the surface at most: their covariance is a dense matrix.
@@ -35,7 +35,8 @@ class Evidence:
     """Changes (k,), m, with their covariance (k, k), places (k, 2), which are of the surface (k,),
     and what the effects of each epoch would do to them: effect (k, e), a column a parameter of
     `Signatures`. freedom (k,): degrees of freedom of each variance, see `SurfaceChange`;
-    redundancy: of the scale of them all, where what stands still tells it (`Laying`).
+    redundancy: of the scale of them all, where what stands still tells it (`Laying`). cells (c, n):
+    the mean of core points in each cell; near (c, c): which of them are neighbours.
     """
 
     value: np.ndarray
@@ -46,14 +47,17 @@ class Evidence:
     effect: tuple[np.ndarray, ...]
     freedom: np.ndarray
     redundancy: float = np.inf
+    cells: csr_array | None = None
+    near: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.value)
 
     @property
     def every(self) -> tuple[set[str], ...]:
-        """All effects of each epoch."""
-        return tuple(set(signature.effects) for signature in self.signatures)
+        """What each epoch could have: effects of camera and flight, and what its measurements
+        show, were it a shape that stands for the unknown."""
+        return tuple(s.named | s.shown() | s.unknown for s in self.signatures)
 
     def without(self, slugs: tuple[set[str], ...]) -> tuple[np.ndarray, np.ndarray]:
         """Value and covariance once effects of each epoch are estimated with their priors."""
@@ -75,6 +79,21 @@ class Evidence:
         """Whether other values of the same changes are significant, by such a covariance."""
         return tested(value, covariance, level, self.freedom, self.redundancy)
 
+    def patches(self, level: float) -> list[Patch]:
+        """Patches of the surface that moved beside every effect of camera and flight."""
+        at = np.flatnonzero(self.of_surface)
+        if not len(at):
+            return []
+        value, covariance = self.without(self.every)
+        covariance = covariance[np.ix_(at, at)]
+        sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        z = normal_scores(value[at] / sigma, self.freedom[at])
+        return patches(z, covariance / sigma[:, None] / sigma, self.near, level)
+
+    def cores_of(self, patch: Patch) -> np.ndarray:
+        """Numbers of the core points of a patch."""
+        return np.unique(self.cells[patch.cells].indices)
+
     def judged(self, points: PointChanges | None, level: float) -> PointChanges | None:
         """Points that moved beside every effect told from those that an effect could have moved."""
         at = np.flatnonzero(~self.of_surface)
@@ -92,21 +111,21 @@ def gathered(
     signatures: tuple[Signatures, ...],
 ) -> Evidence:
     """Points that are not held and cells of the surface as one vector with its covariance."""
-    parts = []
+    parts, cells, near = [], None, None
     if points is not None and not points.held.all():
         at = np.flatnonzero(np.repeat(~points.held, 3))
         places = np.repeat(points.xyz[:, :2], 3, axis=0)[at]
         parts.append((points.functions[at], points.shift.ravel()[at], places, False))
     if surface is not None:
-        mean = _cells(surface)
-        means = mean @ surface.distance, mean @ surface.cores.xyz[:, :2]
-        parts.append((surface.sums(mean), *means, True))
+        cells, near = _cells(surface)
+        means = cells @ surface.distance, cells @ surface.cores.xyz[:, :2]
+        parts.append((surface.sums(cells), *means, True))
         joint = surface.joint
     functions = vstack([part[0] for part in parts], format="csr")
     value, places = (np.concatenate([part[n] for part in parts]) for n in (1, 2))
     of_surface = np.repeat([part[3] for part in parts], [len(part[1]) for part in parts])
     covariance = joint.covariance(functions, rough=True)
-    effect = tuple(s.on(part) for s, part in zip(signatures, joint.parts(functions), strict=True))
+    effect = tuple(s.on(p) for s, p in zip(signatures, joint.parts(functions), strict=False))
     freedom, redundancy = np.full(len(value), np.inf), np.inf
     laying = None if surface is None else surface.laying
     if laying is not None:
@@ -120,23 +139,27 @@ def gathered(
         least = max(float(np.median(surface.count.min(axis=1))) - 1.0, 1.0)
         freedom[some] = least * (np.diag(covariance)[some] / rough[some]) ** 2
         freedom[of_surface] = np.minimum(freedom[of_surface], redundancy)
-    return Evidence(value, covariance, places, of_surface, signatures, effect, freedom, redundancy)
+    return Evidence(
+        value, covariance, places, of_surface, signatures, effect, freedom, redundancy, cells, near
+    )
 
 
-def _cells(found: SurfaceChange) -> csr_array:
-    """The matrix (c, k) that takes the mean of the core points in each cell of the surface."""
+def _cells(found: SurfaceChange) -> tuple[csr_array, np.ndarray]:
+    """The matrix (c, k) that takes the mean of the core points in each cell of the surface, and
+    which cells (c, c) touch."""
     where = np.column_stack([found.cores.station, found.cores.across])
     size = 2.0 * found.cores.radius
     while True:
         # A core on an edge is of the next cell, whatever rounding makes of it.
         cell = np.floor(where / size + 1e-6).astype(int)
-        _, number, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+        where_is, number, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
         if len(count) <= MOST_CELLS:
             break
         size *= 1.15
     number = number.ravel()
     entries = (1.0 / count[number], (number, np.arange(len(number))))
-    return csr_array(entries, shape=(len(count), len(number)))
+    near = np.abs(where_is[:, None] - where_is).max(axis=2) <= 1
+    return csr_array(entries, shape=(len(count), len(number))), near
 
 
 @brief
@@ -147,7 +170,8 @@ class Explanation:
     as_adjusted, all_modelled, shown_modelled: tests of the change as adjusted, with every effect
     estimated with its prior, and with those that the measurements show. visible: whether the
     change as adjusted would be significant with the covariance of `shown_modelled`. shown: the
-    effects that the measurements of each epoch show. table: epoch, effect, what the epoch says of
+    effects that the measurements of each epoch show. moved: whether a point or a patch of the
+    surface did, beside every effect. table: epoch, effect, what the epoch says of
     it (log_evidence), share of the change that has its shape, share that its value explains,
     probability against ground motion, whether it alone could hide the change. explained: share of
     what is beyond noise that is gone with all of `shown` modelled.
@@ -160,11 +184,12 @@ class Explanation:
     shown: tuple[set[str], ...]
     table: pd.DataFrame
     explained: float = 0.0
+    moved: bool = False
 
     @property
     def verdict(self) -> str:
         """`moved`, `camera`, `undecided`, or `nothing` where no change is significant."""
-        if self.all_modelled.significant:
+        if self.moved:
             return "moved"
         if not self.as_adjusted.significant:
             return "nothing"
@@ -174,8 +199,8 @@ class Explanation:
         return "undecided"
 
 
-def explain(evidence: Evidence, level: float) -> Explanation:
-    """What effects do to a change."""
+def explain(evidence: Evidence, level: float, moved: bool) -> Explanation:
+    """What effects do to a change; moved: whether a place of it did beside them all."""
     plain = evidence.test(level)
     shown = tuple(signatures.shown() for signatures in evidence.signatures)
     value, covariance = evidence.without(shown)
@@ -187,11 +212,12 @@ def explain(evidence: Evidence, level: float) -> Explanation:
         shown=shown,
         table=_table(evidence, level, plain.significant),
         explained=_Shares.of(evidence, plain.significant).of_values(value),
+        moved=moved,
     )
 
 
 def explained_again(
-    first: Explanation, before: Evidence, after: Evidence, level: float
+    first: Explanation, before: Evidence, after: Evidence, level: float, moved: bool
 ) -> Explanation:
     """The explanation once what the measurements show is estimated with everything else.
 
@@ -206,6 +232,7 @@ def explained_again(
         shown_modelled=after.test(level),
         visible=visible or after.tested(before.value, after.covariance, level).significant,
         shown=tuple(a | b for a, b in zip(more, first.shown, strict=True)),
+        moved=moved,
     )
 
 
@@ -217,7 +244,7 @@ def _table(evidence: Evidence, level: float, significant: bool) -> pd.DataFrame:
     for n, (signatures, effect) in enumerate(
         zip(evidence.signatures, evidence.effect, strict=True)
     ):
-        for slug in signatures.effects:
+        for slug in sorted(signatures.named | signatures.unknown):
             some = [set()] * len(evidence.signatures)
             some[n] = {slug}
             value, covariance = evidence.without(tuple(some))

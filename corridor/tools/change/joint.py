@@ -60,6 +60,11 @@ class Joint:
         """Both, or the one of both dates."""
         return [self.before.epoch] if self.together else [self.before.epoch, self.after.epoch]
 
+    @property
+    def common_control(self) -> list[str]:
+        """Names of control with the same coordinates at both dates."""
+        return [] if self.together else common_control(self.epochs)
+
     @cached_property
     def errors(self) -> tuple[Common, ...]:
         """The errors that both dates share, and those of the GNSS as a whole."""
@@ -88,7 +93,7 @@ class Joint:
         """Variances (r,), squared metres, of functions of the points: of what was measured."""
         parts, out = self.parts(functions), self.own_variance(functions)
         for part in parts:
-            out += part.epoch.sigma0**2 * _variances(part.through, part.epoch.solve)
+            out += part.epoch.sigma0**2 * variances(part.through, part.epoch.solve)
         for common, responses in zip(self.errors, self._responses(parts), strict=True):
             out += common.variance(responses)
         return out
@@ -232,7 +237,10 @@ def _control(epochs: list[Epoch]) -> list[Common]:
         own = block_diag(list(gains.own[number] * weight[:, None, :]))
         direct = csr_array(coordinates(epoch, points).T @ own)
         columns = (3 * number[:, None] + np.arange(3)).ravel()
-        right = -gains.gain[:, columns].toarray() * weight.ravel()
+        # An effect of the ground moves what was given, whatever the point.
+        own = 3 * np.array(rows)[:, None] + np.arange(3)
+        given = control.jacobian[own.ravel()].T.toarray()
+        right = (given - gains.gain[:, columns].toarray()) * weight.ravel()
         sides.append(Side.of(epoch, right, direct))
         sigma.append(epoch.sigma0 * control.sigma[rows].ravel())
     return [Common(tuple(sides), np.diag(sigma[0] * sigma[1]))]
@@ -293,7 +301,7 @@ def quadratic_forms(start, column, value, place, matrix, out):
         out[r] += total
 
 
-def _variances(rows: csr_array, solve) -> np.ndarray:
+def variances(rows: csr_array, solve) -> np.ndarray:
     """s' Q s (r,) of sparse rows (r, n); solve(right) gives Q right.
 
     Rows are taken in the order of the unknowns they touch, so that each piece of Q serves many.

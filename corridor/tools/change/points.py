@@ -52,6 +52,12 @@ class PointChanges:
         return unmoved if self.undecided is None else unmoved & ~self.undecided
 
     @property
+    def leading(self) -> np.ndarray:
+        """Numbers of the points that moved, the most significant first."""
+        size = np.sum((self.shift / self.sigma) ** 2, axis=1)
+        return np.flatnonzero(self.moved)[np.argsort(-size[self.moved])]
+
+    @property
     def sigma(self) -> np.ndarray:
         """Standard deviations (k, 3), m, of the displacements."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).reshape(-1, 3)

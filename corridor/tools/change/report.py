@@ -17,11 +17,13 @@ from corridor.core.output import (
     Layer,
     Report,
     Table,
+    files_in,
     significant,
     times,
     whole_folder,
     write_csv,
     write_geopackage,
+    write_geotiff,
     write_json,
     write_las,
     write_picture,
@@ -40,6 +42,7 @@ _VERDICTS = {
     "camera": "the camera explains it",
     "undecided": "cannot be told apart",
     "nothing": "no change",
+    "unfit": "cannot be told",
 }
 
 
@@ -69,6 +72,7 @@ def to_dict(change) -> dict:
         "verdict_in_words": _VERDICTS[change.verdict],
         "sentence": verdict_sentence(change),
         "remedies": remedies(change),
+        "objections": [vars(one) for one in change.objections],
         "level": change.asked.level,
         "common": list(change.asked.common),
         "datum": change.asked.datum,
@@ -107,7 +111,8 @@ def to_dict(change) -> dict:
 def save(change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
     """Writes report.html, change.json, points.csv, surface.csv and pictures, whole or not at all.
 
-    gis: also change.gpkg (pyogrio) and change.laz or change.las (laspy), where these are installed.
+    gis: also change.gpkg (pyogrio), change.tif (rasterio) and change.las (laspy), where these are
+    installed.
     Raises InputError where `folder` holds something else.
     """
     folder = Path(folder)
@@ -122,14 +127,15 @@ def save(change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
         if change.surface is not None:
             write_csv(change.surface.frame, part / "surface.csv")
         missing = _write_gis(change, part) if gis else []
-        write_json(to_dict(change) | {"not_written": missing}, part / RESULT)
+        listed = sorted([RESULT, *files_in(part)])
+        write_json(to_dict(change) | {"not_written": missing, "files": listed}, part / RESULT)
         names = sorted(path.name for path in part.iterdir())
     return [folder / name for name in names]
 
 
 def _write_gis(change, folder: Path) -> list[str]:
-    """Writes change.gpkg (points, cells) and change.las into a folder; a sentence on each that
-    could not be."""
+    """Writes change.gpkg (points, cells), change.tif and change.las into a folder; a sentence on
+    each that could not be."""
     block, points, surface = change.compared.adjustments[0].block, change.points, change.surface
     layers, missing = {}, []
     if points is not None:
@@ -149,6 +155,12 @@ def _write_gis(change, folder: Path) -> list[str]:
         }
         places = surface.cores.xyz + block.offset
         missing += _tried(write_las, folder / "change.las", places, fields, block.crs)
+        bands = {"change": surface.distance, "sigma": surface.total}
+        bands["detection_95"] = surface.detection
+        spacing = surface.cores.spacing
+        missing += _tried(
+            write_geotiff, folder / "change.tif", places[:, :2], spacing, bands, block.crs
+        )
     if layers:
         missing += _tried(write_geopackage, folder / "change.gpkg", layers, block.crs)
     return missing
@@ -286,7 +298,7 @@ def _adjusted(change, most: int = 3) -> list[str]:
     found: dict[str, list[str]] = {}
     dates = ("First date", "Second date") if not change.asked.together else ("Both dates",)
     for date, one in zip(dates, change.final.adjustments, strict=False):
-        for sentence in grave(one)[:most]:
+        for sentence in [*one.doubts, *one.notes, *grave(one)[:most]]:
             found.setdefault(sentence, []).append(date)
     both = {2: "Both dates"}
     return [f"{both.get(len(of), of[0])}: {sentence}" for sentence, of in found.items()]

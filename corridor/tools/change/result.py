@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from corridor.core.adjustment import Adjustment
+from corridor.tools.change.admission import Objection
 from corridor.tools.change.comparison import Comparison
 from corridor.tools.change.explanation import Explanation
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.report import of_change
-from corridor.tools.change.surface import SurfaceChange, Volume
+from corridor.tools.change.surface import PatchChange, SurfaceChange, Volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +23,12 @@ class Compared:
     points: PointChanges | None
     surface: SurfaceChange | None
     volumes: dict[str, Volume]
+    patches: tuple[PatchChange, ...] = ()
+
+    @property
+    def moved(self) -> bool:
+        """Whether a point or a patch of the surface did."""
+        return bool(self.patches) or (self.points is not None and bool(self.points.moved.any()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +37,7 @@ class Change:
 
     names: of both blocks. compared: as adjusted. remaining: with the effects modelled that the
     measurements of an epoch show (None: none is). explanation: None where it was not asked for.
+    objections: why the dates cannot be compared, see `corridor.tools.change.admission`.
     gained: with one adjustment of both dates, the median standard deviations (m) of the surface
     apart and together. notes: sentences.
     """
@@ -41,6 +49,7 @@ class Change:
     explanation: Explanation | None
     gained: tuple[float, float] | None
     notes: tuple[str, ...]
+    objections: tuple[Objection, ...] = ()
 
     @property
     def final(self) -> Compared:
@@ -64,13 +73,13 @@ class Change:
 
     @property
     def verdict(self) -> str:
-        """`moved`, `camera`, `undecided` or `nothing`; see `Explanation.verdict`."""
+        """`unfit` where an epoch does not fit its own model, else `moved`, `camera`, `undecided`
+        or `nothing`; see `Explanation.verdict`."""
+        if self.objections:
+            return "unfit"
         if self.explanation is not None:
             return self.explanation.verdict
-        moved = [
-            part is not None and bool(part.moved.any()) for part in (self.points, self.surface)
-        ]
-        return "moved" if any(moved) else "nothing"
+        return "moved" if self.final.moved else "nothing"
 
     def __repr__(self) -> str:
         return f"Change from {self.names[0]} to {self.names[1]}: {self.verdict}"

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.effects import find
+from corridor.core.errors import some
 from corridor.core.output import DASH, fixed
+from corridor.tools.change.admission import WHOLE
 from corridor.tools.change.explanation import Explanation
-from corridor.tools.change.points import PointChanges
-from corridor.tools.change.surface import SurfaceChange
 
 # What tells an effect of this place from motion of the ground.
 _HELP = {
@@ -29,13 +29,15 @@ def millimetres(value: float, sigma: float) -> str:
 def verdict_sentence(change) -> str:
     """What the two dates say, in one or two sentences; change: a `Change`."""
     surface, told = change.surface, change.explanation
+    if change.verdict == "unfit":
+        return _unfit(change.objections)
     if change.verdict == "moved":
         besides = "" if told is None or not any(told.shown) else _besides(told)
-        return _moved(surface, change.points) + besides
+        return _moved(change.final) + besides
     if change.verdict == "camera":
-        return _camera(told, _size(change.compared.surface))
+        return _camera(told, _size(change.compared))
     if change.verdict == "undecided":
-        return _undecided(told, _size(change.compared.surface))
+        return _undecided(told, _size(change.compared))
     said = f"No change is significant at the level of {100 * change.asked.level:g} %"
     if surface is None:
         return f"{said}."
@@ -43,8 +45,20 @@ def verdict_sentence(change) -> str:
     return f"{said}; half of the surface would show {seen:.0f} mm (95 %)."
 
 
+def _unfit(objections) -> str:
+    """Who does not fit, and how: the first of each."""
+    first = objections[0]
+    how = [one.what for one in objections if one.who == first.who][:2]
+    if first.who == WHOLE:
+        return f"Cannot be told: {first.who} {how[0]}."
+    return f"Cannot be told: {first.who} does not fit its own model: {'; '.join(how)}."
+
+
 def remedies(change, most: int = 3) -> list[str]:
-    """What would tell ground and camera apart, by the effects that stand between them."""
+    """What would tell ground and camera apart, by the effects that stand between them; what to do
+    where an epoch does not fit."""
+    if change.objections:
+        return list(dict.fromkeys(one.remedy for one in change.objections))[:most]
     if change.explanation is None or change.verdict != "undecided":
         return []
     hiding = _hiding(change.explanation)
@@ -59,34 +73,44 @@ def remedies(change, most: int = 3) -> list[str]:
     return out[:most]
 
 
-def _largest(surface: SurfaceChange) -> int:
-    """The most significant core point."""
-    z = np.abs(surface.distance / surface.total)
-    return int(np.argmax(np.where(surface.moved, z, -1.0)))
-
-
-def _moved(surface: SurfaceChange | None, points: PointChanges | None) -> str:
-    if surface is not None and surface.moved.any():
-        k = _largest(surface)
-        z = surface.distance[k]
-        way = "sank" if z < 0 else "rose"
-        return (
-            f"The ground moved: it {way} by {millimetres(abs(z), surface.total[k])} at station "
-            f"{surface.cores.station[k]:.0f} m, {_aside(surface.cores.across[k])}; "
-            f"{100 * surface.moved.mean():.0f} % of the surface moved significantly."
-        )
+def _moved(found) -> str:
+    """What carries the most significance first: points, then patches; found: a `Compared`."""
+    points, surface = found.points, found.surface
+    said = []
     if points is not None and points.moved.any():
-        k = int(np.argmin(np.where(points.moved, points.probability, 2.0)))
-        d, s = points.shift[k], points.sigma[k]
-        length = float(np.linalg.norm(d))
-        sigma = float(np.sqrt(d**2 @ s**2) / max(length, 1e-12))
-        return (
-            f"The ground moved: point {points.names[k]} by {millimetres(length, sigma)}, "
-            f"{points.moved.sum()} of {np.sum(~points.held)} points significantly."
+        order = points.leading
+        first, names = order[0], [str(points.names[k]) for k in order]
+        where = ""
+        if surface is not None:
+            station, across = surface.cores.along(points.xyz[first : first + 1])
+            where = f" at station {station[0]:.0f} m, {_aside(across[0])}"
+        way = _way(points.shift[first], points.sigma[first])
+        said.append(
+            f"The ground moved: point {names[0]} {way}{where}; {len(order)} of "
+            f"{np.sum(~points.held)} points moved significantly ({some(names, 6)})."
         )
+    for one in sorted(found.patches, key=lambda p: -abs(p.change / p.sigma))[:1]:
+        way = "sank" if one.change < 0 else "rose"
+        what = (
+            f"patch of {one.area:.0f} m\u00b2 of the surface {way} by "
+            f"{millimetres(abs(one.change), one.sigma)} in the mean, around station "
+            f"{one.station:.0f} m, {_aside(one.across)}."
+        )
+        said.append(f"A {what}" if said else f"The ground moved: a {what}")
+    return " ".join(said)
+
+
+def _way(shift: np.ndarray, sigma: np.ndarray) -> str:
+    """How a point moved: by its height, or horizontally, whichever is the more significant."""
+    flat = float(np.hypot(*shift[:2]))
+    flat_sigma = float(np.sqrt(shift[:2] ** 2 @ sigma[:2] ** 2) / max(flat, 1e-12))
+    if abs(shift[2]) / sigma[2] >= flat / flat_sigma:
+        way = "sank" if shift[2] < 0 else "rose"
+        return f"{way} by {millimetres(abs(shift[2]), sigma[2])}"
+    towards = np.degrees(np.arctan2(shift[0], shift[1])) % 360
     return (
-        "The ground moved: the change as a whole is beyond what its errors and every effect of the "
-        "camera explain, though no single place is significant by itself."
+        f"moved by {millimetres(flat, flat_sigma)} horizontally (towards {towards:.0f} degrees "
+        "from the y axis)"
     )
 
 
@@ -120,11 +144,12 @@ def _undecided(told: Explanation, size: str) -> str:
     )
 
 
-def _size(surface: SurfaceChange | None) -> str:
-    if surface is None or not surface.moved.any():
+def _size(found) -> str:
+    """The largest of a change that is not said to be one of the ground; found: a `Compared`."""
+    if not found.patches:
         return ""
-    k = _largest(surface)
-    return f" (up to {millimetres(surface.distance[k], surface.total[k])})"
+    one = max(found.patches, key=lambda p: abs(p.change / p.sigma))
+    return f" (a patch by {millimetres(one.change, one.sigma)})"
 
 
 def _every(told: Explanation) -> set[str]:

@@ -13,24 +13,27 @@ estimated: what would remain, without adjusting anew.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from corridor.core.adjustment import LinearSystem, point_gains
+from corridor.core.adjustment import Columns, LinearSystem, point_gains
 from corridor.core.effects import Effect, candidates
 from corridor.tools.change.epoch import Epoch, Spread
 
-# Places of effects that belong to camera and flight; wrong ground control is no camera's.
-PLACES = ("camera", "image", "motion", "antenna")
 # Share of an effect's own information that must be left, or rounding would speak.
 LEFT = 1e-9
 # m: what moves nothing by more has no shape on the ground, but that of rounding.
 NOTHING_M = 1e-9
-# Log evidence from which on the measurements of an epoch show an effect: one in a hundred blocks
-# without any would show one of some twenty candidates.
-SHOWN = 7.6
+# Log evidence from which on the measurements of an epoch show an effect: a Bayes factor reaches k
+# by chance in one of k draws at most (Markov), so that one in a hundred blocks without any would
+# show one of some forty candidates.
+SHOWN = 8.3
+# Effects of single images are asked of so many, evenly spread: enough to show them, and a matrix
+# of bounded size.
+MOST_IMAGES = 100
 
 
 class Estimate(NamedTuple):
@@ -43,8 +46,8 @@ class Estimate(NamedTuple):
 class Signatures:
     """Effects of the catalogue that an epoch could have and its model lacks.
 
-    labels (e,): `SLUG.parameter`, with the group where there are several; slug (e,); scale (e,):
-    prior standard deviations. matrix, right: M and g, in units of these scales.
+    effects: by slug. labels (e,): `SLUG.parameter`, with the group where there are several; slug
+    (e,); scale (e,): prior standard deviations. matrix, right: M and g, in units of these scales.
     """
 
     def __init__(self, epoch: Epoch):
@@ -54,13 +57,14 @@ class Signatures:
         system = epoch.system
         self._tested = tested = system.testing(effects)
         columns, gnss = tested.columns, tested.gnss
-        self._at = at = np.concatenate([columns.of(e.slug) for e in effects] or [[]]).astype(int)
+        parts = [_numbers(columns, effect.slug) for effect in effects]
+        self._at = at = np.concatenate([*parts, []]).astype(int)
         first = _same_columns(system, tested)
-        unknown = dict(zip(columns.shared_at.tolist(), columns.shared, strict=True))
-        found = [unknown[n] for n in at.tolist()]
-        self.slug = np.array([u.owner for u in found], dtype=object)
-        self.labels = [u.label for u in found]
-        self.units = [u.unit for u in found]
+        self.slug = np.repeat(np.array(list(self.effects), dtype=object), [len(p) for p in parts])
+        self.labels = [columns.labels[n] for n in at.tolist()]
+        unit = {(e, p.name): p.unit for e in self.effects for p in columns.parameters[e]}
+        names = [label.rpartition(".")[2] for label in self.labels]
+        self.units = [unit[key] for key in zip(self.slug, names, strict=True)]
         self.scale = columns.scale[at]
         weight = gnss.sigma.ravel() ** -2.0
         by_gnss = csr_array(gnss.jacobian[:, at]).toarray()
@@ -114,11 +118,30 @@ class Signatures:
         _, volume = np.linalg.slogdet(matrix)
         return float(0.5 * right @ np.linalg.solve(matrix, right) - 0.5 * volume)
 
-    def shown(self, most: int = 4) -> set[str]:
-        """Effects that the measurements show, the strongest first, each beside those before."""
-        found: list[str] = []
-        while len(found) < min(most, len(self.effects)):
-            others = [slug for slug in self.effects if slug not in found]
+    @property
+    def named(self) -> set[str]:
+        """Those that are physical causes, not shapes that stand for the unknown."""
+        return {slug for slug, effect in self.effects.items() if not effect.generic}
+
+    @cached_property
+    def unknown(self) -> set[str]:
+        """Shapes that stand for the unknown and that the measurements show beside named effects."""
+        named = self.shown()
+        return self.shown(set(self.effects) - self.named, sorted(named)) - named
+
+    def shown(
+        self, among: Iterable[str] | None = None, beside: Iterable[str] = (), most: int = 4
+    ) -> set[str]:
+        """Effects that the measurements show, the strongest first, each beside those before.
+
+        among: the choice (default: the named ones); beside: those that are taken as there.
+        """
+        choice = sorted(self.named if among is None else among)
+        found, end = list(beside), len(list(beside)) + most
+        while len(found) < end:
+            others = [slug for slug in choice if slug not in found]
+            if not others:
+                break
             gains = [self.log_evidence([*found, slug]) for slug in others]
             best = int(np.argmax(gains))
             if gains[best] - self.log_evidence(found) < SHOWN:
@@ -131,22 +154,23 @@ def _candidates(system: LinearSystem) -> list[Effect]:
     found = candidates(
         system.block, system.free, system.effects.values(), list(system.control_names)
     )
+    # Wrong ground control is no camera's: it shows in control that is common to both dates.
     return [
         effect
         for effect in found.effects
-        if effect.place in PLACES
-        and not effect.generic
-        and effect.group not in ("image", "point")
-        and effect.slug not in system.columns.parameters
+        if effect.place != "ground" and effect.slug not in system.columns.parameters
     ]
+
+
+def _numbers(columns: Columns, slug: str) -> np.ndarray:
+    """Numbers (k,) of an effect's unknowns, of some images where each has its own."""
+    if slug not in columns.of_image:
+        return columns.of(slug)
+    own = columns.of_image[slug]
+    return own[np.unique(np.linspace(0, len(own) - 1, MOST_IMAGES).astype(int))].ravel()
 
 
 def _same_columns(system: LinearSystem, tested: LinearSystem) -> np.ndarray:
     """Numbers (n,) in the tested system of the columns of the system."""
-    m, d = tested.problem.image_count, tested.problem.d
-    if d != system.problem.d:
-        raise ValueError("an effect of single images is tested")
-    numbers = tested.columns.shared_at.tolist()
-    names = {str(one): at for at, one in zip(numbers, tested.columns.shared, strict=True)}
-    shared = [names[str(unknown)] for unknown in system.columns.shared]
-    return np.concatenate([np.arange(m * d), np.array(shared, dtype=int)])
+    number = {label: at for at, label in enumerate(tested.columns.labels)}
+    return np.array([number[label] for label in system.columns.labels], dtype=int)

@@ -65,6 +65,12 @@ class SurfaceChange:
             return csr_array(csr_array(matrix) @ self.functions)
         return self.laying.sums(self.functions, matrix)
 
+    def sigma_of_sums(self, matrix) -> np.ndarray:
+        """Standard deviations (s,), m, of such sums: of measurements and sampling."""
+        sums = self.sums(matrix)
+        scale = 1.0 if self.laying is None else self.laying.scale
+        return scale * np.sqrt(self.joint.variance(sums) + self.joint.roughness(sums))
+
     @property
     def total(self) -> np.ndarray:
         """Standard deviation (k,), m, of the measurements and of the sampling."""
@@ -194,6 +200,42 @@ def _both(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, sampled: bool)
     if sampled:
         return [first, members(clouds[1], cores, degree)]
     return [first, first.elsewhere(*clouds, cores)]
+
+
+@brief
+@dataclass(frozen=True)
+class PatchChange:
+    """A patch of the surface that moved one way: mean change and its standard deviation, m.
+
+    rows: its core points. station, across: where it moved most, m. area: m^2. probability: of one
+    as significant anywhere on the surface, were nothing moved.
+    """
+
+    rows: np.ndarray
+    change: float
+    sigma: float
+    station: float
+    across: float
+    area: float
+    probability: float
+
+    @classmethod
+    def of(cls, surface: SurfaceChange, rows: np.ndarray, probability: float) -> PatchChange:
+        """The mean of some core points."""
+        mean = np.zeros((1, len(surface)))
+        mean[0, rows] = 1.0 / len(rows)
+        d = surface.distance[rows]
+        # What moved most says where.
+        weight = d**2 / np.sum(d**2)
+        return cls(
+            rows=rows,
+            change=float(d.mean()),
+            sigma=float(surface.sigma_of_sums(mean)[0]),
+            station=float(weight @ surface.cores.station[rows]),
+            across=float(weight @ surface.cores.across[rows]),
+            area=float(len(rows) * surface.cores.spacing**2),
+            probability=probability,
+        )
 
 
 @brief

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import tempfile
@@ -11,7 +12,7 @@ from pathlib import Path
 
 # Its rooms come at first use: a list of what there is needs none of them.
 from corridor.core import registry
-from corridor.core.errors import AdjustmentFailed, InputError, did_you_mean
+from corridor.core.errors import FetchFailed, InputError, did_you_mean
 from corridor.tools.data.registered import DataSet, register
 
 # The file by which a fetched folder is known again.
@@ -27,32 +28,45 @@ def fetch(
 ) -> list[str]:
     """Writes a set of data to a folder; returns sentences on what it is and what was checked.
 
-    mirror: an address that has the set's files by their names, in place of its public source.
-    Raises InputError for an unknown name or a folder that holds something else, and
-    AdjustmentFailed where a file cannot be had, is not the one known, or does not come to the
-    figures that are known of it; then nothing is left behind.
+    mirror: an address that has the set's files by their names, in place of its public source;
+    for sets of which hashes are known.
+    Raises InputError for an unknown name, a folder that holds something else or a mirror of what
+    cannot be verified, and FetchFailed where a file cannot be had, is not the one known, or does
+    not come to the figures that are known of it; then nothing is left behind.
     """
-    from corridor.core.output import check_folder, whole_folder
+    from corridor.core.output import check_folder, file_lines, whole_folder
 
     one = register().get(name)
     if one is None:
         known = ", ".join(register())
         raise InputError(f"no data are called {name!r}{did_you_mean(name, register())}: {known}")
+    if mirror and not one.verified:
+        raise InputError(
+            f"no hash of the files of {name} is known, so a mirror could hand over anything: leave "
+            "--mirror out, they come from their own source then"
+        )
     check_folder(output, _MARK)
     say = progress or (lambda text: None)
     with whole_folder(output, _MARK) as part:
-        (part / _MARK).write_text(
-            f"{one.about}\nsource: {one.source}\nlicence: {one.licence}\n", encoding="utf-8"
-        )
+        said = [one.about]
         if one.kind == "shipped":
             shutil.copytree(_shipped(name), part, dirs_exist_ok=True)
-            return [one.about]
-        _download(one, mirror, part, say)
-        return [
-            one.about,
-            f"source: {one.source}; licence: {one.licence}",
-            *_CHECKS[one.kind](one, part),
-        ]
+        else:
+            _download(one, mirror, part, say)
+            said.append(f"source: {one.source}; licence: {one.licence}")
+            said += _CHECKS[one.kind](one, part)
+        hashes = "".join(f"sha256: {_sha256(part / file)} {file}\n" for file in one.files)
+        (part / _MARK).write_text(
+            f"{one.about}\nsource: {one.source}\nlicence: {one.licence}\n{hashes}"
+            f"{file_lines(part)}",
+            encoding="utf-8",
+        )
+        return said
+
+
+def _sha256(path):
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _shipped(name):
@@ -60,7 +74,7 @@ def _shipped(name):
     for root in (_HERE.parent / "data_synthetic", _HERE / "data_synthetic"):
         if (root / name).is_dir():
             return root / name
-    raise AdjustmentFailed(f"the files of {name} are not where the package was installed")
+    raise FetchFailed(f"the files of {name} are not where the package was installed")
 
 
 def _download(one: DataSet, mirror, folder, say):
@@ -78,12 +92,12 @@ def _download(one: DataSet, mirror, folder, say):
             try:
                 found = pooch.retrieve(url, f"sha256:{digest}" if digest else None, name, kept)
             except requests.exceptions.RequestException as reason:
-                raise AdjustmentFailed(
+                raise FetchFailed(
                     f"{name} of {one.name} cannot be fetched from {url} ({_why(reason)}); try "
                     "again later, or name a copy with --mirror"
                 ) from None
             except ValueError:
-                raise AdjustmentFailed(
+                raise FetchFailed(
                     f"{name} of {one.name} is not the file that is known (SHA-256): a broken "
                     f"download, or another version at {url}"
                 ) from None
@@ -108,7 +122,7 @@ def _project(one, folder):
     _as_known(one, images=len(block.images), observations=len(block.tie_points))
     found = made.proof.main.rms
     if abs(found - known["rms_px"]) > 0.005:
-        raise AdjustmentFailed(
+        raise FetchFailed(
             f"{one.name} reprojects to {found:.2f} px, known are {known['rms_px']:.2f} px"
         )
     return [f"imported into block/: {len(block.images)} images, {found:.2f} px as known"]
@@ -134,13 +148,14 @@ def _photographs(one, folder):
     models = {photo.model for photo in found}
     _as_known(one, photographs=len(found))
     if models != {one.known["model"]}:
-        raise AdjustmentFailed(
+        raise FetchFailed(
             f"the photographs of {one.name} are by {', '.join(map(str, models))}, known is "
             f"{one.known['model']}"
         )
     return [
-        f"checked: {len(found)} photographs of a {one.known['model']} (no hash of them is known); "
-        "go on with corridor import photos FOLDER -o BLOCK"
+        f"not verified, for no hash of them is known: {len(found)} photographs of a "
+        f"{one.known['model']}, by what they say; what came is hashed in {_MARK}; go on with "
+        "corridor import photos FOLDER -o BLOCK"
     ]
 
 
@@ -150,7 +165,7 @@ def _readout(one, folder):
     hertz, known = one.known["frequency_hz"], one.known["readout_ms"]
     found = registry.room("readout").readout_from_led(path, hertz).readout_ms
     if abs(found - known) > 1e-3 * known:
-        raise AdjustmentFailed(f"{one.name} gives {found:.3f} ms, known are {known:.3f} ms")
+        raise FetchFailed(f"{one.name} gives {found:.3f} ms, known are {known:.3f} ms")
     return [
         f"measured: {found:.2f} ms, known are {known:.2f} ms; go on with corridor readout led "
         f"{path.name} --frequency {hertz:g} -o OUT"
@@ -163,6 +178,6 @@ _CHECKS = {"project": _project, "gnss": _gnss, "photographs": _photographs, "rea
 def _as_known(one, **counts):
     for what, count in counts.items():
         if count != one.known[what]:
-            raise AdjustmentFailed(
+            raise FetchFailed(
                 f"{one.name} holds {count} {what}, known are {one.known[what]}: another version?"
             )

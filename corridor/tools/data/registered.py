@@ -35,6 +35,11 @@ class DataSet:
     files: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     known: Mapping[str, object] = field(default_factory=dict)
 
+    @property
+    def verified(self) -> bool:
+        """Whether a hash is known of every file."""
+        return all(digest for _, digest in self.files.values())
+
 
 @lru_cache(maxsize=1)
 def register() -> dict[str, DataSet]:

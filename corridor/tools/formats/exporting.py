@@ -16,7 +16,7 @@ from corridor.core.block import Block, read
 from corridor.core.brief import brief
 from corridor.core.effects import Values, every_effect, take_out
 from corridor.core.errors import InputError
-from corridor.core.output import whole_folder
+from corridor.core.output import file_lines, whole_folder
 from corridor.tools.formats.cameras import moved_to
 from corridor.tools.formats.programs import writers
 from corridor.tools.formats.proof import MEDIAN_PX, Residuals
@@ -127,7 +127,8 @@ def export_project(
     with whole_folder(folder, _MARK) as part:
         target.write(exported, part, form)
         (part / _MARK).write_text(
-            "\n".join([f"block {block.name} as {form}", *sentences]) + "\n", encoding="utf-8"
+            "\n".join([f"block {block.name} as {form}", *sentences, file_lines(part)]),
+            encoding="utf-8",
         )
     observations = len(exported.tie_points) + len(exported.marks)
     return Exported(form, Path(folder), len(exported.images), observations, sentences)

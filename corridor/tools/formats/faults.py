@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 
 # What numpy, json, struct, pyproj and others raise on contents nobody thought of.
 _FAULTS = (
@@ -23,7 +23,7 @@ def blaming(path: Path, what: str) -> Iterator[None]:
     """
     try:
         yield
-    except AdjustmentFailed:
+    except WorkFailed:
         raise
     except InputError as error:
         if str(path) in str(error) or path.name in str(error):

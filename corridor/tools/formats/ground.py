@@ -18,7 +18,6 @@ from corridor.core.block import LAYOUTS, SIGMAS, Block, Layout, place, read_colu
 from corridor.core.errors import InputError
 from corridor.core.gnss import GEOGRAPHIC, convert, known_crs
 from corridor.core.textfile import Line, filled, opening
-from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.project import Project, Views, apart, ground_table, local_of
 
 _XYZ = ["x", "y", "z"]
@@ -271,16 +270,3 @@ def rows_by_name(images: list[str]) -> dict[str, int]:
         short = pd.Series([make(name) for name in images])
         at |= {name: k for k, name in short[~short.duplicated(keep=False)].items()}
     return at
-
-
-def add_ground(project: Project, path: Path) -> Project:
-    """The project with the ground points (and marks) of a file. Raises InputError."""
-    with blaming(path, "a file of ground points"):
-        ground = read_ground(path, project.block)
-        project = add_to(project, ground)
-    names = [] if ground.table is None else list(ground.table["point"])
-    notes = [f"{path.name}: {len(names)} ground points, {len(ground.marks)} marks"]
-    unseen = set(names) - set(project.block.marks["point"].cat.categories)
-    if unseen:
-        notes.append(f"{len(unseen)} ground points are measured in no image")
-    return project.having(notes=notes)

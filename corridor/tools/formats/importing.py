@@ -6,13 +6,25 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from corridor.core.block import Block
 from corridor.core.brief import brief
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
+from corridor.core.geometry import GROSS, robust_scale
 from corridor.core.gnss import known_crs
+from corridor.core.output import Report, Table, png, whole_file
 from corridor.core.photographs import photographs_in, read_metadata
+from corridor.core.preparation import (
+    AGREES,
+    Witness,
+    derived,
+    derived_table,
+    record_derived,
+)
+from corridor.tools.formats.control import add_ground, marks_refused
+from corridor.tools.formats.delay import with_delay_told
 from corridor.tools.formats.faults import blaming
-from corridor.tools.formats.ground import add_ground
 from corridor.tools.formats.joining import bent
 from corridor.tools.formats.mapping import (
     Cheaply,
@@ -21,12 +33,24 @@ from corridor.tools.formats.mapping import (
     is_whole,
     workplace,
 )
-from corridor.tools.formats.placing import Track, add_photographs, add_track, picture_size
-from corridor.tools.formats.project import Project
+from corridor.tools.formats.placing import (
+    Track,
+    add_photographs,
+    add_track,
+    in_own_frame,
+    picture_size,
+    with_motion,
+)
+from corridor.tools.formats.project import Project, local_of
 from corridor.tools.formats.proof import Proof, demand, prove
 from corridor.tools.formats.reading import read_project
+from corridor.tools.formats.rows import rows_of
 from corridor.tools.formats.starting import can_start
 from corridor.tools.formats.turned import with_turned
+
+# Below so many spare observations a standard deviation is good to a tenth at best; beyond these
+# limits it is of a mapping that failed.
+_LEAST_SPARE, _SIGMA_PX = 50, (0.05, 3.0)
 
 
 @brief
@@ -36,6 +60,7 @@ class Imported:
 
     project: Project
     proof: Proof
+    output: Path
 
     @property
     def block(self) -> Block:
@@ -53,7 +78,53 @@ class Imported:
         ]
         lines += [f"note: {sentence}" for sentence in project.notes]
         lines += [f"warning: {sentence}" for sentence in project.warnings]
-        return "\n".join([*lines, "", str(self.proof)])
+        table = derived_table(block)
+        shown = [] if table is None else ["", str(table)]
+        return "\n".join([*lines, *shown, "", str(self.proof)])
+
+    def report(self) -> Report:
+        """The import as a page has it: what joined, what was derived, what is doubtful."""
+        project, block = self.project, self.block
+        count = len(block.images)
+        joined = f"{count} of {count + len(project.lost)} images"
+        where = "placed on Earth" if local_of(block) or block.crs else "in a frame of its own"
+        opening = (
+            f"{project.source} ({project.form}): {joined} are in one block, {where}, with "
+            f"{len(block.tie_points):,} tie observations, {len(block.marks):,} marks and "
+            f"{len(block.gnss):,} positions. {self.proof}"
+        )
+        tables = [table] if (table := derived_table(block)) else []
+        if project.lost:
+            lost = tuple((name,) for name in project.lost)
+            tables.append(Table("Photographs that did not join", (), lost, "l"))
+        notes = tuple((note,) for note in project.notes)
+        tables.append(Table("What was done", (), notes, "w"))
+        actions = [f"Adjust it: `corridor adjust {self.output} -o OUT`."]
+        if any(one.column == "moments of gnss.csv" for one in derived(block)):
+            actions[0] = (
+                "Adjust it with its delay: `corridor adjust "
+                f"{self.output} --effect clock_offset -o OUT`."
+            )
+        actions.append(f"Ask what its model lacks: `corridor diagnose {self.output} -o OUT`.")
+        if not len(block.ground):
+            actions.append(
+                "For accuracy on the ground, measure control and add it: `--ground FILE`."
+            )
+        return Report(f"Import of {block.name}", opening, project.warnings, tables, actions)
+
+    def save(self, figure=None) -> Path:
+        """Write the report as `import.html` into the block's folder; figure: of matplotlib.
+
+        Returns its path.
+        """
+        pictures = []
+        if figure is not None:
+            caption = "Where the images and points lie, and how many images show each point."
+            pictures.append(("map of the block", caption, png(figure)))
+        path = self.output / "import.html"
+        with whole_file(path) as part:
+            part.write_text(self.report().page(pictures), encoding="utf-8")
+        return path
 
 
 @dataclass(frozen=True)
@@ -118,11 +189,14 @@ def import_project(
             again = from_photographs(path, Path(output), progress, cheaply, force, started=True)
             again = complete(again, added, progress)
             project = again if bent(again.block) is None else project
-        project = _straight(project, Path(output), force)
+        project = _with_tie_sigma(_straight(project, Path(output), force))
     progress("proving by reprojection")
     with blaming(path, "a whole project"):
         proof = prove(project)
     try:
+        refused = marks_refused(project)
+        if refused and not force:
+            raise InputError(f"{refused}; --force writes the block as it is")
         demand(proof, force)
     except InputError as error:
         said = "".join(f"{sentence}. " for sentence in project.warnings)
@@ -137,7 +211,34 @@ def import_project(
     block.write(output, table_form, observed=False)
     if form == "photos" and is_whole(project, Path(output)) and not bent(project.block):
         forget(Path(output))
-    return Imported(project, proof)
+    return Imported(project, proof, Path(output))
+
+
+def _with_tie_sigma(project: Project) -> Project:
+    """The project whose tie points have the standard deviation that the mapping left them.
+
+    Root of v'v / r of the residuals, without gross errors; r: observations less unknowns.
+    """
+    rows = rows_of(project.block, complete=False)
+    ties = rows.only(rows.point < rows.ties)
+    residual = ties.residuals()
+    size = np.abs(residual).max(axis=1)
+    good = size < GROSS * robust_scale(residual)
+    used = ties.only(good)
+    spare = 2 * good.sum() - 3 * len(np.unique(used.point)) - 6 * len(np.unique(used.image))
+    if spare < _LEAST_SPARE:
+        return project
+    sigma = round(float(np.sqrt(np.sum(residual[good] ** 2) / spare)), 2)
+    if not _SIGMA_PX[0] <= sigma <= _SIGMA_PX[1]:
+        return project
+    block = project.block.copy()
+    told = f"tie points are good to {sigma:g} px (1 sigma), by the residuals of the mapping"
+    redundancy = Witness("residuals of the mapping", AGREES, f"redundancy {spare:,}")
+    record_derived(
+        block, "sigma.tie_px", "tie_points.csv", np.array([sigma]),
+        f"{told[0].upper()}{told[1:]}.", "px", [redundancy],
+    )  # fmt: skip
+    return project.having(notes=[told], sigma={**block.sigma, "tie_px": sigma}, extra=block.extra)
 
 
 def _can_start(folder: Path, added: Additions) -> bool:
@@ -146,13 +247,13 @@ def _can_start(folder: Path, added: Additions) -> bool:
 
 
 def _straight(project: Project, output: Path, force: bool) -> Project:
-    """Raises AdjustmentFailed where a model contradicts the positions, unless nobody minds."""
+    """Raises WorkFailed where a model contradicts the positions, unless nobody minds."""
     said = bent(project.block)
     if said is None:
         return project
     if not force:
         others = "".join(f"{sentence}. " for sentence in project.warnings)
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"{others}{said[0].upper()}{said[1:]}; features and matches are kept in "
             f"{workplace(output)}; --force writes the block as it is"
         )
@@ -184,6 +285,10 @@ def complete(
         with blaming(added.track, "a track"):
             project = add_track(project, exposures, track)
     if added.ground is not None:
-        project = add_ground(project, added.ground)
+        project = add_ground(project, added.ground, photos)
+    # Only now is it known in which frame the project is.
+    project = in_own_frame(with_motion(project, photos))
+    if photos and len(project.block.gnss) and added.track is None:
+        project = with_delay_told(project)
     # Marks are measured in the pictures as they lie there: only now can all be turned back.
     return with_turned(project, photos)

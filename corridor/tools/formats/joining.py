@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.spatial.distance import pdist, squareform
 
 from corridor.core.block import Block
 from corridor.core.gnss import Local
@@ -14,8 +16,44 @@ _BENT_PX, _BLURRED_PX = 8.0, 1.5
 # Where the height above ground is not known: 8 px of 4 cm.
 _BENT_M = 0.3
 _LEAST_OVERLAP, _FARTHER = 0.5, 1.5
+# Places are apart from so many times the usual way to the next photograph, and so many metres.
+_PLACES_APART, _PLACES_APART_M = 20.0, 500.0
 # Centres this many sigmas of GNSS from the positions, and this share of the block's extent.
 _BENT_SIGMAS, _BENT_SHARE = 5.0, 0.03
+
+
+def places_apart(photos: list[Metadata], names: list[str]) -> str | None:
+    """A sentence where photographs lie in two places or more, far from each other; else None.
+
+    names: of the photographs, for the sentence.
+    """
+    placed = [k for k, photo in enumerate(photos) if photo.lat_deg is not None]
+    if len(placed) < 3:
+        return None
+    plan = _plan([photos[k] for k in placed])
+    tree = minimum_spanning_tree(squareform(pdist(plan))).toarray()
+    steps = tree[tree > 0]
+    if not len(steps):
+        return None
+    limit = max(_PLACES_APART * float(np.median(steps)), _PLACES_APART_M)
+    count, place = connected_components((tree > 0) & (tree < limit), directed=False)
+    if count < 2:
+        return None
+    order = np.argsort(-np.bincount(place), kind="stable")
+    members = [[names[placed[k]] for k in np.flatnonzero(place == one)] for one in order[:4]]
+    told = "; ".join(f"{len(mine)} ({listed(mine, names)})" for mine in members)
+    middles = [plan[place == one].mean(axis=0) for one in order[:2]]
+    return (
+        f"the photographs lie in {count} places, {np.hypot(*(middles[0] - middles[1])) / 1000:.1f} "
+        f"km from each other: {told}; import each place by itself"
+    )
+
+
+def _plan(photos: list[Metadata]) -> np.ndarray:
+    """(n, 2) east, north, m."""
+    spots = np.array([[photo.lon_deg, photo.lat_deg, 0.0] for photo in photos])
+    lon, lat, _ = np.median(spots, axis=0)
+    return Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
 
 
 def why_lost(photos: list[Metadata], joined: set[int]) -> str:
@@ -105,9 +143,7 @@ def _overlap(photos, joined):
     lost = np.array([k not in joined for k in placed])
     if len(placed) < 3 or not lost.any():
         return
-    spots = np.array([[photos[k].lon_deg, photos[k].lat_deg, 0.0] for k in placed])
-    lon, lat, _ = np.median(spots, axis=0)
-    plan = Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
+    plan = _plan([photos[k] for k in placed])
     apart = np.linalg.norm(plan[:, None] - plan[None], axis=2)
     np.fill_diagonal(apart, np.inf)
     # A model grows from picture to picture: the second neighbour decides.
@@ -123,3 +159,16 @@ def _overlap(photos, joined):
             f"they lie {np.median(gap[lost]):.0f} m from their neighbours, the others "
             f"{np.median(gap[~lost]):.0f} m"
         )
+
+
+def listed(names: list[str], order: list[str]) -> str:
+    """Names with runs in the order of the photographs drawn together: A to C, F."""
+    at = {name: k for k, name in enumerate(sorted(order))}
+    runs: list[list[str]] = []
+    for name in sorted(names):
+        if runs and at[name] == at[runs[-1][-1]] + 1:
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    told = [run[0] if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
+    return ", ".join(told[:10]) + (", ..." if len(told) > 10 else "")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from corridor.core import gnss
-from corridor.core.block import POSE
-from corridor.core.errors import InputError
+from corridor.core.block import POSE, Block
+from corridor.core.errors import InputError, some
 from corridor.core.geometry import (
-    quaternion_from_rotation,
+    robust_scale,
     rotation_from_quaternion,
     similarity,
 )
@@ -25,14 +27,35 @@ from corridor.core.photographs import (
     read_metadata,
     stated_focal,
 )
-from corridor.core.preparation import record_derived
+from corridor.core.preparation import (
+    AGREES,
+    ARBITRARY,
+    CONTRADICTS,
+    FRAME,
+    UNCHECKED,
+    Witness,
+    paired_speeds,
+    record_derived,
+    velocity_doubts,
+)
+from corridor.tools.formats.control import moved_by
 from corridor.tools.formats.ground import in_frame, rows_by_name
 from corridor.tools.formats.project import Project, local_of, local_table
+from corridor.tools.formats.starting import rotations_of
 
 VELOCITY = ("vx", "vy", "vz")
+_LEAST_PAIRS = 5
+# Positions this near are one position; attitudes of gimbals and compasses are good to 5 degrees.
+_SAME_PLACE_M, _ATTITUDE_RAD, _BESIDE = 0.01, 0.09, 2.0
+# By so many times the assumed standard deviation positions scatter about a way that fits.
+_SCATTERS = 2.0
+# A drone that takes no picture for so long, and for so many times the usual, has landed between:
+# batteries are changed in some minutes, and the next line is begun in less.
+_LANDED_S, _LANDED = 300.0, 20.0
 # Published readout times that differ by more than this are of different modes.
 _SAME_MODE = 1.15
 # Where a maker gives no standard deviation: of a code receiver, of a float and a fixed solution.
+_STATUS = {0: "no solution", 16: "a single position without corrections"}
 _ASSUMED = {50: (0.03, 0.03, 0.06), 34: (0.5, 0.5, 1.0), 16: (3.0, 3.0, 6.0)}
 
 
@@ -86,15 +109,18 @@ def add_photographs(
     photos = {row: read_metadata(file) for row, file in sorted(mine.items())}
     project, exposures = _with_times(project, folder, photos)
     for step in (
+        _with_flights,
         _with_sizes_compared,
         _with_resized_named,
         _with_temperatures,
-        _with_motion,
         _with_readout,
         _with_focal,
     ):
         project = step(project, photos)
     project = _with_positions(project, photos, exposures)
+    # A frame that comes with ground points is known only then.
+    if has_north(project) or project.placed:
+        project = with_motion(project, photos)
     return project, photos, exposures
 
 
@@ -137,6 +163,52 @@ def _with_times(project, folder, photos):
         ),
         replace(exposures, table=table),
     )
+
+
+def _with_flights(project, photos):
+    """Flights of images.csv: one of each drone, by its serial number, and of each long stay."""
+    block = project.block
+    if block.has("images.flight"):
+        return project
+    serial = np.array([""] * len(block.images), dtype=object)
+    for row, photo in photos.items():
+        serial[row] = photo.serial
+    time = block.column("images", "time_s")
+    drones = pd.factorize(serial)[0] if len(photos) == len(serial) and all(serial) else 0
+    flight, witnesses = np.zeros(len(serial), int) + drones, []
+    if np.max(drones) > 0:
+        witnesses.append(Witness("serial numbers", AGREES, f"{np.max(drones) + 1} drones"))
+    told = [photos[row].tags.get("FlightUUID", "") for row in photos]
+    gaps = []
+    if all(told) and len(photos) == len(serial):
+        # Parrot numbers its flights.
+        flight = pd.factorize(np.array(told)[np.argsort(list(photos))])[0]
+        if flight.max() > 0:
+            witnesses.append(Witness("FlightUUID", AGREES, f"{flight.max() + 1} flights"))
+    for drone in () if all(told) else np.unique(flight):
+        mine = np.flatnonzero((flight == drone) & np.isfinite(time))
+        mine = mine[np.argsort(time[mine], kind="stable")]
+        step = np.diff(time[mine])
+        if not len(step):
+            continue
+        long = step > max(_LANDED_S, _LANDED * float(np.median(step)))
+        gaps += step[long].tolist()
+        flight[mine[1:]] += (np.max(flight) + 1) * np.cumsum(long)
+    if gaps:
+        witnesses.append(
+            Witness("times", AGREES, f"a gap of {min(gaps):.0f} s and more between flights")
+        )
+    if not witnesses:
+        return project
+    order = {one: k for k, one in enumerate(dict.fromkeys(flight[np.argsort(time)].tolist()), 1)}
+    names = pd.array([f"F{order[one]}" for one in flight.tolist()], dtype="str")
+    project = project.having(images=_having(project, flight=names))
+    block = project.block.copy()
+    told = f"{len(order)} flights: {', and '.join(f'{w.source} ({w.text})' for w in witnesses)}"
+    record_derived(
+        block, "images.flight", "the photographs", None, f"{told}.", witnesses=witnesses
+    )  # fmt: skip
+    return project.having(notes=[told], extra=block.extra)
 
 
 def _having(project, **columns):
@@ -205,19 +277,20 @@ def _with_temperatures(project, photos):
     )
 
 
-def _with_motion(project, photos):
-    """Velocities, and the gyroscope's samples."""
+def with_motion(project: Project, photos: dict[int, Metadata]) -> Project:
+    """The project with the velocities of photographs, and the gyroscope's samples.
+
+    Velocities are east, north, up: only a project whose frame has a north gets them.
+    """
     block = project.block
     velocity = _per_image(project, photos, "velocity", 3)
-    if np.isfinite(velocity).all(axis=1).any():
+    known = np.isfinite(velocity).all(axis=1)
+    if known.any() and not set(VELOCITY) <= set(block.images.columns):
         said = sorted({photo.velocity_of for photo in photos.values() if photo.velocity_of})
-        project = project.having(
-            notes=[f"velocities east, north, up: {'; '.join(said)} of the photographs"],
-            images=_having(project, **dict(zip(VELOCITY, velocity.T, strict=True))),
-        )
+        project = _with_velocities(project, velocity, f"{'; '.join(said)} of the photographs")
     time = block.column("images", "time_s")
     recorded = {row: photo for row, photo in photos.items() if photo.gyro is not None}
-    if not recorded:
+    if not recorded or len(block.rates):
         return project
     if not np.isfinite(time).any():
         return project.having(
@@ -235,6 +308,55 @@ def _with_motion(project, photos):
         ],
         rates=pd.concat(tables, ignore_index=True) if tables else block.rates,
     )
+
+
+def has_north(project: Project) -> bool:
+    """Whether the project's axes are east, north, up in metres."""
+    return project.block.crs is not None or local_of(project.block) is not None
+
+
+def in_own_frame(project: Project) -> Project:
+    """The project, which says so if it is in the free frame of a reconstruction."""
+    if project.placed or has_north(project):
+        return project
+    extra = {**project.block.extra, FRAME: ARBITRARY}
+    return project.having(
+        extra=extra,
+        warnings=[
+            "nothing places the project: its frame and its scale are arbitrary (frame in "
+            "block.toml), so lengths and speeds are in no unit"
+        ],
+    )
+
+
+def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Project:
+    """The project with velocities (images, 3) east, north, up, compared with the way flown."""
+    told = f"velocities east, north, up: {source}"
+    columns = dict(zip(VELOCITY, velocity.T, strict=True))
+    made = project.having(notes=[told], images=_having(project, **columns))
+    block = replace(made.block, extra=dict(made.block.extra))
+    doubts, pairs = velocity_doubts(block), paired_speeds(block)
+    if doubts:
+        witness = Witness("positions and times", CONTRADICTS, doubts[0])
+    elif len(pairs.told) < _LEAST_PAIRS:
+        witness = Witness("positions and times", UNCHECKED, "too slow, or too few neighbours")
+    else:
+        length = f"{np.median(pairs.along):.2f} of the way flown, {len(pairs.told)} pairs"
+        witness = Witness("positions and times", AGREES, length)
+    # Without a place on Earth nothing but the way that was flown tells where north is.
+    if not (has_north(project) or project.placed and witness.says == AGREES):
+        return project.having(
+            warnings=[
+                f"{told}, were left out: nothing says where north is in the project's frame, or "
+                "how long a metre; give ground points (--ground) with their system, or photographs "
+                "with positions"
+            ]
+        )
+    record_derived(
+        block, "stated velocity", source, None, f"{told[0].upper()}{told[1:]}.",
+        "east, north, up", [witness],
+    )  # fmt: skip
+    return replace(made, block=block, warnings=[*made.warnings, *doubts])
 
 
 def gyro_rates(photo: Metadata, time_s: float | None) -> pd.DataFrame | None:
@@ -265,8 +387,18 @@ def _by_camera(project, photos):
 
 def _with_readout(project, photos):
     cameras, notes = dict(project.block.cameras), []
+    turned = _turned_by_a_quarter(photos)
+    if turned:
+        project = project.having(
+            warnings=[
+                f"{len(turned)} of {len(photos)} photographs are turned by 90 degrees against the "
+                f"others of their camera ({some(turned)}): they became a camera of their own, "
+                "whose rows follow each other along x, or whose pixels a viewer has turned. It "
+                "gets no readout time. Take the originals, or turn them back, and import again"
+            ]
+        )
     for camera, photo in _by_camera(project, photos):
-        if not photo.model or camera.readout_s is not None:
+        if not photo.model or camera.readout_s is not None or photo.name in turned:
             continue
         name, (readout, source) = camera.name, readout_of(photo, camera.height)
         if readout is None:
@@ -278,6 +410,18 @@ def _with_readout(project, photos):
             f"camera {name}: readout {1000 * readout:.1f} ms, {source}; 0 if its shutter is global"
         )
     return project.having(notes=notes, cameras=cameras)
+
+
+def _turned_by_a_quarter(photos) -> list[str]:
+    """Names of photographs that stand upright where more of the same camera lie on their side."""
+    many = Counter((photo.model, photo.width, photo.height_px) for photo in photos.values())
+    return [
+        photo.name
+        for photo in photos.values()
+        if photo.width != photo.height_px
+        and many[photo.model, photo.height_px, photo.width]
+        > many[photo.model, photo.width, photo.height_px]
+    ]
 
 
 def _with_focal(project, photos):
@@ -350,11 +494,31 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
     if not len(table):
         return project.having(notes=["the photographs have no positions"])
     columns = [name for name in ("sx", "sy", "sz") if name in table]
-    project = _put(project, table[["image", "lon", "lat", "height", *columns]], "the photographs")
+    turns = rotations_of(list(photos.values()))
+    names = project.block.images["image"].iloc[list(photos)]
+    attitudes = dict(zip(names, turns, strict=True))
+    table = table[["image", "lon", "lat", "height", *columns]]
+    project = _put(project, table, "the photographs", attitudes)
     if assumed and len(project.block.gnss):
         sigma = table[["sx", "sy"]].to_numpy(float)
-        record_derived(project.block, "gnss.sx", "the kind of receiver", sigma, f"{assumed}.")
+        record_derived(
+            project.block, "gnss.sx", "the kind of receiver", sigma, f"{assumed}.",
+            witnesses=[_scatter(project.block, float(np.median(sigma)))],
+        )  # fmt: skip
     return project
+
+
+def _scatter(block: Block, sigma: float) -> Witness:
+    """What the mapped centres say of an assumed standard deviation in plan, m."""
+    source, rows = "the mapped centres", block.image_rows("gnss")
+    off = block.numbers("gnss", *"xy") - block.numbers("images", *"xy")[rows]
+    off = off[np.isfinite(off).all(axis=1)]
+    if len(off) < _LEAST_PAIRS:
+        return Witness(source, UNCHECKED, "too few images have both")
+    scatter = float(robust_scale(off))
+    # Errors that all positions share are not in it: less is no contradiction.
+    says = CONTRADICTS if scatter > _SCATTERS * sigma else AGREES
+    return Witness(source, says, f"{scatter:.2g} m about them")
 
 
 def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, str, list[str]]:
@@ -363,21 +527,31 @@ def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, str, list[str]]
     Where the maker states no sigma, that of the kind of solution is assumed: a sentence, or "".
     """
     rows, notes, assumed, without, told = [], [], 0, 0, ""
+    poor: Counter[int] = Counter()
     for photo in photos:
         if photo.lat_deg is None:
             continue
         without += photo.height is None
-        sigma = photo.sigma
+        flag, sigma = photo.flag, photo.sigma
+        kind = 50 if flag == 50 else 34 if flag is not None and 32 <= flag <= 49 else 16
+        poor[flag] += flag not in (None, 50)
         if sigma is None:
             assumed += 1
-            flag = photo.flag if photo.flag is not None else 16
-            kind = 50 if flag == 50 else 34 if 32 <= flag <= 49 else 16
             sigma = _ASSUMED[kind]
+        elif flag not in (None, 50):
+            # What a receiver states of a position that is no fix is its noise, not its error.
+            sigma = tuple(np.maximum(sigma, _ASSUMED[kind]))
         rows.append((photo.name, photo.lon_deg, photo.lat_deg, photo.height or 0.0, *sigma))
     if assumed:
         told = (
             f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m in plan "
             "and 6 m in height were assumed where no RTK flag says better"
+        )
+    for flag, many in sorted((f, n) for f, n in poor.items() if n):
+        what = "a float solution" if 32 <= flag <= 49 else _STATUS.get(flag, "which is no fix")
+        notes.append(
+            f"{many} of {len(rows)} positions have RtkFlag {flag}, {what}: they count as good to "
+            f"{_ASSUMED[34 if 32 <= flag <= 49 else 16][0]:g} m in plan, whatever they state"
         )
     if without:
         notes.append(f"{without} positions have no height: 0 was taken")
@@ -385,14 +559,19 @@ def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, str, list[str]]
     return pd.DataFrame(rows, columns=columns), told, notes
 
 
-def _put(project: Project, table: pd.DataFrame, what: str) -> Project:
+def _put(
+    project: Project,
+    table: pd.DataFrame,
+    what: str,
+    attitudes: Mapping[str, np.ndarray] | None = None,
+) -> Project:
     """Geographic positions as gnss.csv, in the block's frame; the block is placed by them if need.
 
-    table: image, lon, lat, height, sx, sy, sz.
+    table: image, lon, lat, height, sx, sy, sz. attitudes: (3, 3) world to camera, by image.
     """
     places = table[["lon", "lat", "height"]].to_numpy(float)
     if not project.placed and project.block.crs is None and local_of(project.block) is None:
-        project = _placed(project, table["image"], places, what)
+        project = _placed(project, table, places, what, attitudes or {})
     block = project.block
     if block.crs is None and local_of(block) is None:
         return project.having(
@@ -410,20 +589,44 @@ def _put(project: Project, table: pd.DataFrame, what: str) -> Project:
     return project.having(notes=[f"gnss.csv: {len(out)} positions of {what}"], gnss=out)
 
 
-def _placed(project: Project, images: pd.Series, places: np.ndarray, what: str) -> Project:
-    """A free reconstruction turned, scaled and shifted onto positions, robustly."""
+def _placed(
+    project: Project,
+    table: pd.DataFrame,
+    places: np.ndarray,
+    what: str,
+    attitudes: Mapping[str, np.ndarray],
+) -> Project:
+    """A free reconstruction turned, scaled and shifted onto positions and attitudes, robustly.
+
+    Attitudes are asked only for what positions on one line leave open, the turn about it.
+    """
     block = project.block
     lon, lat, _ = np.median(places, axis=0)
     local = Local(round(float(lat), 4), round(float(lon), 4), 0.0)
     target = local.from_geographic(places)
-    at = pd.Index(block.images["image"]).get_indexer(images)
+    at = pd.Index(block.images["image"]).get_indexer(table["image"])
     source = block.poses[at, :3]
     source[at < 0] = np.nan
     known = np.isfinite(source).all(axis=1)
+    if known.any() and np.ptp(target[known], axis=0).max() < _SAME_PLACE_M:
+        return project.having(
+            warnings=[
+                f"the project stays in its own frame: all positions of {what} are the same, they "
+                "place nothing"
+            ]
+        )
+    stated = table["sx"].to_numpy(float) if "sx" in table else np.zeros(0)
+    sigma = float(np.nanmedian(stated)) if np.isfinite(stated).any() else _ASSUMED[16][0]
+    turns = np.array([attitudes.get(name, np.full((3, 3), np.nan)) for name in table["image"]])
+    axes, directions, axes_weight = _by_axes(block.poses[at], source, target, turns, sigma)
     weight = known.astype(float)
     try:
         for _ in range(10):
-            found = similarity(source, target, weight)
+            found = similarity(
+                np.concatenate([source, axes]),
+                np.concatenate([target, directions]),
+                np.concatenate([weight, axes_weight]),
+            )
             away = np.linalg.norm(found.apply(np.nan_to_num(source)) - target, axis=1)
             typical = max(float(np.median(away[known])), 1e-6)
             weight = known / (1 + (away / (2 * typical)) ** 2)
@@ -433,29 +636,47 @@ def _placed(project: Project, images: pd.Series, places: np.ndarray, what: str) 
                 f"the project stays in its own frame: positions of {what} do not place it ({error})"
             ]
         )
-    pose = block.poses
-    known = np.isfinite(pose).all(axis=1)
-    pose[known, :3] = found.apply(pose[known, :3])
-    turned = found.apply_to_rotations(rotation_from_quaternion(pose[known, 3:]))
-    pose[known, 3:] = quaternion_from_rotation(turned)
-    moved = {}
-    for name in ("points", "ground"):
-        xyz = getattr(block, name)[list(POSE[:3])].to_numpy(float)
-        if len(xyz):
-            columns = dict(zip(POSE[:3], found.apply(xyz).T, strict=True))
-            moved[name] = getattr(block, name).assign(**columns)
-    return project.having(
+    ground = block.ground
+    if len(ground):
+        xyz = found.apply(ground[list(POSE[:3])].to_numpy(float))
+        ground = ground.assign(**dict(zip(POSE[:3], xyz.T, strict=True)))
+    with_attitudes = " and their attitudes" if len(axes) else ""
+    return moved_by(project, found).having(
         placed=True,
         notes=[
-            f"placed by positions of {what}: scale {found.scale:.6g}, camera centres {typical:.2g} "
-            f"m (median) from them; world: east, north, up about {local.lat_deg:g}, "
-            f"{local.lon_deg:g}"
+            f"placed by positions of {what}{with_attitudes}: scale {found.scale:.6g}, camera "
+            f"centres {typical:.2g} m (median) from them; world: east, north, up about "
+            f"{local.lat_deg:g}, {local.lon_deg:g}"
         ],
-        images=_having(project, **dict(zip(POSE, pose.T, strict=True))),
         offset=np.zeros(3),
         extra={**block.extra, "local_frame": local_table(local)},
-        **moved,
+        ground=ground,
     )
+
+
+def _by_axes(pose, source, target, turns, sigma):
+    """Points on the axes of the cameras, in both frames, and their weights beside a position's.
+
+    pose: (n, 7) in the frame of source (n, 3). turns: (n, 3, 3) world to camera, as stated. sigma:
+    of a position, m.
+    """
+    good = np.isfinite(turns).all(axis=(1, 2)) & np.isfinite(source).all(axis=1)
+    good &= np.isfinite(pose).all(axis=1)
+    wide, spread = (
+        float(np.median(np.linalg.norm(one - np.median(one, axis=0), axis=1)))
+        for one in (target[good], source[good])
+    ) if good.sum() >= 3 else (0.0, 0.0)  # fmt: skip
+    # Positions beside the line by more than their errors tell the turn about it better.
+    middle = target[good] - target[good].mean(axis=0) if good.any() else target[good]
+    beside = np.linalg.svd(middle, compute_uv=False)[1] / np.sqrt(good.sum()) if wide else 0.0
+    if not (wide > 0 and spread > 0) or beside > _BESIDE * sigma:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    seen = rotation_from_quaternion(pose[good, 3:])
+    axes = (source[good][:, None] + spread * seen).reshape(-1, 3)
+    directions = (target[good][:, None] + wide * turns[good]).reshape(-1, 3)
+    # Gimbals and compasses are wrong alike in all images: many are no better than one.
+    weight = (sigma / (_ATTITUDE_RAD * wide)) ** 2 / len(axes)
+    return axes, directions, np.full(len(axes), weight)
 
 
 def add_track(project: Project, exposures: gnss.Exposures | None, track: Track) -> Project:

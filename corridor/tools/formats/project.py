@@ -31,7 +31,8 @@ class Project:
     none. pairs: image, x, y (px), X, Y, Z: image and ground that the project itself says belong
     together, for the proof only. notes: sentences on what was decided or left out. warnings:
     sentences on what may be wrong. placed: the coordinates are metres in a known or stated frame,
-    not the free frame of a reconstruction. image_to_ray: the format's distortion goes that way.
+    not the free frame of a reconstruction. lost: photographs that did not join.
+    image_to_ray: the format's distortion goes that way.
     """
 
     form: str
@@ -41,6 +42,7 @@ class Project:
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     placed: bool = True
+    lost: list[str] = field(default_factory=list)
     image_to_ray: bool = False
 
     def having(
@@ -55,8 +57,8 @@ class Project:
         return replace(
             self,
             block=replace(self.block, **changes) if changes else self.block,
-            notes=[*self.notes, *notes],
-            warnings=[*self.warnings, *warnings],
+            notes=list(dict.fromkeys([*self.notes, *notes])),
+            warnings=list(dict.fromkeys([*self.warnings, *warnings])),
             placed=self.placed if placed is None else placed,
         )
 

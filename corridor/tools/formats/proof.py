@@ -143,7 +143,8 @@ def prove(project: Project) -> Proof:
         away = np.linalg.norm(first[1].undistorted_residuals(), axis=1)
         proof.sentences.append(f"in undistorted coordinates: {Residuals.of(away)}")
     for kind, found in proof.by_kind.items():
-        if kind != first[0] and found.median > MEDIAN_PX and not bad:
+        # Of marks a reconstruction from photographs alone knows nothing yet.
+        if kind != first[0] and found.median > MEDIAN_PX and not bad and project.form != "photos":
             proof.sentences.append(
                 f"{kind} do not agree with the {first[0]}: their coordinates may be in another "
                 "frame, or they were not used in the reconstruction"

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.gnss import Local
 from corridor.core.photographs import Metadata
+from corridor.tools.formats.heading import headings
 
 # Limits of reprojection, as parts of the focal length: attitudes are good to some degrees.
 _LIMITS = (0.13, 0.045, 0.018, 0.009, 0.007)
@@ -28,18 +29,30 @@ _NADIR = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def can_start(photos: list[Metadata]) -> bool:
-    """Whether every photograph states position and attitude."""
+    """Whether every photograph states position and attitude, and to where its yaw counts."""
     wanted = ("lat_deg", "height", "yaw", "pitch", "roll")
-    return all(getattr(photo, name) is not None for photo in photos for name in wanted)
+    if not all(getattr(photo, name) is not None for photo in photos for name in wanted):
+        return False
+    return len(photos) > 0 and bool(np.isfinite(rotations_of(photos)).all())
 
 
-def rotation_of(photo: Metadata) -> np.ndarray:
-    """(3, 3) world (east, north, up) to camera, by yaw, pitch, roll.
+def rotations_of(photos: list[Metadata]) -> np.ndarray:
+    """(n, 3, 3) of `rotation_of`; NaN where a photograph states no attitude that can be used."""
+    out = np.full((len(photos), 3, 3), np.nan)
+    for row, yaw in enumerate(headings(photos).yaw):
+        photo = photos[row]
+        if np.isfinite(yaw) and None not in (photo.pitch, photo.roll):
+            out[row] = rotation_of(photo, yaw - 180 * (abs(photo.roll) > 90))
+    return out
+
+
+def rotation_of(photo: Metadata, yaw: float) -> np.ndarray:
+    """(3, 3) world (east, north, up) to camera, by yaw (degrees from north), pitch, roll.
 
     DJI's are the gimbal's, which looks forward at pitch 0; others are the body's, whose camera
     looks down.
     """
-    turned = Rotation.from_euler("ZYX", [photo.yaw, photo.pitch, photo.roll], degrees=True)
+    turned = Rotation.from_euler("ZYX", [yaw, photo.pitch, photo.roll], degrees=True)
     mounted = _GIMBAL if "GimbalYawDegree" in photo.tags or "dji" in photo.make.lower() else _NADIR
     return (_TO_ENU @ turned.as_matrix() @ mounted).T
 
@@ -60,9 +73,9 @@ def from_attitudes(
         cache = pycolmap.DatabaseCache.create(base, pycolmap.DatabaseCacheOptions())
     model = pycolmap.Reconstruction()
     model.load(cache)
-    priors = []
+    priors, turns = [], dict(zip(photos, rotations_of(list(photos.values())), strict=True))
     for image in model.images.values():
-        turn, at = rotation_of(photos[image.name]), centre[image.name]
+        turn, at = turns[image.name], centre[image.name]
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(turn), -turn @ at)
         image.frame.set_cam_from_world(image.camera_id, pose)
         model.register_frame(image.frame_id)

@@ -2,53 +2,88 @@
 
 A viewer that turns a picture rewrites its pixels and leaves XMP as it was. In the adjustment such
 pictures lie the wrong way round in the camera, and focal length and distortion go wrong with them.
-What was mapped here from the photographs alone is turned back. The measurements of another
-program's project stay as they are: it will meet the same pictures again.
+The yaw alone proves nothing: makers count it in two ways. What decides is the adjustment, as the
+pictures are and turned back: the camera's principal point and distortion turn with the pictures,
+and fit the strips of both directions one way only. What was mapped here from the photographs alone
+is turned back. The measurements of another program's project stay as they are: it will meet the
+same pictures again.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from corridor.core.block import POSE
+from corridor.core.adjustment import adjust
+from corridor.core.block import POSE, Block
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.core.photographs import Metadata
+from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, record_derived
+from corridor.tools.formats.heading import (
+    ENOUGH,
+    LEAST,
+    NEAR_DEG,
+    Headings,
+    headings,
+    turn_of,
+    wrapped,
+)
+from corridor.tools.formats.joining import listed
 from corridor.tools.formats.project import Project
 
-# This near to 0 or 180 degrees counts; so many must be, or the yaws tell nothing.
-_NEAR_DEG, _ENOUGH, _LEAST = 30.0, 0.8, 4
 # A picture's top points up into the sky from here on, and has no direction on the ground.
 _FLAT = 0.2
-_TRIED = 300
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+# Log likelihood by which the residuals decide: a Bayes factor of e^30 of measurements thought
+# independent is still one of e^6 where five of them count as one.
+_DECIDES = 30.0
+_MOST_OBSERVATIONS = 20_000
 
 
 def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
     """The project with a sentence that names the photographs turned by 180 degrees, if any.
 
-    Of a project from the photographs alone they are turned back. photos: by row of images.csv.
-    Says nothing where most are turned: a camera may be mounted so.
+    Of a project from the photographs alone they are turned back, where the residuals of an
+    adjustment say so as the yaw does. photos: by row of images.csv. Says nothing where most are
+    turned: a camera may be mounted so.
     """
     pose = project.block.poses
-    rows = [row for row, photo in photos.items() if said_yaw(photo) is not None]
-    rows = np.array([row for row in rows if np.isfinite(pose[row]).all()], dtype=int)
+    rows = np.array([row for row in photos if np.isfinite(pose[row]).all()], dtype=int)
     if not len(rows):
         return project
     seen = yaw_of(rotation_from_quaternion(pose[rows, 3:]))
-    said = np.array([said_yaw(photos[row]) for row in rows])
-    turned = upside_down(seen, said)
+    found = headings([photos[row] for row in rows], seen)
+    turned = upside_down(seen, found.yaw)
+    project = _recorded(project, found, seen, turned)
     if not turned.any():
         return project
-    mine = [photos[row] for row in rows[turned]]
-    tools = {photo.tags.get("CreatorTool", "") for photo in mine} - {""}
+    gain = _gain(project.block, rows[turned])
+    names = [photo.name for photo in photos.values()]
+    which = listed([photos[row].name for row in rows[turned]], names)
+    many = f"{turned.sum()} of {len(rows)} photographs"
+    against = f"the yaw in the metadata of {many} is 180 degrees from their poses: {which}"
+    if gain is None or abs(gain) < _DECIDES:
+        return project.having(
+            warnings=[
+                f"{against}; the residuals of an adjustment neither prove nor disprove that a "
+                "viewer has turned their pixels, so nothing was turned: look whether these "
+                "pictures stand on their heads beside the others"
+            ]
+        )
+    if gain < 0:
+        return project.having(
+            notes=[f"{against}; the residuals fit the pictures as they are: nothing was turned"]
+        )
+    said = f"{many} are turned by 180 degrees against their own yaw in the metadata: {which}"
+    tools = {photos[row].tags.get("CreatorTool", "") for row in rows[turned]} - {""}
     others = {photos[row].tags.get("CreatorTool", "") for row in rows[~turned]}
     # It speaks only where the others were not saved by it.
     by = f" ({', '.join(sorted(tools))} saved them)" if tools and not tools & others else ""
-    names = [photo.name for photo in photos.values()]
-    said = (
-        f"{len(mine)} of {len(rows)} photographs are turned by 180 degrees against their own "
-        f"yaw in the metadata: {_listed([photo.name for photo in mine], names)}; a viewer has "
-        f"turned their pixels{by}"
+    said += (
+        f", and the residuals fit decisively better so (log likelihood {gain:.0f} higher): a "
+        f"viewer has turned their pixels{by}"
     )
     if project.form != "photos":
         return project.having(
@@ -60,6 +95,51 @@ def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
     return _turned_back(project, rows[turned]).having(
         notes=[f"{said}: their measurements were turned back; the files stay as they are"]
     )
+
+
+def _recorded(project: Project, found: Headings, seen: np.ndarray, turned: np.ndarray) -> Project:
+    """The project whose block.toml says what the attitudes of its photographs are worth."""
+    if not found.source and not found.witnesses:
+        return project
+    known = np.isfinite(found.yaw) & np.isfinite(seen)
+    mapped = Witness("the mapped poses", UNCHECKED, "the yaw in the metadata is not used")
+    sigma = None
+    if found.source and known.sum() >= LEAST:
+        off = wrapped(seen[known] - found.yaw[known])
+        off = wrapped(off - turn_of(off))
+        off = np.minimum(np.abs(off), 180 - np.abs(off))
+        says = AGREES if not turned.any() and np.mean(off < NEAR_DEG) >= ENOUGH else CONTRADICTS
+        told = f"{turned.sum()} the other way round" if turned.any() else ""
+        mapped = Witness("the mapped poses", says, told or f"to {np.median(off):.0f} degrees")
+        sigma = np.radians(off)
+    block = replace(project.block, extra=dict(project.block.extra))
+    source = found.source or "yaws that contradict each other"
+    record_derived(
+        block, "heading", source, sigma,
+        f"The photographs' headings are {source}.", "degrees from north over east; sigma in rad",
+        (*found.witnesses, mapped),
+    )  # fmt: skip
+    return replace(project, block=block)
+
+
+def _gain(block: Block, rows: np.ndarray) -> float | None:
+    """Log likelihood by which the tie points fit better with these images turned; None: unknown."""
+    every = max(len(block.tie_points) // _MOST_OBSERVATIONS, 1)
+    keep = block.tie_points["point"].array.codes % every == 0
+    thin = replace(block, tie_points=block.tie_points[keep].reset_index(drop=True))
+    project = Project("photos", None, thin)
+    sizes, count = [], 0
+    for one in (thin, _turned_back(project, rows).block):
+        try:
+            found = adjust(one, camera="fraser8")
+        except (InputError, AdjustmentFailed):
+            return None
+        tie = found.statistics["tie"]
+        if not found.converged or not tie["rms"]:
+            return None
+        sizes.append(float(tie["rms"]))
+        count = 2 * int(tie["count"])
+    return count * float(np.log(sizes[0] / sizes[1]))
 
 
 def _turned_back(project: Project, rows: np.ndarray) -> Project:
@@ -86,15 +166,6 @@ def _turned_back(project: Project, rows: np.ndarray) -> Project:
     return project.having(images=images, **measured)
 
 
-def said_yaw(photo: Metadata) -> float | None:
-    """Degrees from north over east to where the top of the picture points; None if not stated."""
-    yaw = photo.yaw if photo.yaw is not None else photo.number("FlightYawDegree")
-    if yaw is None:
-        return None
-    # Looking straight down, a gimbal may state the half turn as roll.
-    return yaw + 180 if photo.roll is not None and abs(photo.roll) > 90 else yaw
-
-
 def yaw_of(rotation: np.ndarray) -> np.ndarray:
     """Degrees (n,) from y over x to where the top of each picture points; NaN where upwards.
 
@@ -113,33 +184,12 @@ def upside_down(seen: np.ndarray, said: np.ndarray) -> np.ndarray:
     off = seen - said
     known = np.isfinite(off)
     none = np.zeros(len(off), dtype=bool)
-    if known.sum() < _LEAST:
+    if known.sum() < LEAST:
         return none
-    # The turn of the block, modulo 180 degrees: the median on the circle of the doubled angle.
-    tried = off[known][:: max(known.sum() // _TRIED, 1)]
-    away = np.abs(_wrapped(2 * (off[known][:, None] - tried)))
-    off = _wrapped(off - tried[np.argmin(away.sum(axis=0))])
-    upright, turned = np.abs(off) < _NEAR_DEG, np.abs(off) > 180 - _NEAR_DEG
+    off = wrapped(off - turn_of(off[known]))
+    upright, turned = np.abs(off) < NEAR_DEG, np.abs(off) > 180 - NEAR_DEG
     if turned.sum() > upright.sum():
         upright, turned = turned, upright
-    if upright.sum() + turned.sum() < _ENOUGH * known.sum() or turned.sum() == upright.sum():
+    if upright.sum() + turned.sum() < ENOUGH * known.sum() or turned.sum() == upright.sum():
         return none
     return turned
-
-
-def _wrapped(angle):
-    """Into -180 to 180."""
-    return (angle + 180) % 360 - 180
-
-
-def _listed(names: list[str], order: list[str]) -> str:
-    """Names with runs in the order of the photographs drawn together: A to C, F."""
-    at = {name: k for k, name in enumerate(sorted(order))}
-    runs: list[list[str]] = []
-    for name in sorted(names):
-        if runs and at[name] == at[runs[-1][-1]] + 1:
-            runs[-1].append(name)
-        else:
-            runs.append([name])
-    told = [run[0] if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
-    return ", ".join(told[:10]) + (", ..." if len(told) > 10 else "")

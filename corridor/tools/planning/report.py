@@ -15,7 +15,6 @@ from corridor.core.output import (
     Report,
     Table,
     counted,
-    named_with_units,
     whole_folder,
     write_csv,
     write_json,
@@ -81,8 +80,7 @@ def save(planned, folder: str | os.PathLike) -> list[Path]:
     """Writes a plan's report into a folder: see `Planned.save`."""
     folder, table = Path(folder), planned.table
     with whole_folder(folder, RESULT, lambda name: name in _FILES) as part:
-        numbers = named_with_units(table)
-        numbers.to_csv(part / "plan.csv", index=False, float_format="%.6g", lineterminator="\n")
+        write_csv(table, part / "plan.csv", digits=6)
         said = planned.advice
         (part / "advice.txt").write_text(said + "\n", encoding="utf-8", newline="\n")
         content = {

@@ -34,8 +34,8 @@ _OFFERED = {
     "corridor.tools.readout.flight": ("readout_from_flight",),
     "corridor.tools.readout.flight_report": ("FlightReadout", "published_value", "use"),
     "corridor.tools.readout.flight_folder": ("can_save_flight", "save_flight"),
-    "corridor.photographs": ("published_readouts",),
-    "corridor.preparation": (
+    "corridor.core.photographs": ("published_readouts",),
+    "corridor.core.preparation": (
         "Velocities", "velocities", "rates_from_gyro", "rates_from_neighbours",
     ),
 }  # fmt: skip

@@ -9,11 +9,17 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image
 
 from corridor.core.brief import brief
-from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.photographs import Metadata, read_metadata
+from corridor.core.errors import InputError, ReadoutFailed
+from corridor.core.photographs import (
+    FAULTS,
+    MOST_PIXELS,
+    Metadata,
+    fault,
+    open_picture,
+    read_metadata,
+)
 
 _TURNS = {
     2: "mirrored",
@@ -26,7 +32,7 @@ _TURNS = {
 }
 
 
-class CannotMeasure(AdjustmentFailed):
+class CannotMeasure(ReadoutFailed):
     """The pictures are readable and show no measurable readout: one sentence says why."""
 
 
@@ -84,18 +90,20 @@ def read(photo: Photo) -> Photograph:
     return decode(path.read_bytes(), path)
 
 
-def decode(content: bytes, path: str | os.PathLike) -> Photograph:
+def decode(content: bytes, path: str | os.PathLike, most_pixels: int = MOST_PIXELS) -> Photograph:
     """The photograph in the bytes of a file; `path` names it in messages.
 
+    most_pixels: a larger picture is refused before it is decoded.
     Raises InputError where it is no picture, or where its rows are not those of the sensor: turned
     by an EXIF orientation, or resized since the camera wrote its size.
     """
-    facts = _facts(content, Path(path))
+    facts = _facts(content, Path(path), most_pixels)
     try:
-        grey = _grey(content)
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        grey = _grey(content, most_pixels)
+    except FAULTS as error:
         raise InputError(
-            f"{path} is not a photograph that can be read ({error}): give a JPEG, PNG or TIFF"
+            f"{path} is not a photograph that can be read ({fault(error)}): give a JPEG, PNG or "
+            "TIFF"
             if content
             else f"{path} is empty: give a JPEG, PNG or TIFF"
         ) from None
@@ -126,9 +134,9 @@ def decode(content: bytes, path: str | os.PathLike) -> Photograph:
     )
 
 
-def _grey(content: bytes) -> np.ndarray:
+def _grey(content: bytes, most_pixels: int) -> np.ndarray:
     """Grey values (height, width) uint8 as they are stored; of a JPEG its luminance."""
-    with Image.open(io.BytesIO(content)) as picture:
+    with open_picture(io.BytesIO(content), most_pixels) as picture:
         picture.draft("L", picture.size)
         picture.load()  # raises for a file that is cut off; OpenCV would fill it up
         if picture.mode.startswith("I"):
@@ -149,9 +157,9 @@ def read_two(first: Photo, second: Photo) -> tuple[Photograph, Photograph]:
     return first, second
 
 
-def _facts(content: bytes, path: Path) -> Metadata:
+def _facts(content: bytes, path: Path, most_pixels: int) -> Metadata:
     try:
-        return read_metadata(path, content)
+        return read_metadata(path, content, most_pixels)
     except InputError:
         # A broken EXIF is no EXIF; the picture itself is judged later.
         return Metadata(path, 0, 0)

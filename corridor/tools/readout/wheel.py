@@ -240,7 +240,8 @@ def _spokes(light, radii, size):
     best = None
     for width in (2.5, 4.0, 6.5, 10.0):
         wide = width / (size * radii.mean())  # radians
-        if wide > 0.06:
+        # In a small rim even the thinnest spoke is wide; it is tried all the same.
+        if wide > 0.06 and best is not None:
             break
         ridge = _ridge(light, wide * count / (2 * np.pi))
         for polarity in (1, -1):

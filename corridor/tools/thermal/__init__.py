@@ -40,7 +40,9 @@ _OFFERED = {
     "series": ("read_picture",),
     "temperature": ("degrees", "optics", "smoothed"),
 }
-_HOME = {name: f"corridor.thermal.{file}" for file, names in _OFFERED.items() for name in names}
+_HOME = {
+    name: f"corridor.tools.thermal.{file}" for file, names in _OFFERED.items() for name in names
+}
 
 __all__ = list(_HOME)
 

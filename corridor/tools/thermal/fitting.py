@@ -55,7 +55,7 @@ def fit(
     kind: similarity, radial, decentring, polynomial (i, j = 0..3), or `printed` (eq. 6.3 of Zhou
         2019, i, j = 1..4: for comparison). powers: of T - T0. lag_s: hold it at this value.
         smooth: the temperatures over time first. Each is found from the maps unless given.
-    Raises InputError without temperatures, AdjustmentFailed where they say too little.
+    Raises InputError without temperatures, WorkFailed where they say too little.
     """
     sums = Sums(maps, kind)
     notes = list(maps.warnings) + sums.notes

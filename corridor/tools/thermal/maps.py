@@ -28,6 +28,8 @@ _UNEVEN = 1.8  # of the steps of a grid, x to y: `matching.grid` stays below 1.3
 # the others miss by (Iglewicz and Hoaglin 1993). Optics that lag are off by a fifth in each picture
 # of one side, which is no slip: more than a third of the pictures are not named.
 _UNLIKE, _UNLIKE_SPREADS, _LEAST_ALIKE = 0.25, 3.5, 5
+# 500 pictures with 10,000 nodes each, 25 bytes a node, have 125 MB.
+_MOST_BYTES = 500_000_000
 _MARK = "series.json"
 _METHOD = 1  # raise it when numbers change: an interrupted run must not mix two methods
 _ARRAYS = {
@@ -83,10 +85,17 @@ def read_maps(path: str | os.PathLike) -> Maps:
     path = Path(path)
     try:
         with np.load(path, allow_pickle=False) as file:
+            if sum(one.file_size for one in file.zip.infolist()) > _MOST_BYTES:
+                raise InputError(
+                    f"{path} unpacks to more than {_MOST_BYTES / 1e6:.0f} MB, which no maps have: "
+                    "make it with `corridor thermal map`"
+                )
             values = {name: file[name] for name in _ARRAYS if name in file}
             notes = tuple(str(text) for text in file["warnings"]) if "warnings" in file else ()
     except (OSError, ValueError, zipfile.BadZipFile, zlib.error, EOFError,
-            TypeError, AttributeError) as error:  # fmt: skip
+            TypeError, AttributeError, MemoryError) as error:  # fmt: skip
+        if isinstance(error, InputError):
+            raise
         reason = getattr(error, "strerror", None) or "it is no .npz of plain arrays"
         raise InputError(
             f"{path} cannot be read as maps ({reason}): give a file that `corridor thermal map` "

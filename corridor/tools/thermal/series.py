@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from corridor.core.block import Layout, place, read_columns
 from corridor.core.brief import brief
 from corridor.core.errors import InputError
+from corridor.core.photographs import FAULTS, fault, open_picture
 
 TABLE = "series.csv"
 _COLUMNS = Layout(("time_s", "reference"), ("temperature_c",), empty=("time_s", "reference"))
@@ -46,9 +46,9 @@ class Series:
         first = None
         for name in self.picture:
             try:
-                with Image.open(self.folder / name) as picture:
+                with open_picture(self.folder / name) as picture:
                     size = picture.size[::-1]
-            except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            except FAULTS as error:
                 raise _unreadable(self.folder / name, error) from error
             first = size if first is None else first
             if size != first:
@@ -128,7 +128,7 @@ def read_picture(path: str | os.PathLike) -> np.ndarray:
     Raises InputError where it cannot be read, is cut off, or is too small.
     """
     try:
-        with Image.open(path) as picture:
+        with open_picture(path) as picture:
             picture.load()
             if picture.mode in ("L", "I", "F") or picture.mode.startswith("I;16"):
                 grey = np.asarray(picture, dtype=np.float32)
@@ -137,7 +137,7 @@ def read_picture(path: str | os.PathLike) -> np.ndarray:
             else:
                 colours = np.asarray(picture.convert("RGB"), dtype=np.float32)
                 grey = colours @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except FAULTS as error:
         raise _unreadable(path, error) from error
     if min(grey.shape) < _LEAST:
         raise InputError(
@@ -157,6 +157,6 @@ def another_size(name: object, size: tuple[int, int], first: tuple[int, int]) ->
 
 def _unreadable(path, error):
     return InputError(
-        f"{path} cannot be read as a picture, or is cut off ({error}): copy it again or leave its "
-        "row out"
+        f"{path} cannot be read as a picture, or is cut off ({fault(error)}): copy it again or "
+        "leave its row out"
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.polynomial import polyvander2d
 
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.tools.thermal import temperature
 from corridor.tools.thermal.maps import LEAST_SPAN_C, Maps
 from corridor.tools.thermal.shapes import terms_of
@@ -84,7 +84,7 @@ def _usable(maps: Maps) -> tuple[np.ndarray, list[str]]:
         # Against itself a picture says nothing.
         use &= ~maps.reference
     if np.count_nonzero(use) < _LEAST_PICTURES:
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"{np.count_nonzero(use)} pictures with valid nodes and a temperature are too few for "
             f"a thermal model: take {_LEAST_PICTURES} or more beside the reference"
         )
@@ -92,7 +92,7 @@ def _usable(maps: Maps) -> tuple[np.ndarray, list[str]]:
     rows = rows[np.argsort(maps.time_s[rows], kind="stable")]
     span = float(np.ptp(warm[rows]))
     if span < LEAST_SPAN_C:
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"the temperatures of the usable pictures span {span:.1f} C: a thermal model needs "
             f"{LEAST_SPAN_C:g} C at least, and 25 C to be good"
         )

@@ -6,7 +6,7 @@ import pytest
 from turbulent_flight import fly, observed
 
 from corridor.core import gnss
-from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.errors import InputError, WorkFailed
 from corridor.interface.cli import main
 
 SXYZ = ["sx", "sy", "sz"]
@@ -254,7 +254,7 @@ class TestOtherFrames:
 
     def test_no_exposure_left_is_a_failure(self, made):
         _, track, exposures, _ = made
-        with pytest.raises(AdjustmentFailed, match="none of the 38 exposures"):
+        with pytest.raises(WorkFailed, match="none of the 38 exposures"):
             gnss.antenna(track, exposures, max_sigma=1e-6)
 
 

@@ -6,7 +6,6 @@ import re
 import pytest
 from made_up import adjustment, corridor
 
-from corridor.interface import figures
 from corridor.interface.figures import of_adjustment
 from corridor.interface.report import CAPTIONS, save_adjustment
 
@@ -38,10 +37,3 @@ def test_the_same_adjustment_gives_the_same_page(saved, tmp_path):
     one, two = ((where / "report.html").read_bytes() for where in (folder, tmp_path / "again"))
     assert one == two
     assert str(folder.parent).encode() not in one and str(tmp_path).encode() not in two
-
-
-def test_the_old_name_writes_the_same_and_says_what_is_new(tmp_path):
-    made = adjustment(corridor(images=8))
-    with pytest.warns(DeprecationWarning, match="of_adjustment"):
-        written = figures.save_adjustment(made, tmp_path / "out")
-    assert {f"{name}.png" for name in CAPTIONS} <= {path.name for path in written}

@@ -1,25 +1,30 @@
 """Files and folders appear whole or not at all, also where two runs write the same ones."""
 
+import csv
 import json
 import multiprocessing
 import sys
 import threading
 from contextlib import contextmanager
 
+import pandas as pd
 import pytest
 from made_up import adjustment, corridor
 from matplotlib.figure import Figure
 
 from corridor import InputError
 from corridor.core.output import (
+    as_it_was,
     check_folder,
+    file_lines,
     listed_in,
     whole_file,
     whole_files,
     whole_folder,
+    write_csv,
     write_json,
 )
-from corridor.core.output.files import _alone_in
+from corridor.core.output.files import _alone_in, harmless
 from corridor.interface.report import save_adjustment
 
 SIZE = 40
@@ -174,3 +179,88 @@ def test_a_folder_of_something_else_is_refused_before_the_work(tmp_path):
         check_folder(tmp_path, "result.json")
     with pytest.raises(InputError, match="is a file"):
         check_folder(tmp_path / "thesis.tex", "result.json")
+
+
+def made(out, *names):
+    """A result that lists its files, in `out`."""
+    with whole_folder(out, "result.json") as part:
+        for name in names:
+            (part / name).parent.mkdir(parents=True, exist_ok=True)
+            (part / name).write_text("ours")
+        (part / "result.json").write_text(json.dumps({"files": list(names)}))
+
+
+class TestWhatIsSomebodyElses:
+    def test_stays_in_folders_of_ours_as_well(self, tmp_path):
+        out = tmp_path / "out"
+        made(out, "block/images.csv", "block/old.csv", "gone/a.csv")
+        for name in ("block/notes.txt", "block/deep/er/notes.txt", "gone/notes.txt", "notes.txt"):
+            (out / name).parent.mkdir(parents=True, exist_ok=True)
+            (out / name).write_text("keep me")
+        (out / "block" / "empty").mkdir()
+        (out / "block" / "link").symlink_to("notes.txt")
+        made(out, "block/images.csv", "block/new.csv")
+        left = {p.relative_to(out).as_posix() for p in out.rglob("*") if not p.is_dir()}
+        assert left == {
+            "result.json", "block/images.csv", "block/new.csv", "block/notes.txt",
+            "block/deep/er/notes.txt", "block/link", "gone/notes.txt", "notes.txt",
+        }  # fmt: skip
+        assert (out / "block" / "empty").is_dir() and (out / "block" / "link").is_symlink()
+        assert (out / "block" / "deep" / "er" / "notes.txt").read_text() == "keep me"
+
+    def test_stays_where_the_earlier_result_lists_nothing(self, tmp_path):
+        out = tmp_path / "out"
+        made(out, "a.csv")
+        for said in ("", "{}", "[", '{"files": 5}', "\u00e4"):
+            (out / "result.json").write_text(said, encoding="utf-8")
+            (out / "a.csv").write_text("perhaps mine")
+            made(out, "b.csv")
+            assert (out / "a.csv").read_text() == "perhaps mine"
+
+    def test_a_text_may_list_the_files(self, tmp_path):
+        for names in (("a.txt", "deep/b.txt"), ("c.txt",)):
+            with whole_folder(tmp_path / "out", "made.txt") as part:
+                for name in names:
+                    (part / name).parent.mkdir(exist_ok=True)
+                    (part / name).write_text("ours")
+                (part / "made.txt").write_text(f"what it is\n{file_lines(part)}")
+            (tmp_path / "out" / "notes.txt").write_text("mine")
+        left = {path.name for path in (tmp_path / "out").iterdir()}
+        assert left == {"c.txt", "made.txt", "notes.txt"}
+
+    def test_a_file_in_the_way_of_a_new_folder_ends_the_run_with_all_as_it_was(self, tmp_path):
+        made(tmp_path / "out", "a.csv")
+        (tmp_path / "out" / "block").write_text("mine")
+        with pytest.raises(OSError):
+            made(tmp_path / "out", "block/images.csv")
+        assert (tmp_path / "out" / "block").read_text() == "mine"
+        assert (tmp_path / "out" / "a.csv").read_text() == "ours"
+        assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+class TestWhatASpreadsheetWouldRun:
+    @pytest.mark.parametrize(
+        "name",
+        ["=cmd|'/C calc'!A0", "+A1", "-A1+B2", "@SUM(A1)", "\t=A1", " =A1", "'=A1", "\uff1d1+1"],
+    )
+    def test_is_a_text_in_every_table_of_a_result(self, name, tmp_path):
+        frame = pd.DataFrame({"point": ["a", name], name: ["b", name], "x": [1.5, -2.5]})
+        frame["kind"] = frame["point"].astype("category")
+        write_csv(frame, tmp_path / "t.csv")
+        with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+            head, first, second = csv.reader(file)
+        assert as_it_was(f"'{name}") == name == as_it_was(harmless(name))
+        assert head == ["point", f"'{name}", "x", "kind"] and first == ["a", "b", "1.5", "a"]
+        assert second == [f"'{name}", f"'{name}", "-2.5", f"'{name}"]
+
+    @pytest.mark.parametrize("name", ["a", "-12", "+7.5", "-1e5", "a=b", "", "G-1"])
+    def test_is_no_number_and_no_ordinary_name(self, name, tmp_path):
+        write_csv(pd.DataFrame({"point": [name]}), tmp_path / "t.csv")
+        with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+            assert list(csv.reader(file))[1] == [name]
+        assert as_it_was(name) == name
+
+    def test_begins_no_row_of_its_own(self, tmp_path):
+        write_csv(pd.DataFrame({"point": ["a\r=A1", "a\n=A1"]}), tmp_path / "t.csv")
+        with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+            assert len(list(csv.reader(file))) == 3

@@ -61,3 +61,30 @@ def test_the_las_header_counts_and_bounds_the_core_points(saved):
     x = found.surface.cores.xyz[:, 0] + 717541.0
     assert low_x == pytest.approx(x.min(), abs=1e-4) and high_x == pytest.approx(x.max(), abs=1e-4)
     assert b"change" in data and b"detection_95" in data
+
+
+def test_the_raster_is_read_back_as_it_was_computed(saved):
+    """By rasterio: in its system, north up, every cell where its core point is, NaN elsewhere."""
+    rasterio = pytest.importorskip("rasterio")
+    found, folder = saved
+    surface = found.surface
+    with rasterio.open(folder / "change.tif") as raster:
+        assert raster.crs.to_epsg() == 32647 and raster.descriptions[:2] == ("change", "sigma")
+        assert raster.transform.b == raster.transform.d == 0.0 > raster.transform.e
+        bands = raster.read()
+        rows, columns = rasterio.transform.rowcol(
+            raster.transform, *(surface.cores.xyz[:, :2] + [717541.0, 1606017.0]).T
+        )
+    for band, values in zip(
+        bands, (surface.distance, surface.total, surface.detection), strict=True
+    ):
+        np.testing.assert_array_equal(band[rows, columns], values)
+        assert np.isfinite(band).sum() == len(values)
+        assert np.nanmean(band) == pytest.approx(values.mean(), rel=1e-12, abs=1e-15)
+        assert np.nanstd(band) == pytest.approx(values.std(), rel=1e-12)
+    assert "singlebandpseudocolor" in (folder / "change.qml").read_text(encoding="utf-8")
+
+
+def test_las_knows_its_system(saved):
+    laspy = pytest.importorskip("laspy")
+    assert laspy.read(saved[1] / "change.las").header.parse_crs().to_epsg() == 32647

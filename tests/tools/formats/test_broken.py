@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import zipfile
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from corridor.core.errors import InputError
 from corridor.interface import cli
 from corridor.tools.formats import prove, read_project
 from corridor.tools.formats.ground import read_gcp_list
+from corridor.tools.formats.programs import metashape
 
 from .fuzzing import run
 
@@ -204,3 +206,12 @@ def test_a_thousand_damaged_files():
     """More of them: python -m tests.interchange.fuzzing 10000."""
     outcomes = run(1000, seed=100)
     assert outcomes["silent"] == 0
+
+
+def test_a_photoscan_project_that_grows_beyond_measure_is_refused(tmp_path):
+    path = tmp_path / "bomb.psz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("doc.xml", b" " * 80_000_000)
+    assert path.stat().st_size < 100_000
+    with pytest.raises(InputError, match=r"doc\.xml unpacks to more than 100 times its size"):
+        metashape.read(path)

@@ -79,8 +79,8 @@ def projects(tmp_path_factory):
 
 def read_by_line(path, monkeypatch):
     with monkeypatch.context() as patch:
-        for name in ("columns", "formats.micmac", "formats.colmap.records"):
-            patch.setattr(f"corridor.interchange.{name}.plain_numbers", lambda *_: None)
+        for name in ("columns", "programs.micmac", "programs.colmap.records"):
+            patch.setattr(f"corridor.tools.formats.{name}.plain_numbers", lambda *_: None)
         return read_project(path).block
 
 

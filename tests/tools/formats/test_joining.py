@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from corridor.core.errors import AdjustmentFailed
+from corridor.core.errors import WorkFailed
 from corridor.core.gnss import Local
 from corridor.core.photographs import Metadata, photographs_in, read_metadata, stated_focal
 from corridor.tools.formats import Project, mapping
@@ -65,7 +65,7 @@ def test_few_joined_keep_the_work_and_are_no_block(tmp_path):
     names = [photo.name for photo in photos]
     project, there = joined(6)
     project.block.images["image"] = names[: len(there)]
-    with pytest.raises(AdjustmentFailed) as failed:
+    with pytest.raises(WorkFailed) as failed:
         mapping._with_lost_named(project, tmp_path, names, photos, force=False)
     said = str(failed.value)
     assert said.startswith("only 6 of 28 photographs make one model") and "10 px" in said
@@ -144,6 +144,6 @@ def test_a_model_that_contradicts_its_positions_is_bent():
     assert said.startswith("the reconstruction is bent") and "stated to 3.0 m" in said
     assert "moved 2.0 m (median) while one picture was read out (164 ms)" in said
     project = Project("photos", Path("photos"), block)
-    with pytest.raises(AdjustmentFailed, match=r"kept in .*--force"):
+    with pytest.raises(WorkFailed, match=r"kept in .*--force"):
         _straight(project, Path("block"), force=False)
     assert _straight(project, Path("block"), force=True).warnings == [said]

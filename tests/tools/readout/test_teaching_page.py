@@ -77,7 +77,7 @@ class TestTheLessonWithoutABrowser:
             "turning": {"name": two, "data": base64.b64encode(turning).decode()},
             "turns": "1,5",
         }
-        answer = classroom.own(posted)
+        answer = classroom.own(json.dumps(posted).encode())
         assert re.search(r"measured (49|50)\.\d ± 0\.\d ms", answer["measured"])
         assert "at 1.5 turns a second" in answer["measured"]
         assert base64.b64decode(answer["picture"]).startswith(b"\x89PNG")
@@ -88,7 +88,7 @@ class TestTheLessonWithoutABrowser:
 
     @pytest.mark.parametrize("typed", ["", "much", "0", "-1", "nan", "1,6,2"])
     def test_what_is_no_speed_is_a_sentence_without_an_option(self, typed):
-        said = classroom.own({"turns": typed})["said"]
+        said = classroom.own(json.dumps({"turns": typed}).encode())["said"]
         assert "turns a second" in said and "--" not in said
 
     def test_a_file_that_is_no_photograph_is_named(self):

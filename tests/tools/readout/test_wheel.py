@@ -225,3 +225,10 @@ class TestTheTurningBar:
 
     def test_it_says_that_both_pictures_are_smeared(self, found):
         assert any("smear" in text for text in found[1].warnings)
+
+
+def test_in_a_rim_of_few_pixels_spokes_are_sought_as_well():
+    """The thinnest spoke is 2.5 px wide: at 40 px from the axis that is more than 0.06 radians."""
+    light = np.random.default_rng(3).uniform(0, 1, (wheels._CIRCLES, 1024)).astype(np.float32)
+    lines, looks = wheels._spokes(light, np.linspace(*wheels._REACH, wheels._CIRCLES), size=45.0)
+    assert looks.wide > 0.06 and lines.ndim <= 2

@@ -7,8 +7,8 @@ import pytest
 from kit.wall import Course, simulated_maps
 from walls import camlight, mapped, off_by, rms, warm_and_cool
 
-from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.tools.thermal import degrees, fit, optics, simple_model, smoothed
+from corridor.core.errors import InputError, WorkFailed
+from corridor.tools.thermal import degrees, fit, maps, optics, simple_model, smoothed
 from corridor.tools.thermal.sums import Sums
 
 WIDTH, HEIGHT = 1280, 960
@@ -228,11 +228,11 @@ class TestRefusals:
     def test_no_span(self, true):
         maps = mapped(warm_and_cool(10), true)
         maps.temperature_c[:] = 30.0
-        with pytest.raises(AdjustmentFailed, match=r"span 0\.0 C"):
+        with pytest.raises(WorkFailed, match=r"span 0\.0 C"):
             fit(maps)
 
     def test_too_few_pictures(self, true):
-        with pytest.raises(AdjustmentFailed, match="too few"):
+        with pytest.raises(WorkFailed, match="too few"):
             fit(mapped(warm_and_cool(4), true))
 
 
@@ -259,3 +259,13 @@ def test_the_room_offers_a_function_whatever_was_asked_for_first():
     assert thermal.Fit is not None
     for name in ("fit", "correct", "apply", "compare_cameras"):
         assert callable(getattr(thermal, name))
+
+
+def test_maps_that_unpack_beyond_measure_are_refused_before_they_are_unpacked(
+    tmp_path, monkeypatch
+):
+    path = tmp_path / "bomb.npz"
+    np.savez_compressed(path, dx=np.zeros((1000, 1000)))
+    monkeypatch.setattr(maps, "_MOST_BYTES", 5_000_000)
+    with pytest.raises(InputError, match=r"bomb\.npz unpacks to more than 5 MB"):
+        maps.read_maps(path)

@@ -1,6 +1,5 @@
 """Two images relative to each other, where nothing else is known."""
 
-import cv2
 import numpy as np
 from scipy import sparse
 
@@ -90,6 +89,8 @@ def _relative(a: np.ndarray, b: np.ndarray, gate: float) -> list[tuple[np.ndarra
     Both the essential matrix and the homography are asked: on flat ground the first has a second
     solution, in relief the other has none.
     """
+    import cv2  # only blocks without start values need it
+
     cv2.setRNGSeed(0)
     a, b = np.ascontiguousarray(a), np.ascontiguousarray(b)
     found = []

@@ -80,7 +80,7 @@ def _exposures(path: Path, frame: pd.DataFrame) -> Exposures:
     unknown = frame["time_s"].isna().to_numpy()
     if unknown.all():
         raise InputError(f"{path.name}: no image has a time; fill the column time_s")
-    notes = ()
+    notes: tuple[str, ...] = ()
     if unknown.any():
         notes = (
             f"{path.name}: {int(unknown.sum())} of {len(frame)} images have no time_s (first in "

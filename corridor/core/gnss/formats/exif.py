@@ -7,14 +7,19 @@ is missing the time system is not known.
 Source: EXIF 2.32 (CIPA DC-008), tags 36867, 37521, 36881.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.time import on_one_day, time_system
-from corridor.core.photographs import SUFFIXES, Taken, read_metadata
+
+if TYPE_CHECKING:
+    from corridor.core.photographs import Taken
 
 
 def read(folder: Path) -> Exposures:
@@ -22,6 +27,8 @@ def read(folder: Path) -> Exposures:
 
     Raises InputError where there is none, or one has no time, or zones differ.
     """
+    from corridor.core.photographs import SUFFIXES  # needs Pillow, which a track does not
+
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
     if not files:
         raise InputError(
@@ -54,6 +61,8 @@ def read(folder: Path) -> Exposures:
 
 
 def _taken(file: Path) -> Taken:
+    from corridor.core.photographs import read_metadata
+
     taken = read_metadata(file).taken
     if taken is None:
         raise InputError(

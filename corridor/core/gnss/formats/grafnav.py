@@ -194,6 +194,7 @@ def _positions(table: pd.DataFrame, found: _Table) -> str:
         return GEOGRAPHIC
     if all(geocentric):
         for key, column in zip("xyz", geocentric, strict=True):
+            assert column is not None
             table[key] = found.numbers(column)
         return GEOCENTRIC
     raise found.lacks(

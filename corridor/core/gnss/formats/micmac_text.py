@@ -28,7 +28,7 @@ _KEYS = {"X": "x", "Y": "y", "Z": "z", "Ix": "sx", "Iy": "sy", "Iz": "sz"}
 def recognise(head: str) -> bool:
     """Whether the first line is a format line."""
     match = _FORMAT.match(head.splitlines()[0].strip() if head.splitlines() else "")
-    return bool(match) and "N" in re.split(r"[_\s]+", match[2])
+    return match is not None and "N" in re.split(r"[_\s]+", match[2])
 
 
 def read(path: Path) -> Exposures:
@@ -37,14 +37,15 @@ def read(path: Path) -> Exposures:
     The file names no coordinates (crs None).
     """
     lines = read_lines(path)
-    comment, names = _FORMAT.match(lines[0].strip()).groups()
-    names = re.split(r"[_\s]+", names.strip())
+    match = _FORMAT.match(lines[0].strip())
+    assert match is not None  # as `recognise` found
+    comment, names = match[1], re.split(r"[_\s]+", match[2].strip())
     rows = TextRows.of_lines(path, lines, 1, skip=(comment,))
     rows.expect(len(names), lines[0].strip(), "correct or delete the row")
     if not len(rows):
         raise InputError(f"{path.name} holds no images; write the file again")
     timed = {"W", "Sec"} <= set(names)
-    day, time = None, np.full(len(rows), np.nan)
+    day, time = None, [np.nan] * len(rows)
     if timed:
         weeks, seconds = (rows.numbers(names.index(key), key) for key in ("W", "Sec"))
         stamps = zip(weeks, seconds, strict=True)
@@ -58,7 +59,7 @@ def read(path: Path) -> Exposures:
     if twice.any():
         k = int(np.argmax(twice))
         raise rows.wrong(k, f"image {images[k]!r} is there twice; delete one row")
-    notes = ()
+    notes: tuple[str, ...] = ()
     if {"x", "y", "z"} <= set(table):
         empty = (table[["x", "y", "z"]] == 0).all(axis=1)
         if {"sx", "sy", "sz"} <= set(table):

@@ -68,6 +68,7 @@ def read(path: Path) -> Track:
             "are unknown; write the file again with RTKLIB's output option Header on"
         )
     found = _COLUMNS.match(header)
+    assert found is not None  # as `recognise` found
     try:
         system = time_system(found["system"])
     except InputError as error:
@@ -77,7 +78,8 @@ def read(path: Path) -> Track:
     if _is_backward(lines) and len(table) > 1 and (np.diff(table["time_s"]) <= 0).all():
         table, at = table[::-1].reset_index(drop=True), at[::-1]
         notes.append(f"{path.name} is a backward solution: its rows were put in order of time")
-    crs, origin = GEOGRAPHIC, None
+    crs: str | None = GEOGRAPHIC
+    origin = None
     if found["first"].startswith("x-ecef"):
         crs = GEOCENTRIC
     elif found["first"].startswith("e-baseline"):
@@ -137,7 +139,8 @@ def _fields(line: str, separator: str) -> list[str]:
 
 def _layout(header: str, separator: str) -> tuple[dict[str, tuple[int, int, str]], int]:
     """First field, field after the last and name of each column; fields that a row must have."""
-    place, layout = 2, {}
+    place = 2
+    layout: dict[str, tuple[int, int, str]] = {}
     for name in _fields(header.lstrip("% "), separator)[1:]:
         base = name.partition("(")[0]
         width = 3 if "d'\"" in name else 1
@@ -205,7 +208,7 @@ def _reference(lines: list[str], path: Path) -> tuple[float, float, float] | Non
             if np.linalg.norm(values) > 6.0e6:
                 from corridor.core.gnss.coordinates import convert
 
-                longitude, latitude, height = convert(values, GEOCENTRIC, GEOGRAPHIC)[0]
+                longitude, latitude, height = convert(np.array(values), GEOCENTRIC, GEOGRAPHIC)[0]
                 return float(latitude), float(longitude), float(height)
             return values[0], values[1], values[2]
     return None

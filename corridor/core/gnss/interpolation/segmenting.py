@@ -52,7 +52,7 @@ def segments(track: pd.DataFrame) -> pd.DataFrame:
     cuts = {0: "track"}
     cuts |= dict.fromkeys((np.flatnonzero(gap) + 1).tolist(), "gap")
     cuts |= dict.fromkeys((np.flatnonzero(other) + 1).tolist(), "flight")
-    rows = []
+    rows: list = []
     bounds = [*sorted(cuts), n]
     for first, end in zip(bounds[:-1], bounds[1:], strict=True):
         begins = cuts[first]

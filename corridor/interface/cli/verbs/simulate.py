@@ -180,13 +180,13 @@ def _told(noise, why):
 def _like(options, believed, added, bars):
     """The counterpart of a measured block, with effects on top of it where values are given."""
     import corridor
-    from corridor.core.errors import AdjustmentFailed
+    from corridor.core.errors import WorkFailed
 
     bars("adjusting", 0.0)
     measured = corridor.read(options.like)
     adjustment = corridor.adjust(measured, camera=options.camera, effects=believed)
     if not adjustment.converged:
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"the adjustment of {measured.name} did not converge: `corridor adjust` prints what "
             "lies far from the start values"
         )

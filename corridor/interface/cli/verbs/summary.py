@@ -18,12 +18,15 @@ def run(options: argparse.Namespace) -> None:
     """Print the summary and the effects that want more data; draw the block if asked."""
     import corridor
     from corridor.core import output as report
-    from corridor.core.preparation import doubts
+    from corridor.core.preparation import derived_table, doubts, prepare
 
     block = corridor.read(options.block)
     look = corridor.summary(block)
     look.notes = [*doubts(block), *look.notes]
     print(look)
+    table = derived_table(prepare(block).block)
+    if table is not None:
+        print(f"\n{table}")
     if options.output is not None:
         path = options.output / "first_look.png"
         with report.whole_file(path) as part:

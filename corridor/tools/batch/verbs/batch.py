@@ -35,7 +35,7 @@ from corridor.core.command.options import (
     option,
     wrote,
 )
-from corridor.core.errors import AdjustmentFailed
+from corridor.core.errors import WorkFailed
 
 MARK = "batch.json"
 _adjust, _diagnose = registry.verb("adjust"), registry.verb("diagnose")
@@ -121,7 +121,7 @@ def run(options: argparse.Namespace) -> None:
     wrote(*(options.output / name for name in ("batch.csv", "batch.json", "report.html")))
     failed = campaign.failed
     if failed:
-        raise AdjustmentFailed(
+        raise WorkFailed(
             f"{len(failed)} of {len(campaign.rows)} blocks, {failed[0].block} first; "
             f"{options.output / 'report.html'} says why, and the same command tries them again"
         )

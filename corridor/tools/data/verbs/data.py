@@ -24,7 +24,9 @@ OPTIONS = {
     "what": option("list, or fetch", choices=("list", "fetch")),
     "name": option("of a set, for fetch", "NAME", nargs="?"),
     "--output": option("folder to write, for fetch (default: NAME)", "OUT"),
-    "--mirror": option("an address that has the files of the set by their names", "URL", str),
+    "--mirror": option(
+        "an address that has the files of the set by their names; for sets with hashes", "URL", str
+    ),
 }
 
 
@@ -36,7 +38,8 @@ def run(options: argparse.Namespace) -> None:
         for one in data.register().values():
             size = f"{one.size_mb:g} MB, " if one.size_mb else ""
             print(one.name)
-            for text in (one.about, f"{size}{one.source}; licence: {one.licence}"):
+            hashed = "" if one.verified else "; not verified, no hash is known"
+            for text in (one.about, f"{size}{one.source}; licence: {one.licence}{hashed}"):
                 print(textwrap.fill(text, 96, initial_indent="  ", subsequent_indent="  "))
         return
     if options.name is None:

@@ -1,5 +1,8 @@
 """Formats of other programs, one module or folder each, found by looking in this folder.
 
+Another package offers its own by entry points of the group `corridor.formats`, each of which names
+a module like these.
+
 A format has NAME, TITLE, `recognise(path)`, `read(path, size)`; one that writes has WRITES (the
 names it is exported by), HOLDS (the camera it holds), LOSSES (what else it cannot hold, and where
 that went instead, by what a block has: the names of `exporting`) and `write(block, folder, name)`.
@@ -7,7 +10,10 @@ that went instead, by what a block has: the names of `exporting`) and `write(blo
 
 import importlib
 import pkgutil
+import warnings
+from collections.abc import Container, Iterator
 from functools import lru_cache
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 
@@ -19,7 +25,23 @@ def formats() -> dict[str, ModuleType]:
         importlib.import_module(f"{__name__}.{module.name}")
         for module in pkgutil.iter_modules(__path__)
     ]
-    return {module.NAME: module for module in found}
+    own = {module.NAME: module for module in found}
+    return own | {module.NAME: module for module in _of_others(own)}
+
+
+def _of_others(own: Container[str]) -> Iterator[ModuleType]:
+    """Formats of installed packages; one that cannot be loaded costs a warning and no more."""
+    for point in entry_points(group="corridor.formats"):
+        try:
+            module = point.load()
+            complete = callable(module.recognise) and callable(module.read) and bool(module.TITLE)
+            fault = "" if complete and module.NAME not in own else f"{module.NAME} is there already"
+        except Exception as error:  # what a stranger's package does is not known here
+            fault = f"cannot be loaded ({error!r})"
+        if fault:
+            warnings.warn(f"format {point.name} of {point.value}: {fault}; left out", stacklevel=2)
+        else:
+            yield module
 
 
 @lru_cache(maxsize=1)

@@ -74,6 +74,7 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> None:
     """Import, prove, write, and say what came of it."""
+    from corridor.core.registry import room
     from corridor.tools import formats as interchange
 
     alone = options.form == "photos"
@@ -100,4 +101,5 @@ def run(options: argparse.Namespace) -> None:
         progress=say,
     )
     print(made)
-    wrote(options.output)
+    page = made.save(room("figures").first_look(made.block))
+    wrote(options.output, page)

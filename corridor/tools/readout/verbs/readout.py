@@ -212,7 +212,7 @@ def _measure(room, options):
 
 
 def _flight(room, options):
-    from corridor.core.errors import AdjustmentFailed
+    from corridor.core.errors import ReadoutFailed
 
     room.can_save_flight(options.output)
     block, model = _block(options)
@@ -225,7 +225,7 @@ def _flight(room, options):
     print(found)
     wrote(*written)
     if not found.told:
-        raise AdjustmentFailed(f"this flight does not tell the readout time. {found.reasons[0]}")
+        raise ReadoutFailed(f"this flight does not tell the readout time. {found.reasons[0]}")
 
 
 def _block(options):

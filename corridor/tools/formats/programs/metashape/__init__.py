@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.errors import InputError
 from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, known_crs
-from corridor.core.textfile import Xml, missing, opening
+from corridor.core.textfile import Xml, check_growth, missing, opening
 from corridor.tools.formats.cameras import (
     Held,
     NoModel,
@@ -519,7 +519,7 @@ def _psz(path, notes):
     """The chunk of an archive, and its points and their projections by camera, or None."""
     try:
         with zipfile.ZipFile(path) as archive:
-            element = _document(Xml.parse(archive.read("doc.xml"), path), notes)
+            element = _document(Xml.parse(_member(archive, "doc.xml"), path), notes)
             chunk = _Chunk()
             chunk.add(element)
             label_of = {part.get("id"): part.get("label") for part in element.all(".//camera")}
@@ -543,10 +543,18 @@ def _psz(path, notes):
         raise InputError(f"{path.name} is damaged ({error}); save the project again") from None
 
 
+def _member(archive, name):
+    """The bytes of a member. Raises InputError where it is packed beyond all measure."""
+    found = archive.getinfo(name)
+    # What its head says is the most that is unpacked.
+    check_growth(name, found.compress_size, found.file_size)
+    return archive.read(found)
+
+
 def _ply(archive, element):
     """Vertices of the binary little endian PLY that an element names, as a structured array."""
     name = element.get("path", "")
-    data = archive.read(name)
+    data = _member(archive, name)
     end = data.find(b"end_header\n")
     head = data[: max(end, 0)].decode("ascii", errors="replace").split("\n")
     columns, count = [], None

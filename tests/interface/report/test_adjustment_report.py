@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from strips import corridor_block
 
 import corridor as package
-from corridor.core import output as report
+from corridor.core.output import millimetres, rounded
+from corridor.interface import report
 
 READOUT = ("rolling_shutter", "readout", "block", 0.0248, 0.00051, "s")
 
@@ -59,7 +60,7 @@ class TestRounding:
         ],
     )
     def test_the_last_digit_is_the_second_of_the_sigma(self, value, sigma, said):
-        assert report.rounded(value, sigma) == said
+        assert rounded(value, sigma) == said
 
     def test_a_coefficient_below_one_is_not_written_as_one(self, block):
         pairs = [{"a": "camera.P1.f", "b": "gnss_bias.z", "value": 0.99996}]
@@ -217,7 +218,7 @@ class TestText:
         ],
     )
     def test_a_length_has_the_digits_that_count(self, metres, said):
-        assert report.millimetres(metres) == said
+        assert millimetres(metres) == said
 
     def test_check_points_left_out_are_counted_and_the_largest_shown(self):
         made = adjustment(corridor(images=8, ground=60))

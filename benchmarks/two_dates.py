@@ -1,0 +1,500 @@
+"""Two dates of a dike by a generator that shares no line with the package: what is said of them?
+
+`python -m benchmarks.two_dates -o FOLDER --draws 30`: for each kind of error in the second date
+how often `corridor change` says that the ground moved though it did not, and with a motion of the
+ground how often it is found, at the right place, with the right sign and size.
+
+Every draw is kept in FOLDER as soon as it is done: the same command goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import corridor
+from benchmarks.diagnosis.rates import Rate
+from benchmarks.draws import kept
+from corridor.core.block import Block
+from corridor.core.camera import Camera
+from corridor.core.output import whole_file, write_json
+
+WIDTH, HEIGHT, FOCAL = 4000, 3000, 3000.0
+CENTRE = np.array([2006.5, 1494.5])
+START = np.array([1000.0, 2000.0])
+FLIGHTS = ("F1", "F2")
+
+
+@dataclass(frozen=True)
+class Date:
+    """How a date is flown, measured and described.
+
+    readout: s, one number, one a flight or one an image; turning: rad/s rms an axis. focal: change
+    of the focal length, share, a function of time (0 to 1) and flight. lens: change of (k1, k2) in
+    the second flight, and of its focal length (share); shift: px of the principal point there.
+    blur: px rms of a vibration with rows. water: share of the corridor where tie points drift, m/s.
+    gnss_slow: m, noise that lasts a minute; gnss_factor: noise over its stated sigma; bias (3,), m;
+    floating: images with GNSS off. arm (3,), m; clock: s. control: shift of given coordinates, a
+    function of (names, xyz). raised: height of what grows, m, in half of the area. outliers: share
+    of tie points 8 px off. spot: px of a local deformation of the picture. mark: px, C1 measured
+    beside itself. exchanged: two control points with each other's name. calibrated: camera held.
+    without: no ground control. outlying: GNSS fixes of four images swapped in pairs.
+    """
+
+    readout: object = 0.0
+    turning: float = 0.003
+    focal: object = None
+    lens: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift: tuple[float, float] = (0.0, 0.0)
+    blur: float = 0.0
+    water: float = 0.0
+    gnss_slow: float = 0.0
+    gnss_factor: float = 1.0
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    floating: tuple[float, float, float] | None = None
+    arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    clock: float = 0.0
+    control: object = None
+    raised: float = 0.0
+    outliers: float = 0.0
+    spot: float = 0.0
+    mark: float = 0.0
+    exchanged: bool = False
+    calibrated: bool = False
+    without: bool = False
+    motion: object = None
+
+
+def _bowl(xy, depth):
+    """Height (n,), m, of a bowl with a cosine as its profile."""
+    away = np.linalg.norm(xy - START - [STATION, 0.0], axis=1) / RADIUS
+    return -depth * 0.5 * (1.0 + np.cos(np.pi * np.minimum(away, 1.0)))
+
+
+@dataclass(frozen=True)
+class World:
+    """The dike: places of tie points and of ground points, and how high it is.
+
+    images: of a flight. count: tie points.
+    """
+
+    images: int
+    ties: np.ndarray
+    marks: dict[str, np.ndarray]
+    waves: np.ndarray = field(repr=False)
+
+    @classmethod
+    def of(cls, draw: np.random.Generator, images: int = 14, count: int = 1800) -> World:
+        """Waves of 0.6 to 6 m with heights of centimetres make the ground rough."""
+        length = 12.0 * (images - 1)
+        waves = np.column_stack(
+            [
+                draw.normal(0.0, 1.0, (60, 2)) * 2 * np.pi / draw.uniform(0.6, 8.0, (60, 1)),
+                draw.uniform(0.0, 2 * np.pi, 60),
+                np.full(60, 0.003),
+            ]
+        )
+        low, high = START + [-15.0, -30.0], START + [length + 15.0, 30.0]
+        places = draw.uniform(low, high, (count, 2))
+        names = [f"C{k}" for k in range(6)] + [f"K{k}" for k in range(5)]
+        names += [f"M{k}" for k in range(6)]
+        station = np.concatenate(
+            [np.linspace(0, length, 6), np.linspace(8, length - 8, 5), np.linspace(3, length, 6)]
+        )
+        across = draw.uniform(-18, 18, len(names))
+        marked = START + np.column_stack([station, across])
+        out = cls(images, np.zeros((0, 3)), {}, waves)
+        z = out.height(np.vstack([places, marked]))
+        ties = np.column_stack([places, z[:count]])
+        marks = {n: np.append(xy, h) for n, xy, h in zip(names, marked, z[count:], strict=True)}
+        return replace(out, ties=ties, marks=marks)
+
+    def height(self, xy: np.ndarray) -> np.ndarray:
+        """Height (n,), m: a trapezoid of 4 m, slopes 1 : 2, and roughness."""
+        away = np.abs(xy[:, 1] - START[1])
+        z = 12.0 + np.clip(8.0 - 0.5 * away, 0.0, 4.0)
+        phase = xy @ self.waves[:, :2].T + self.waves[:, 2]
+        return z + np.sin(phase) @ self.waves[:, 3]
+
+
+def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block:
+    """A block as it would come from the field."""
+    m = world.images
+    strip = np.repeat([0, 1], m)
+    along = np.concatenate([np.arange(m), np.arange(m)[::-1]]) * 12.0
+    time = 1000.0 + np.concatenate([np.arange(m), m + 15 + np.arange(m)]) * 2.4
+    heading = np.where(strip == 0, 0.0, np.pi)
+    count = 2 * m
+    centre = np.column_stack(
+        [START[0] + along, START[1] + np.where(strip == 0, -8.0, 8.0), np.full(count, 62.0)]
+    ) + draw.normal(0, [0.4, 0.4, 0.4], (count, 3))
+    velocity = np.column_stack([5.0 * np.cos(heading), 5.0 * np.sin(heading), 0 * heading])
+    velocity += draw.normal(0, 0.15, (count, 3))
+    rotation = np.stack([_attitude(h, draw.normal(0, 0.02, 3)) for h in heading])
+    rate = draw.normal(0, date.turning, (count, 3))
+    share = (time - time[0]) / (time[-1] - time[0])
+    readout = np.asarray(date.readout, float)
+    readout = readout[strip] if readout.shape == (2,) else np.broadcast_to(readout, count)
+    if callable(date.focal):
+        focal = FOCAL * (1.0 + date.focal(share, strip, draw))
+    else:
+        focal = np.full(count, FOCAL)
+    focal = focal * (1.0 + date.lens[0] * strip)
+    k1, k2 = -0.02 + date.lens[1] * strip, 0.01 + date.lens[2] * strip
+    shift = strip[:, None] * np.array(date.shift)
+    wave = draw.uniform(0, 2 * np.pi, count)
+
+    ties, marks = world.ties.copy(), np.array(list(world.marks.values()))
+    moved = date.motion or (lambda xyz: 0.0 * xyz)
+    ties, marks = ties + moved(ties), marks + moved(marks)
+    if date.raised:
+        grown = np.sin((ties[:, 0] - START[0]) / 9.0) * np.sin(ties[:, 1] / 7.0) > 0
+        grown &= np.abs(ties[:, 1] - START[1]) > 3.0
+        height = draw.gamma(4.0, date.raised / 4.0, len(ties))
+        ties[:, 2] += np.where(grown, height, 0.0)
+    flowing = (ties[:, 0] - START[0]) / (12.0 * (m - 1)) < date.water
+    flowing &= ties[:, 1] > START[1] + 12.0
+
+    rows = {"tie": [], "mark": []}
+    for k in range(count):
+        for kind, xyz in (("tie", ties), ("mark", marks)):
+            here = xyz
+            if kind == "tie" and date.water:
+                here = xyz + np.outer(flowing * (time[k] - time[0]), [0.06, 0.0, 0.0])
+            pixel, front = _picture(
+                here, centre[k], rotation[k], velocity[k], rate[k], readout[k],
+                (focal[k], CENTRE + shift[k], k1[k], k2[k]),
+            )  # fmt: skip
+            if date.blur:
+                cycle = 3.0 * 2 * np.pi * pixel[:, 1] / HEIGHT + wave[k]
+                pixel = pixel + date.blur * np.sqrt(2) * np.column_stack(
+                    [np.cos(cycle), np.sin(cycle)]
+                )
+            if date.spot:
+                away = np.linalg.norm(pixel - [1200.0, 900.0], axis=1) / 700.0
+                pixel = pixel + date.spot * np.exp(-(away**2))[:, None] * [1.0, 0.6]
+            seen = front & (pixel >= 0).all(axis=1) & (pixel < [WIDTH, HEIGHT]).all(axis=1)
+            if kind == "tie":
+                # Features are found again from one picture to the next, not always.
+                seen &= draw.uniform(size=len(xyz)) < 0.7
+            at = np.flatnonzero(seen)
+            noisy = pixel[at] + draw.normal(0, 0.3, (len(at), 2))
+            rows[kind].append(np.column_stack([at, np.full(len(at), k), noisy]))
+    tie, mark = (np.vstack(rows[kind]) for kind in ("tie", "mark"))
+    if date.outliers:
+        wrong = draw.uniform(size=len(tie)) < date.outliers
+        tie[wrong, 2:] += draw.normal(0, 8.0, (wrong.sum(), 2))
+    names = list(world.marks)
+    if date.mark:
+        mark[mark[:, 0] == names.index("C1"), 2:] += [date.mark, 0.0]
+    if date.water:
+        # Nobody finds the same wave again in the next strip.
+        tie[:, 0] += len(ties) * (
+            flowing[tie[:, 0].astype(int)] & (strip[tie[:, 1].astype(int)] > 0)
+        )
+    tie = tie[np.bincount(tie[:, 0].astype(int))[tie[:, 0].astype(int)] > 1]
+
+    to_world = rotation.transpose(0, 2, 1)
+    antenna = centre + to_world @ np.array(date.arm) + velocity * date.clock
+    sigma = np.array([0.02, 0.02, 0.03])
+    gnss = antenna + date.gnss_factor * draw.normal(0, sigma, (count, 3)) + date.bias
+    if date.gnss_slow:
+        gnss += _slow(time, date.gnss_slow, draw) * [1.0, 1.0, 1.6]
+    if date.floating is not None:
+        gnss[m - 5 : m + 4] += date.floating
+
+    surveyed = np.array(list(world.marks.values())) + moved(np.array(list(world.marks.values())))
+    role = np.where(np.char.startswith(names, "C"), "control", "check")
+    known = np.isin(np.char.array(names).astype(str), [n for n in names if n[0] in "CK"])
+    ground = pd.DataFrame({"point": names})
+    ground[["x", "y", "z"]] = surveyed + _survey(world) * [0.005, 0.005, 0.008]
+    if date.control is not None:
+        ground[["x", "y", "z"]] += date.control(names, surveyed)
+    ground[["sx", "sy", "sz"]] = [0.005, 0.005, 0.008]
+    ground["role"] = "check" if date.without else role
+    ground = ground[known].reset_index(drop=True)
+    if date.exchanged:
+        ground["point"] = ground["point"].replace({"C1": "C3", "C3": "C1"})
+
+    image = np.array([f"I{k:03d}" for k in range(count)], dtype=object)
+    images = pd.DataFrame({"image": image, "camera": "A", "flight": [FLIGHTS[s] for s in strip]})
+    images["strip"] = [f"S{s}" for s in strip]
+    images["time_s"], images["temperature_c"] = time, 20.0 + 5.0 * share
+    images[["x", "y", "z"]] = centre + draw.normal(0, 0.2, (count, 3))
+    turned = [
+        _attitude(h, e) for h, e in zip(heading, draw.normal(0, 0.02, (count, 3)), strict=True)
+    ]
+    images[["qw", "qx", "qy", "qz"]] = [_quaternion(r) for r in turned]
+    images[["vx", "vy", "vz"]] = velocity
+    stations = pd.DataFrame({"image": image})
+    stations[["x", "y", "z"]] = gnss
+    stations[["sx", "sy", "sz"]] = sigma
+    lens = {"width": WIDTH, "height": HEIGHT, "f": FOCAL, "cx": CENTRE[0], "cy": CENTRE[1]}
+    lens |= {"k1": -0.02, "k2": 0.01, "calibrated": date.calibrated}
+    camera = Camera.from_table("A", lens)
+    return Block(
+        name=name,
+        cameras={"A": camera},
+        images=images,
+        tie_points=pd.DataFrame(
+            {
+                "point": [f"T{int(p)}" for p in tie[:, 0]],
+                "image": image[tie[:, 1].astype(int)],
+                "x": tie[:, 2],
+                "y": tie[:, 3],
+            }
+        ),  # fmt: skip
+        marks=pd.DataFrame(
+            {
+                "point": [names[int(p)] for p in mark[:, 0]],
+                "image": image[mark[:, 1].astype(int)],
+                "x": mark[:, 2],
+                "y": mark[:, 3],
+            }
+        ),  # fmt: skip
+        ground=ground,
+        gnss=stations,
+        sigma={"tie_px": 0.3, "mark_px": 0.3},
+        lever_arm={"default": (0.0, 0.0, 0.0)},
+        lever_arm_fixed=True,
+    )
+
+
+def _survey(world: World) -> np.ndarray:
+    """One survey for both dates: the same draw for the same world."""
+    seed = int(abs(world.ties[0, 0]) * 1e6) % 2**32
+    return np.random.default_rng(seed).normal(0, 1, (len(world.marks), 3))
+
+
+def _attitude(heading: float, small: np.ndarray) -> np.ndarray:
+    """World to camera: x to the right of the flight, y backwards, z down, turned a little."""
+    c, s = np.cos(heading), np.sin(heading)
+    forward, right = np.array([c, s, 0.0]), np.array([s, -c, 0.0])
+    return _turn(small) @ np.array([right, -forward, [0.0, 0.0, -1.0]])
+
+
+def _turn(vector: np.ndarray) -> np.ndarray:
+    """Rotation by a vector, Rodrigues."""
+    angle = np.linalg.norm(vector)
+    if angle < 1e-15:
+        return np.eye(3)
+    x, y, z = vector / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def _quaternion(r: np.ndarray) -> np.ndarray:
+    """Unit quaternion w, x, y, z by the eigenvector of Bar-Itzhack 2000."""
+    k = np.array(
+        [
+            [r[0, 0] - r[1, 1] - r[2, 2], r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] - r[1, 2]],
+            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], r[2, 1] + r[1, 2], r[0, 2] - r[2, 0]],
+            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], np.trace(r)],
+        ]
+    )
+    x, y, z, w = np.linalg.eigh(k)[1][:, -1]
+    return np.array([w, x, y, z])
+
+
+def _picture(xyz, centre, rotation, velocity, rate, readout, lens):
+    """Image points (n, 2), px, each row at its own moment, and whether they lie in front."""
+    focal, middle, k1, k2 = lens
+    late = np.zeros(len(xyz))
+    for _ in range(4 if readout else 1):
+        away = xyz - centre - late[:, None] * velocity
+        seen = away @ rotation.T
+        # The camera turns by rate * late: what it sees turns the other way.
+        turn = rate * late[:, None]
+        seen = seen - np.cross(turn, seen)
+        front = seen[:, 2] > 1.0
+        u = seen[:, :2] / np.where(front, seen[:, 2], 1.0)[:, None]
+        r2 = np.sum(u * u, axis=1)
+        u = u * (1 + k1 * r2 + k2 * r2 * r2)[:, None]
+        pixel = middle + focal * u
+        late = readout * (pixel[:, 1] / (HEIGHT - 1) - 0.5)
+    return pixel, front & (np.sum((seen[:, :2] / seen[:, 2:]) ** 2, axis=1) < 1.5)
+
+
+def _slow(time: np.ndarray, size: float, draw: np.random.Generator) -> np.ndarray:
+    """Noise (n, 3) of a minute: first-order Gauss-Markov."""
+    alike = np.exp(-np.abs(time[:, None] - time) / 60.0)
+    root = np.linalg.cholesky(alike + 1e-9 * np.eye(len(time)))
+    return size * root @ draw.normal(0, 1, (len(time), 3))
+
+
+def _hunting(share, flight, draw):
+    return draw.normal(0, 2.5 / FOCAL, len(share))
+
+
+def _cooling(share, flight, draw):
+    return 8e-4 * np.exp(-share / 0.15)
+
+
+def _blunder(axis: int, size: float):
+    def shift(names, xyz):
+        out = np.zeros_like(xyz)
+        out[names.index("C2"), axis] = size
+        return out
+
+    return shift
+
+
+def _whole(names, xyz):
+    return np.array([1.0, 0.0, 0.0])
+
+
+def _geoid(names, xyz):
+    """Given heights follow a geoid that slopes by 1 mm a metre."""
+    return np.outer(xyz[:, 0] - START[0], [0.0, 0.0, 1e-3])
+
+
+# What is wrong with the second date. Of the examination of 27 November 2026, and new ones.
+KINDS = {
+    "rest": {},
+    "outliers 2 %": {"outliers": 0.02},
+    "GNSS float": {"floating": (0.25, -0.15, 0.40)},
+    "two readouts": {"readout": np.array([0.012, 0.032])},
+    "a readout an image": {"readout": "each"},
+    "moving water": {"water": 0.5},
+    "readout 20 ms": {"readout": 0.02},
+    "readout 20 ms, turning": {"readout": 0.02, "turning": 0.02},
+    "focal length held": {
+        "focal": lambda share, flight, draw: 5e-4 + 0 * share,
+        "calibrated": True,
+    },
+    "lens of F2": {"lens": (0.003, 0.03, 0.0)},
+    "crop of F2": {"shift": (-20.0, -12.0)},
+    "focus hunts": {"focal": _hunting},
+    "vibration": {"blur": 1.2},
+    "clock 50 ms": {"clock": 0.05},
+    "arm 3 cm": {"arm": (0.03, 0.0, 0.03)},
+    "GNSS 20 mm, no control": {"bias": (0.0, 0.0, 0.02), "without": True},
+    "control point 0.10 m": {"control": _blunder(0, 0.1)},
+    "control point 0.05 m": {"control": _blunder(2, 0.05)},
+    "datum 1 m": {"control": _whole, "bias": (1.0, 0.0, 0.0)},
+    "names exchanged": {"exchanged": True},
+    "vegetation": {"raised": 0.03},
+    # New ones.
+    "slow GNSS": {"gnss_slow": 0.03},
+    "GNSS 3 x its sigma": {"gnss_factor": 3.0},
+    "geoid of control": {"control": _geoid},
+    "lens cools": {"focal": _cooling},
+    "drop on the lens": {"spot": 2.0},
+    "mark of C1 5 px off": {"mark": 5.0},
+}
+# Verdicts that are right where the ground does not move, for kinds where one is.
+RIGHT = {
+    "rest": {"nothing"},
+    "outliers 2 %": {"nothing"},
+    "GNSS float": {"unfit"},
+    "readout 20 ms": {"camera"},
+    "readout 20 ms, turning": {"camera"},
+    "crop of F2": {"camera"},
+    "clock 50 ms": {"camera", "nothing"},
+    "arm 3 cm": {"nothing", "camera"},
+    "focal length held": {"nothing", "camera"},
+    "control point 0.10 m": {"nothing"},
+    "control point 0.05 m": {"nothing"},
+    "datum 1 m": {"unfit"},
+    "geoid of control": {"unfit"},
+    "names exchanged": {"nothing"},
+}
+# Kinds that are flown with a motion of the ground too, and how deep it is, m.
+MOVING = ("rest", "readout 20 ms", "readout 20 ms, turning", "crop of F2", "control point 0.10 m")
+BOWL = 0.08
+STATION, RADIUS = 70.0, 30.0
+
+
+def pair(kind: str, seed: int, moving: bool = False, images: int = 14, count: int = 1800):
+    """Both dates (two blocks) of one draw."""
+    draw = np.random.default_rng(seed)
+    world = World.of(draw, images, count)
+    wrong = dict(KINDS[kind])
+    if wrong.get("readout") is not None and isinstance(wrong["readout"], str):
+        wrong["readout"] = draw.uniform(0.005, 0.04, 2 * images)
+    if moving:
+        wrong["motion"] = lambda xyz: np.outer(_bowl(xyz[:, :2], BOWL), [0.0, 0.0, 1.0])
+    both = {name: wrong[name] for name in ("without", "calibrated") if name in wrong}
+    return fly(world, Date(**both), draw, "a"), fly(world, Date(**wrong), draw, "b")
+
+
+def told(kind: str, moving: bool, k: int) -> dict:
+    """What is said of a draw: the verdict; place, sign and size right, where a motion is named."""
+    found = corridor.change(*pair(kind, 1000 + k, moving))
+    out = {"verdict": found.verdict, "place": False, "size": False, "sign": False}
+    if not (moving and found.verdict == "moved"):
+        return out
+    points, patches = found.points, found.final.patches
+    if len(points.leading):
+        first = points.leading[0]
+        where, (value, sigma) = points.xyz[first], (points.shift[first, 2], points.sigma[first, 2])
+        true = _bowl(where[None, :2], BOWL)[0]
+    else:
+        one = max(patches, key=lambda p: abs(p.change / p.sigma))
+        cores = found.surface.cores.xyz[one.rows]
+        where = np.average(cores, axis=0, weights=found.surface.distance[one.rows] ** 2)
+        value, sigma, true = one.change, one.sigma, _bowl(cores[:, :2], BOWL).mean()
+    away = np.linalg.norm(where[:2] - START - [STATION, 0.0])
+    return out | {
+        # A point in the bowl is in the right place wherever it stands there.
+        "place": away < (RADIUS if len(points.leading) else 10.0),
+        "sign": bool(value < 0),
+        "size": bool(abs(value - true) < 2.0 * sigma),
+    }
+
+
+def rates(draws: int, folder: Path | None = None, kinds=tuple(KINDS), moving=MOVING) -> dict:
+    """By kind: verdicts, share of `moved` where nothing moved, share of right verdicts."""
+
+    def every(kind, moves):
+        draw = partial(told, kind, moves)
+        if folder is None:
+            return [draw(k) for k in range(draws)]
+        return kept(folder / f"{kind}{', moving' if moves else ''}", range(draws), draw)
+
+    out, false = {}, 0
+    for kind in kinds:
+        found = [str(one["verdict"]) for one in every(kind, False)]
+        false += found.count("moved")
+        out[kind] = {"verdicts": dict(Counter(found)), "moved": _share(v == "moved" for v in found)}
+        if kind in RIGHT:
+            out[kind]["right"] = _share(v in RIGHT[kind] for v in found)
+    out["moved where nothing moved"] = Rate(false, draws * len(kinds)).to_dict()
+    for kind in moving:
+        found = every(kind, True)
+        verdicts = Counter(str(one["verdict"]) for one in found)
+        right = {what: _share(one[what] for one in found) for what in ("place", "sign", "size")}
+        out[f"{kind}, moving"] = {"verdicts": dict(verdicts), **right}
+    return out
+
+
+def _share(found: Iterable[bool]) -> dict:
+    return Rate.of(bool(one) for one in found).to_dict()
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the kinds and write two_dates.json."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--draws", type=int, default=30)
+    parser.add_argument("--kind", action="append", choices=KINDS, help="only this one")
+    options = parser.parse_args(arguments)
+    kinds = tuple(options.kind or KINDS)
+    moving = tuple(kind for kind in MOVING if kind in kinds)
+    found = rates(options.draws, options.output / "draws", kinds, moving)
+    for kind, one in found.items():
+        print(kind, one.get("verdicts", one), one.get("right", {}).get("share", ""))
+    with whole_file(options.output / "two_dates.json") as part:
+        write_json(found, part)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""Made by docs/stub.py; do not edit."""
+
+from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from corridor.core import effects as effects
+from corridor.core import gnss as gnss
+from corridor.core.adjustment import Adjustment as Adjustment
+from corridor.core.adjustment import Model as Model
+from corridor.core.adjustment import Run as Run
+from corridor.core.adjustment.model import Settings as Settings
+from corridor.core.block import Block as Block
+from corridor.core.block import Summary as Summary
+from corridor.core.camera import Camera as Camera
+from corridor.core.effects import Effect as Effect
+from corridor.core.errors import AdjustmentFailed as AdjustmentFailed
+from corridor.core.errors import CorridorError as CorridorError
+from corridor.core.errors import FetchFailed as FetchFailed
+from corridor.core.errors import InputError as InputError
+from corridor.core.errors import ReadoutFailed as ReadoutFailed
+from corridor.core.errors import WorkFailed as WorkFailed
+from corridor.core.preparation import Prepared as Prepared
+from corridor.core.simulation import Noise as Noise
+from corridor.core.simulation import Plan as Plan
+from corridor.core.simulation import Simulated as Simulated
+from corridor.core.simulation import Start as Start
+from corridor.diagnosis import Diagnosis as Diagnosis
+from corridor.diagnosis.rounds import Question as Question
+from corridor.interface import figures as figures
+from corridor.tools import data as data
+from corridor.tools import readout as readout
+from corridor.tools import thermal as thermal
+from corridor.tools.batch import Campaign as Campaign
+from corridor.tools.batch import Row as Row
+from corridor.tools.change import Change as Change
+from corridor.tools.change.changing import Dated as Dated
+from corridor.tools.formats import Additions as Additions
+from corridor.tools.formats import Exported as Exported
+from corridor.tools.formats import Imported as Imported
+from corridor.tools.planning import Planned as Planned
+from corridor.tools.planning.planned import Control as Control
+from pathlib import Path
+from typing import Any
+import os
+
+__version__: str
+
+def read(folder: str | os.PathLike | Block) -> Block: ...
+
+def summary(block: Block | str | os.PathLike) -> Summary: ...
+
+def prepare(block: Block | str | os.PathLike, velocities: bool = ...) -> Prepared: ...
+
+def adjust(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mapping[str, str] | None = ..., effects: str | Effect | Iterable[str | Effect] = ..., control: str | Iterable[str] | None = ..., check: str | Iterable[str] | None = ..., priors: Mapping[str, tuple[float, float]] | None = ..., lever_arm: str | None = ..., loss: str = ..., parameters: Settings = ..., *, threads: int = ..., progress: Callable[[dict], None] | None = ..., max_iterations: int | None = ..., strict: bool = ..., reject_gnss: bool = ..., model: Model | None = ..., run: Run | None = ...) -> Adjustment: ...
+
+def diagnose(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mapping[str, str] | None = ..., effects: str | Effect | Iterable[str | Effect] = ..., control: str | Iterable[str] | None = ..., check: str | Iterable[str] | None = ..., priors: Mapping[str, tuple[float, float]] | None = ..., lever_arm: str | None = ..., loss: str = ..., parameters: Settings = ..., *, only: str | Iterable[str] | None = ..., without: str | Iterable[str] = ..., level: float = ..., seed: int = ..., threads: int = ..., progress: Callable[[dict], None] | None = ..., max_iterations: int | None = ..., strict: bool = ..., model: Model | None = ..., asked: Question | None = ..., run: Run | None = ...) -> Diagnosis: ...
+
+def batch(verb: str, blocks: str | os.PathLike | Iterable[str | os.PathLike], output: str | os.PathLike, jobs: int | None = ..., cluster: str | None = ..., memory_gb: float | None = ..., progress: Callable[[Row, int, int], None] | None = ..., **options: Any) -> Campaign: ...
+
+def simulate(plan: Plan | str | os.PathLike, effects: Mapping[str, Mapping] | None = ..., seed: int = ..., *, noise: Noise | Mapping | str | None = ..., start: Start | Mapping | None = ..., progress: Callable[[str, float], None] | None = ...) -> Simulated: ...
+
+def plan(plans: Plan | str | os.PathLike | Sequence[Plan | str], control: int | Sequence[Control] = ..., place: str = ..., goals: float | Sequence[float] = ..., combined: bool | None = ..., detection: bool = ..., progress: Callable[[int, int], None] | None = ..., **options: Any) -> Planned: ...
+
+def correct(block: Block | str | os.PathLike, effects: str | Iterable[str] | Mapping[str, Mapping | None], notes: Sequence[str] = ..., *, source: str | os.PathLike | None = ..., velocity: str | None = ..., turning: str = ...) -> Block: ...
+
+def import_project(path: str | Path, form: str, output: str | Path, added: Additions | None = ..., *, table_form: str = ..., force: bool = ..., progress: Callable[[str], None] = ..., **more: Any) -> Imported: ...
+
+def export(block: Block | str | Path, form: str, folder: str | Path, *, effects: Mapping[str, Mapping] | None = ..., corrected: bool = ..., lossy: bool = ..., progress: Callable[[str], None] = ...) -> Exported: ...
+
+def catalogue() -> list[Effect]: ...
+
+class _Change:
+    def __call__(self, before: Dated, after: Dated, model: Model | None = ..., *, threads: int = ..., progress: Callable[[str], None] | None = ..., **options: Any) -> Change: ...
+    def __getattr__(self, name: str) -> Any: ...
+
+change: _Change

@@ -1,0 +1,297 @@
+"""Whether two dates may be compared: each epoch fits its own model, and both have one datum.
+
+The covariance of a change is that of a model which holds. It is believed where
+
+- the given coordinates of common ground points agree between the two `ground.csv`;
+- the residuals of every kind of observation, of every flight, are as large as stated;
+- effects that were estimated have a size that such effects have;
+- control with the same coordinates at both dates comes out at the same place.
+
+What fails is an `Objection`. Source: Pelzer 1971 (congruency), Foerstner 1979 (sigma naught by
+group), Baarda 1968 (data snooping).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from corridor.core.adjustment import Adjustment
+from corridor.core.block import Block
+from corridor.core.effects import find
+from corridor.core.errors import some
+from corridor.core.output import counted, fixed
+from corridor.tools.change.epoch import Epoch, coordinates
+from corridor.tools.change.joint import SAME_M, variances
+from corridor.tools.change.points import PointChanges
+from corridor.tools.change.significance import congruency
+
+# Level of every test of an epoch, divided among the tests of its kind: so seldom a sound epoch is
+# turned away.
+LEVEL = 1e-3
+# A scale that is too small by so much makes of a test at 1e-4 one at 1e-2, which a comparison at
+# the usual level bears: 2 (1 - Phi(3.89 / 1.5)) = 0.0095.
+SLACK = 1.5
+# An estimated effect of so many standard deviations of what one expects of it is another cause.
+FAR = 5.0
+# Antenna positions of a flight whose redundancy is computed.
+ENOUGH = 40
+FLIGHTS, BOTH_FLIGHTS = ("the first flight", "the second flight"), "the adjustment of both flights"
+# Who fails where no flight does by itself.
+WHOLE = "the two dates"
+_AXES = {"plan": slice(0, 2), "height": slice(2, 3)}
+
+
+@dataclass(frozen=True)
+class Objection:
+    """Why dates cannot be compared. who: what fails; what: how, both for one sentence; remedy: a
+    sentence, what to do."""
+
+    who: str
+    what: str
+    remedy: str
+
+
+# --- given coordinates -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Given coordinates (k, 3), m, of ground points of both dates, second minus first.
+
+    names, control (k,): whether a point is control at one of them. differ (k,): beyond what both
+    surveys' standard deviations allow, or at all where most are the same.
+    """
+
+    names: list[str]
+    control: np.ndarray
+    difference: np.ndarray
+    differ: np.ndarray
+
+    @classmethod
+    def of(cls, before: Block, after: Block) -> Coordinates:
+        """Compared by the chi-square of each point, at `LEVEL` divided among all."""
+        sides = [
+            {
+                str(name): (xyz, sigma, role == "control")
+                for name, xyz, sigma, role in zip(
+                    block.ground["point"],
+                    block.numbers("ground", *"xyz"),
+                    block.ground_sigma(),
+                    block.ground["role"],
+                    strict=True,
+                )
+                if np.isfinite(xyz).all()
+            }
+            for block in (before, after)
+        ]
+        names = [name for name in sides[0] if name in sides[1]]
+        first, second = ([side[name] for name in names] for side in sides)
+        control = np.array([a[2] or b[2] for a, b in zip(first, second, strict=True)], dtype=bool)
+        apart = np.array([b[0] - a[0] for a, b in zip(first, second, strict=True)]).reshape(-1, 3)
+        sigma = np.array([np.hypot(a[1], b[1]) for a, b in zip(first, second, strict=True)])
+        sigma = sigma.reshape(-1, 3)
+        size = np.sum((apart / sigma) ** 2, axis=1)
+        differ = size > chi2.isf(LEVEL / max(len(names), 1), 3)
+        # Where most are of one survey, what differs from it is no noise of a survey.
+        other = (np.abs(apart) > np.maximum(SAME_M, 0.1 * sigma)).any(axis=1)
+        if other.sum() < 0.5 * len(other):
+            differ |= other
+        return cls(names, control, apart, differ)
+
+    @property
+    def two_datums(self) -> bool:
+        """Whether most of them differ: that is no mistake of one point."""
+        return bool(self.differ.sum() > 0.5 * len(self.differ))
+
+    @property
+    def mistaken(self) -> list[str]:
+        """Control points that differ where others agree."""
+        return [] if self.two_datums else self._named(self.differ & self.control)
+
+    def objections(self) -> Iterator[Objection]:
+        """That the dates are in two datums."""
+        if not self.two_datums:
+            return
+        median = np.median(self.difference[self.differ], axis=0)
+        left = np.abs(self.difference[self.differ] - median).max()
+        by = ", ".join(f"{v:+.3f}" for v in median)
+        more = "" if left < 0.2 * np.abs(median).max() else f", and up to {left:.3f} m more"
+        yield Objection(
+            WHOLE,
+            f"have two datums: {self.differ.sum()} of {len(self.differ)} ground points have other "
+            f"coordinates in the second ground.csv than in the first, by ({by}) m in the median"
+            f"{more}",
+            "Bring both surveys into one system (same base, geoid and projection), or lay both "
+            "dates together on what stands still (--datum stable).",
+        )
+
+    def notes(self) -> Iterator[str]:
+        """Points whose coordinates differ, by name."""
+        if self.two_datums:
+            return
+        for kind, which in (("control", self.control), ("check", ~self.control)):
+            rows = np.flatnonzero(self.differ & which)
+            if len(rows):
+                by = [f"{self.names[k]} by {self._by(k)}" for k in rows[:8]]
+                what = (
+                    "They do not count as control of either date, and are compared as other points."
+                    if kind == "control"
+                    else "They are not used."
+                )
+                yield (
+                    f"The two ground.csv give other coordinates to {some(by, 8)}: a point that was "
+                    f"surveyed or typed wrongly, or one that moved. {what}"
+                )
+
+    def _by(self, k: int) -> str:
+        return "(" + ", ".join(f"{v:+.3f}" for v in self.difference[k]) + ") m"
+
+    def _named(self, which: np.ndarray) -> list[str]:
+        return [name for name, yes in zip(self.names, which, strict=True) if yes]
+
+
+# --- an epoch against its own model ------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Group:
+    """Observations of a kind and flight in some axes. square: of residuals over stated sigmas;
+    redundancy: its expectation. worst: the name of the largest."""
+
+    kind: str
+    flight: str
+    axes: str
+    square: float
+    redundancy: float
+    worst: str
+
+    @property
+    def sigma0(self) -> float:
+        """Sigma naught of the group."""
+        return float(np.sqrt(self.square / self.redundancy))
+
+
+def groups(adjustment: Adjustment) -> list[Group]:
+    """Sigma naught by kind of observation, flight, and plan or height.
+
+    Against the stated standard deviations. The redundancy is that of the residuals; of antenna
+    positions that of `ENOUGH` of a flight stands for all.
+    """
+    return [*_antennas(adjustment), *_control(adjustment)]
+
+
+def _antennas(one: Adjustment) -> Iterator[Group]:
+    gnss, p = one.system.gnss, one.problem
+    if not len(gnss.names):
+        return
+    square = (gnss.residual / gnss.sigma) ** 2
+    for number, flight in enumerate(p.images.flight_names):
+        mine = np.flatnonzero(p.images.flight[gnss.image] == number)
+        if not len(mine):
+            continue
+        few = mine[np.unique(np.linspace(0, len(mine) - 1, ENOUGH).astype(int))]
+        at = (3 * few[:, None] + np.arange(3)).ravel()
+        variance = variances(gnss.jacobian[at], one.covariance.solve).reshape(-1, 3)
+        left = np.broadcast_to(1.0 - np.mean(variance / gnss.sigma[few] ** 2, axis=0), square.shape)
+        yield from _by_axes("GNSS positions", flight, gnss.names, square, left, mine)
+
+
+def _control(one: Adjustment) -> Iterator[Group]:
+    control, system = one.system.control, one.system
+    if not len(control.names):
+        return
+    place = {name: k for k, name in enumerate(system.points.names) if system.points.mark[k]}
+    known = np.array([name in place for name in control.names])
+    epoch = Epoch(one)
+    points = np.array([place[n] for n in control.names[known]], dtype=int)
+    spread = epoch.spread(coordinates(epoch, points))
+    variance = variances(spread.through, epoch.solve) + spread.variance(spread.own)
+    share = np.ones(control.sigma.shape)
+    share[known] = variance.reshape(-1, 3) / control.sigma[known] ** 2
+    square = (control.residual / control.sigma) ** 2
+    yield from _by_axes("control", "", control.names, square, 1.0 - share, np.flatnonzero(known))
+
+
+def _by_axes(kind, flight, names, square, left, rows) -> Iterator[Group]:
+    for axes, span in _AXES.items():
+        redundancy = float(np.clip(left[rows][:, span], 0.0, 1.0).sum())
+        if redundancy < 1.0:
+            continue
+        mine = square[rows][:, span].sum(axis=1)
+        worst = str(names[rows[np.argmax(mine)]])
+        yield Group(kind, flight, axes, float(mine.sum()), redundancy, worst)
+
+
+def misfits(adjustment: Adjustment, who: str) -> Iterator[Objection]:
+    """Groups of observations that lie farther off than the comparison bears."""
+    found = groups(adjustment)
+    # Beside image points that scatter more than stated, all that is stated counts as more.
+    scale = max(adjustment.sigma0, 1.0)
+    for one in found:
+        limit = chi2.isf(LEVEL / len(found), one.redundancy)
+        if one.square <= (SLACK * scale) ** 2 * limit:
+            continue
+        where = f" of flight {one.flight}" if one.flight else ""
+        how = "horizontally" if one.axes == "plan" else "in height"
+        yield Objection(
+            who,
+            f"its {one.kind}{where} lie {fixed(one.sigma0, 1)} times as far off as stated {how} "
+            f"(most at {one.worst})",
+            f"Look at {one.kind} of {who}: float or wrong fixes, wrong coordinates or names, "
+            "standard deviations that are stated too small.",
+        )
+
+
+def strange_effects(adjustment: Adjustment, slugs: Iterable[str], who: str) -> Iterator[Objection]:
+    """Effects that came out larger than such effects are."""
+    for slug in sorted(slugs):
+        if slug not in adjustment.values:
+            continue
+        one = adjustment.values[slug]
+        for k, parameter in enumerate(one.parameters):
+            # A mistake in the ground control may have any size.
+            far = np.inf if one.effect.place == "ground" else FAR * parameter.scale
+            value = one.value[:, k]
+            if one.kind == "image":
+                value = np.sqrt(np.nanmean(value**2, keepdims=True))
+            sure = np.abs(value) - 2.0 * np.nan_to_num(np.nanmedian(one.sigma[:, k]))
+            if sure.max() > min(parameter.most, far):
+                worst = value[np.argmax(sure)]
+                size = abs(worst) / parameter.scale
+                yield Objection(
+                    who,
+                    f"its measurements ask for {find(slug).called} of {fixed(size, 0)} times the "
+                    f"usual size ({parameter.name} = {worst:.3g} {parameter.unit})",
+                    f"Something else than {find(slug).called} is wrong with {who}: "
+                    "`corridor diagnose` says what its model lacks.",
+                )
+                break
+
+
+def held_apart(points: PointChanges | None, scale: float) -> Iterator[Objection]:
+    """Control with the same coordinates at both dates that comes out at two places.
+
+    scale: sigma naught of the epochs, the smaller; below 1 control is no better than stated.
+    """
+    if points is None or not points.held.any():
+        return
+    at = np.flatnonzero(np.repeat(points.held, 3))
+    shift = min(scale, 1.0) * points.shift.ravel()[at]
+    found = congruency(shift, points.covariance[np.ix_(at, at)])
+    if found.probability >= LEVEL:
+        return
+    rows = np.flatnonzero(points.held)
+    sigma = points.sigma[rows]
+    worst = int(np.argmax(np.max(np.abs(points.shift[rows]) / np.maximum(sigma, 1e-9), axis=1)))
+    by = 1000 * np.linalg.norm(points.shift[rows[worst]])
+    yield Objection(
+        "one of the two flights",
+        f"{counted(len(rows), 'control point')} with the same coordinates at both dates come out "
+        f"at two places ({points.names[rows[worst]]} most, by {fixed(by, 0)} mm)",
+        "Ask `corridor diagnose` of each date what its model lacks. If control itself moved "
+        "between the dates, survey it again, or give it the role check.",
+    )

@@ -1,0 +1,359 @@
+"""Ground control as evidence of where a project lies, and in which pictures it was measured.
+
+Marks and poses give each ground point a place in the project's frame; the list of ground points
+gives it another. From both follow the size of the pictures that marks were measured in, the place
+of a project that has no positions, and the height system of one that has. What fits neither is
+refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import combinations, islice
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from corridor.core.block import POSE, Block
+from corridor.core.errors import InputError
+from corridor.core.geometry import (
+    Similarity,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    similarity,
+)
+from corridor.core.gnss import GEOGRAPHIC, Local, convert, known_crs
+from corridor.core.photographs import Metadata
+from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, record_derived
+from corridor.tools.formats.faults import blaming
+from corridor.tools.formats.ground import Ground, add_to, read_ground
+from corridor.tools.formats.project import Project, local_of, local_table
+from corridor.tools.formats.rows import rows_of
+
+XYZ = list(POSE[:3])
+# Rays of marks that meet to this share of the picture's long side were measured in these pictures;
+# of another size, where they meet so much better.
+_MEETS, _BETTER = 0.005, 0.2
+# A shift of this many sigmas is one, and of this size in any case: positions without corrections
+# are good to 3 m in plan and 6 m in height.
+_SIGMAS, _LEAST_M = 4.0, 10.0
+_LEAST_POINTS, _MOST_TRIED = 3, 2000
+
+
+class Seen(NamedTuple):
+    """Control and check points that marks place: names, given and met (n, 3), m, and by how many
+    pixels (n,) the rays miss each other."""
+
+    names: list[str]
+    given: np.ndarray
+    met: np.ndarray
+    missed_px: np.ndarray
+
+
+def add_ground(
+    project: Project, path: Path, photos: Mapping[int, Metadata] | None = None
+) -> Project:
+    """The project with the ground points and marks of a file, which place it if nothing else does.
+
+    photos: by row of images.csv; they tell which pictures marks may have been measured in. Raises
+    InputError where the file is damaged, or its points lie nowhere near where marks see them.
+    """
+    with blaming(path, "a file of ground points"):
+        ground = read_ground(path, project.block)
+        project = _in_size(_with_place(project, ground), ground, photos or {})
+    names = [] if ground.table is None else list(ground.table["point"])
+    notes = [f"{path.name}: {len(names)} ground points, {len(ground.marks)} marks"]
+    unseen = set(names) - set(project.block.marks["point"].cat.categories)
+    if unseen:
+        notes.append(f"{len(unseen)} ground points are measured in no image")
+    project = project.having(notes=notes)
+    block = project.block
+    if not (len(block.ground) and len(block.marks)):
+        return project
+    free = not project.placed and local_of(block) is None
+    project = (_placed if free else _in_one_height_system)(project, path.name)
+    heights = np.zeros(0) if ground.table is None else ground.table["z"].to_numpy(float)
+    if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
+        return project
+    return project.having(
+        warnings=[
+            f"{path.name}: all heights are {heights[0]:g} m, so they look typed, not surveyed; "
+            "give the surveyed ones, or their standard deviation (sz in ground.csv)"
+        ]
+    )
+
+
+def _with_place(project: Project, ground: Ground) -> Project:
+    """The project in the file's own system, where it has none: control will place it."""
+    block = project.block
+    if ground.crs is None or ground.table is None or project.placed or block.crs is not None:
+        return project
+    if local_of(block) is not None:
+        return project
+    system, places = known_crs(ground.crs), ground.table[XYZ].to_numpy(float)
+    if system.is_projected:
+        offset = np.round(np.median(places, axis=0) / 100) * 100 * [1, 1, 0]
+        return project.having(crs=ground.crs, offset=offset)
+    lon, lat, _ = np.median(convert(places, ground.crs, GEOGRAPHIC), axis=0)
+    local = Local(round(float(lat), 4), round(float(lon), 4), 0.0)
+    return project.having(extra={**block.extra, "local_frame": local_table(local)}, placed=False)
+
+
+# --- the pictures that marks were measured in ------------------------------------------------
+
+
+def _in_size(project: Project, ground: Ground, photos: Mapping[int, Metadata]) -> Project:
+    """The project with the marks of a file in the pixels of its own pictures."""
+    found = {1.0: add_to(project, ground)}
+    for factor in _factors(project.block, photos):
+        marks = [(point, image, factor * (x + 0.5) - 0.5, factor * (y + 0.5) - 0.5)
+                 for point, image, x, y in ground.marks]  # fmt: skip
+        found[factor] = add_to(project, replace(ground, marks=marks))
+    if len(found) == 1:
+        return found[1.0]
+    missed = {factor: _missed(one.block) for factor, one in found.items()}
+    best = min(missed, key=missed.get)
+    if best == 1.0 or not missed[best] < _BETTER * missed[1.0]:
+        return found[1.0]
+    size = max(max(camera.width, camera.height) for camera in project.block.cameras.values())
+    was = "" if not np.isfinite(missed[1.0]) else f" in place of {missed[1.0]:.3g} px as they are"
+    return found[best].having(
+        notes=[
+            f"{ground.path.name}: its marks were measured in pictures of {size / best:.0f} px and "
+            f"brought to {size} px: there their rays meet to {missed[best]:.2g} px{was}"
+        ]
+    )
+
+
+def _factors(block: Block, photos: Mapping[int, Metadata]) -> list[float]:
+    """Sizes of the block's pictures over those that the marks may have been measured in."""
+    found = set()
+    for row, photo in photos.items():
+        camera = block.cameras[block.images["camera"].iloc[row]]
+        for width in (photo.width, photo.taken_size[0]):
+            found.add(round(camera.width / width, 6))
+    return sorted(found - {1.0})
+
+
+def _missed(block: Block) -> float:
+    """By how many pixels rays of marks miss each other, median; infinite where none meet."""
+    missed = _seen(block).missed_px
+    inside = _outside(block) < 0.5
+    return float(np.median(missed)) if len(missed) and inside else np.inf
+
+
+def _outside(block: Block) -> float:
+    """Share of the marks that lie outside their picture."""
+    size = np.array([[block.cameras[n].width, block.cameras[n].height]
+                     for n in block.images["camera"]])  # fmt: skip
+    xy = block.marks[["x", "y"]].to_numpy(float)
+    limit = size[block.image_rows("marks")] - 0.5
+    return float(((xy < -0.5) | (xy > limit)).any(axis=1).mean()) if len(xy) else 0.0
+
+
+def _seen(block: Block) -> Seen:
+    """The ground points where the rays of their marks meet."""
+    rows = rows_of(block, complete=False)
+    rows = rows.only(np.isfinite(rows.centre).all(axis=1)[rows.image])
+    table = block.ground[block.ground["role"] != "unused"]
+    at = rows.point_names.get_indexer(table["point"])
+    given, names = table[XYZ].to_numpy(float)[at >= 0], table["point"].to_numpy()[at >= 0]
+    at = at[at >= 0]
+    if not len(at):
+        return Seen([], np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    positions = rows.positions.copy()
+    met = positions[at] = rows.intersected(at)
+    length = np.linalg.norm(replace(rows, positions=positions).residuals(), axis=1)
+    place = np.full(len(positions), -1)
+    place[at] = np.arange(len(at))
+    missed = np.full(len(at), np.nan)
+    for k in range(len(at)):
+        mine = length[place[rows.point] == k]
+        if len(mine) > 1 and np.isfinite(mine).any():
+            missed[k] = np.median(np.where(np.isfinite(mine), mine, np.inf))
+    good = np.isfinite(met).all(axis=1) & np.isfinite(missed) & np.isfinite(given).all(axis=1)
+    return Seen([str(n) for n in names[good]], given[good], met[good], missed[good])
+
+
+# --- where the project lies ------------------------------------------------------------------
+
+
+def _placed(project: Project, name: str) -> Project:
+    """A free reconstruction turned, scaled and shifted onto ground control."""
+    seen = _seen(project.block)
+    found = _robust(seen)
+    if found is None:
+        return project.having(
+            crs=None,
+            warnings=[
+                f"the project stays in its own frame: {name} has {len(seen.names)} points that two "
+                "images or more show, and a frame needs three that do not lie on one line"
+            ],
+        )
+    move, away = found
+    good = away <= max(3 * np.median(away), 1e-9)
+    bad = [n for n, fits in zip(seen.names, good, strict=True) if not fits]
+    warnings = []
+    if bad and len(seen.names) > _LEAST_POINTS:
+        warnings.append(
+            f"{name}: {', '.join(bad[:5])} lie {away[~good].max():.3g} m from where their marks "
+            "see them, the others "
+            f"{np.median(away[good]):.2g} m: are names or coordinates wrong?"
+        )
+    moved = moved_by(project, move).having(
+        placed=True,
+        warnings=warnings,
+        notes=[
+            f"placed by {good.sum()} ground points of {name}: scale {move.scale:.6g}, their marks "
+            f"see them {np.median(away):.2g} m (median) from where they were surveyed"
+        ],
+    )
+    spare = len(seen.names) - _LEAST_POINTS
+    witness = Witness(
+        f"{spare} more ground points", AGREES if good.all() and spare else
+        CONTRADICTS if spare else UNCHECKED, f"{away.max():.2g} m at most",
+    )  # fmt: skip
+    return _recorded(
+        moved, "images.x", name, away[good] / np.sqrt(3),
+        f"The frame is that of {name}, by a similarity of {good.sum()} ground points.",
+        (witness,),
+    )  # fmt: skip
+
+
+def _robust(seen: Seen) -> tuple[Similarity, np.ndarray] | None:
+    """The similarity that the most points agree with, and how far each is from it, m."""
+    count = len(seen.names)
+    best = None
+    for three in islice(combinations(range(count), 3), _MOST_TRIED):
+        try:
+            move = similarity(seen.met[list(three)], seen.given[list(three)])
+        except InputError:
+            continue
+        away = np.linalg.norm(move.apply(seen.met) - seen.given, axis=1)
+        worth = float(np.median(away)) if count > _LEAST_POINTS else float(away.max())
+        if best is None or worth < best[0]:
+            best = worth, move, away
+    if best is None:
+        return None
+    kept = best[2] <= max(3 * best[0], 1e-6)
+    if kept.sum() >= _LEAST_POINTS:
+        try:
+            move = similarity(seen.met, seen.given, kept.astype(float))
+            return move, np.linalg.norm(move.apply(seen.met) - seen.given, axis=1)
+        except InputError:
+            pass
+    return best[1], best[2]
+
+
+def moved_by(project: Project, move: Similarity) -> Project:
+    """The project's poses and points by a similarity; its ground points stay where they are."""
+    block = project.block
+    pose = block.poses
+    known = np.isfinite(pose).all(axis=1)
+    pose[known, :3] = move.apply(pose[known, :3])
+    turned = move.apply_to_rotations(rotation_from_quaternion(pose[known, 3:]))
+    pose[known, 3:] = quaternion_from_rotation(turned)
+    images = block.images.assign(**dict(zip(POSE, pose.T, strict=True)))
+    points = block.points
+    if len(points):
+        places = move.apply(points[XYZ].to_numpy(float))
+        points = points.assign(**dict(zip(XYZ, places.T, strict=True)))
+    return project.having(images=images, points=points)
+
+
+def _in_one_height_system(project: Project, name: str) -> Project:
+    """The project in the height system of its control, where that is another than the positions'.
+
+    Raises InputError, with both numbers, where control lies somewhere else altogether.
+    """
+    block, seen = project.block, _seen(project.block)
+    if not len(seen.names):
+        return project
+    off = seen.given - seen.met
+    middle = np.median(off, axis=0)
+    spread = 1.4826 * np.median(np.abs(off - middle), axis=0)
+    sigma = np.hypot(spread / np.sqrt(len(off)), _of_positions(block))
+    plan, up = float(np.hypot(*middle[:2])), float(middle[2])
+    far = np.abs(middle) > np.maximum(_SIGMAS * sigma, _LEAST_M)
+    if not far.any():
+        return project
+    height = float(np.median(block.poses[:, 2][np.isfinite(block.poses[:, 2])]))
+    what = "positions of the photographs" if len(block.gnss) else "images"
+    if far[:2].any() or len(seen.names) < 2:
+        raise InputError(
+            f"{name}: its points lie {plan:,.1f} m in plan and {up:+,.1f} m in height from where "
+            f"the marks in the pictures see them (median of {len(seen.names)}), so the {what} and "
+            "the ground points are not in one system; check --crs, the order of the coordinates "
+            "and the names of the points"
+        )
+    shift = np.array([0.0, 0.0, up])
+    moved = moved_by(project, Similarity(1.0, np.eye(3), shift))
+    gnss = block.gnss.assign(z=block.gnss["z"] + up) if len(block.gnss) else block.gnss
+    size = float(np.hypot(sigma[2], 0.0))
+    ground = float(np.median(seen.given[:, 2]))
+    text = (
+        f"Control lies {abs(up):.1f} m {'above' if up > 0 else 'below'} the heights of the {what} "
+        f"(control {ground:.1f} m, images {height:.1f} m): another height system. The images and "
+        f"their positions were {'raised' if up > 0 else 'lowered'} by that: heights are those of "
+        f"{name}."
+    )
+    moved = moved.having(gnss=gnss, notes=[text[0].lower() + text[1:].rstrip(".")])
+    after = _in_pixels(moved.block)
+    plan_witness = Witness(
+        "the same points in plan", AGREES, f"{plan:.1f} m beside the positions' own error"
+    )
+    marks = Witness(
+        "marks", AGREES if after < _limit(block) else CONTRADICTS, f"{after:.1f} px afterwards"
+    )
+    return _recorded(
+        moved, "gnss.z", f"{name} and its marks", np.array([size]), text, (plan_witness, marks)
+    )
+
+
+def _of_positions(block: Block) -> np.ndarray:
+    """Standard deviation of what places the block, (3,) m: what its positions share."""
+    if not len(block.gnss):
+        return np.zeros(3)
+    return np.median(block.gnss_sigma(), axis=0) / 3.0
+
+
+def _recorded(project, column, source, sigma, text, witnesses):
+    block = replace(project.block, extra=dict(project.block.extra))
+    record_derived(block, column, source, sigma, text, witnesses=witnesses)
+    return replace(project, block=block)
+
+
+def _in_pixels(block: Block) -> float:
+    """How far marks lie from where control and poses put them, px, median; infinite behind."""
+    rows = rows_of(block, complete=False)
+    marks = rows.only(rows.point >= rows.ties)
+    good = np.isfinite(marks.positions).all(axis=1)[marks.point]
+    good &= np.isfinite(marks.centre).all(axis=1)[marks.image]
+    length = np.linalg.norm(marks.only(good).residuals(), axis=1)
+    return float(np.median(np.where(np.isfinite(length), length, np.inf))) if len(length) else 0.0
+
+
+def _limit(block: Block) -> float:
+    """The long side of the largest picture, px."""
+    return float(max(max(camera.width, camera.height) for camera in block.cameras.values()))
+
+
+def marks_refused(project: Project) -> str | None:
+    """Why the project must not be written: its marks lie beyond their pictures. None if they fit.
+
+    Of a project in its own frame that nothing places, marks and ground points need not agree yet.
+    """
+    block = project.block
+    if not (project.placed and len(block.marks) and len(block.ground)):
+        return None
+    off, limit = _in_pixels(block), _limit(block)
+    if off <= limit:
+        return None
+    told = f"{off:,.0f} px" if np.isfinite(off) else "behind the cameras"
+    return (
+        f"the marks lie {told} (median) from where ground points and poses put them, in pictures "
+        f"of {limit:.0f} px: ground points and poses are not in one system; check the coordinate "
+        "system, the order of the coordinates, the heights and the names of the points"
+    )

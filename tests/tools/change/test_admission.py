@@ -1,0 +1,131 @@
+"""Epochs that do not fit their own model, or each other, are not compared: made-up dates."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+import corridor
+from benchmarks import two_dates
+from corridor.core.effects import candidates
+from corridor.tools.change import Signatures
+from corridor.tools.change.admission import Coordinates, groups
+from corridor.tools.change.epoch import Epoch
+from corridor.tools.change.significance import patches
+
+
+def said(kind, seed=0, **options):
+    return corridor.change(*two_dates.pair(kind, seed), surface=False, **options)
+
+
+@pytest.mark.parametrize(
+    ("kind", "verdict", "words"),
+    [
+        ("GNSS float", "unfit", ["second flight does not fit its own model", "GNSS positions"]),
+        ("datum 1 m", "unfit", ["two datums", "+1.000", "--datum stable"]),
+        ("control point 0.10 m", "nothing", ["C2 by (+0.100, +0.000, +0.000) m"]),
+        ("names exchanged", "nothing", ["Are their names exchanged"]),
+        ("readout 20 ms, turning", "camera", ["rotation while the rows are read"]),
+    ],
+)
+def test_what_is_wrong_with_an_epoch_is_said_and_never_called_motion(kind, verdict, words):
+    found = said(kind)
+    text = " ".join(str(found).split())
+    assert found.verdict == verdict
+    for word in words:
+        assert word in text
+
+
+def test_two_datums_may_be_laid_together():
+    assert said("datum 1 m", datum="stable", motion="translation").verdict == "nothing"
+
+
+def test_without_common_control_a_constant_error_of_the_gnss_is_a_doubt():
+    found = said("GNSS 20 mm, no control")
+    assert "--gnss-bias" in str(found)
+    assert "--gnss-bias" not in str(said("GNSS 20 mm, no control", gnss_bias=0.02))
+
+
+class TestCoordinates:
+    """Given coordinates of two dates, without any adjustment."""
+
+    def dates(self, shift):
+        before, after = two_dates.pair("rest", 0)
+        for name, by in shift.items():
+            rows = after.ground["point"] == name
+            after.ground.loc[rows, ["x", "y", "z"]] += np.asarray(by)
+        return Coordinates.of(before, after)
+
+    def test_one_point_is_named(self):
+        found = self.dates({"C2": (0.0, 0.0, 0.05)})
+        assert found.mistaken == ["C2"] and not list(found.objections())
+        assert "C2 by (+0.000, +0.000, +0.050) m" in next(found.notes())
+
+    def test_a_check_point_is_named_and_costs_no_control(self):
+        found = self.dates({"K1": (0.3, 0.0, 0.0)})
+        assert found.mistaken == [] and "K1" in next(found.notes())
+
+    def test_most_of_them_are_two_datums(self):
+        names = [f"C{k}" for k in range(6)] + ["K0", "K1"]
+        (one,) = self.dates({name: (0.0, 0.2, 0.0) for name in names}).objections()
+        assert "8 of 11 ground points" in one.what and "(+0.000, +0.200, +0.000) m" in one.what
+
+    def test_two_surveys_of_the_same_points_agree(self):
+        """Noise as stated, of both: one in a thousand pairs would differ."""
+        draw = np.random.default_rng(3)
+        wrong = 0
+        for _ in range(40):
+            names = [f"C{k}" for k in range(6)] + [f"K{k}" for k in range(5)]
+            noise = draw.normal(0, np.sqrt(2) * np.array([0.005, 0.005, 0.008]), (11, 3))
+            wrong += bool(self.dates(dict(zip(names, noise, strict=True))).differ.any())
+        assert wrong <= binom.ppf(0.9999, 40, 1e-3)
+
+
+def test_sigma_naught_of_each_group_is_one_where_the_noise_is_as_stated():
+    """The squares of a group are those of as many free numbers as its redundancy says."""
+    found = groups(corridor.adjust(two_dates.pair("rest", 1)[1]))
+    assert {one.flight for one in found if one.kind == "GNSS positions"} == {"F1", "F2"}
+    for one in found:
+        low, high = chi2.ppf([0.0005, 0.9995], one.redundancy) / one.redundancy
+        assert low < one.sigma0**2 < high, one
+        assert one.sigma0 == pytest.approx(np.sqrt(one.square / one.redundancy))
+
+
+def test_the_catalogue_is_the_one_of_the_diagnosis():
+    """Every effect of camera and flight that can be tested, those of single images included."""
+    one = corridor.adjust(two_dates.pair("rest", 1)[1])
+    system = one.system
+    known = candidates(system.block, system.free, [], list(system.control_names)).effects
+    expected = {effect.slug for effect in known if effect.place != "ground"}
+    found = Signatures(Epoch(one))
+    assert set(found.effects) == expected
+    assert any(effect.group == "image" for effect in found.effects.values())
+
+
+class TestPatches:
+    """A map of 12 x 8 cells whose neighbours err alike."""
+
+    place = np.stack(np.meshgrid(np.arange(12), np.arange(8)), axis=-1).reshape(-1, 2)
+    away = np.linalg.norm(place[:, None] - place, axis=2)
+    alike = np.exp(-away / 1.5)
+    near = away < 1.5
+
+    def maps(self, count, seed):
+        root = np.linalg.cholesky(self.alike)
+        return np.random.default_rng(seed).normal(size=(count, len(self.place))) @ root.T
+
+    def test_maps_of_nothing_show_one_as_often_as_asked(self):
+        found = sum(bool(patches(z, self.alike, self.near, 0.05)) for z in self.maps(60, 1))
+        assert binom.ppf(0.0005, 60, 0.05) <= found <= binom.ppf(0.9995, 60, 0.05)
+
+    def test_a_wide_patch_is_found_that_no_cell_shows(self):
+        """Cells of 2.5 sigmas are nothing among 96; thirty of them together are."""
+        inside = (np.abs(self.place - [5, 4]) <= [3, 2]).all(axis=1)
+        found = patches(2.5 * inside, self.alike, self.near, 0.01)
+        assert len(found) == 1
+        np.testing.assert_array_equal(found[0].cells, np.flatnonzero(inside))
+        assert not patches(np.where(np.arange(96) == 40, 2.5, 0.0), self.alike, self.near, 0.01)
+
+
+def test_a_settlement_beside_a_shutter_is_said_with_its_place_and_sign():
+    told = two_dates.told("readout 20 ms", True, 0)
+    assert told["verdict"] == "moved" and told["place"] and told["sign"] and told["size"]
