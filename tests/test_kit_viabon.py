@@ -33,7 +33,7 @@ def test_the_amount_that_was_put_in_is_found_within_its_interval(monkeypatch, tr
     found = viabon.judge(draws, "d2", "rotation", STATISTICS)
     assert found.low < true < found.high
     assert found.amount == pytest.approx(true, abs=0.25)
-    assert found.better > 2 and found.factor < 1.1
+    assert found.better > 1 and found.factor < 1.1
     assert found.expected(0.0) == pytest.approx([2, 3], rel=0.1)
 
 

@@ -50,9 +50,8 @@ class Flight:
     heading: `turned` at each strip's end, or `kept`. direction: strips are flown `alternating`, or
         all the `same` way. long_side: of the picture, `across` the flight (rows follow each other
         along it) or `along`.
-    attitude_jitter_deg: sigmas of roll, pitch and yaw; position_jitter_m, velocity_jitter_m_s:
-        sigmas of each axis; angular_rate_deg_s: about the camera's x, y and z, one number or three.
-    wind_m_s: makes strips with it faster.
+    attitude_jitter_deg: sigmas of roll, pitch and yaw; position_jitter_m, velocity_jitter_m_s,
+        angular_rate_deg_s (camera's x, y, z): of each axis. wind_m_s: makes strips with it faster.
     start_s: clock at the first exposure; default: pause_s after the flight before. turn_s: from a
         strip's last exposure to the next one's first.
     lever_arm_m: antenna in the camera frame.
