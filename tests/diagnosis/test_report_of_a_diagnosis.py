@@ -355,8 +355,8 @@ class TestSentence:
     def test_nothing_comes_with_what_would_have_been_seen(self):
         limits = {"rolling_shutter": {"readout": 0.004}, "gnss_bias": {"x": None}}
         assert told("nothing", limits=limits) == (
-            "Nothing is missing from the model that this flight could show. The smallest that "
-            "would have been seen: the camera's rolling shutter, readout 4.0 ms."
+            "Nothing is missing from the model that this flight could show. Would have "
+            "been seen: the camera's rolling shutter from readout 4.0 ms on."
         )
 
     @pytest.mark.parametrize(

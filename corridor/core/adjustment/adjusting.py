@@ -26,6 +26,7 @@ from corridor.core.adjustment.variance_components import (
     weighted_by_scatter,
     with_common_offset,
     with_held_focal_asked,
+    with_motion_as_seen,
     without_false_fixes,
     without_unseen_arms,
 )
@@ -143,7 +144,8 @@ def adjust(
         if weights == "estimated":
             found = with_common_offset(found, again, part.gnss_sigma())
             found = with_gnss_as_it_is(found, again)
-        return with_held_focal_asked(without_unseen_arms(found, again), again)
+        found = with_motion_as_seen(without_unseen_arms(found, again), again)
+        return with_held_focal_asked(found, again)
 
     try:
         result, exchanged = _with_ground_as_seen(block, model, whole, again)

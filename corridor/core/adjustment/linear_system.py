@@ -271,7 +271,7 @@ class LinearSystem:
         for slug, numbers in of_image.items():
             scale[numbers] = [parameter.scale for parameter in parameters[slug]]
             value[numbers] = state.effects[slug][:, varied.get(slug, slice(None))]
-        for number, held in enumerate(p.per_image_prior[1]):
+        for number, held in enumerate(p.per_image_prior[1].T):
             weight[6 + number : m * d : d] = held
         pose = np.arange(m)[:, None] * d + np.arange(6)
         return Columns(
@@ -290,7 +290,8 @@ class LinearSystem:
     @property
     def effects(self) -> dict[str, Effect]:
         """The effects that are estimated, by slug."""
-        return {slug: member.effect for slug, member in self.problem.stack.members.items()}
+        p = self.problem
+        return {slug: m.effect for slug, m in p.stack.members.items() if slug not in p.beside}
 
     @property
     def arms_free(self) -> bool:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.block import Block
 from corridor.core.camera import INTERIOR, parameters_named
 from corridor.core.effects import Effect, find
@@ -125,6 +126,8 @@ class Model:
         are too coarse to see it.
     loss: `squares`, `huber:2` or `cauchy:2`, on the length of an image residual in sigmas.
     parameters: what is wanted of single ones: `model.parameters["camera.P1.k3"].vary = False`.
+    motion: by what deviations of velocities and of angular rates count while an image is read (a
+        `MotionScale`); None: what the adjustment finds.
     """
 
     camera: str | Iterable[str] | Mapping[str, str] | None = None
@@ -135,6 +138,7 @@ class Model:
     lever_arm: str | None = None
     loss: str = "squares"
     parameters: Settings = field(default_factory=Settings)
+    motion: MotionScale | None = None
 
     def __post_init__(self):
         if isinstance(self.camera, Mapping):

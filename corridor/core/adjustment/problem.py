@@ -17,6 +17,7 @@ from corridor.core.adjustment.observations import (
     gnss_of,
     network_of,
 )
+from corridor.core.adjustment.uncertain_motion import MotionScale, prior_sigma, velocity_errors
 from corridor.core.adjustment.unknowns import (
     Priors,
     State,
@@ -42,7 +43,8 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
 
     images: in the order of the problem. roles: of the rows of ground.csv, as asked for. free:
     interior parameters of each camera. idle (k, 2): image and unknown 6.. that nothing can
-    determine, held at its start. notes: sentences for the reader.
+    determine, held at its start. beside: slugs of errors of velocities, which no table lists.
+    notes: sentences for the reader.
     """
 
     block: Block
@@ -55,6 +57,7 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
     idle: np.ndarray
     start: State
     notes: list[str]
+    beside: tuple[str, ...] = ()
 
     @property
     def image_count(self) -> int:
@@ -78,7 +81,7 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
             + 3 * len(self.control_rows)
             + 3 * len(self.gnss_image)
             + int(np.count_nonzero(self.prior_weight))
-            + self.image_count * int(np.count_nonzero(self.per_image_prior[1]))
+            + int(np.count_nonzero(self.per_image_prior[1]))
         )
 
     @property
@@ -118,6 +121,8 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
         out = []
         held = self.model.held
         for slug, member in self.stack.members.items():
+            if slug in self.beside:
+                continue
             # Values of images are kept in the order of the problem.
             of_images = member.effect.place != "ground" and member.effect.group == "image"
             groups = [str(n) for n in (self.images.names if of_images else member.groups)]
@@ -153,21 +158,32 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     names = block.ground["point"].to_numpy(dtype=object)
     asked = np.flatnonzero(roles == "control")
     # Whatever is wrong with the effects is said before the network is looked at.
-    Stack(block, model.effects, list(names[asked]), as_given)
+    effects = list(model.effects)
+    Stack(block, effects, list(names[asked]), as_given)
+    beside = velocity_errors(block, effects)
+    effects += beside
     network = network_of(block, images, set(names[asked]), set(names[roles == "unused"]))
     images = images.reordered(network.order)
     rank = np.empty_like(network.order)
     rank[network.order] = np.arange(len(rank))
     gnss = gnss_of(block, rank)
     control, notes = control_of(block, network, asked)
-    stack = Stack(block, model.effects, list(names[control.control_rows]), as_given)
+    stack = Stack(block, effects, list(names[control.control_rows]), as_given)
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
     free, settings = model.free(block), model.settings_of(block)
     wanted = Wanted(free, arms_free, gnss.gnss_image, list(names[control.control_rows]), model.held)
     unknowns = unknowns_of(images, stack, wanted)
     own = per_image_names(stack, unknowns.per_image_unknowns)
-    priors = priors_of(unknowns.unknowns, own, settings)
+    priors = priors_of(unknowns.unknowns, own, settings, len(rank))
+    for effect in beside:
+        sigma = prior_sigma(block, effect, model.motion or MotionScale())
+        if effect.group == "image":
+            mine = [n for n, which in enumerate(own) if which.owner == effect.slug]
+            priors.per_image_prior[1][:, mine] = sigma[network.order] ** -2.0
+        else:
+            mine = [n for n, u in enumerate(unknowns.unknowns) if u.owner == effect.slug]
+            priors.prior_weight[mine] = sigma.ravel() ** -2.0
     refuse_twice(stack, free, unknowns.unknowns, own, priors)
     state = State(
         centre=images.centre,
@@ -193,6 +209,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
         idle=_idle(stack, unknowns, gnss, priors, len(rank)),
         start=started(state, images, stack, settings),
         notes=notes,
+        beside=tuple(effect.slug for effect in beside),
     )
 
 
@@ -202,8 +219,9 @@ def _idle(stack: Stack, unknowns: Unknowns, gnss: Gnss, priors: Priors, count: i
     idle = [
         (image, 6 + n)
         for n, (slug, _) in enumerate(unknowns.per_image_unknowns)
-        if stack.members[slug].effect.place == "antenna" and not priors.per_image_prior[1, n]
+        if stack.members[slug].effect.place == "antenna"
         for image in silent
+        if not priors.per_image_prior[1, image, n]
     ]
     return np.array(idle, dtype=np.int64).reshape(-1, 2)
 
@@ -225,7 +243,7 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     given = zip(p.unknowns, p.prior_value, p.prior_weight, strict=True)
     priors = {(u.kind, u.owner, u.label): prior for u, *prior in given}
     own = unknowns.per_image_unknowns
-    of_images = dict(zip(p.per_image_unknowns, p.per_image_prior.T, strict=True))
+    of_images = dict(zip(p.per_image_unknowns, p.per_image_prior.transpose(2, 0, 1), strict=True))
     number = {key: 6 + n for n, key in enumerate(own)}
     idle = [(image, p.per_image_unknowns[n - 6]) for image, n in p.idle]
     idle = [(image, number[key]) for image, key in idle if key[0] not in slugs]
@@ -234,15 +252,17 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
         nothing if u.kind == "effect" and u.owner in slugs else priors[u.kind, u.owner, u.label]
         for u in unknowns.unknowns
     ]
-    per_image_priors = [nothing if key[0] in slugs else of_images[key] for key in own]
+    free = np.zeros((2, p.image_count))
+    per_image_priors = [free if key[0] in slugs else of_images[key] for key in own]
     value, weight = np.array(shared_priors, float).reshape(-1, 2).T
     return replace(
         p,
         **vars(unknowns),
         stack=stack,
+        beside=tuple(slug for slug in p.beside if slug not in slugs),
         prior_value=value,
         prior_weight=weight,
-        per_image_prior=np.array(per_image_priors, float).reshape(-1, 2).T,
+        per_image_prior=np.array(per_image_priors).reshape(-1, *free.shape).transpose(1, 2, 0),
         idle=np.array(idle, dtype=np.int64).reshape(-1, 2),
         start=replace(p.start, effects=stack.start()),
     )

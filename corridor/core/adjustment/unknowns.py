@@ -82,7 +82,7 @@ class Unknowns:
 class Priors:
     """Prior value and weight (0: none) of the shared unknowns, and of those of every image.
 
-    per_image_prior (2, own unknowns): value and weight, the same for every image.
+    per_image_prior (2, images, own unknowns): value and weight.
     """
 
     prior_value: np.ndarray
@@ -213,11 +213,14 @@ def per_image_names(stack: Stack, own: list[tuple[str, int]]) -> list[ParameterI
 
 
 def priors_of(
-    unknowns: list[Unknown], own: list[ParameterId], settings: Mapping[ParameterId, Setting]
+    unknowns: list[Unknown],
+    own: list[ParameterId],
+    settings: Mapping[ParameterId, Setting],
+    images: int,
 ) -> Priors:
     """Prior value and weight (0: none) of the border's unknowns and of those of every image."""
     value, weight = np.zeros(len(unknowns)), np.zeros(len(unknowns))
-    of_images = np.zeros((2, len(own)))
+    of_images = np.zeros((2, images, len(own)))
     for which, wish in settings.items():
         if wish.prior is None:
             continue
@@ -233,7 +236,7 @@ def priors_of(
         if not (np.isfinite(mean) and np.isfinite(sigma) and sigma > 0):
             raise InputError(f"prior {which}: its standard deviation must be a positive number")
         value[hit], weight[hit] = mean, sigma**-2.0
-        of_images[:, mine] = [[mean], [sigma**-2.0]]
+        of_images[0][:, mine], of_images[1][:, mine] = mean, sigma**-2.0
     return Priors(value, weight, of_images)
 
 
@@ -250,7 +253,7 @@ def refuse_twice(
         doubled = [pair for pair in estimated if pair[1] in member.effect.stands_in_for]
         shared = [n for n, u in enumerate(unknowns) if (u.kind, u.owner) == ("effect", slug)]
         mine = [n for n, which in enumerate(own) if which.owner == slug]
-        held = priors.prior_weight[shared].all() and priors.per_image_prior[1, mine].all()
+        held = priors.prior_weight[shared].all() and priors.per_image_prior[1][:, mine].all()
         if doubled and not held:
             camera, _ = min(doubled)
             names = ", ".join(n for n in free[camera] if n in member.effect.stands_in_for)

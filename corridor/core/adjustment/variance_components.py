@@ -25,6 +25,7 @@ from corridor.core.adjustment.group_variances import (
 )
 from corridor.core.adjustment.model import Model, Setting, Settings, arms_unseen
 from corridor.core.adjustment.result import Adjustment
+from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.block import Block
 from corridor.core.effects import every_effect
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -52,6 +53,14 @@ _FOCAL_SIGMAS = 5.0
 # Heat moves a focal length by less than a thousandth; a rolling shutter of 50 ms, which takes it
 # along at 5 m/s, by a quarter of a metre of the 50 that a picture shows from as high.
 _FOCAL_SHARE = 0.01
+# Below this a readout scales no error of a velocity any more: a global shutter, s.
+_LEAST_S = 0.002
+# A scale of uncertain motion that changes by less is the same; it settles within some rounds.
+_SAME, _MOTION_ROUNDS = 0.1, 4
+# The stated deviations of velocities count as one of their own beside what the pictures say of
+# their size: a flight of few pictures cannot say it.
+_STATED_COUNTS = 1.0
+_TURNS = ("turn_x", "turn_y", "turn_z")
 
 
 def without_false_fixes(result: Adjustment, again: Again) -> Adjustment:
@@ -316,3 +325,48 @@ def with_held_focal_asked(result: Adjustment, again: Again) -> Adjustment:
                 "camera, focus or picture size? `--camera fraser8` estimates the camera."
             )
     return result
+
+
+def with_motion_as_seen(result: Adjustment, again: Again) -> Adjustment:
+    """Adjusted with errors of velocities of the size that the readout and the pictures say."""
+    for _ in range(_MOTION_ROUNDS):
+        model, p = result.problem.model, result.problem
+        if not p.beside or not result.converged:
+            return result
+        before, now = model.motion or MotionScale(), _motion_scale(result)
+        if all(abs(np.log(a / b)) < _SAME for a, b in zip(now, before, strict=True)):
+            return result
+        start = result.start
+        result = again(result.block, replace(model, motion=now))
+        result.start = start
+    return result
+
+
+def _motion_scale(result: Adjustment) -> MotionScale:
+    """By what the deviations of velocities and of angular rates count, by this result.
+
+    Source: Förstner 1979 (v'Pv / r); what is stated counts as some observations of its own.
+    """
+    p = result.problem
+    before = p.model.motion or MotionScale()
+    table = result.effects
+    found = table.loc[table["parameter"] == "readout", "value"].abs()
+    readout = max([_LEAST_S, *found[np.isfinite(found)]])
+    factors = []
+    for axes, factor in (("x", "y", "z"), before.moved), (_TURNS, before.turned):
+        own = [
+            (n, slug, k)
+            for n, (slug, k) in enumerate(p.per_image_unknowns)
+            if slug in p.beside and p.stack.members[slug].parameters[k].name in axes
+        ]
+        if own:
+            number = [n for n, _, _ in own]
+            value = np.stack([result.state.effects[slug][:, k] for _, slug, k in own], axis=1)
+            weight = p.per_image_prior[1][:, number]
+            left = np.einsum("nii->ni", result.covariance.each_pose)[:, 6 + np.array(number)]
+            stated = factor * before.readout / readout
+            seen = float(np.sum(value**2 * weight)) * stated**2
+            counts = float(np.sum(np.clip(1.0 - left * weight, 0.0, 1.0)))
+            factor = float(np.sqrt((seen + _STATED_COUNTS) / (counts + _STATED_COUNTS)))
+        factors.append(factor)
+    return MotionScale(readout, *factors)

@@ -30,17 +30,29 @@ from corridor.core.effects.registry import every_effect, find, forget, register,
 from corridor.core.effects.stack import ROW_REACH, Arrays, Member, Stack, check_needs
 from corridor.core.effects.testable import Candidates, candidates
 from corridor.core.effects.values import EffectValues, Values, effect_of, parse_word
+from corridor.core.effects.velocity_errors import (
+    COMMON,
+    RATE_SIGMA,
+    VELOCITY_SIGMA,
+    CommonVelocityError,
+    OwnVelocityError,
+)
 
 __all__ = [
+    "COMMON",
+    "RATE_SIGMA",
     "ROW_REACH",
+    "VELOCITY_SIGMA",
     "Arrays",
     "Candidates",
+    "CommonVelocityError",
     "Context",
     "Effect",
     "EffectValues",
     "Images",
     "LinearEffect",
     "Member",
+    "OwnVelocityError",
     "Parameter",
     "Prediction",
     "Stack",

@@ -44,6 +44,7 @@ class Images:
     temperature: np.ndarray
     velocity: np.ndarray
     angular_rate: np.ndarray
+    velocity_error: np.ndarray
     start_centre: np.ndarray
     start_rotation: np.ndarray
     ground: float
@@ -86,6 +87,7 @@ class Images:
             temperature=columns("temperature_c")[:, 0],
             velocity=columns("vx", "vy", "vz"),
             angular_rate=columns("wx", "wy", "wz"),
+            velocity_error=columns("dvx", "dvy", "dvz"),
             start_centre=centre,
             start_rotation=rotation,
             ground=float(np.mean(block.points["z"])) if len(block.points) else 0.0,

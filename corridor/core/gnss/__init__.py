@@ -10,6 +10,7 @@ from corridor.core.gnss.coordinates import (
     to_local,
 )
 from corridor.core.gnss.exposures import Exposures
+from corridor.core.gnss.formats.exif import photographs_in
 from corridor.core.gnss.interpolation import (
     CORRELATION_S,
     MAX_SIGMA_M,
@@ -49,6 +50,7 @@ __all__ = [
     "interpolate",
     "known_crs",
     "of_block",
+    "photographs_in",
     "read_exposures",
     "read_track",
     "segments",

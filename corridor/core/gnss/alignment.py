@@ -23,6 +23,13 @@ from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track
 # A shift of the clock is believed where the positions then fit this much better.
 _CLEARLY_BETTER = 0.3
 _CLEARLY_OFF_M = 5.0
+# Leap seconds taken for none at all, one too few or too many, or two.
+_MISCOUNTS = ((1, 0), (0, 1), (1, -1), (1, 1), (0, 2))
+# Positions that differ by so many sigmas contradict each other; where nobody states one, the
+# antenna of a receiver without corrections is meant. A camera is some decimetres from its antenna.
+_MANY_SIGMAS, _UNSTATED_M, _LEAST_SIGMA_M, _APART_M = 5.0, 3.0, 0.02, 0.6
+# A delay below this is the interpolation's; one that leaves more than this share explains little.
+_LEAST_DELAY_S, _EXPLAINED, _FEWEST = 0.02, 0.5, 5
 
 
 @brief
@@ -42,9 +49,9 @@ def align(
 ) -> Alignment:
     """How the exposures' clock becomes the track's, from days and time systems alone.
 
-    Nothing is fitted, and no clock is stretched. track_system, exposures_system: the system that
-    a file does not state, or states wrongly. Tables of a block state none: they share one clock.
-    Where exposures have positions, a clock that is wrong by the leap seconds shows in them.
+    No clock is stretched. track_system, exposures_system: the system that a file does not state, or
+    states wrongly. Tables of a block state none: they share one clock. Where exposures have
+    positions, a clock that is wrong by leap seconds shows in them.
     Raises InputError where the systems are not known, where track and exposures do not overlap,
     or where positions say that one clock is wrong by the leap seconds.
     """
@@ -65,7 +72,7 @@ def align(
     notes: list[str] = []
     offset = 0.0 if bare else _offset(track, exposures, systems, time, notes)
     _check_overlap(track, exposures, systems, time + offset, bare, notes)
-    _check_positions(track, exposures, offset, notes)
+    offset += _by_positions(track, exposures, offset, notes)
     return Alignment(offset, tuple(notes))
 
 
@@ -181,41 +188,97 @@ def _cause(track: Track, time: np.ndarray, leap: float) -> str:
     return f"; {in_words(shift)} {'later' if shift > 0 else 'earlier'} they would: {why}"
 
 
-def _check_positions(track: Track, exposures: Exposures, offset: float, notes: list) -> None:
-    """Positions of the exposures lie beside the track, or tell that a clock is 18 s wrong."""
+def _by_positions(track: Track, exposures: Exposures, offset: float, notes: list) -> float:
+    """Whole seconds by which the exposures' own positions say that leap seconds were miscounted.
+
+    A witness beside the time systems: positions of the exposures lie on the track at their times.
+    A difference of all leap seconds is one of stated systems, and refused; a miscount of some is
+    put right; another delay is told, for nobody knows where it comes from.
+    """
     pair = _in_one_frame(track, exposures)
     if pair is None:
-        return
+        return 0.0
     where, positions = pair
     leap = float(leap_seconds(track.day or "2017-01-01"))
     at, time = track.table["time_s"].to_numpy(), exposures.table["time_s"].to_numpy() + offset
     if "flight" in track.table and (np.diff(at) < 0).any():
-        return
+        return 0.0
     known = np.isfinite(positions).all(axis=1) & np.isfinite(time)
+
+    def beside(shift: float) -> tuple[np.ndarray, np.ndarray]:
+        """Exposures within the track, and how far (k, 2) their positions lie from it, m."""
+        use = known & (time + shift >= at[0]) & (time + shift <= at[-1])
+        there = np.column_stack([np.interp(time[use] + shift, at, column) for column in where.T])
+        return use, (positions[use] - there)[:, :2]
+
     distance = {}
-    for shift in (0.0, leap, -leap):
-        moved = time + shift
-        use = known & (moved >= at[0]) & (moved <= at[-1])
-        if use.sum() < max(3, 0.5 * known.sum()):
-            continue
-        there = np.column_stack([np.interp(moved[use], at, column) for column in where.T])
-        distance[shift] = float(np.median(np.linalg.norm((there - positions[use])[:, :2], axis=1)))
+    miscounts = [sign * (leap * all_of + few) for sign in (1, -1) for all_of, few in _MISCOUNTS]
+    for shift in (0.0, *miscounts):
+        use, off = beside(shift)
+        if use.sum() >= max(3, 0.5 * known.sum()):
+            distance[shift] = float(np.median(np.linalg.norm(off, axis=1)))
     if 0.0 not in distance:
-        return
+        return 0.0
+    sigma = _sigma(track, exposures)
     best = min(distance, key=distance.get)
-    nearer = distance[0.0] - distance[best]
-    if distance[best] < _CLEARLY_BETTER * distance[0.0] and nearer > _CLEARLY_OFF_M:
+    clearly = distance[best] < _CLEARLY_BETTER * distance[0.0]
+    if clearly and abs(best) == leap and distance[0.0] - distance[best] > _CLEARLY_OFF_M:
         raise InputError(
             f"{exposures.source.name}: its positions lie {distance[0.0]:.0f} m from "
             f"{track.source.name}, but {distance[best]:.1f} m if the images were taken {leap:g} s "
             f"{'later' if best > 0 else 'earlier'}, so one of the two states UTC and means GPS "
             "time, or the reverse; give the right time system"
         )
-    if abs(distance[0.0]) > 1000:
+    if best and clearly and distance[0.0] > _MANY_SIGMAS * sigma:
         notes.append(
-            f"the positions in {exposures.source.name} lie {distance[0.0]:.0f} m (median) from "
-            f"{track.source.name}: is it the track of this flight?"
+            f"the positions in {exposures.source.name} lie {distance[0.0]:.1f} m from "
+            f"{track.source.name}, and {distance[best]:.2f} m if the images were taken "
+            f"{abs(best):g} s {'later' if best > 0 else 'earlier'}, which was done: one of the two "
+            "was made with another number of leap seconds"
         )
+    else:
+        best = 0.0
+    delay, delay_sigma, left = _delay(at, where, time[beside(best)[0]] + best, beside(best)[1])
+    if abs(delay) > max(_MANY_SIGMAS * delay_sigma, _LEAST_DELAY_S):
+        notes.append(
+            f"the positions in {exposures.source.name} lie where {track.source.name} was "
+            f"{abs(delay):.2f} +- {delay_sigma:.2f} s {'later' if delay > 0 else 'earlier'} than "
+            "the images' times: is the clock of the images right, or are their positions late?"
+        )
+    elif left > max(_MANY_SIGMAS * sigma, _APART_M):
+        notes.append(
+            f"the positions in {exposures.source.name} lie {left:.3g} m (median) from "
+            f"{track.source.name}, {left / sigma:.0f} times what both state: is it the track of "
+            "this flight?"
+        )
+    return best
+
+
+def _sigma(track: Track, exposures: Exposures) -> float:
+    """Standard deviation of a difference of positions, m, by what both files state."""
+    every = []
+    for table in (track.table, exposures.table):
+        stated = table[["sx", "sy"]].to_numpy(float) if {"sx", "sy"} <= set(table) else np.zeros(0)
+        stated = stated[np.isfinite(stated)]
+        every.append(float(np.median(stated)) if len(stated) else _UNSTATED_M)
+    return max(float(np.hypot(*every)), _LEAST_SIGMA_M)
+
+
+def _delay(at, where, time, off) -> tuple[float, float, float]:
+    """By how much later the track was where positions are, s; its sigma; what it leaves, m."""
+    speed = np.column_stack(
+        [np.interp(time, at, np.gradient(column, at)) for column in where.T[:2]]
+    )
+    square = float(np.sum(speed**2))
+    if len(time) < _FEWEST or not square > 0:
+        return 0.0, np.inf, float(np.median(np.linalg.norm(off, axis=1)))
+    delay = float(np.sum(speed * off)) / square
+    left = off - delay * speed
+    # Robust: positions that jump once are no delay.
+    sigma = 1.4826 * float(np.median(np.abs(left))) / np.sqrt(square)
+    share = np.linalg.norm(left) / np.linalg.norm(off)
+    distance = float(np.median(np.linalg.norm(off, axis=1)))
+    return (delay, sigma, distance) if share < _EXPLAINED else (0.0, np.inf, distance)
 
 
 def _in_one_frame(track: Track, exposures: Exposures):

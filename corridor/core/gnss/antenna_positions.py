@@ -2,7 +2,7 @@
 
 import os
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,8 @@ from corridor.core.output import whole_file, whole_files, write_picture
 _COLUMNS = ["image", "x", "y", "z", "sx", "sy", "sz"]
 _SETTINGS = "block.toml"
 _LEAST_OF_FLIGHT = 3  # images, for one of them to stand out
+# A drone that takes photographs for so long and moves by less is not on a survey.
+_STOOD_S, _STOOD_M = 20.0, 1.0
 
 
 @brief
@@ -147,12 +149,16 @@ def antenna(
         made = interpolate(local.table, times, interpolation=interpolation, flight=flight)
     except InputError as error:
         raise InputError(f"{track.source.name}: {error}") from None
+    if exposures.resolution_s:
+        made = _with_resolution(made, exposures.resolution_s)
     names = exposures.table["image" if "image" in exposures.table else "number"].astype(str)
     good = (made.table["why"] == "").to_numpy()
     if not good.any():
         why = made.table["why"].value_counts()
+        coarse = f"; {_of_resolution(exposures, made)}" if exposures.resolution_s else ""
         raise WorkFailed(
             f"none of the {len(times)} exposures got a position ({why.index[0]}: {why.iloc[0]})"
+            f"{coarse}"
         )
     points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset)
     gnss = pd.DataFrame({"image": names.to_numpy()[good]})
@@ -167,6 +173,7 @@ def antenna(
     notes += tuple(filter(None, (exposures.too_near(), exposures.out_of_order())))
     if exposures.resolution_s:
         notes += (_of_resolution(exposures, made),)
+    notes += _of_standing(made)
     return Antenna(
         gnss, refused, made, local, frame, crs == GEOGRAPHIC, tuple(dict.fromkeys(notes))
     )
@@ -183,6 +190,19 @@ def _of_strays(names: np.ndarray, exposures: pd.DataFrame, segment: np.ndarray) 
         f"image {names[row]} lies in another piece of the track than the other images of flight "
         f"{table['flight'][row]}: is its time right?"
         for row in np.flatnonzero(alone & many & (segment >= 0))
+    )
+
+
+def _of_standing(made: Interpolated) -> tuple:
+    """A sentence where the antenna stood still at all exposures, which lasted long."""
+    good = made.good
+    span = np.ptp(good[["x", "y", "z"]].to_numpy(), axis=0)
+    lasted = float(np.ptp(good["time_s"]))
+    if len(good) < _LEAST_OF_FLIGHT or lasted < _STOOD_S or span.max() > _STOOD_M:
+        return ()
+    return (
+        f"the antenna stands still (within {100 * span.max():.0f} cm for {lasted:.0f} s) at all "
+        "exposures: is it the track of this flight, and is the clock of the images right?",
     )
 
 
@@ -205,13 +225,31 @@ def of_block(block: Block, **options) -> Antenna:
     )
 
 
+def _with_resolution(made: Interpolated, step: float) -> Interpolated:
+    """Positions with what the antenna flies within a step of printed times in their sigmas.
+
+    Whether a clock rounds or cuts off is not known: the error is as of one that cuts off, even
+    between 0 and the step, about 0.
+    """
+    table = made.table.copy()
+    speed = np.nan_to_num(table[["vx", "vy", "vz"]].to_numpy())
+    sigma = np.hypot(table[["sx", "sy", "sz"]].to_numpy(), speed * step / np.sqrt(3))
+    largest = np.nan_to_num(sigma).max(axis=1)
+    weak = (table["why"] == "").to_numpy() & (largest > made.max_sigma)
+    table[["sx", "sy", "sz"]] = sigma
+    table.loc[weak, "why"] = [
+        f"sigma {value:.2f} m is above {made.max_sigma:g} m" for value in largest[weak]
+    ]
+    return replace(made, table=table)
+
+
 def _of_resolution(exposures: Exposures, made: Interpolated) -> str:
-    speed = np.nanmedian(np.linalg.norm(made.good[["vx", "vy", "vz"]].to_numpy(), axis=1))
-    # Times printed in steps are even within a step: its twelfth is the variance.
-    shift = speed * exposures.resolution_s / np.sqrt(12)
+    speed = np.nanmedian(np.linalg.norm(made.table[["vx", "vy", "vz"]].to_numpy(), axis=1))
+    shift = speed * exposures.resolution_s / np.sqrt(3)
     return (
         f"{exposures.source.name} prints times in steps of {1000 * exposures.resolution_s:.0f} ms: "
-        f"at {speed:.1f} m/s {100 * shift:.1f} cm (1 sigma) along the track that no sigma here has"
+        f"at {speed:.1f} m/s {100 * shift:.1f} cm (1 sigma) along the track, which the sigmas "
+        "include"
     )
 
 

@@ -9,10 +9,12 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.brief import brief
-from corridor.core.errors import InputError
+from corridor.core.errors import InputError, some
 
 # Share of the usual interval that no camera undercuts; of the rows of which that is a slip.
 _NEAR, _FEW = 0.01, 0.02
+# Share of the exposures of which the photographs may be deleted: more is another folder.
+_MOST_DELETED = 0.5
 
 
 @brief
@@ -29,6 +31,7 @@ class Exposures:
         flight: text; optional
     resolution_s: step of the printed times (a time is off by up to half of it); None: not coarse
     day, time_system, crs, source, notes: as in a Track
+    counted: numbers are of events as a receiver counts them, not of image files
     """
 
     table: pd.DataFrame
@@ -38,6 +41,7 @@ class Exposures:
     source: Path
     notes: tuple[str, ...] = ()
     resolution_s: float | None = None
+    counted: bool = False
 
     def too_near(self) -> str | None:
         """A sentence where two exposures are nearer in time than any camera can take them.
@@ -84,10 +88,14 @@ class Exposures:
         """With the column `image`: each number is looked for in the names of image files.
 
         DJI writes the number as the last group of four or more digits between `_` and `_` or `.`.
-        Raises InputError where an exposure has no image, or two.
+        Exposures of a receiver that counts events (`counted`) get the images in order, where there
+        are as many. An exposure whose image was deleted is left out, and named in a note.
+        Raises InputError where most exposures have no image, or one has two.
         """
         if "image" in self.table:
             return self
+        if self.counted:
+            return self._in_order(sorted(images))
         by_number: dict[int, str] = {}
         for name in sorted(images):
             groups = re.findall(r"_(\d{4,5})(?=[_.])", name)
@@ -100,11 +108,30 @@ class Exposures:
                     f"{number}; name the images of one flight and one lens"
                 )
             by_number[number] = name
-        lost = [number for number in self.table["number"] if number not in by_number]
-        if lost:
+        has = self.table["number"].isin(list(by_number))
+        lost = self.table["number"][~has].tolist()
+        if len(lost) > _MOST_DELETED * len(self.table):
             raise InputError(
                 f"{self.source.name}: no image has number {lost[0]} ({len(lost)} of "
                 f"{len(self.table)} exposures are without image); name the folder with all images"
             )
-        names = [by_number[number] for number in self.table["number"]]
-        return replace(self, table=self.table.assign(image=pd.Series(names, dtype="str")))
+        table = self.table[has].reset_index(drop=True)
+        names = pd.Series([by_number[number] for number in table["number"]], dtype="str")
+        notes = self.notes
+        if lost:
+            notes += (
+                f"{self.source.name}: no image has number {some([str(n) for n in lost], 5)}: "
+                f"{len(lost)} of {len(self.table)} exposures are left out (photographs deleted?)",
+            )
+        return replace(self, table=table.assign(image=names), notes=notes)
+
+    def _in_order(self, images: list[str]) -> "Exposures":
+        """With the names of image files in their order."""
+        if len(images) != len(self.table):
+            raise InputError(
+                f"{self.source.name} has {len(self.table)} events and there are {len(images)} "
+                "images: RTKLIB keeps one event an epoch, and a camera may miss one; delete or add "
+                "rows until each event is that of an image, or leave --photos out and name the "
+                "images in the table"
+            )
+        return replace(self, table=self.table.assign(image=pd.Series(images, dtype="str")))

@@ -4,9 +4,13 @@ A module of the folder `formats` that has `recognise(head)` is a format: it tell
 first lines, and `read(path)` returns a Track or Exposures.
 """
 
+import re
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+
+import numpy as np
+import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.gnss import formats as folder
@@ -16,6 +20,15 @@ from corridor.core.gnss.track import Track
 from corridor.core.textfile import read_lines
 
 _HEAD_LINES = 80
+_EVENTS = re.compile(r"(?i)(^|[_\-. ])events?\.(pos|txt)(\.gz)?$")
+# What files of receivers say at their head that are no positions yet.
+_RAW = {
+    "OBSERVATION DATA": "a receiver's observations (RINEX)",
+    "NAVIGATION DATA": "orbits of satellites (RINEX)",
+    "GNSS NAV DATA": "orbits of satellites (RINEX)",
+    "$GPGGA": "a receiver's messages (NMEA)",
+    "$GNGGA": "a receiver's messages (NMEA)",
+}
 
 
 def read_track(path: str | Path) -> Track:
@@ -40,7 +53,8 @@ def read_track(path: str | Path) -> Track:
 def read_exposures(path: str | Path) -> Exposures:
     """Moments of exposure in a file; the format is told by the content.
 
-    DJI .MRK, MicMac XML or text, Modified Julian Days, images.csv (.parquet) of a block. A
+    DJI .MRK, RTKLIB's NAME_events.pos (positions at the exposures, numbered from 1), MicMac XML or
+    text, Modified Julian Days, images.csv (.parquet) of a block. A
     folder: images.csv in it, else the EXIF of the photographs in it.
     Raises InputError, one sentence naming file, row and remedy.
     """
@@ -51,9 +65,24 @@ def read_exposures(path: str | Path) -> Exposures:
             return exif.read(path)
         path = table
     exposures = _read(path)
-    if not isinstance(exposures, Exposures):
-        raise InputError(f"{path.name} holds a track, not image times; name the file of the images")
-    return exposures
+    if isinstance(exposures, Exposures):
+        return exposures
+    if not _EVENTS.search(path.name):
+        raise InputError(
+            f"{path.name} holds a track, not image times; name the file of the images (RTKLIB's "
+            "positions at the exposures end in _events.pos)"
+        )
+    return _of_events(exposures)
+
+
+def _of_events(track: Track) -> Exposures:
+    """Exposures from a processing program's positions at the events of a camera, from 1 on."""
+    columns = [c for c in ("time_s", "x", "y", "z", "sx", "sy", "sz") if c in track.table]
+    table = track.table[columns].copy()
+    table.insert(0, "number", pd.array(np.arange(len(table)) + 1, dtype="Int64"))
+    return Exposures(
+        table, track.day, track.time_system, track.crs, track.source, track.notes, counted=True
+    )
 
 
 def _formats() -> list:
@@ -77,6 +106,12 @@ def _read(path: Path) -> Track | Exposures:
     for module in _formats():
         if module.recognise(head):
             return module.read(path)
+    for sign, what in _RAW.items():
+        if sign in head:
+            raise InputError(
+                f"{path.name} holds {what}, no positions; process it (RTKLIB, Emlid Studio, "
+                "GrafNav) and give the result, such as a .pos and its _events.pos"
+            )
     titles = ", ".join(module.TITLE for module in _formats())
     raise InputError(
         f"{path.name} is in no format that is known, or its header is missing; give {titles}"

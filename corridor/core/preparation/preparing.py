@@ -25,10 +25,10 @@ from corridor.core.preparation.record import (
     derived,
     record,
 )
-from corridor.core.preparation.smoothing import FASTEST_M_S, motion, of_gnss, of_poses
+from corridor.core.preparation.smoothing import FASTEST_M_S, of_gnss, of_poses, of_track
 from corridor.core.preparation.tracks import interleaved
 
-_VELOCITY_SIGMA = ("svx", "svy", "svz")
+_VELOCITY_SIGMA, _COMMON_ERROR = ("svx", "svy", "svz"), ("dvx", "dvy", "dvz")
 _LEAST_PAIRS = 5
 
 
@@ -144,7 +144,7 @@ def _velocities(block: Block, flown: Antenna | None) -> None:
     lacking = ~np.isfinite(given).all(axis=1)
     if not lacking.any():
         return
-    velocity, sigma = given.copy(), stated
+    velocity, sigma, common = given.copy(), stated, np.zeros_like(given)
     sources = []
     for source, found in _sources(block, flown):
         lost = ~np.isfinite(velocity).all(axis=1)
@@ -154,12 +154,15 @@ def _velocities(block: Block, flown: Antenna | None) -> None:
         take = lost & np.isfinite(table).all(axis=1)
         take &= np.linalg.norm(table[:, :3], axis=1) < FASTEST_M_S
         if take.any():
-            velocity[take], sigma[take] = table[take, :3], table[take, 3:]
+            velocity[take], sigma[take] = table[take, :3], table[take, 3:6]
+            common[take] = table[take, 6:]
             sources.append(source)
     if not np.isfinite(velocity).all():
         return
     block.put("images", VELOCITY, velocity)
     block.put("images", _VELOCITY_SIGMA, sigma)
+    if common.any():
+        block.put("images", _COMMON_ERROR, common)
     several, witness = sigma[lacking], _as_flown(block, sources)
     text = (
         f"Velocities of {int(lacking.sum())} of {len(given)} images are derived from "
@@ -202,9 +205,9 @@ def _as_posed(block: Block) -> Witness:
 
 
 def _sources(block: Block, flown: Antenna | None):
-    """(name, callable that gives velocities and their sigmas (images, 6)), the best first."""
+    """(name, callable that gives velocities, sigmas, common errors (images, 9)), the best first."""
     if flown is not None:
-        yield "track.csv", lambda: motion(flown.interpolated)
+        yield "track.csv", lambda: of_track(block, flown)
     elif len(block.gnss):
         yield "gnss.csv", lambda: of_gnss(block)
     # Without a scale, what poses fly in a second is no speed.

@@ -117,7 +117,7 @@ def _from_antennas(block: Block) -> Velocities:
         fault = "has no position in gnss.csv, or none near it"
         remedy = "take velocities from neighbours or strip"
     block.demand("images", np.isfinite(table), fault, remedy)
-    velocity, sigma = table[:, :3], table[:, 3:]
+    velocity, sigma = table[:, :3], table[:, 3:6]
     speed = np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-9)
     along = np.sqrt(np.sum((sigma * velocity / speed) ** 2, axis=1))
     step = rounding(time)

@@ -513,7 +513,8 @@ def _check_points(adjustment: Adjustment) -> Table | None:
     names, rays = frame["point"].to_numpy(object), frame["rays"].to_numpy()
     digits = _mm_digits(numbers)
     notes = [
-        "mm, adjusted minus given; s_dx, s_dy, s_dz: standard deviations of the differences, with the survey"
+        "mm, adjusted minus given; s_dx, s_dy, s_dz: standard deviations of the differences, the "
+        "survey included"
     ]
     if len(frame) > _MOST_POINTS:
         size = np.linalg.norm(differences, axis=1)

@@ -42,6 +42,8 @@ _ONE_PHASE = 0.8  # stripes go straight across the picture
 _QUARTZ = 1e-5
 # Shares of a period: 60 simulated photographs reach 0.016, but where the exposure is one period.
 _UNEVEN = 0.04
+# A row of a rolling shutter: 15 to 60 ms for 3,000 rows (published readout times).
+_ROW_S = 5e-6, 20e-6
 _GAIN = 3.0  # by which the stripes must shrink what a smooth light leaves over
 _METHOD = (
     "frequency of the stripes in the mean light of the rows: up to 15 harmonics with smooth "
@@ -70,10 +72,12 @@ def measure_led(
     bright = float((photo.grey >= _SATURATED).mean())
     if bright > _WHITE:
         raise CannotMeasure(_why_not(photo, frequency_hz, bright))
-    found = [_fit(one) for axis in ("y", "x") for one in _search(light, axis)]
+    seen = [one for axis in ("y", "x") for one in _search(light, axis)]
+    found = [_fit(one) for one in seen]
     fitted = max((one for one in found if one), key=lambda one: one.gain, default=None)
-    if fitted is None or fitted.gain < _GAIN * (1 if fitted.stripes > _FEW else 10):
-        raise CannotMeasure(_why_not(photo, frequency_hz, bright))
+    if fitted is None or fitted.gain < _least_gain(fitted.stripes):
+        few = [s for one in seen if (s := one.cycles * len(one.signal)) < _FEWEST_STRIPES]
+        raise CannotMeasure(_why_not(photo, frequency_hz, bright, max(few, default=None)))
     cycles, axis, rows = fitted.cycles, fitted.axis, len(fitted.signal)
     stripes = cycles * rows
     if 1 / cycles < _FEWEST_ROWS:
@@ -149,7 +153,13 @@ def _uneven(found) -> float:
     return float(np.sqrt(np.mean(np.angle(seen * np.conj(seen.sum())) ** 2))) / (2 * math.pi)
 
 
-def _why_not(photo, frequency, bright):
+def _least_gain(stripes: float) -> float:
+    """By how much stripes must shrink the squares: more of them where few are."""
+    lacking = np.clip((_FEW - stripes) / (_FEW - _FEWEST_STRIPES), 0.0, 1.0)
+    return _GAIN * (1 + 9 * float(lacking))
+
+
+def _why_not(photo, frequency, bright, few=None):
     if bright > 0.5:
         return (
             f"{photo.name} is overexposed ({100 * bright:.0f} % of it is white), so its stripes "
@@ -161,9 +171,23 @@ def _why_not(photo, frequency, bright):
             f"{photo.name} shows no stripes: its exposure of {1e3 * photo.exposure_s:.3g} ms is "
             f"{round(periods)} periods of the light, over which it averages out; use another"
         )
+    if few is not None:
+        return (
+            f"{photo.name} shows about {few:.1f} periods of light along its rows, and "
+            f"{_FEWEST_STRIPES:g} are the fewest that can be measured: let the light blink faster "
+            f"than {frequency:g} Hz"
+        )
+    if frequency > 1 / (_FEWEST_ROWS * _ROW_S[1]):
+        return (
+            f"{photo.name} shows no stripes: a period of {frequency:g} Hz lasts "
+            f"{1e6 / frequency:.3g} us, and cameras read a row in {1e6 * _ROW_S[0]:g} to "
+            f"{1e6 * _ROW_S[1]:g} us, so that its stripes are a few rows wide or less: use a lower "
+            "frequency"
+        )
     return (
-        f"{photo.name} shows no stripes: the light does not blink, or the exposure is a multiple "
-        "of its period, at which stripes vanish; use a shorter exposure"
+        f"{photo.name} shows no stripes: the light does not blink, there are fewer than "
+        f"{_FEWEST_STRIPES:g} of them (blink faster), or the exposure is a multiple of the period, "
+        "at which stripes vanish (expose for a shorter time)"
     )
 
 

@@ -19,6 +19,7 @@ from corridor.tools.thermal import temperature
 from corridor.tools.thermal.maps import Maps
 from corridor.tools.thermal.model import KINDS, ThermalModel
 from corridor.tools.thermal.sums import SCALE_C, Solved, Sums
+from corridor.tools.thermal.wrong_stamps import without_wrong_stamps
 
 _MOST_POWERS = 3
 _BLOCKS = 6
@@ -55,11 +56,14 @@ def fit(
     kind: similarity, radial, decentring, polynomial (i, j = 0..3), or `printed` (eq. 6.3 of Zhou
         2019, i, j = 1..4: for comparison). powers: of T - T0. lag_s: hold it at this value.
         smooth: the temperatures over time first. Each is found from the maps unless given.
+    Pictures whose temperature is not theirs are left out and named (see `wrong_stamps`).
     Raises InputError without temperatures, WorkFailed where they say too little.
     """
-    sums = Sums(maps, kind)
-    notes = list(maps.warnings) + sums.notes
     rough = "decentring" if kind is None else kind
+    notes = list(maps.warnings)
+    maps, wrong = without_wrong_stamps(maps, rough)
+    sums = Sums(maps, kind)
+    notes += wrong or sums.notes
     if smooth is None:
         smooth = _better_smoothed(sums, rough, lag_s)
     if smooth:

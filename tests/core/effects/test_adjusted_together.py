@@ -125,7 +125,7 @@ class Dense:
         weight, away = np.zeros((2, p.unknown_count))
         weight[self.border] = p.prior_weight
         away[self.border] = shared_values(p, self.state) - p.prior_value
-        priors = zip(p.per_image_unknowns, p.per_image_prior[0], strict=True)
+        priors = zip(p.per_image_unknowns, p.per_image_prior[0].T, strict=True)
         own = [self.state.effects[slug][:, number] - value for (slug, number), value in priors]
         for given, values in ((weight, p.per_image_prior[1]), (away, np.array(own).T)):
             given[: self.first].reshape(p.image_count, p.d)[:, 6:] = values if own else 0.0

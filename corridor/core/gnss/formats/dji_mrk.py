@@ -32,6 +32,22 @@ _COLUMNS = [
     "offset_n", "offset_e", "offset_u", "y", "x", "z", "sy", "sx", "sz", "flag",
 ]  # fmt: skip
 
+_FIXED = 50
+
+
+def status(flag: int) -> str:
+    """What DJI's positioning status says, in words.
+
+    Source: DJI Mavic 3E/3T user manual, RtkFlag (0, 16, 32 to 49, 50).
+    """
+    if flag == 16:
+        return "a single position, good to metres"
+    if 32 <= flag < _FIXED:
+        return "a float solution, good to decimetres or metres"
+    return {0: "no position", _FIXED: "a fix, good to centimetres"}.get(
+        flag, "which DJI does not describe and which is not taken for a fix"
+    )
+
 
 def recognise(head: str) -> bool:
     """Whether the first row is a time mark."""
@@ -71,12 +87,12 @@ def read(path: Path) -> Exposures:
     if none.any():
         table.loc[none, ["x", "y", "z", "sx", "sy", "sz"]] = np.nan
         notes.append(f"{path.name}: marks without position (flag 0): {int(none.sum())}")
-    poor = ~table["flag"].isin([0, 50]).to_numpy(dtype=bool)
-    if poor.any():
-        notes.append(
-            f"{path.name}: the on-board position of {int(poor.sum())} of {len(table)} marks is no "
-            "fix (flag 50) and may be metres off; take positions from a processed track"
-        )
+    for flag, many in table["flag"].value_counts().sort_index().items():
+        if flag not in (0, _FIXED):
+            notes.append(
+                f"{path.name}: the on-board position of {many} of {len(table)} marks is no fix: "
+                f"flag {flag}, {status(flag)}; take positions from a processed track"
+            )
     order = ["number", "time_s", "x", "y", "z", "sx", "sy", "sz", "flag"]
     order += ["offset_e", "offset_n", "offset_u"]
     return Exposures(table[order], day, "GPST", GEOGRAPHIC, path, notes=tuple(notes))

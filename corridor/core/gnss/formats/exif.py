@@ -27,9 +27,7 @@ def read(folder: Path) -> Exposures:
 
     Raises InputError where there is none, or one has no time, or zones differ.
     """
-    from corridor.core.photographs import SUFFIXES  # needs Pillow, which a track does not
-
-    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
+    files = photographs_in(folder)
     if not files:
         raise InputError(
             f"{folder.name} holds neither images.csv nor photographs; name the folder or file of "
@@ -58,6 +56,13 @@ def read(folder: Path) -> Exposures:
         table, day, zones[0], None, folder, notes=tuple(notes),
         resolution_s=resolution if most < 3 else None,
     )  # fmt: skip
+
+
+def photographs_in(folder: Path) -> list[Path]:
+    """The photographs of a folder and of those in it (DCIM/100MEDIA), in order of their paths."""
+    from corridor.core.photographs import SUFFIXES  # needs Pillow, which a track does not
+
+    return sorted(file for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES)
 
 
 def _taken(file: Path) -> Taken:

@@ -22,6 +22,13 @@ _MOST_LOST = 0.1  # share of the epochs of a receiver that nobody misses
 _CURVE = 2000
 _POSITION, _SIGMA = ["x", "y", "z"], ["sx", "sy", "sz"]
 _VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
+# What solutions that are no fix are good to, m, and what they are called.
+# Source: RTKLIB manual 2.4.2, appendix B.1 (quality); decimetres of a float ambiguity, metres of a
+# position without: Teunissen and Montenbruck 2017, chapters 21 and 26.
+_GOOD_TO_M = {2: 0.2, 3: 1.0, 4: 0.5, 5: 2.0}
+_NAMES = {2: "float", 3: "SBAS", 4: "differential code", 5: "single"}
+# A scatter that is larger than stated by more than this is told.
+_CONTRADICTS = 1.3
 # Sigma against that of a fix, where a track states quality but no sigma.
 _BY_QUALITY = {1: 1.0, 2: 20.0, 3: 100.0, 4: 50.0, 5: 200.0, 6: 5.0, 7: 1000.0}
 
@@ -39,7 +46,8 @@ class Interpolated:
     segments: pieces of the track (see `segments`)
     noise: what the smoother found, a row for plan and height of each piece: segment, group,
         gust (m^2/s^3), slow (share of the variance that is slow), sigma_m (median used),
-        velocity_sigma (m/s)
+        velocity_sigma (m/s), scale (by which epochs scatter more than they state), unresolved_m
+        (motion faster than the epochs can show, in the sigma of every position)
     curve: time_s, x, y, z, sx, sy, sz, segment halfway between epochs, all along the pieces that
         have exposures, for a picture
     notes: sentences worth telling
@@ -144,7 +152,7 @@ def interpolate(
         for (number, _, chosen), found in zip(parts, pool.map(along, parts), strict=True):
             dense, made, model, used = found
             if model is not None:
-                noise += _noise_rows(number, model, used)
+                noise += _noise_rows(number, model, used, epochs.stated)
             count = int(chosen.sum())
             position[chosen], sigma[chosen], velocity[chosen], v_sigma[chosen] = (
                 each[:count] for each in made
@@ -158,8 +166,10 @@ def interpolate(
     table[_VELOCITY], table[_VELOCITY_SIGMA] = velocity, v_sigma
     table["segment"], table["why"] = piece, pd.Series(why, dtype="str")
     columns = ["segment", "group", "gust", "slow", "sigma_m", "velocity_sigma"]
+    columns += ["scale", "unresolved_m"]
     found = pd.DataFrame(noise, columns=columns)
     notes += _of_noise(found, epochs.stated, interpolation.slow_share)
+    notes += _of_scatter(found, pieces) if epochs.stated else []
     curve = (
         pd.concat(curves, ignore_index=True)
         if curves
@@ -183,10 +193,11 @@ def _of_holes(time: np.ndarray, pieces: pd.DataFrame) -> list[str]:
 
 def _of_wild(track: pd.DataFrame, wild: dict[int, float]) -> str:
     worst = max(wild, key=wild.get)
-    many = f"{len(wild)} epochs are" if len(wild) > 1 else "1 epoch is"
+    many = f"{len(wild)} epochs stand" if len(wild) > 1 else "1 epoch stands"
     return (
-        f"{many} left out of the track: that at {track['time_s'].iloc[worst]:.3f} s lies "
-        f"{wild[worst]:.1f} m beside the line between its neighbours, where no drone can have been"
+        f"{many} alone, off the line of their neighbours by more than motion and noise explain, "
+        f"and {'are' if len(wild) > 1 else 'is'} left out of the track: that at "
+        f"{track['time_s'].iloc[worst]:.3f} s by {wild[worst]:.2f} m"
     )
 
 
@@ -197,6 +208,22 @@ def _of_singular(track: pd.DataFrame, pieces: pd.DataFrame) -> list[str]:
         "out for no reason, take the row out of the track"
         for one in singular_epochs(track, pieces)
     ]
+
+
+def _by_quality(sigma: np.ndarray, quality: np.ndarray, notes: list[str]) -> np.ndarray:
+    """Sigmas (n, 3) of which those of worse solutions are not smaller than such solutions are good.
+
+    What RTKLIB states of a float or a single position is its noise, not what it is off.
+    """
+    least = np.array([_GOOD_TO_M.get(q, 0.0) for q in quality])[:, None]
+    raised = (sigma < least).any(axis=1)
+    for q in np.unique(quality[raised]):
+        many = int((quality == q).sum())
+        notes.append(
+            f"{many} of {len(quality)} epochs are no fixes (quality {q:.0f}, {_NAMES[q]}): counted "
+            f"as good to {_GOOD_TO_M[q]:g} m, whatever their sigmas say"
+        )
+    return np.maximum(sigma, least)
 
 
 def _of_unsure(track: pd.DataFrame, sigma: np.ndarray) -> list[str]:
@@ -222,6 +249,7 @@ def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.
     stated = sigma is not None
     if stated:
         notes += _of_unsure(track, sigma)
+        sigma = _by_quality(sigma, quality, notes)
     else:
         sigma = np.repeat(relative[:, None], 3, axis=1)
     if lost:
@@ -317,14 +345,32 @@ def _curve_rows(number, time, position, sigma):
     return frame.assign(segment=number)
 
 
-def _noise_rows(number, model, used):
+def _noise_rows(number, model, used, stated):
     rows = []
     for name, axes in regimes.GROUPS:
         noise = model.axes[axes[0]]
         speed = np.nan if noise.velocity_sigma is None else noise.velocity_sigma
         size = float(np.sqrt(np.mean(used[list(axes)] ** 2)))
-        rows.append((number, name, noise.gust, noise.share, size, speed))
+        scale = noise.scale if stated else 1.0
+        unresolved = float(np.sqrt(np.mean(model.unresolved[list(axes)] ** 2)))
+        rows.append((number, name, noise.gust, noise.share, size, speed, scale, unresolved))
     return rows
+
+
+def _of_scatter(found, pieces):
+    """Sentences where neighbouring epochs contradict the sigmas that they state."""
+    for row in found[found["scale"] > _CONTRADICTS].itertuples():
+        rate = 1 / pieces["interval_s"].iloc[row.segment]
+        text = (
+            f"piece {row.segment + 1}, {row.group}: neighbouring epochs scatter {row.scale:.1f} "
+            "times as much as their sigmas say, which is used"
+        )
+        if row.unresolved_m > 0.5 * row.sigma_m * np.sqrt(1 - row.scale**-2.0):
+            text += (
+                f"; {rate:.3g} epochs a second cannot show motion above {rate / 2:.3g} Hz, of "
+                f"which {1000 * row.unresolved_m:.0f} mm are in the sigma of every position"
+            )
+        yield text
 
 
 def _of_noise(found, stated, slow_share):

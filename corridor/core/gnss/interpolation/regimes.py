@@ -24,11 +24,20 @@ _COARSE = np.concatenate([[1e-6], 10.0 ** np.arange(-4.0, 3.1, 1.0)])
 # A drone brakes and turns in plan; its tilt brings about half of that into the height.
 _OF_AXIS = (1.0, 1.0, 10.0**-0.5)
 _DWELL_S = 5.0
+_GUSTS_BESIDE = 4
 _GUST = np.concatenate([[0.0], 10.0 ** np.arange(-5.0, 1.1, 0.5)])
 # Of multipath and atmosphere over a short base line: half a minute to some minutes.
 CORRELATION_S = 60.0
 # Shares of the variance that may be slow, each equally likely beforehand.
 SLOW_SHARES = np.array([0.0, 0.5, 0.8, 0.9, 0.95, 0.98])
+# How much more epochs scatter than they state; what a step of it has to gain in log-likelihood:
+# receivers are believed unless they are contradicted.
+_INFLATED, _BELIEVED = 2.0 ** np.arange(0.0, 3.1, 0.5), 2.0
+# Root mean square acceleration of a survey drone in turbulent air, m/s^2, above the frequencies
+# that its track shows.
+_SHAKEN_M_S2 = 0.5
+# Epochs further apart than this do not tell a shaken drone from a noisy receiver.
+_SLOW_S = 0.35
 _SCALE = 10.0 ** np.arange(-3.5, 1.1, 0.25)
 _VELOCITY = 10.0 ** np.arange(-2.5, 1.1, 0.25)
 _BLOCK, _BLOCKS = 200, 12
@@ -65,11 +74,17 @@ class Axis(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Noise of a piece: `axes` x, y, z; densities of the step to each epoch, (n, 3)."""
+    """Noise of a piece: `axes` x, y, z; densities of the step to each epoch, (n, 3).
+
+    unresolved (3,): standard deviation, m, of motion too fast for the epochs to show, in every
+    position between them; interval_s: usual step.
+    """
 
     axes: tuple[Axis, Axis, Axis]
     gusts: np.ndarray
     jerks: np.ndarray
+    unresolved: np.ndarray
+    interval_s: float
     correlation_s: float = CORRELATION_S
 
 
@@ -130,6 +145,12 @@ def staircase(sigma: np.ndarray, time: np.ndarray) -> np.ndarray:
     not jump where its sigma jumps would show that the error is zero. It changes where the
     solution changes, from fixed to float.
     """
+    # Both ways in time: a track that is turned round has the same stairs.
+    both = _staircase(sigma, time), _staircase(sigma[::-1], -time[::-1])[::-1]
+    return np.sqrt(both[0] * both[1])
+
+
+def _staircase(sigma: np.ndarray, time: np.ndarray) -> np.ndarray:
     n = len(sigma)
     size = min(2 * int(_CALM_S / max(np.median(np.diff(time)), 1e-3) / 2) + 1, n)
     from scipy.ndimage import median_filter  # at first use: few blocks have a track
@@ -169,39 +190,64 @@ def fit(epochs: Epochs, share: float | None) -> Model:
         unknown_velocity = epochs.velocity is not None and epochs.velocity_sigma is None
         axis = Axis(1.0, share or 0.0, 1.0, 0.1 if unknown_velocity else None)
         jerks = np.outer(np.full(n, 10.0), _OF_AXIS)
-        return Model((axis,) * 3, np.ones((n, 3)), jerks)
-    found = _Search(epochs, share).run()
+        return Model((axis,) * 3, np.ones((n, 3)), jerks, np.zeros(3), 1.0)
+    interval = float(np.median(np.diff(epochs.time)))
+    search = _Search(epochs, share)
+    found = search.run()
+    if epochs.stated and interval < _SLOW_S and _unlike(found):
+        # A receiver is wrong about all axes alike; at this rate it is the drone that is shaken.
+        found = search.run(scaled=False)
     axes = tuple(found[group] for group, (_, of) in enumerate(GROUPS) for _ in of)
-    logs = np.zeros((n, len(_JERK)))
-
-    def seen(way: tuple[int, bool]) -> np.ndarray:
-        axis, back = way
-        return _logs(epochs, axis, axes[axis], _JERK, back=back)
-
-    ways = [(axis, back) for axis in range(len(axes)) for back in (False, True)]
-    with ThreadPoolExecutor(2) as pool:
-        for (_, back), found in zip(ways, pool.map(seen, ways), strict=True):
-            if back:
-                # Seen from the other end, a row tells of the step that leads on from it.
-                logs[1:] += found[:0:-1]
-            else:
-                logs += found
-    # Each step was seen twice, once from each side.
-    _, weights = _levels(logs / 2, np.diff(epochs.time, prepend=epochs.time[0]))
+    start = np.zeros(n, dtype=np.bool_)
+    start[0] = True
+    logs = sum(_logs(epochs, axis, axes[axis], _JERK, start) for axis in range(len(axes)))
+    _, weights = _levels(logs, np.diff(epochs.time, prepend=epochs.time[0]))
     jerks = np.outer(weights @ _JERK, _OF_AXIS)
     flying = 1 - weights[:, 0]
     gusts = np.outer(flying, [noise.gust for noise in axes])
-    return Model(axes, gusts, jerks)
+    return Model(axes, gusts, jerks, _unresolved(epochs, axes, interval), interval)
 
 
-def _logs(epochs, axis, noise, levels, start=None, back=False):
+def _unlike(axes: list[Axis]) -> bool:
+    """Whether plan and height scatter by factors that differ by more than a step of their grid."""
+    return abs(np.log2(axes[0].scale / axes[1].scale)) > np.log2(_INFLATED[1]) * 1.01
+
+
+def _unresolved(epochs: Epochs, axes: tuple, interval: float) -> np.ndarray:
+    """Standard deviation (3,) of motion faster than half the rate of the epochs, m.
+
+    Epochs that scatter more than they state are shaken, or state too little. Motion that is white
+    up to the frequency 1 / (2 interval) has accelerations of its size times (pi / interval)^2 /
+    sqrt(5); what would need more than a drone is shaken by is noise.
+    """
+    most = _SHAKEN_M_S2 * np.sqrt(5) * (interval / np.pi) ** 2
+    scale = np.array([noise.scale if epochs.stated else 1.0 for noise in axes])
+    excess = np.median(epochs.usual, axis=0) * np.sqrt(np.maximum(scale**2 - 1, 0.0))
+    return np.minimum(excess, most)
+
+
+def _logs(epochs, axis, noise, levels, start):
+    """Log-likelihood (n, levels) of the step that leads to each row, seen from both ends.
+
+    start (n,): rows that no step leads to. Half of each: every step is seen twice, and a track
+    that is turned round has the same.
+    """
+    with ThreadPoolExecutor(2) as pool:
+        ahead, back = pool.map(
+            lambda way: _one_way(epochs, axis, noise, levels, start, way), (False, True)
+        )
+    # Seen from the other end, a row tells of the step that leads on from it.
+    ahead[1:] += np.where(start[1:, None], 0.0, back[:-1])
+    return ahead / 2
+
+
+def _one_way(epochs, axis, noise, levels, start, back):
     time = -epochs.time[::-1] if back else epochs.time
     at = rows(epochs, axis, noise, back)
     slow = bool(at.share.any())
     matrices = steps(time, CORRELATION_S if slow else None)
-    if start is None:
-        start = np.zeros(len(time), dtype=np.bool_)
-        start[0] = True
+    if back:
+        start = np.append(start[1:], True)[::-1].copy()
     gusts = np.where(np.arange(len(levels)) > 0, noise.gust, 0.0)
     out = np.zeros((len(time), len(levels)))
     kernels.log_likelihoods(
@@ -213,7 +259,7 @@ def _logs(epochs, axis, noise, levels, start=None, back=False):
         before_the_flight(MOTION + slow),
         out,
     )
-    return out
+    return out[::-1] if back else out
 
 
 def _levels(logs, step):
@@ -221,7 +267,9 @@ def _levels(logs, step):
     m = logs.shape[1]
     apart = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
     jump = np.where(apart > 0, np.exp(-apart.astype(float)), 0.0)
-    jump /= jump.sum(axis=1, keepdims=True)
+    # Symmetric, so that the chain is the same backwards: what a row lacks stays where it is.
+    jump /= jump.sum(axis=1).max()
+    jump[np.diag_indices(m)] = 1 - jump.sum(axis=1)
     weights = np.empty_like(logs)
     total = kernels.forward_backward(logs, np.exp(-step / _DWELL_S), jump, weights)
     return total, weights
@@ -238,12 +286,18 @@ class _Search:
         if epochs.velocity is not None and epochs.velocity_sigma is None:
             self.free.append("velocity_sigma")
         self.free.append("gust")
+        if epochs.stated:
+            # What gusts explain is not for the sigmas to explain.
+            self.free.append("scale")
         # Without stated sigmas nothing says how large the slow error is.
         if share is None and epochs.stated:
             self.free.append("share")
         self.grids = {
-            "scale": _SCALE, "velocity_sigma": _VELOCITY, "gust": _GUST, "share": SLOW_SHARES,
-        }  # fmt: skip
+            "scale": _INFLATED if epochs.stated else _SCALE,
+            "velocity_sigma": _VELOCITY,
+            "gust": _GUST,
+            "share": SLOW_SHARES,
+        }
         unknown_velocity = "velocity_sigma" in self.free
         first = Axis(
             gust=_GUST[7],
@@ -256,7 +310,11 @@ class _Search:
         self.step[self.start] = np.inf
         self.known: dict[tuple, np.ndarray] = {}
 
-    def run(self) -> list[Axis]:
+    def run(self, scaled: bool = True) -> list[Axis]:
+        """What is found; not `scaled`: of stated sigmas as they are."""
+        if not scaled:
+            self.free.remove("scale")
+            self.now = [now._replace(scale=1.0) for now in self.now]
         for _ in range(2):
             before = list(self.now)
             for group in range(len(GROUPS)):
@@ -289,6 +347,8 @@ class _Search:
         def at(k):
             if k not in value:
                 value[k] = self._total(group, self.now[group]._replace(**{name: float(grid[k])}))
+                if name == "scale" and self.epochs.stated:
+                    value[k] -= _BELIEVED * k
             return value[k]
 
         if name == "share":
@@ -308,19 +368,17 @@ class _Search:
         self.now[group] = self.now[group]._replace(**{name: float(grid[here])})
 
     def _refine(self, group: int) -> None:
-        """The top of the parabola through the best gust density and its neighbours."""
-        gust = self.now[group].gust
-        k = int(np.argmin(np.abs(_GUST - gust)))
-        if not 2 <= k < len(_GUST) - 1:
-            return
-        low, top, high = (
-            self._total(group, self.now[group]._replace(gust=float(_GUST[j])))
-            for j in (k - 1, k, k + 1)
+        """The mean gust density over what the likelihood allows, all being equally likely before.
+
+        The likeliest one may be none at all, where gusts are as small as the noise.
+        """
+        k = int(np.argmin(np.abs(_GUST - self.now[group].gust)))
+        near = _GUST[max(k - _GUSTS_BESIDE, 0) : k + _GUSTS_BESIDE + 1]
+        logs = np.array(
+            [self._total(group, self.now[group]._replace(gust=float(gust))) for gust in near]
         )
-        bend = low - 2 * top + high
-        if bend < 0:
-            shift = 0.5 * (low - high) / bend * 0.5
-            self.now[group] = self.now[group]._replace(gust=gust * 10**shift)
+        likely = np.exp(logs - logs.max())
+        self.now[group] = self.now[group]._replace(gust=float(likely @ near / likely.sum()))
 
 
 def _sample(epochs: Epochs) -> tuple[Epochs, np.ndarray]:

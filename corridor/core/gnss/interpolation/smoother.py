@@ -51,7 +51,10 @@ def smooth(
             sigmas,
         )
         position[place, axis] = states[~observed, 0]
-        sigma[place, axis] = sigmas[~observed, 0]
+        shaken = model.unresolved[axis]
+        sigma[place, axis] = np.hypot(sigmas[~observed, 0], shaken)
         velocity[place, axis] = states[~observed, 1]
-        velocity_sigma[place, axis] = sigmas[~observed, 1]
+        # White motion up to half the rate has this speed.
+        shaken *= np.pi / model.interval_s / np.sqrt(3)
+        velocity_sigma[place, axis] = np.hypot(sigmas[~observed, 1], shaken)
     return position, sigma, velocity, velocity_sigma

@@ -13,9 +13,9 @@ examples:
       as other programs do it, for comparison
 
 TRACK: RTKLIB .pos, GrafNav text, MicMac XML or text, track.csv of a block. IMAGES: a block, its
-images.csv, a DJI .MRK, MicMac's image times, or a folder of photographs (EXIF). The table (image,
-x, y, z, sx, sy, sz: antenna, m) and a picture beside it appear together or not at all. Positions
-whose sigma is above --max-sigma are refused and named.
+images.csv, a DJI .MRK, RTKLIB's NAME_events.pos, MicMac's image times, or a folder of photographs
+(EXIF). The table (image, x, y, z, sx, sy, sz: antenna, m) and a picture beside it appear together
+or not at all. Positions whose sigma is above --max-sigma are refused and named.
 """
 
 import argparse
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> None:
     if options.photos is not None:
         if not options.photos.is_dir():
             raise InputError(f"{options.photos} is no folder; name the folder of the photographs")
-        exposures = exposures.named(sorted(path.name for path in options.photos.iterdir()))
+        exposures = exposures.named([path.name for path in gnss.photographs_in(options.photos)])
     crs, offset = gnss.frame_of_block(options.images)
     if options.crs is not None and options.crs != crs:
         crs, offset = options.crs, (0.0, 0.0, 0.0)

@@ -1,0 +1,105 @@
+"""Pictures whose temperature is not theirs: a slip of the table, or two that were exchanged.
+
+A wrong temperature bends the whole model. Each picture in turn is left out, and each two exchange
+their temperatures; where the maps then fit as one picture alone can not make them, its temperature
+is wrong. Errors of a picture's nodes are alike: pictures count, not nodes.
+
+Source: Cook and Weisberg 1982, section 2.2 (the F test of one observation's shift).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from corridor.tools.thermal.maps import Maps
+from corridor.tools.thermal.sums import Sums
+
+# F with one degree of freedom: six sigmas.
+_F = 36.0
+# Numbers that a rough model takes of the temperatures: two powers and a lag.
+_TAKEN = 3
+_FEWEST, _MOST_SHARE = 6, 0.25
+# Pictures that are looked at two by two: those that fit worst.
+_PAIRED = 24
+
+
+def without_wrong_stamps(maps: Maps, kind: str) -> tuple[Maps, list[str]]:
+    """The maps without temperatures that are not those of their pictures, and sentences on them."""
+    notes: list[str] = []
+    gone = 0
+    while True:
+        sums = Sums(maps, kind)
+        count = len(sums.rows)
+        if count < _FEWEST or gone >= _MOST_SHARE * (count + gone):
+            return maps, notes
+        found = _worst(sums, kind)
+        if found is None:
+            return maps, notes
+        rows, text = found
+        notes.append(text)
+        gone += len(rows)
+        warm = np.array(maps.temperature_c, dtype=float)
+        warm[rows] = np.nan
+        maps = replace(maps, temperature_c=warm)
+
+
+def _worst(sums: Sums, kind: str) -> tuple[list[int], str] | None:
+    """Rows of the maps whose temperatures are to be left out, and why; None: none."""
+    warm, count = sums.warm, len(sums.rows)
+    names = sums.maps.picture
+    powers = sums.most_powers(2)
+    lags = np.concatenate([[0.0], np.geomspace(1.0, max(sums.longest_lag, 2.0), 12)])
+    if not sums.shows_lag and len(sums.rows) < _FEWEST + 2:
+        lags = lags[:1]
+
+    def cost(course: np.ndarray, tried, use=None) -> tuple[float, float]:
+        sums.warm = course
+        return min((sums.solve(kind, powers, lag, (), use).cost, lag) for lag in tried)
+
+    base, lag = cost(warm, lags)
+    # Wrong temperatures move the lag as well.
+    near = np.unique([0.0, lag / 2, lag, 2 * lag, *lags[3::4]])
+    free = max(count - 1 - _TAKEN, 1)
+    alone = np.full(count, np.inf)
+    for n, row in enumerate(sums.rows):
+        alone[n] = cost(_without(sums, warm, row), near, np.arange(count) != n)[0]
+    best = int(np.argmin(alone))
+    order = np.argsort(alone)[:_PAIRED]
+    pairs = {}
+    for one, other in combinations(sorted(order.tolist()), 2):
+        a, b = sums.rows[[one, other]]
+        if abs(warm[a] - warm[b]) > 0:
+            course = warm.copy()
+            course[[a, b]] = warm[[b, a]]
+            pairs[one, other] = cost(course, near)[0]
+    sums.warm = warm
+    if pairs:
+        both = min(pairs, key=pairs.get)
+        swapped = pairs[both]
+        if (base - swapped) * free > _F * swapped and swapped < alone[best] / 2:
+            a, b = sums.rows[list(both)]
+            return [int(a), int(b)], (
+                f"the temperatures of {names[a]} ({warm[a]:.1f} C) and {names[b]} ({warm[b]:.1f} "
+                "C) seem to be exchanged: both pictures are left out; correct temperature_c in "
+                "series.csv"
+            )
+    if (base - alone[best]) * free > _F * alone[best]:
+        row = int(sums.rows[best])
+        return [row], (
+            f"the temperature of {names[row]} ({warm[row]:.1f} C) does not go with its picture as "
+            "those of all others do: the picture is left out; correct temperature_c in series.csv"
+        )
+    return None
+
+
+def _without(sums: Sums, warm: np.ndarray, row: int) -> np.ndarray:
+    """The course with one temperature from those before and after it."""
+    time = sums.maps.time_s
+    known = np.isfinite(warm) & (np.arange(len(warm)) != row)
+    order = np.argsort(time[known], kind="stable")
+    out = warm.copy()
+    out[row] = np.interp(time[row], time[known][order], warm[known][order])
+    return out
