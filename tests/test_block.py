@@ -1,6 +1,10 @@
 import errno
 import json
 import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -536,3 +540,21 @@ def test_a_table_whose_first_chunk_is_empty_is_written_as_it_is(tmp_path):
     write_table(pd.concat([empty, new], ignore_index=True), tmp_path / "points.csv")
     lines = (tmp_path / "points.csv").read_text().splitlines()
     assert lines == ["point,x", *(f"G{k},1" for k in range(7))]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no locale C for file names")
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_a_path_with_umlauts_is_read_and_written_in_the_locale_c(folder, tmp_path, form):
+    """Python's own remedies for that locale are switched off."""
+    there = tmp_path / "Bl öcke ü"
+    shutil.copytree(folder, there)
+    script = "import sys, os; from corridor.core.block import read; " + (
+        f"read(sys.argv[1]).write(sys.argv[1] + '2', form={form!r}); read(sys.argv[1] + '2')"
+    )
+    poor = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    root = str(Path(corridor.__file__).parents[1])
+    subprocess.run(
+        [sys.executable, "-c", script, str(there)], check=True,
+        env=os.environ | poor | {"PYTHONPATH": root},
+    )  # fmt: skip
+    assert (tmp_path / "Bl öcke ü2" / f"images.{form}").is_file()
