@@ -155,7 +155,7 @@ class TestJson:
         promised = "slug class log_evidence parameters cannot_be_told_apart_from"
         assert set(promised.split()) <= set(found)
         assert set(found["parameters"][0]) >= {"name", "value", "sigma", "unit"}
-        assert set(result["gap"]) == {"tie_px", "check_m", "gnss_m"}
+        assert set(result["gap"]) == {"tie_px", "check_m", "check_sigmas", "gnss_m"}
 
     def test_every_file_is_listed_and_there(self, saved):
         out, written = saved
