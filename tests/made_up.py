@@ -111,7 +111,8 @@ def adjustment(block, effects=(), seed=5, **changes):
         {
             "point": check["point"].astype(str).to_numpy(),
             "dx": difference[:, 0], "dy": difference[:, 1], "dz": difference[:, 2],
-            "sx": 0.017, "sy": 0.011, "sz": 0.056, "rays": 6,
+            "sx": 0.016, "sy": 0.009, "sz": 0.055,
+            "s_dx": 0.017, "s_dy": 0.011, "s_dz": 0.056, "rays": 6,
         }
     )  # fmt: skip
     rows = [
@@ -164,6 +165,12 @@ def adjustment(block, effects=(), seed=5, **changes):
         ],
         "high_correlations": high, "warnings": [],
         "correlation_matrix": pd.DataFrame(matrix, names, names),
+        "variance_components": pd.DataFrame(
+            columns=["kind", "part", "flight", "count", "redundancy", "sigma0", "p"]
+        ),
+        "reliability": SimpleNamespace(
+            summary=pd.DataFrame(columns=["largest_w"]), to_dict=dict, to_frame=pd.DataFrame
+        ),
     }  # fmt: skip
     made["values"] = _values(made["effects"])
     made |= changes

@@ -80,7 +80,7 @@ class ReferenceModel:
             # refused, and all adjustments are of the same observations.
             strict = self.run.strict or self.begun is not None
             run = Run(self.run.threads, max_iterations=iterations, strict=strict)
-            result = adjustment.adjust(block, model=model, run=run)
+            result = adjustment.adjust(block, model=model, run=run, weights="stated")
             *_, before, last = (0.0, 0.0, *(step["cost"] for step in result.history))
             if result.converged or abs(before - last) < SETTINGS.creeping * last:
                 break

@@ -180,10 +180,10 @@ def _method(block: Block, velocity: str) -> str:
 
 def _ground_sigma(adjustment: Adjustment) -> float:
     """Median 3D standard deviation of check points, or of points of three rays and more, m."""
-    if len(adjustment.check_points):
-        sigma = adjustment.check_points[["sx", "sy", "sz"]].to_numpy()
-    else:
-        points = adjustment.points
-        sigma = adjustment.point_sigma[(points["rays"] >= 3).to_numpy()]
+    points = adjustment.points
+    chosen = points["point"].isin(adjustment.check_points["point"])
+    if not chosen.any():
+        chosen = points["rays"] >= 3
+    sigma = adjustment.point_sigma[chosen.to_numpy()]
     # Sigma naught takes in what a model explains; here the geometry alone counts.
     return float(np.nanmedian(np.linalg.norm(sigma, axis=1))) / adjustment.sigma0

@@ -116,7 +116,7 @@ class TestWhatOneHoldsInHand:
     @pytest.mark.parametrize(
         ("name", "units"),
         [
-            ("check_points", {"m": "dx dy dz sx sy sz"}),
+            ("check_points", {"m": "dx dy dz sx sy sz s_dx s_dy s_dz"}),
             ("points", {"m": "x y z"}),
             ("poses", {"m": "x y z sx sy sz", "rad": "s_rx s_ry s_rz"}),
             ("lever_arm", {"m": "x y z sx sy sz"}),
@@ -139,7 +139,7 @@ class TestWhatOneHoldsInHand:
     def test_a_file_bears_units_in_its_names(self, adjusted, tmp_path):
         adjusted.save(tmp_path / "out")
         head = (tmp_path / "out" / "check_points.csv").read_text().splitlines()[0]
-        assert head == "point,dx_m,dy_m,dz_m,sx_m,sy_m,sz_m,rays"
+        assert head == "point,dx_m,dy_m,dz_m,sx_m,sy_m,sz_m,s_dx_m,s_dy_m,s_dz_m,rays"
         head = (tmp_path / "out" / "poses.csv").read_text().splitlines()[0]
         assert head == "image,x_m,y_m,z_m,sx_m,sy_m,sz_m,s_rx_rad,s_ry_rad,s_rz_rad"
 

@@ -13,6 +13,7 @@ import pandas as pd
 from corridor.core.adjustment.blunders import without_exchanged
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import explain, free_network, helmert_onto
+from corridor.core.adjustment.group_variances import with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
@@ -23,6 +24,7 @@ from corridor.core.adjustment.result import Adjustment
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.variance_components import (
     weighted_by_scatter,
+    with_common_offset,
     with_held_focal_asked,
     with_motion_as_seen,
     without_false_fixes,
@@ -72,7 +74,12 @@ class Run:
 
 @options(model=Model, run=Run)
 def adjust(
-    block: Block | str | os.PathLike, model: Model, *, run: Run, reject_gnss: bool = False
+    block: Block | str | os.PathLike,
+    model: Model,
+    *,
+    run: Run,
+    reject_gnss: bool = False,
+    weights: str = "estimated",
 ) -> Adjustment:
     """Least-squares adjustment of tie points, marks, ground control and GNSS.
 
@@ -94,17 +101,24 @@ def adjust(
         points, which are left out and named in `warnings` otherwise.
     run: a `Run` in place of threads, max_iterations, progress and strict.
     reject_gnss: leave out antenna positions whose residual is beyond five sigmas (false fixes,
-        which no smoother of the track can see) and adjust again, until none is left.
+        which no smoother of the track can see), a block of them too, and adjust again, until none
+        is left.
+    weights: `estimated`: where antenna positions contradict their stated standard deviations, they
+        are weighted as they are, a block of false ones apart from the rest, and coarse ones with
+        the offset they share; a sentence says so (`Adjustment.variance_components`).
+        `stated`: as stated.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
     A focal length that block.toml says is stated (`f_stated`, by photographs) is a prior of a
-    camera that is free. One sigma of half a metre and more for all antenna positions is assumed
-    rather than known: where they scatter otherwise, that is used and said.
+    camera that is free. Antenna positions too coarse to see a lever arm are assumed to be so rather
+    than known: where they scatter otherwise, that is used and said.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
     nor GNSS is adjusted as a free network, laid on its start poses as a whole.
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
     iterations get nowhere.
     """
+    if weights not in ("estimated", "stated"):
+        raise InputError(f"weights {weights!r} are unknown: use estimated or stated")
     prepared = prepare(read(block), velocities=bool(model.effects))
     block = prepared.block
     check_needs(block, model.effects)
@@ -122,15 +136,16 @@ def adjust(
             found.start = part
             return found
 
-    judges = (
-        weighted_by_scatter, without_unseen_arms, with_motion_as_seen, with_held_focal_asked,
-    )  # fmt: skip
-
     def whole(part: Block) -> Adjustment:
         found = again(part)
-        for judge in (without_false_fixes, *judges) if reject_gnss else judges:
-            found = judge(found, again)
-        return found
+        if reject_gnss:
+            found = without_false_fixes(found, again)
+        found = weighted_by_scatter(found, again)
+        if weights == "estimated":
+            found = with_common_offset(found, again, part.gnss_sigma())
+            found = with_gnss_as_it_is(found, again)
+        found = with_motion_as_seen(without_unseen_arms(found, again), again)
+        return with_held_focal_asked(found, again)
 
     try:
         result, exchanged = _with_ground_as_seen(block, model, whole, again)

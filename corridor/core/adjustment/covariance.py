@@ -157,6 +157,38 @@ class Covariance:
                 out[:, r, c] = out[:, c, r] = entry
         return out
 
+    @cached_property
+    def of_marked(self) -> dict[int, np.ndarray]:
+        """By the number of each marked point: of the images that show it, as `of_images`."""
+        p = self.system.problem
+        return {
+            point: self.of_images(np.unique(p.img[p.ptr[point] : p.ptr[point + 1]]))
+            for point in np.flatnonzero(p.point_kinds).tolist()
+        }
+
+    def of_images(self, images: np.ndarray) -> np.ndarray:
+        """Of the unknowns (k d, k d) of images (k,) in rising order, of which any two share a
+        point."""
+        d, blocks, near = self.system.problem.d, self._system.blocks, self._near
+        k, inner = len(images), np.arange(d)
+        out = np.empty((k, d, k, d))
+        for a, i in enumerate(images):
+            for b in range(a, k):
+                j = images[b]
+                if isinstance(blocks, Band):
+                    column = i * d + inner
+                    row = j * d + inner[:, None]
+                    low, high = np.minimum(row, column), np.maximum(row, column)
+                    block = near[low * blocks.ld + high - low]
+                else:
+                    start, stop = blocks.neighbour_start[i : i + 2]
+                    at = start + np.searchsorted(blocks.neighbour[start:stop], j)
+                    block = near[at * d * d : (at + 1) * d * d].reshape(d, d).T
+                    if i == j:
+                        block = np.tril(block) + np.tril(block, -1).T
+                out[b, :, a], out[a, :, b] = block, block.T
+        return out.reshape(k * d, k * d)
+
     def _of_points(self, asked: Asked, some: Iterable[int] | None = None) -> None:
         """Fill what is asked for, of some points alone; see `point_covariance`."""
         p, normal, blocks = self.system.problem, self.normal, self._system.blocks
@@ -195,9 +227,9 @@ class Covariance:
         out = np.empty((count, 6))
         nothing = np.zeros(0, dtype=np.int64)
         self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))))
-        # The poses' are small beside what both are taken from: as large as the equations, and
-        # nobody needs it after this.
-        _ = self.each_pose
+        # What is small beside what all are taken from, as large as the equations, which nobody
+        # needs after this.
+        _ = self.each_pose, self.of_marked
         del self._near
         return out
 

@@ -121,35 +121,48 @@ class Design:
         yield from self._made() if self._kept is None else self._kept
 
     def _made(self) -> Iterator[tuple[slice, Rays]]:
-        p, normal = self._problem, self._normal
-        # Kernels move it on.
-        modelled = self._modelled.copy()
-        ptr, kernel = p.ptr, rows_for(p.d, normal.sighted)
-        weight = np.zeros((self._numbered + 1, 3))
-        weight[: len(p.control_rows)] = p.control_weight
-        room = make_room(normal.longest, p.d, p.wide)
+        ptr, room = self._problem.ptr, self._made_room()
         first, count = 0, len(ptr) - 1
         while first < count:
             upto = int(np.searchsorted(ptr, ptr[first] + CHUNK, side="right")) - 1
             last = min(max(upto, first + 1), count)
-            rows = slice(2 * int(ptr[first]), 2 * int(ptr[last]))
-            n = rows.stop - rows.start
-            own, point, shared = np.zeros(n * p.d), np.zeros(n * 3), np.zeros(n * p.wide)
-            root = np.zeros((last - first, 6))
-            scene = normal.scene(self._view, modelled, first, last)
-            to = _Out(own, point, shared, root)
-            kernel(first, last, scene, weight[self._row[first:last]], to, room)
-            rays = Rays(
-                p.img[rows.start // 2 : rows.stop // 2],
-                ptr[first : last + 1] - ptr[first],
-                own.reshape(n, p.d),
-                point.reshape(n, 3),
-                shared.reshape(n, p.wide)[:, : p.shared_count],
-                root,
-                self._row[first:last],
-            )
-            yield rows, rays
+            yield slice(2 * int(ptr[first]), 2 * int(ptr[last])), self._rays(first, last, room)
             first = last
+
+    def rays_of(self, points: Sequence[int]) -> Iterator[Rays]:
+        """The rays of some points (k,), one point after the other."""
+        room = self._made_room()
+        for point in points:
+            yield self._rays(int(point), int(point) + 1, room)
+
+    def _made_room(self) -> tuple:
+        """What kernels move on, the weights of points with a row, and room for a point's rays."""
+        p = self._problem
+        weight = np.zeros((self._numbered + 1, 3))
+        weight[: len(p.control_rows)] = p.control_weight
+        return self._modelled.copy(), weight, make_room(self._normal.longest, p.d, p.wide)
+
+    def _rays(self, first: int, last: int, room: tuple) -> Rays:
+        p, normal = self._problem, self._normal
+        modelled, weight, room = room
+        ptr, kernel = p.ptr, rows_for(p.d, normal.sighted)
+        n = 2 * int(ptr[last] - ptr[first])
+        own, point, shared = np.zeros(n * p.d), np.zeros(n * 3), np.zeros(n * p.wide)
+        root = np.zeros((last - first, 6))
+        scene = normal.scene(self._view, modelled, first, last)
+        kernel(
+            first, last, scene, weight[self._row[first:last]],
+            _Out(own, point, shared, root), room,
+        )  # fmt: skip
+        return Rays(
+            p.img[ptr[first] : ptr[last]],
+            ptr[first : last + 1] - ptr[first],
+            own.reshape(n, p.d),
+            point.reshape(n, 3),
+            shared.reshape(n, p.wide)[:, : p.shared_count],
+            root,
+            self._row[first:last],
+        )
 
     def right(self, sets: Sets) -> np.ndarray:
         """What image points and control say (columns, k), as `LinearSystem.right` has it."""

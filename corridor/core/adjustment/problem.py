@@ -172,7 +172,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
     free, settings = model.free(block), model.settings_of(block)
-    wanted = Wanted(free, arms_free, gnss.gnss_image, len(control.control_rows), model.held)
+    wanted = Wanted(free, arms_free, gnss.gnss_image, list(names[control.control_rows]), model.held)
     unknowns = unknowns_of(images, stack, wanted)
     own = per_image_names(stack, unknowns.per_image_unknowns)
     priors = priors_of(unknowns.unknowns, own, settings, len(rank))
@@ -238,7 +238,7 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     here = [effect for effect in tested if effect.place != "antenna"]
     control = list(p.block.ground["point"].to_numpy(dtype=object)[p.control_rows])
     stack = Stack(p.block, [*kept, *here], control)
-    wanted = Wanted(p.free, p.arms_free, p.gnss_image, len(control), p.model.held)
+    wanted = Wanted(p.free, p.arms_free, p.gnss_image, control, p.model.held)
     unknowns = unknowns_of(p.images, stack, wanted)
     given = zip(p.unknowns, p.prior_value, p.prior_weight, strict=True)
     priors = {(u.kind, u.owner, u.label): prior for u, *prior in given}

@@ -9,6 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from corridor.core import registry
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.export import write_gis
@@ -83,6 +85,18 @@ class Adjustment(Tables):
         """A sentence to stand first among the warnings."""
         self._notes.insert(0, sentence)
         self.__dict__.pop("warnings", None)
+
+    def keep_notes(self, earlier: Adjustment) -> None:
+        """What was said of an earlier adjustment, of which this one is the continuation."""
+        self._notes = [*(note for note in earlier._notes if note not in self._notes), *self._notes]
+
+    @cached_property
+    def variance_components(self) -> pd.DataFrame:
+        """Sigma naught of each kind of observation, of antenna positions of each flight, with its
+        redundancy and its test; see `corridor.core.adjustment.group_variances.components`."""
+        from corridor.core.adjustment.group_variances import components
+
+        return components(self)
 
     @cached_property
     def warnings(self) -> list[str]:

@@ -15,6 +15,7 @@ from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId
 from corridor.core.adjustment.observation_table import observation_table
 from corridor.core.adjustment.parameters import Found, Parameters
+from corridor.core.adjustment.reliability import Reliability
 from corridor.core.adjustment.solving import Solution
 from corridor.core.block import POSE, Block, frugal, places
 from corridor.core.camera import INTERIOR
@@ -226,6 +227,11 @@ class Tables(Checked):
                 "gross": int(gross.sum()),
             }
         return out
+
+    @cached_property
+    def reliability(self) -> Reliability:
+        """What could have hidden: redundancy, tests, least errors that show; see `Reliability`."""
+        return Reliability(self)
 
     # --- what images share -------------------------------------------------------------------
 
@@ -440,7 +446,12 @@ class Tables(Checked):
 
     @cached_property
     def check_points(self) -> pd.DataFrame:
-        """Adjusted minus given, metres, of the check points that images show."""
+        """Adjusted minus given, metres, of the check points that images show.
+
+        sx, sy, sz: standard deviations of the adjusted point; s_dx, s_dy, s_dz: of the difference,
+        with that of the survey. What effects of the ground do to all points that were surveyed
+        together is taken from the given.
+        """
         p = self.problem
         ground = p.block.ground
         rows = np.flatnonzero(p.roles == "check")
@@ -451,12 +462,17 @@ class Tables(Checked):
         seen = np.array([name in at for name in names], dtype=bool)
         index = np.array([at[name] for name in names[seen]], dtype=int)
         table = pd.DataFrame({"point": names[seen]})
-        table[["dx", "dy", "dz"]] = self.state.points[index] - given[seen]
+        found, shown = self.state.points[index], names[seen].tolist()
+        moved = p.stack.moved_ground(p.images, shown, found, self.state.effects)
+        table[["dx", "dy", "dz"]] = found - (given[seen] - moved)
         # Of no point the covariances need not be worked out.
         variance = self.covariance.points(index)[:, [0, 2, 5]] if len(index) else np.zeros((0, 3))
-        table[["sx", "sy", "sz"]] = self.sigma0 * np.sqrt(variance)
+        surveyed = p.block.ground_sigma()[rows[seen]]
+        own = self.sigma0 * np.sqrt(variance)
+        table[["sx", "sy", "sz"]] = own
+        table[["s_dx", "s_dy", "s_dz"]] = np.hypot(own, surveyed)
         table["rays"] = np.diff(p.ptr)[index]
-        return with_units(table, {"m": "dx dy dz sx sy sz"})
+        return with_units(table, {"m": "dx dy dz sx sy sz s_dx s_dy s_dz"})
 
 
 def _mean_square(v: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId, Setting
 from corridor.core.brief import brief
 from corridor.core.camera import INTERIOR
-from corridor.core.effects import Arrays, Images, Member, Stack, group_of_image
+from corridor.core.effects import Arrays, Context, Images, Member, Stack, group_of_image
 from corridor.core.engine.panels import PANEL
 from corridor.core.errors import InputError
 
@@ -95,14 +95,14 @@ class Wanted:
     """What is to be estimated beside poses, points and effects.
 
     free: interior parameters of each camera. arms_free: the lever arms. gnss_image (k,): images
-    with a position. controls: how many control points. held: parameters of effects and lever
+    with a position. controls: names of the control points. held: parameters of effects and lever
     arms that are not to vary.
     """
 
     free: Mapping[str, tuple[str, ...]]
     arms_free: bool
     gnss_image: np.ndarray
-    controls: int
+    controls: list[str]
     held: list[ParameterId]
 
     def holds(self, which: ParameterId) -> bool:
@@ -119,14 +119,14 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
     in_gnss[wanted.gnss_image] = True
     camera_column = _camera_columns(images, wanted.free, shared)
 
-    def effects(places: tuple[str, ...], rows: np.ndarray | int) -> np.ndarray:
+    def effects(places: tuple[str, ...], rows: np.ndarray | list[str]) -> np.ndarray:
         """Columns (rows, parameters) of the effects at places, in which `rows` are moved.
 
-        rows: of the images, whether they are; or how many control points there are.
+        rows: of the images, whether they are; or the names of the control points.
         """
         members = [member for place in places for member in stack.at(place)]
         found = [_columns_of(images, member, rows, wanted, shared, own) for member in members]
-        size = rows if isinstance(rows, int) else count
+        size = len(rows)
         return np.concatenate([np.zeros((size, 0), np.int64), *found], axis=1)
 
     slot_column = effects(("camera", "image", "motion"), np.ones(count, bool))
@@ -174,16 +174,16 @@ def _camera_columns(images: Images, free: Mapping, shared: list[Unknown]) -> np.
 def _columns_of(
     images: Images,
     member: Member,
-    rows: np.ndarray | int,
+    rows: np.ndarray | list[str],
     wanted: Wanted,
     shared: list[Unknown],
     own: list[tuple[str, int]],
 ) -> np.ndarray:
     """Columns (rows, parameters) of an effect; what is estimated is added to shared and own."""
     effect, names = member.effect, member.groups
-    if isinstance(rows, int):
-        moved = range(len(names))
-        of_row = np.resize(np.arange(len(names)), rows)
+    if isinstance(rows, list):
+        of_row = Context(images, point=rows).group(effect.group)
+        moved = set(of_row.tolist())
     else:
         of_row = group_of_image(images, effect.group)
         moved = set(of_row[rows].tolist())

@@ -13,11 +13,21 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import chi2
 
+from corridor.core.adjustment.cofactors import of_antennas
+from corridor.core.adjustment.group_variances import (
+    AXES,
+    RARE,
+    contradicting,
+    false_positions,
+    from_where_it_ended,
+)
 from corridor.core.adjustment.model import Model, Setting, Settings, arms_unseen
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.block import Block
+from corridor.core.effects import every_effect
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.output import counted
 from corridor.core.preparation import derived, record_derived
@@ -25,14 +35,15 @@ from corridor.core.preparation import derived, record_derived
 Again = Callable[..., Adjustment]
 # What standard deviations come from that this file has made, as the block records it.
 SCATTER = "the residuals of the positions"
-# One number of at least so many metres for all positions is an assumption.
-_ASSUMED_M = 0.5
-# Photographs write their positions to some centimetres.
-_LEAST_M = 0.05
+# Photographs write their positions to a centimetre, or to 1e-7 degrees, which is as much.
+_LEAST_M = 0.01
 # A factor within this is as assumed; beyond, it is estimated again until it changes by less.
 _FACTOR, _SETTLED, _ROUNDS = 2.0, 0.2, 4
 _LEAST = 8
-_IN_PLAN_AND_HEIGHT = (slice(0, 2), slice(2, 3))
+# An offset that all other observations take up but for this share of its information is not shown.
+_SEEN = 1e-4
+# An offset may be so many times as large as it is stated, or first seen, to be.
+_PRIOR = 3.0
 # No drone carries its antenna nearly so far from the camera: known no better is not known.
 _ARM_M = 2.0
 # Residuals as large as they are stated to be say nothing against what is held.
@@ -53,11 +64,15 @@ _TURNS = ("turn_x", "turn_y", "turn_z")
 
 
 def without_false_fixes(result: Adjustment, again: Again) -> Adjustment:
-    """Adjusted again without the outliers among the antenna positions, until none is left."""
+    """Adjusted again without the outliers among the antenna positions, until none is left.
+
+    A block of false ones draws the others after it, and is found by what these say without it.
+    """
     rejected: dict[str, float] = {}
     for _ in range(10):
         table = result.residuals["gnss"]
-        gone = table[table["outlier"]]
+        false = false_positions(result, again)
+        gone = table[table["outlier"] if false is None else false]
         if not len(gone) or len(gone) > len(table) / 2:
             break
         lengths = np.linalg.norm(gone[["vx", "vy", "vz"]], axis=1)
@@ -77,35 +92,35 @@ def without_false_fixes(result: Adjustment, again: Again) -> Adjustment:
 def weighted_by_scatter(result: Adjustment, again: Again) -> Adjustment:
     """Adjusted with standard deviations of the antenna positions as they scatter, if assumed.
 
-    The result itself where sigmas were stated one by one, or are good to less than half a metre,
-    or within a factor of two of what the residuals say.
+    Coarse ones, too coarse to see a lever arm, are taken for assumed: what somebody measured to
+    decimetres is told by the images. The result itself where they are finer, or within a factor of
+    two of what the residuals say. The scatter is about the mean of each flight, in the world and in
+    the camera, so that no lever arm is in it; where it turns out fine enough to see the arms,
+    these are estimated, as of positions that are stated so.
     Source: Förstner 1979 (v'Pv / r, each group with its own redundancy).
     """
-    stated = result.problem.block.gnss_sigma()
     count = len(result.problem.gnss_image)
-    if count < _LEAST or np.ptp(stated, axis=0).any() or np.median(stated[0]) < _ASSUMED_M:
+    if count < _LEAST or not result.converged or not arms_unseen(result.problem.block):
         return result
-    sigma = np.array([_scatter(result, rows) for rows in _IN_PLAN_AND_HEIGHT])
-    factor = sigma / [stated[0, rows].mean() for rows in _IN_PLAN_AND_HEIGHT]
-    if not result.converged or np.all(np.abs(np.log(factor)) < np.log(_FACTOR)):
+    stated = result.problem.block.gnss_sigma()
+    factor = _scatter(result)
+    if np.all(np.abs(np.log(factor)) < np.log(_FACTOR)):
         return result
-    # An arm that these positions cannot show is not to be seen in their scatter either.
     model = result.problem.model
-    if model.lever_arm is None and arms_unseen(result.problem.block):
-        model = replace(model, lever_arm="fixed")
     # A flight at one height hardly tells the focal length, which flattens heights that positions
     # have: both together run away, a smaller f and positions that fit the better for it.
     held, found = _with_focal_held(result, model), result
     for _ in range(_ROUNDS):
-        start, told = _restated(result.start, stated[0], sigma)
-        found = _from_where_it_ended(found, start, held, again)
+        start, told = _restated(result.start, stated, factor)
+        found = from_where_it_ended(found, start, held, again)
         if not found.converged:
             return result
-        before, sigma = sigma, np.array([_scatter(found, rows) for rows in _IN_PLAN_AND_HEIGHT])
-        if np.all(np.abs(np.log(sigma / before)) < _SETTLED):
+        change = _scatter(found)
+        factor = _at_least(factor * change, stated)
+        if np.all(np.abs(np.log(change)) < _SETTLED):
             break
-    start, told = _restated(result.start, stated[0], sigma)
-    found = _from_where_it_ended(found, start, model, again)
+    start, told = _restated(result.start, stated, factor)
+    found = from_where_it_ended(found, start, model, again)
     if not found.converged:
         return result
     found.add_note(told)
@@ -124,40 +139,128 @@ def _with_focal_held(result: Adjustment, model: Model) -> Model:
     )
 
 
-def _restated(start: Block, stated: np.ndarray, sigma: np.ndarray) -> tuple[Block, str]:
-    """A block with these sigmas of its positions, in plan and in height, and a word on that."""
-    start = start.copy()
-    for axis, column in enumerate(("sx", "sy", "sz")):
-        start.gnss[column] = sigma[0 if axis < 2 else 1]
+def _restated(start: Block, stated: np.ndarray, factor: np.ndarray) -> tuple[Block, str]:
+    """A block with its sigmas (k, 3) of positions times a factor in plan and in height, and a word
+    on that."""
+    start, sigma = start.copy(), stated.copy()
+    sigma[:, :2] *= factor[0]
+    sigma[:, 2] *= factor[1]
+    start.put("gnss", ("sx", "sy", "sz"), sigma)
+    usual, used = np.median(stated, axis=0), np.median(sigma, axis=0)
     told = (
-        f"GNSS: {stated[0]:g} m in plan and {stated[2]:g} m in height are assumed for "
-        f"all positions; about the flight they scatter by {sigma[0]:.2g} and {sigma[1]:.2g} m, "
+        f"GNSS: {usual[0]:g} m in plan and {usual[2]:g} m in height are assumed for "
+        f"all positions; about the flight they scatter by {used[0]:.2g} and {used[2]:.2g} m, "
         "which is used. An offset that all of them share is not seen in this."
     )
-    record_derived(start, "gnss.sx", SCATTER, sigma, told)
+    record_derived(start, "gnss.sx", SCATTER, used[[0, 2]], told)
     return start, told
 
 
-def _from_where_it_ended(
-    result: Adjustment, start: Block, model: Model, again: Again
-) -> Adjustment:
-    """Adjusted with positions and stated arms of `start`, from the poses that were found."""
-    ended = result.block.copy()
-    ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
-    found = again(ended, model)
-    found.start = start
+def _at_least(factor: np.ndarray, stated: np.ndarray) -> np.ndarray:
+    """Factors that leave no standard deviation below what positions are written to."""
+    return np.maximum(factor, _LEAST_M / np.median(stated, axis=0)[[0, 2]])
+
+
+def _scatter(result: Adjustment) -> np.ndarray:
+    """Root of v'v / r (2,) of the antenna positions in plan and in height, in their sigmas.
+
+    About the mean of each flight: what its positions share in the world or, where the arms are
+    held, in the camera's frame is an offset or an arm.
+    """
+    p = result.problem
+    table = result.residuals["gnss"]
+    v = table[["vx", "vy", "vz"]].to_numpy() * np.sqrt(p.gnss_weight)
+    share = np.einsum("nii->ni", of_antennas(result.covariance))
+    left = np.empty_like(v)
+    to_world = result.state.rotation[p.gnss_image].transpose(0, 2, 1)
+    flight = p.images.flight[p.gnss_image]
+    for one in np.unique(flight):
+        mine = flight == one
+        root = np.sqrt(p.gnss_weight[mine])[:, :, None]
+        shared = [np.eye(3) * root] if p.arms_free else [np.eye(3) * root, to_world[mine] * root]
+        design = np.concatenate(shared, axis=2).reshape(3 * mine.sum(), -1)
+        found, _, rank, _ = np.linalg.lstsq(design, v[mine].ravel(), rcond=1e-6)
+        left[mine] = (v[mine].ravel() - design @ found).reshape(-1, 3)
+        # Freedom that the shared part has taken.
+        share[mine] *= max(1.0 - rank / (3.0 * mine.sum()), 0.0)
+    share = np.clip(share, 0.05, 1.0)
+    factor = [np.sqrt(np.sum(left[:, a] ** 2) / np.sum(share[:, a])) for a in AXES.values()]
+    return _at_least(np.array(factor), p.gnss_weight**-0.5)
+
+
+def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> Adjustment:
+    """Adjusted with an offset that all antenna positions of a flight share, where ground control
+    shows one and they are coarse, or contradict their standard deviations without it.
+
+    A receiver without corrections is off by metres for hours, one with a wrong base station for
+    good. As errors of their own they would bend the block between them and the control.
+    stated (k, 3): standard deviations before any were restated, m. Source: score test, Rao 1948.
+    """
+    p, model = result.problem, result.problem.model
+    shared = next((e for e in every_effect() if e.datum and e.place == "antenna"), None)
+    if shared is None or p.stack.at("antenna") or not len(p.control_rows):
+        return result
+    if not result.converged or len(p.gnss_image) < _LEAST:
+        return result
+    coarse = gnss_of_metres(result.start)
+    wrong = {} if coarse else contradicting(result)
+    if not (coarse or wrong):
+        return result
+    offset, test = _common_offset(result)
+    if test < chi2.isf(RARE, max(np.count_nonzero(offset), 1)):
+        return result
+    several = len(p.images.flight_names) > 1
+    effect = shared.per("flight") if several else shared
+    names = [parameter.name for parameter in effect.parameters(p.block)]
+    # What control does not show stays near zero; the rest is as free as it need be.
+    wide = _PRIOR * np.maximum(np.median(stated, axis=0), np.abs(offset).max(axis=0))
+    priors = {
+        f"{effect.slug}.{name}": (0.0, float(size)) for name, size in zip(names, wide, strict=True)
+    }
+    wider = replace(model, effects=[*model.effects, effect], priors={**priors, **model.priors})
+    try:
+        found = from_where_it_ended(result, result.start, wider, again)
+    except (InputError, AdjustmentFailed):
+        return result
+    # An offset that is not what is wrong leaves the contradiction.
+    if not found.converged or (wrong and contradicting(found)):
+        return result
+    values = found.effects.query("slug == @effect.slug")
+    shown = "; ".join(
+        f"{f'flight {group} ' if several else ''}"
+        f"{', '.join(f'{value:+.2f}' for value in part['value'])} m"
+        for group, part in values.groupby("group", sort=False)
+    )
+    cause = (
+        ": a base station with other coordinates, another datum, or heights above the ellipsoid "
+        "and above the geoid? It may as well be the control that is off, by the opposite."
+    )
+    found.add_note(
+        f"GNSS and ground control disagree by one vector ({shown}), which is estimated with the "
+        f"rest ({effect.slug}); the control decides where the block lies{'.' if coarse else cause}"
+    )
     return found
 
 
-def _scatter(result: Adjustment, axes: slice) -> float:
-    """Root of v'v / r of the antenna positions along some axes, m."""
-    p = result.problem
-    table = result.residuals["gnss"]
-    v = table[["vx", "vy", "vz"]].to_numpy()[:, axes]
-    # What is left of each after the pose has taken its part.
-    variance = np.einsum("nii->ni", result.covariance.each_pose)[p.gnss_image, :3][:, axes]
-    share = np.clip(1.0 - variance * p.gnss_weight[:, axes], 0.05, 1.0)
-    return max(float(np.sqrt(np.sum(v**2) / np.sum(share))), _LEAST_M)
+def _common_offset(result: Adjustment) -> tuple[np.ndarray, float]:
+    """What the positions of each flight are off by together (flights, 3), m, as control and images
+    show it, zero along what they do not show; and its chi-square."""
+    p, rows = result.problem, result.system.gnss
+    flight = p.images.flight[p.gnss_image]
+    flights = np.unique(flight)
+    columns = (flight[:, None] == flights)[:, None, :, None] * np.eye(3)[:, None, :]
+    columns = columns.reshape(3 * len(flight), -1)
+    heavy = columns * p.gnss_weight.reshape(-1, 1)
+    sums = rows.jacobian.T @ heavy
+    system = columns.T @ heavy
+    scale = np.sqrt(np.diag(system))
+    system = (system - sums.T @ result.covariance.solve(sums)) / scale[:, None] / scale
+    right = heavy.T @ rows.residual.ravel() / scale
+    size, axes = np.linalg.eigh(system)
+    seen = size > _SEEN
+    along = axes[:, seen].T @ right
+    offset = axes[:, seen] @ (along / size[seen]) / scale
+    return offset.reshape(-1, 3), float(np.sum(along**2 / size[seen]))
 
 
 def gnss_of_metres(block: Block) -> bool:
@@ -176,7 +279,7 @@ def without_unseen_arms(result: Adjustment, again: Again) -> Adjustment:
     if not sigma > _ARM_M:
         return result
     model = replace(result.problem.model, lever_arm="fixed")
-    found = _from_where_it_ended(result, result.start, model, again)
+    found = from_where_it_ended(result, result.start, model, again)
     if not found.converged:
         return result
     found.add_note(

@@ -24,6 +24,8 @@ SQUARE = 2e-3
 FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 # No drone carries its antenna so far from the camera.
 LONG_ARM_M = 5.0
+# Residuals of control, in sigmas, from which on a search for what is wrong is worth its time.
+_LOOK = 2.5
 
 
 def warnings_of(adjustment: Tables) -> list[str]:
@@ -48,6 +50,7 @@ def grave(adjustment: Tables) -> list[str]:
         *_priors(adjustment),
         *_pixels(adjustment),
         *_fit(adjustment),
+        *_wrong_control(adjustment),
         *_outliers(adjustment, {place for place, _ in missed}),
     ]
 
@@ -285,6 +288,32 @@ def _fit(a):
             f"Sigma naught is {a.sigma0:.3g}: the stated standard deviations are larger than the "
             "residuals; GNSS and control weigh too much against the images, or too little."
         )
+
+
+def _wrong_control(a):
+    """Coordinates of control that all other observations contradict."""
+    table = a.residuals["control"]
+    scaled = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
+    # The search needs covariances; of residuals this small none comes out.
+    if not a.converged or len(table) < 2 or not np.abs(scaled).max() > _LOOK:
+        return
+    # Where antenna positions contradict what is stated, nobody knows who is right.
+    if a.statistics["gnss"] and a.statistics["gnss"]["sigma0"] > 2.0:
+        return
+    found = a.reliability.wrong_control
+    if not len(found):
+        return
+    axes = {"x": "x", "y": "y", "z": "height"}
+    named = [
+        f"{row.point} in {axes[row.axis]} by {row.error:+.3f} +- {row.sigma:.3f} m"
+        + (f" (or else {row.or_else})" if row.or_else else "")
+        for row in found.itertuples(index=False)
+    ]
+    yield (
+        f"Ground control is wrong, given minus true: {'; '.join(named)}. All other measurements "
+        "contradict it (data snooping of all coordinates together, 1 % false names): check the "
+        "survey and the marks, and leave it out (role check) if they do not explain it."
+    )
 
 
 def _outliers(a, missed):

@@ -166,6 +166,16 @@ class Block:
         return list(self._flights[1])
 
     @property
+    def ground_groups(self) -> np.ndarray:
+        """(n,) names: from where each ground point was surveyed; "1" where nothing says it.
+
+        Points of one group share the errors of its base station or datum.
+        """
+        if "group" not in self.ground:
+            return np.full(len(self.ground), "1", dtype=object)
+        return self.ground["group"].fillna("1").to_numpy(dtype=object)
+
+    @property
     def _flights(self) -> tuple[np.ndarray, pd.api.extensions.ExtensionArray]:
         if "flight" not in self.images:
             return np.zeros(len(self.images), dtype=np.int64), pd.array(["1"], dtype="str")

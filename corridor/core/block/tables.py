@@ -17,7 +17,7 @@ QUATERNION = POSE[3:]
 VELOCITY = ("vx", "vy", "vz")
 RATES = ("wx", "wy", "wz")
 SIGMAS = ("sx", "sy", "sz")
-NAMES = frozenset(("image", "camera", "flight", "strip", "point", "role"))
+NAMES = frozenset(("image", "camera", "flight", "strip", "point", "role", "group"))
 ROLES = ("control", "check", "unused")
 _PART = 1 << 20  # rows that are looked at together
 
@@ -53,7 +53,7 @@ LAYOUTS = {
     "tie_points": _OBSERVATIONS,
     "points": Layout(("point", "x", "y", "z"), optional=SIGMAS, empty=("x", "y", "z")),
     "marks": _OBSERVATIONS,
-    "ground": Layout(("point", "x", "y", "z", "role"), optional=SIGMAS),
+    "ground": Layout(("point", "x", "y", "z", "role"), optional=(*SIGMAS, "group")),
     "gnss": Layout(("image", "x", "y", "z"), optional=SIGMAS),
     "rates": Layout(("time_s", *RATES), optional=("flight", "image")),
     "track": Layout(("time_s", "x", "y", "z"), optional=("flight", *SIGMAS, "quality", *VELOCITY)),

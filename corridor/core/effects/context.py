@@ -14,7 +14,7 @@ from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_quaternion
 
 # Who may share a set of values.
-GROUPS = ("block", "camera", "flight", "image", "point")
+GROUPS = ("block", "camera", "flight", "image", "point", "survey")
 
 
 @dataclass
@@ -26,6 +26,7 @@ class Images:
     which rates.csv gives (None without). start_centre, start_rotation: the pose that
     images.csv states, which stays. ground: mean height of the points, m; elevation: of z = 0
     above the sea, m. constants: of the block, by effect, as [effect.SLUG] of block.toml says.
+    survey: from where each ground point was surveyed, by its name; survey_names: all of these.
     """
 
     names: np.ndarray
@@ -51,6 +52,8 @@ class Images:
     record: np.ndarray | None = None
     gyroscope: Gyroscope | None = None
     constants: dict = field(default_factory=dict)
+    survey: dict[str, str] = field(default_factory=dict)
+    survey_names: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, block: Block) -> Images:
@@ -91,6 +94,8 @@ class Images:
             elevation=float(block.offset[2]),
             record=np.arange(len(table)),
             constants=block.constants,
+            survey=dict(zip(block.ground["point"], block.ground_groups, strict=True)),
+            survey_names=list(dict.fromkeys(block.ground_groups)),
             gyroscope=Gyroscope(block)
             if set(RATES) <= set(block.rates) and len(block.rates)
             else None,
@@ -260,6 +265,9 @@ class Context:
             return np.zeros(len(self), dtype=np.int64)
         if kind == "point":
             return np.arange(len(self))
+        if kind == "survey":
+            names = self.images.survey_names
+            return np.array([names.index(self.images.survey[one]) for one in self.point], np.int64)
         return group_of_image(self.images, kind)[self.image]
 
 
@@ -287,4 +295,5 @@ def group_names(images: Images, kind: str, points: list[str] = ()) -> list[str]:
         "flight": images.flight_names,
         "image": list(images.names),
         "point": list(points),
+        "survey": images.survey_names,
     }[kind]

@@ -52,6 +52,7 @@ class Variant:
     unobservable_when: str
     about: str
     generic: bool = False
+    datum: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,7 @@ class Effect(ABC):
     by_row: it differs from row to row of a picture, and has no one place in it.
     variants: the same effect for other groups, which the catalogue lists beside it. refines: of a
     variant with more sets of values, the slug of the effect.
+    datum: the constant error that all positions of its place and group share.
     sees_points: of the place image: it looks at the object point and the pose, not at the pixel.
     row_degree: of the place motion: degree of the polynomial in the row that holds the shift.
     stands_in_for: camera parameters that have to be held, or the effect to have a prior: it can
@@ -102,6 +104,7 @@ class Effect(ABC):
     searched: bool = True
     sudden: bool = False
     by_row: bool = False
+    datum: bool = False
     sees_points: bool = False
     refines: str = ""
     row_degree: int = 1

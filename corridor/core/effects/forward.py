@@ -112,18 +112,13 @@ def stated_lever_arms(block: Block) -> np.ndarray:
 
 def _given(block, stack, values, images):
     names, position = _control(block)
-    return position + _moved_ground(images, names, position, stack, values)
+    return position + stack.moved_ground(images, names, position, values)
 
 
 def _control(block):
     """Names and given coordinates (n, 3) of the ground control."""
     position = np.column_stack([block.ground[axis].to_numpy(float) for axis in "xyz"])
     return control_names(block), position[(block.ground["role"] == "control").to_numpy()]
-
-
-def _moved_ground(images, names, position, stack, values):
-    """Given minus true (n, 3) of control points whose true place is position."""
-    return stack.evaluate("ground", Context(images, point=names, position=position), values)[0]
 
 
 def add(block: Block, values: Mapping) -> Block:
@@ -155,14 +150,14 @@ def _moved(block: Block, values: Mapping, sign: float) -> Block:
         rows = getattr(out, table)
         if len(rows) and np.nanmax(np.abs(difference), initial=0.0) > 0:
             rows[columns] = rows[columns].to_numpy(float) + np.nan_to_num(difference)
-    names, position = _control(block)
-    if stack.at("ground") and names:
-        true = position
+    if stack.at("ground") and len(block.ground):
+        names, stated = block.ground["point"].tolist(), block.numbers("ground", *"xyz")
+        moved = stated
         # A point moves by what its true place says; from where it was given that is a contraction.
         for _ in range(40 if sign < 0 else 1):
-            before = true
-            true = position + sign * _moved_ground(images, names, true, stack, given)
-            if np.abs(true - before).max() < 1e-12:
+            before = moved
+            moved = stated + sign * stack.moved_ground(images, names, moved, given)
+            if np.abs(moved - before).max() < 1e-12:
                 break
-        out.ground.loc[out.ground["role"] == "control", ["x", "y", "z"]] = true
+        out.ground[["x", "y", "z"]] = moved
     return out

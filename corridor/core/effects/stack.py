@@ -110,6 +110,25 @@ class Stack:
                 total += self._one(member, context, values)[0]
         return total
 
+    def moved_ground(
+        self, images: Images, names: list[str], position: np.ndarray, values: Arrays
+    ) -> np.ndarray:
+        """Given minus true (n, 3) of ground points of these names at a position (n, 3), m.
+
+        A datum, or the curvature of the earth, moves all that were surveyed together, control or
+        not; what is a point's own moves the points that have it.
+        """
+        out = np.zeros((len(names), 3))
+        for member in self.at("ground"):
+            array, mine = values[member.effect.slug], np.arange(len(names))
+            if member.effect.group == "point":
+                mine = np.flatnonzero(np.isin(names, member.groups))
+                array = array[[member.groups.index(names[k]) for k in mine]]
+            if len(mine):
+                some = Context(images, point=[names[k] for k in mine], position=position[mine])
+                out[mine] += self._one(member, some, {member.effect.slug: array})[0]
+        return out
+
     def motion_by_row(self, images: Images, values: Arrays) -> tuple[np.ndarray, np.ndarray]:
         """Motion of every image as a polynomial in s = row fraction / `ROW_REACH`.
 
@@ -203,7 +222,7 @@ def check_groups(effects: list[Effect]) -> None:
     """Refuse a group that a place does not have (an effect of ground points shared by images)."""
     for effect in effects:
         ground = effect.place == "ground"
-        if (effect.group == "point") != ground and effect.group != "block":
+        if (effect.group in ("point", "survey")) != ground and effect.group != "block":
             raise InputError(
                 f"effect {effect.slug} acts on {'ground points' if ground else 'images'} and has "
                 f"no group {effect.group}: use another"

@@ -232,10 +232,8 @@ def check_misfit(adjustment: Adjustment) -> float:
 
 def _off(adjustment: Adjustment, points: pd.Series) -> tuple[np.ndarray, np.ndarray]:
     """What check points (n,) are off by (n, 3), m, and its sigma, that of the survey included."""
-    table, block = adjustment.check_points.set_index("point").loc[points], adjustment.system.block
-    rows = pd.Index(block.ground["point"].astype(str)).get_indexer(points.astype(str))
-    sigma = np.hypot(table[["sx", "sy", "sz"]].to_numpy(), block.ground_sigma()[rows])
-    return table[["dx", "dy", "dz"]].to_numpy(), sigma
+    table = adjustment.check_points.set_index("point").loc[points]
+    return table[["dx", "dy", "dz"]].to_numpy(), table[["sx", "sy", "sz"]].to_numpy()
 
 
 def harms(without: Adjustment, with_it: Adjustment) -> bool:

@@ -3,7 +3,6 @@
 from corridor.interface.report.adjustment import (
     CAPTIONS,
     adjustment_dict,
-    check_sigma,
     doubted,
     of_adjustment,
     save_adjustment,
@@ -13,7 +12,6 @@ from corridor.interface.report.adjustment import (
 __all__ = [
     "CAPTIONS",
     "adjustment_dict",
-    "check_sigma",
     "doubted",
     "of_adjustment",
     "save_adjustment",

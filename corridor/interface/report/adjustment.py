@@ -62,7 +62,7 @@ CAPTIONS = {
 
 _KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control"}
 _UNITS = {"f": "px", "cx": "px", "cy": "px"}
-_DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["sx", "sy", "sz"]
+_DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["s_dx", "s_dy", "s_dz"]
 _STRONG = 0.95
 _MOST_GROUPS_SHOWN = 8  # of one effect parameter
 _MOST_POINTS = 20
@@ -70,6 +70,8 @@ _MOST_PAIRS = 12
 # A sum of squares of check points that chance exceeds this rarely; a sigma naught worth a question.
 _RARE, _LARGE = 0.01, 1.1
 _MOST_STEPS = 3
+# A variance component so far from 1 is no chance.
+_IMPROBABLE = 1e-3
 
 
 def of_adjustment(adjustment: Adjustment) -> Report:
@@ -79,6 +81,8 @@ def of_adjustment(adjustment: Adjustment) -> Report:
         adjustment.point_sigma  # noqa: B018
     made = [
         _observations(adjustment),
+        _components(adjustment),
+        _reliability(adjustment),
         _camera(adjustment),
         _effects(adjustment),
         _lever_arms(adjustment),
@@ -182,6 +186,8 @@ def adjustment_dict(adjustment: Adjustment) -> dict[str, Any]:
         "correlations": adjustment.correlations.to_dict(orient="records"),
         "high_correlations": adjustment.high_correlations.to_dict(orient="records"),
         "parameters": len(adjustment.correlation_matrix),
+        "variance_components": adjustment.variance_components.to_dict(orient="records"),
+        "reliability": adjustment.reliability.to_dict(),
         "warnings": adjustment.warnings,
     }
     return plain(content)
@@ -193,6 +199,7 @@ def _files(adjustment: Adjustment) -> dict[str, pd.DataFrame]:
         "check_points.csv": adjustment.check_points,
         "poses.csv": adjustment.poses,
         "outliers.csv": _outliers(adjustment),
+        "reliability.csv": adjustment.reliability.to_frame(),
     } | adjustment.values.tables()
     return {name: table for name, table in files.items() if len(table) or name == "poses.csv"}
 
@@ -256,16 +263,6 @@ def _measured(adjustment: Adjustment) -> list[str]:
     ]
 
 
-def check_sigma(adjustment: Adjustment) -> np.ndarray:
-    """Standard deviations (n, 3), m, of what `check_points` are off by: adjusted and surveyed."""
-    ground = adjustment.block.ground
-    at = pd.Index(ground["point"].astype(str)).get_indexer(
-        adjustment.check_points["point"].astype(str)
-    )
-    surveyed = adjustment.block.ground_sigma()[at]
-    return np.hypot(adjustment.check_points[_SIGMAS].to_numpy(float), surveyed)
-
-
 def doubted(adjustment: Adjustment) -> bool:
     """Whether check points or residuals are larger than their standard deviations say."""
     return _beyond(adjustment) or bool(adjustment.sigma0 > _LARGE)
@@ -277,7 +274,7 @@ def _beyond(adjustment: Adjustment) -> bool:
     if not len(check):
         return False
     # The sum of squares of n normalised numbers is a chi-square of n degrees of freedom.
-    scaled = check[_DIFFERENCES].to_numpy(float) / check_sigma(adjustment)
+    scaled = check[_DIFFERENCES].to_numpy(float) / check[_SIGMAS].to_numpy(float)
     return bool(np.sum(np.square(scaled)) > chdtri(np.size(scaled), _RARE))
 
 
@@ -350,6 +347,54 @@ def _observations(adjustment: Adjustment) -> Table:
         notes.insert(0, f"{left_out}: {', '.join(gross)}")
     header = ("residuals", "count", "outliers", "RMS", "sigma naught")
     return Table("Observations", header, tuple(rows), "lrrlr", tuple(notes))
+
+
+def _components(adjustment: Adjustment) -> Table | None:
+    """Sigma naught of each kind and flight with its redundancy and its test."""
+    frame = adjustment.variance_components
+    if not adjustment.converged or len(frame) < 2:
+        return None
+    several = frame["flight"].nunique() > 2
+    rows, beyond = [], []
+    for row in frame.itertuples(index=False):
+        name = " ".join(part for part in (_KINDS[row.kind], row.part) if part)
+        if several and row.flight:
+            name = f"{name}, {short(row.flight)}"
+        rows.append((name, f"{row.count:,}", fixed(row.redundancy, 1), fixed(row.sigma0, 3),
+                     significant(row.p)))  # fmt: skip
+        if row.p < _IMPROBABLE and row.sigma0 > _LARGE:
+            beyond.append(name)
+    notes = ["sigma naught with the redundancy of the group; p: of one so far from 1 by chance"]
+    if beyond:
+        notes.append(f"larger than stated: {', '.join(beyond)}")
+    header = ("variance component", "numbers", "redundancy", "sigma naught", "p")
+    return Table("Variance components", header, tuple(rows), "lrrrr", tuple(notes))
+
+
+def _reliability(adjustment: Adjustment) -> Table | None:
+    """What could have hidden in each kind of measurement."""
+    frame = adjustment.reliability.summary
+    frame = frame[frame["largest_w"].notna()]
+    if not adjustment.converged or not len(frame):
+        return None
+    rows = [
+        (
+            _KINDS[row.Index],
+            fixed(row.mean, 2),
+            fixed(row.least, 2),
+            fixed(row.largest_w, 1),
+            f"{significant(row.median_least_error)} {row.unit}",
+            f"{significant(row.largest_least_error)} {row.unit}",
+        )
+        for row in frame.itertuples()
+    ]
+    notes = (
+        "redundancy: share of an error that its residual shows; w: residual over its own sigma, "
+        "beyond 3.3 one of a thousand good ones; least error found with a probability of 80 %",
+        "each measurement, with its prediction by all others: reliability.csv",
+    )
+    header = ("kind", "redundancy", "least", "largest w", "least error", "worst")
+    return Table("Reliability", header, tuple(rows), "lrrrrr", notes)
 
 
 def _rms(rms) -> str:
@@ -464,10 +509,13 @@ def _check_points(adjustment: Adjustment) -> Table | None:
     if not len(frame):
         return None
     differences = frame[_DIFFERENCES].to_numpy(dtype=float)
-    numbers = 1e3 * np.hstack([differences, check_sigma(adjustment)])
+    numbers = 1e3 * np.hstack([differences, frame[_SIGMAS].to_numpy(float)])
     names, rays = frame["point"].to_numpy(object), frame["rays"].to_numpy()
     digits = _mm_digits(numbers)
-    notes = ["mm, adjusted minus given; sigmas of that difference, survey of the point included"]
+    notes = [
+        "mm, adjusted minus given; s_dx, s_dy, s_dz: standard deviations of the differences, the "
+        "survey included"
+    ]
     if len(frame) > _MOST_POINTS:
         size = np.linalg.norm(differences, axis=1)
         left_out = counted(len(frame) - _MOST_POINTS, "smaller one")
@@ -478,7 +526,7 @@ def _check_points(adjustment: Adjustment) -> Table | None:
         (short(name), *(fixed(value, digits) for value in values), f"{seen:,}")
         for name, values, seen in zip(names, numbers, rays, strict=True)
     ]
-    header = ("check point", "dx", "dy", "dz", "sigma x", "sigma y", "sigma z", "images")
+    header = ("check point", "dx", "dy", "dz", "s_dx", "s_dy", "s_dz", "images")
     return Table("Check points", header, tuple(rows), "lrrrrrrr", tuple(notes))
 
 

@@ -90,14 +90,14 @@ class TestFocalLength:
 
         They are believed more for it, and 1,314 px ended at 42 on a real flight.
         """
-        lengths, plain = [], readjusting._from_where_it_ended
+        lengths, plain = [], readjusting.from_where_it_ended
 
         def watched(*given):
             found = plain(*given)
             lengths.append([camera["f"] for camera in found.block.cameras.values()])
             return found
 
-        monkeypatch.setattr(readjusting, "_from_where_it_ended", watched)
+        monkeypatch.setattr(readjusting, "from_where_it_ended", watched)
         found = free(surveyed())
         assert len(lengths) >= 2
         assert all(each == lengths[0] for each in lengths[:-1])

@@ -320,3 +320,16 @@ def test_sigmas_of_a_chain_that_is_hardly_held_are_those_of_single_solutions():
     alone = np.array([np.diag(found.covariance.poses([image])) for image in some])
     among = np.array([np.diag(one) for one in found.covariance.each_pose[some]])
     assert among == pytest.approx(alone, rel=1e-7)
+
+
+def test_the_sigma_of_a_check_point_is_that_of_the_difference():
+    """That of the adjusted point and 30 mm of the survey, as a right angle adds them."""
+    block = small_block()
+    block.ground[["sx", "sy", "sz"]] = 0.03
+    adjusted = corridor.adjust(add_noise(block, tie_px=0.5, seed=1))
+    check = adjusted.check_points.set_index("point")
+    points = adjusted.points["point"].isin(check.index).to_numpy()
+    names = adjusted.points["point"][points]
+    own = adjusted.point_sigma[points]
+    assert np.allclose(check.loc[names, ["sx", "sy", "sz"]], own, rtol=1e-9)
+    assert np.allclose(check.loc[names, ["s_dx", "s_dy", "s_dz"]], np.hypot(own, 0.03), rtol=1e-9)

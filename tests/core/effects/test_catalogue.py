@@ -103,7 +103,7 @@ def gyroscopic(effect):
 
 def every_form():
     """The catalogue, and those of it that are others where the block has a gyroscope."""
-    recorded = SimpleNamespace(rates=[0.0])
+    recorded = SimpleNamespace(rates=[0.0], ground_groups=["base"])
     forms = [effect.form(recorded) for effect in every_effect()]
     return every_effect() + [effect for effect in forms if gyroscopic(effect)]
 

@@ -161,16 +161,10 @@ class TestText:
             adjustment(block, high_correlations=[])
         )
 
-    def test_the_sigma_of_a_check_point_is_that_of_the_difference(self, block):
-        """17 mm of the adjustment and 10 mm of the survey are 20 mm, 11 and 10 are 15."""
-        made = adjustment(block)
-        made.block = dataclasses.replace(
-            block,
-            ground=block.ground.drop(columns=["sx", "sy", "sz"], errors="ignore"),
-            sigma=block.sigma | {"control_m": (0.01,) * 3},
-        )
-        table = next(t for t in tables_of(made) if t.title == "Check points")
-        assert {row[4:7] for row in table.rows} == {("20", "15", "57")}
+    def test_the_sigma_of_a_check_point_is_that_of_the_table(self, block):
+        """One name, one number: in check_points.csv, in adjustment.json and on the page."""
+        table = next(t for t in tables_of(adjustment(block)) if t.title == "Check points")
+        assert {row[4:7] for row in table.rows} == {("17", "11", "56")}
 
     @pytest.mark.parametrize(("required", "said"), [(0.5, "Good enough: "), (1e-3, "Not good")])
     def test_it_says_first_whether_it_is_good_enough(self, block, required, said):
@@ -200,7 +194,7 @@ class TestText:
         asks = []
         for times in (1.0, 5.0):
             made = adjustment(block)
-            sigma = report.check_sigma(made)
+            sigma = made.check_points[["s_dx", "s_dy", "s_dz"]].to_numpy()
             made.check_points[["dx", "dy", "dz"]] = times * sigma
             asks.append("diagnose" in " ".join(report.of_adjustment(made).actions))
         assert asks == [False, True]

@@ -7,9 +7,13 @@ import numpy as np
 
 from corridor.core.effects.contract import LinearEffect, Parameter, Variant
 
+# Points of which one vector is no chance, and sigmas beyond which it is one.
+_SEVERAL, _SURE = 3, 5.0
+
 _OF_THE_BLOCK = Variant(
     slug="control_datum",
     group="block",
+    datum=True,
     title="Common shift of all ground control points",
     called="a common shift of all ground control",
     revealed_by="GNSS with known lever arms: all control points disagree with it by one vector",
@@ -39,8 +43,38 @@ class ControlBlunder(LinearEffect):
     )
     variants = (_OF_THE_BLOCK,)
 
+    def form(self, block):
+        """A datum for each group of points that were surveyed together, where there are several."""
+        several = len(set(block.ground_groups)) > 1
+        return self.per("survey") if self.group == "block" and several else self
+
     def parameters(self, block):
         return [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]
+
+    def doubts(self, block, found):
+        """Blunders of single points that are one and the same are none of single points."""
+        if self.group != "point" or found["group"].nunique() < _SEVERAL:
+            return []
+        table = found.pivot(index="group", columns="parameter", values=["value", "sigma"])
+        value, sigma = (table[part].to_numpy(float) for part in ("value", "sigma"))
+        weight = sigma**-2.0
+        if not np.isfinite(weight).all():
+            return []
+        mean = (weight * value).sum(axis=0) / weight.sum(axis=0)
+        away = np.abs(value - mean) / sigma
+        large = np.abs(mean) > 0.5 * np.abs(value).max()
+        if not (np.abs(mean) * np.sqrt(weight.sum(axis=0)) > _SURE)[large].any():
+            return []
+        # Errors of single points differ from each other as much as from zero.
+        if np.median(away[:, large]) > 0.1 * np.median(np.abs(value / sigma)[:, large]):
+            return []
+        vector = ", ".join(f"{one:+.2f}" for one in mean)
+        return [
+            f"All {len(value)} control points come out wrong by the same vector ({vector} m): that "
+            f"is no blunder of single points but a datum. Either all control is off by it "
+            f"(--effect {_OF_THE_BLOCK.slug}) or all GNSS positions by the opposite; with a "
+            "blunder for each point the control does not hold the block at all."
+        ]
 
     def derivative(self, context):
         """The given coordinates move by the values themselves."""

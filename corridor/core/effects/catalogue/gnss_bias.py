@@ -15,6 +15,7 @@ class GnssBias(LinearEffect):
     title = "Constant error of the GNSS positions"
     called = "a constant error of the GNSS positions"
     place = "antenna"
+    datum = True
     needs = ("gnss.x", "gnss.y", "gnss.z")
     revealed_by = "ground control, with lever arms held or a camera that turns about its axis"
     unobservable_when = (

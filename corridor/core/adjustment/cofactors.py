@@ -1,0 +1,114 @@
+"""Cofactors of residuals: which share of an error in a measurement its residual shows.
+
+In units of the stated standard deviations, with B the design matrix and Q the cofactors of all
+unknowns, the residuals v and the errors e of the measurements follow
+
+    v = R e,   R = 1 - B Q B',   cofactors of v: R itself
+
+Positions of antennas need their image and what is shared; rays and coordinates of one point need
+the images that show it, which lie within the pattern of the equations.
+Source: Baarda 1968; Förstner 1979 for the redundancy numbers, the diagonal of R.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from corridor.core.adjustment.covariance import Covariance
+from corridor.core.adjustment.design import Design
+from corridor.core.adjustment.normal import Normal
+
+# Sums that are solved for together: a hundred columns as long as the unknowns.
+_TOGETHER = 96
+
+
+def of_antennas(covariance: Covariance) -> np.ndarray:
+    """R (k, 3, 3) of the antenna positions, each with itself."""
+    system = covariance.system
+    p = system.problem
+    if not len(p.gnss_image):
+        return np.zeros((0, 3, 3))
+    _, own, shared = Normal(p, system.loss).antenna_rows(system.state, system.images)
+    root = np.sqrt(p.gnss_weight)[:, :, None]
+    own, shared, image = own * root, shared * root, p.gnss_image
+    used = np.flatnonzero(shared.any(axis=(0, 1)))
+    shared = shared[:, :, used]
+    at = image[:, None] * p.d + np.arange(p.d)
+    cross = covariance.poses_shared[at][:, :, used]
+    mixed = own @ cross @ shared.transpose(0, 2, 1)
+    known = own @ covariance.each_pose[image] @ own.transpose(0, 2, 1)
+    known += mixed + mixed.transpose(0, 2, 1)
+    known += shared @ covariance.shared[np.ix_(used, used)] @ shared.transpose(0, 2, 1)
+    return np.eye(3) - known
+
+
+class OfPoint(NamedTuple):
+    """Residuals of one point: of its n rays x, y and, of control, of its three coordinates.
+
+    point: its number. share: R of these residuals (2 n, 2 n) or (2 n + 3, 2 n + 3). columns (u,):
+    unknowns that they look at; rows (3, u): what the residuals of control see of errors of these,
+    `left` (3, 3): what is left of errors of control where all unknowns but the point are known.
+    """
+
+    point: int
+    share: np.ndarray
+    columns: np.ndarray
+    rows: np.ndarray
+    left: np.ndarray
+
+
+def of_points(covariance: Covariance, points: Sequence[int]) -> Iterator[OfPoint]:
+    """R of the residuals of some marked points, one after the other."""
+    system = covariance.system
+    p = system.problem
+    ground = system.control.jacobian
+    m, d, q = p.image_count, p.d, p.shared_count
+    shared_at = m * d + np.arange(q)
+    for point, rays in zip(points, Design(system).rays_of(points), strict=True):
+        image = rays.image
+        n = len(image)
+        names, place = np.unique(image, return_inverse=True)
+        own = np.zeros((2 * n, len(names), d))
+        own[np.arange(2 * n), np.repeat(place, 2)] = rays.own
+        by = np.concatenate([own.reshape(2 * n, -1), rays.shared], axis=1)
+        at_point = rays.point
+        columns = np.concatenate([(names[:, None] * d + np.arange(d)).ravel(), shared_at])
+        control = p.control[point]
+        if control >= 0:
+            root = np.sqrt(p.control_weight[control])
+            moved = ground[3 * control : 3 * control + 3][:, columns].toarray()
+            by = np.concatenate([by, moved * root[:, None]])
+            at_point = np.concatenate([at_point, np.diag(root)])
+        half = np.zeros((3, 3))
+        half[np.tril_indices(3)] = rays.root[0]
+        half = at_point @ half.T
+        left = np.eye(len(at_point)) - half @ half.T
+        seen = left @ by
+        between = covariance.poses_shared[columns[: len(names) * d]]
+        known = np.block([[covariance.of_marked[point], between], [between.T, covariance.shared]])
+        share = left - seen @ known @ seen.T
+        yield OfPoint(point, share, columns, seen[2 * n :], left[2 * n :, 2 * n :])
+
+
+def of_control(covariance: Covariance, found: Sequence[OfPoint]) -> np.ndarray:
+    """R (3 c, 3 c) of the residuals of c control points together."""
+    c, n = len(found), len(covariance.system.columns)
+    out = np.zeros((3 * c, 3 * c))
+    row, column, value = [], [], []
+    for k, one in enumerate(found):
+        out[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = one.left
+        row.append(np.repeat(3 * k + np.arange(3), len(one.columns)))
+        column.append(np.tile(one.columns, 3))
+        value.append(one.rows.ravel())
+    if not c:
+        return out
+    at = (np.concatenate(row), np.concatenate(column))
+    rows = csr_array((np.concatenate(value), at), shape=(3 * c, n))
+    for first in range(0, 3 * c, _TOGETHER):
+        some = rows[first : first + _TOGETHER].toarray().T
+        out[:, first : first + some.shape[1]] -= rows @ covariance.solve(some)
+    return (out + out.T) / 2.0

@@ -1,0 +1,222 @@
+"""What could have hidden: redundancy, tests, least errors that show, and predictions.
+
+Source: Baarda 1968 (inner and external reliability); Förstner 1980; Gruen 1980. Probabilities are
+those of Baarda: an error is found with 80 % where one good measurement in a thousand is accused.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2, norm
+
+from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
+from corridor.core.adjustment.snooping import SHOWN, Blunder, blunders
+from corridor.core.output import with_units
+
+if TYPE_CHECKING:
+    from corridor.core.adjustment.tables import Tables
+
+ALPHA, BETA = 1e-3, 0.2
+# Non-centrality of a test of that size and power, in sigmas: 4.13.
+DELTA = float(norm.isf(ALPHA / 2) + norm.isf(BETA))
+
+
+class Reliability:
+    """Reliability of an adjustment; tables are pandas frames, one row a coordinate.
+
+    Columns of `control`, `gnss`, `marks` and `check`: redundancy (0: the measurement decides alone,
+    1: all others do); w (standardised residual: beyond 3.3 one good one in a thousand); least_error
+    (the smallest error that is found with a probability of 80 %, m or px; infinite where none is);
+    external (by how many of its own standard deviations such an error, if it is not found, moves
+    any unknown at the most); predicted (measured minus what all others predict when the whole
+    point, position or mark is left out, m or px) and s_predicted (its standard deviation, that of
+    the measurement included); p (probability of such a difference, all axes together).
+
+    Sigmas of ground points and antennas count as they are stated, or as the variance components
+    have them; those of image points times sigma naught of the image points.
+    """
+
+    def __init__(self, adjustment: Tables):
+        self._of = adjustment
+
+    # --- tables ------------------------------------------------------------------------------
+
+    @cached_property
+    def control(self) -> pd.DataFrame:
+        """Control points: point, axis and the columns above."""
+        residuals = self._of.residuals["control"]
+        found = [self._points[k] for k in self._control_points]
+        share = [one.share[-3:, -3:] for one in found]
+        return _table("point", residuals, np.array(share).reshape(-1, 3, 3), "m")
+
+    @cached_property
+    def gnss(self) -> pd.DataFrame:
+        """Antenna positions: image, axis and the columns above."""
+        share = of_antennas(self._of.covariance)
+        return _table("image", self._of.residuals["gnss"], share, "m")
+
+    @cached_property
+    def marks(self) -> pd.DataFrame:
+        """Marks of ground points: point, image, axis and the columns above, in px."""
+        p, residuals = self._of.problem, self._of.residuals["mark"]
+        rows, share = [], []
+        for point, one in self._points.items():
+            rays = p.row[p.ptr[point] : p.ptr[point + 1]] - p.tie_count
+            rows.append(rays)
+            share += [one.share[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(rays))]
+        rows = np.concatenate(rows) if rows else np.zeros(0, int)
+        # Marks of unused points have no residual and no row.
+        back = np.full(len(p.block.marks), -1)
+        back[np.sort(rows)] = np.arange(len(rows))
+        mine = residuals.iloc[back[rows]].reset_index(drop=True)
+        mine = mine.assign(sx=mine["sigma"] * self.image_scale, sy=mine["sigma"] * self.image_scale)
+        return _table(("point", "image"), mine, np.array(share).reshape(-1, 2, 2), "px")
+
+    @cached_property
+    def check(self) -> pd.DataFrame:
+        """Check points, which nothing but the images shows: all others predict them as they are."""
+        check = self._of.check_points
+        residuals = pd.DataFrame({"point": check["point"].astype(str)})
+        for axis in "xyz":
+            residuals[f"v{axis}"] = -check[f"d{axis}"]
+            residuals[f"s{axis}"] = check[f"s{axis}"]
+        share = np.broadcast_to(np.eye(3), (len(check), 3, 3))
+        return _table("point", residuals, share, "m")
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """A row for each kind: count of numbers, redundancy together, its mean and least,
+        largest w, and the median and largest least error."""
+        rows, taken = {}, 0.0
+        tables = (("control", self.control), ("gnss", self.gnss), ("mark", self.marks))
+        for kind, table in tables:
+            unit = "px" if kind == "mark" else "m"
+            if not len(table):
+                continue
+            share = table["redundancy"]
+            taken += share.sum()
+            error = table["least_error"]
+            rows[kind] = (len(table), share.sum(), share.mean(), share.min(),
+                          table["w"].abs().max(), error.median(), error.max(), unit)  # fmt: skip
+        p = self._of.problem
+        ties = 2 * int(np.count_nonzero(p.row < p.tie_count))
+        if ties:
+            # What is left; of priors each takes at most one.
+            left = self._of.redundancy - taken
+            rows["tie"] = (ties, left, left / ties, *[np.nan] * 4, "px")
+        columns = ["count", "redundancy", "mean", "least", "largest_w", "median_least_error",
+                   "largest_least_error", "unit"]  # fmt: skip
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("kind")
+
+    # --- what is wrong -----------------------------------------------------------------------
+
+    @cached_property
+    def wrong_control(self) -> pd.DataFrame:
+        """Coordinates of control that are wrong: point, axis, error and sigma (given minus true,
+        m), w, and `or_else`, other coordinates that explain the same as well.
+
+        All coordinates are tested together, pairs that hide each other too; a set in which nothing
+        is wrong gets a name with a probability of 1 %. See `corridor.core.adjustment.snooping`.
+        """
+        residuals = self._of.residuals["control"]
+        sigma = residuals[["sx", "sy", "sz"]].to_numpy().ravel()
+        names = [f"{name} {axis}" for name in residuals["point"] for axis in "xyz"]
+        rows = []
+        for one in self._blunders:
+            point, axis = names[one.number].rsplit(" ", 1)
+            size = sigma[one.number]
+            others = ", ".join(names[k] for k in one.rivals)
+            rows.append((point, axis, size * one.error, size * one.sigma, one.w, others))
+        columns = ["point", "axis", "error", "sigma", "w", "or_else"]
+        return with_units(pd.DataFrame(rows, columns=columns), {"m": "error sigma"})
+
+    @cached_property
+    def _blunders(self) -> list[Blunder]:
+        residuals = self._of.residuals["control"]
+        if len(residuals) < 2:
+            return []
+        found = [self._points[k] for k in self._control_points]
+        share = of_control(self._of.covariance, found)
+        v = residuals[["vx", "vy", "vz"]].to_numpy() / residuals[["sx", "sy", "sz"]].to_numpy()
+        return blunders(v.ravel(), share)
+
+    # --- what all of them need ---------------------------------------------------------------
+
+    @cached_property
+    def image_scale(self) -> float:
+        """Sigma naught of the image points."""
+        return self._of.sigma0
+
+    @cached_property
+    def _points(self) -> dict[int, OfPoint]:
+        """Cofactors of the marked points, by their number."""
+        p = self._of.problem
+        marked = np.flatnonzero(p.point_kinds)
+        return dict(zip(marked.tolist(), of_points(self._of.covariance, marked), strict=True))
+
+    @property
+    def _control_points(self) -> list[int]:
+        """Number of the point of each control point."""
+        p = self._of.problem
+        rows = np.flatnonzero(p.control >= 0)
+        return rows[np.argsort(p.control[rows])].tolist()
+
+    def to_dict(self) -> dict:
+        """For adjustment.json: `summary`, `wrong_control`, and the tables of ground points."""
+        return {
+            "alpha": ALPHA,
+            "power": 1.0 - BETA,
+            "summary": self.summary.reset_index().to_dict(orient="records"),
+            "wrong_control": self.wrong_control.to_dict(orient="records"),
+            "control": self.control.to_dict(orient="records"),
+            "check": self.check.to_dict(orient="records"),
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """All tables in one, with the column `kind` before them; metres, marks in px."""
+        tables = {kind: getattr(self, kind) for kind in ("control", "check", "gnss", "marks")}
+        parts = [pd.DataFrame(t).assign(kind=kind) for kind, t in tables.items() if len(t)]
+        if not parts:
+            return pd.DataFrame(columns=["kind"])
+        whole = pd.concat(parts, ignore_index=True)
+        first = [name for name in ("kind", "point", "image", "axis") if name in whole]
+        return whole[[*first, *(name for name in whole if name not in first)]]
+
+
+def _table(key, residuals: pd.DataFrame, share: np.ndarray, unit: str) -> pd.DataFrame:
+    """The columns of `Reliability` from residuals v and sigmas s of some axes.
+
+    share (n, k, k): cofactors of the residuals of each, in units of its sigmas.
+    """
+    keys = (key,) if isinstance(key, str) else key
+    k = share.shape[1]
+    axes = list("xyz"[:k])
+    v = residuals[[f"v{axis}" for axis in axes]].to_numpy()
+    sigma = residuals[[f"s{axis}" for axis in axes]].to_numpy()
+    r = np.clip(np.einsum("nii->ni", share), 0.0, 1.0)
+    shown = r > SHOWN
+    root = np.sqrt(np.where(shown, r, np.nan))
+    # Where a direction shows in no other measurement, nothing predicts the whole.
+    whole = np.linalg.eigvalsh(share)[:, 0] > SHOWN if len(share) else np.zeros(0, bool)
+    inverse = np.full(share.shape, np.nan)
+    inverse[whole] = np.linalg.inv(share[whole])
+    scaled = v / sigma
+    left_out = np.einsum("nij,nj->ni", inverse, scaled)
+    test = np.einsum("ni,ni->n", scaled, left_out)
+    out = {name: np.repeat(residuals[name].astype(str).to_numpy(object), k) for name in keys}
+    numbers = {
+        "redundancy": r,
+        "w": scaled / root,
+        "least_error": np.where(shown, DELTA * sigma / root, np.inf),
+        "external": np.where(shown, DELTA * np.sqrt(1.0 - r) / root, np.inf),
+        "predicted": sigma * left_out,
+        "s_predicted": sigma * np.sqrt(np.einsum("nii->ni", inverse)),
+        "p": np.broadcast_to(chi2.sf(test, k)[:, None], r.shape),
+    }
+    out["axis"] = np.tile(axes, len(residuals))
+    out |= {name: values.ravel() for name, values in numbers.items()}
+    return with_units(pd.DataFrame(out), {unit: "least_error predicted s_predicted"})

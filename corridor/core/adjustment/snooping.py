@@ -1,0 +1,120 @@
+"""Which measurements are wrong: data snooping of several, with the whole search in its level.
+
+With v the residuals and R their cofactors in units of the stated standard deviations, errors of
+the measurements E explain
+
+    T = v_E' R_EE^-1 v_E        of the sum of squares, chi-square with as many degrees of freedom
+
+Two errors can hide each other: of all pairs the best is looked at beside the best single one. The
+level is shared out among all that are tried (Bonferroni), so that it is that of the whole search.
+Source: Baarda 1968; Kok 1984 (iterated data snooping); Knight, Wang and Rizos 2010, "Generalised
+measures of reliability for multiple outliers", for several at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+# Probability that a set in which nothing is wrong gets a name.
+LEVEL = 0.01
+# Another measurement explains as much where the likelihoods are within this ratio: then neither
+# is named alone. Jeffreys 1961 calls a hundred decisive.
+DECISIVE = 100.0
+# An error that is shown to less than this share of its size is shown by nothing.
+SHOWN = 1e-6
+
+
+@dataclass(frozen=True)
+class Blunder:
+    """A measurement that is wrong.
+
+    number: among the measurements. error, sigma: in its standard deviations, as all others show
+    it. w: error over sigma. rivals: numbers of those that explain the same as well.
+    """
+
+    number: int
+    error: float
+    sigma: float
+    w: float
+    rivals: tuple[int, ...]
+
+
+def blunders(v: np.ndarray, share: np.ndarray, level: float = LEVEL) -> list[Blunder]:
+    """The measurements that are wrong, the most significant first.
+
+    v (n,): residuals, share (n, n): their cofactors, in units of the stated standard deviations.
+    At most a third of the measurements are named: beyond, nobody knows who is right.
+    """
+    count = len(v)
+    shown = np.diag(share) > SHOWN if count else np.zeros(0, bool)
+    tried = int(shown.sum())
+    chosen: list[int] = []
+    if tried < 2:
+        return []
+    one = chi2.isf(level / tried, 1)
+    two = chi2.isf(level / (tried * (tried - 1) / 2), 2)
+    while len(chosen) < max(tried // 3, 1):
+        left, free = _without(v, share, chosen)
+        single = _singles(left, free)
+        first = int(np.argmax(single))
+        if len(chosen) + 2 <= tried // 3:
+            pair, gain = _best_pair(left, free)
+            if gain > two and gain - single[first] > one:
+                chosen += pair
+                continue
+        if single[first] <= one:
+            break
+        chosen.append(first)
+    while chosen:
+        # One that was chosen while another hid the true one is of no use beside that.
+        alone = [_singles(*_without(v, share, [c for c in chosen if c != k]))[k] for k in chosen]
+        weakest = int(np.argmin(alone))
+        if alone[weakest] > one:
+            break
+        chosen.pop(weakest)
+    found = [_blunder(v, share, chosen, k) for k in chosen]
+    return sorted(found, key=lambda blunder: -abs(blunder.w))
+
+
+def _without(v: np.ndarray, share: np.ndarray, taken: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals and cofactors where the errors of some are estimated."""
+    if not taken:
+        return v, share
+    # Errors that show alike share what they explain.
+    part = share[:, taken] @ np.linalg.pinv(share[np.ix_(taken, taken)], hermitian=True)
+    return v - part @ v[taken], share - part @ share[taken]
+
+
+def _singles(v: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """What an error of each explains (n,)."""
+    size = np.diag(share)
+    return np.where(size > SHOWN, v**2 / np.where(size > SHOWN, size, 1.0), 0.0)
+
+
+def _best_pair(v: np.ndarray, share: np.ndarray) -> tuple[list[int], float]:
+    """The two that together explain most, and how much."""
+    size = np.where(np.diag(share) > SHOWN, np.diag(share), np.inf)
+    root = np.sqrt(size)
+    w = np.where(np.isfinite(root), v / root, 0.0)
+    like = share / root[:, None] / root
+    # Two that are told apart by less than a tenth of a sigma are one.
+    apart = 1.0 - like**2
+    gain = (w[:, None] ** 2 - 2.0 * like * w[:, None] * w + w**2) / np.maximum(apart, 1e-9)
+    gain[apart < 0.01] = 0.0
+    np.fill_diagonal(gain, 0.0)
+    i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    return [int(i), int(j)], float(gain[i, j])
+
+
+def _blunder(v: np.ndarray, share: np.ndarray, chosen: list[int], k: int) -> Blunder:
+    others = [c for c in chosen if c != k]
+    left, free = _without(v, share, others)
+    explained = _singles(left, free)
+    near = explained > explained[k] - 2.0 * np.log(DECISIVE)
+    rivals = [int(n) for n in np.flatnonzero(near) if n != k and n not in others]
+    rivals.sort(key=lambda n: -explained[n])
+    error, sigma = left[k] / free[k, k], free[k, k] ** -0.5
+    return Blunder(k, float(error), float(sigma), float(error / sigma), tuple(rivals))

@@ -1,0 +1,153 @@
+"""Antenna positions that contradict what is stated of them, and what they share."""
+
+import numpy as np
+import pytest
+from strips import corridor_block
+
+import corridor
+
+TRUE = np.array([0.02, 0.02, 0.04])
+
+
+def flown(seed=0, images=36, strips=3, control=5, scatter=TRUE, **options):
+    block = corridor_block(
+        images=images, strips=strips, observations_per_image=60, seed=seed, control=control,
+        check=6, **{"turned": True, "lever_arm": (0.1, -0.05, 0.35)} | options,
+    )  # fmt: skip
+    block = corridor.simulation.add_noise(block, tie_px=0.5, control_m=0.005, seed=seed)
+    rng = np.random.default_rng(seed)
+    block.gnss[["x", "y", "z"]] += rng.normal(0, 1, (len(block.gnss), 3)) * scatter
+    block.gnss[["sx", "sy", "sz"]] = scatter
+    block.lever_arm, block.lever_arm_fixed = {}, False
+    return block
+
+
+class TestCoarseOnesThatAreFine:
+    @pytest.mark.parametrize("stated", [0.4, 1.0, 3.0])
+    def test_their_scatter_is_found_and_the_arm_is_estimated(self, stated):
+        """Whatever is stated: the arm is no noise, and no reason to hold the arm."""
+        block = flown()
+        block.gnss[["sx", "sy", "sz"]] = stated
+        found = corridor.adjust(block)
+        sigma = found.problem.block.gnss_sigma()[0]
+        # Chi-square of some 60 and 30 numbers: 25 and 35 % in 99 %.
+        assert sigma[0] == pytest.approx(TRUE[0], rel=0.25)
+        assert sigma[2] == pytest.approx(TRUE[2], rel=0.35)
+        assert found.problem.arms_free
+        arm = found.lever_arm[["x", "y"]].to_numpy()
+        assert np.abs(arm - [0.1, -0.05]).max() < 0.03
+        right = corridor.adjust(flown())
+        assert found.check_rms.d3 < 1.2 * right.check_rms.d3
+
+
+class TestOneBlockOfFalsePositions:
+    OFF = np.array([0.25, -0.15, 0.40])
+
+    def false(self, count=9, of=36):
+        block = flown(images=of)
+        block.gnss.loc[12 : 12 + count - 1, ["x", "y", "z"]] += self.OFF
+        return block, set(block.gnss["image"].iloc[12 : 12 + count])
+
+    def test_they_are_told_and_the_rest_is_as_good_as_without(self):
+        block, false = self.false()
+        found = corridor.adjust(block)
+        told = next(s for s in found.warnings if "disagree with all others by one vector" in s)
+        assert told.startswith(f"{len(false)} GNSS positions") and "--reject-gnss" in told
+        clean = corridor.adjust(flown())
+        assert found.check_rms.z < clean.check_rms.z + 0.005
+        scaled = found.problem.block.gnss_sigma()[:, 0] > 1.5 * TRUE[0]
+        assert set(found.problem.block.gnss["image"][scaled]) == false
+        table = found.variance_components.query("kind == 'gnss'")
+        assert table["sigma0"].max() < 1.6
+
+    def test_they_are_left_out_where_that_is_asked_for(self):
+        block, false = self.false()
+        kept = corridor.adjust(block, reject_gnss=True).residuals["gnss"]["image"]
+        assert set(block.gnss["image"]) - set(kept) == false
+
+    def test_stated_weights_stay_where_they_are_asked_for(self):
+        block, _ = self.false()
+        found = corridor.adjust(block, weights="stated")
+        assert (found.problem.block.gnss_sigma() == TRUE).all()
+        assert found.variance_components.query("kind == 'gnss'")["sigma0"].max() > 3
+
+    def test_other_weights_are_refused(self):
+        with pytest.raises(corridor.InputError, match="use estimated or stated"):
+            corridor.adjust(flown(), weights="mine")
+
+
+class TestWhatAllShare:
+    def test_coarse_positions_that_share_an_error_do_not_bend_the_block(self):
+        """Control at one end; the sigma of the check points is right within a factor."""
+        pulls = []
+        for seed in range(3):
+            block = flown(seed, images=40, strips=2, control=10, scatter=np.array([1.0, 1.0, 2.0]),
+                          lever_arm=(0.0, 0.0, 0.0))  # fmt: skip
+            block.gnss[["x", "y", "z"]] += [1.5, -2.0, 4.0]
+            control = block.ground[block.ground["role"] == "control"].sort_values("x")["point"]
+            found = corridor.adjust(block, control=control.tolist()[:4])
+            assert any("disagree by one vector" in s for s in found.warnings)
+            check = found.check_points
+            pulls.append(check[["dx", "dy", "dz"]].to_numpy() / check[["sx", "sy", "sz"]])
+        assert np.sqrt(np.mean(np.square(np.concatenate(pulls)))) < 1.7
+
+    def test_two_datums_are_told_and_control_decides(self):
+        block = flown(lever_arm=(0.0, 0.0, 0.0))
+        block.lever_arm, block.lever_arm_fixed = {"default": (0.0, 0.0, 0.0)}, True
+        block.gnss["x"] += 30.0
+        found = corridor.adjust(block)
+        told = next(s for s in found.warnings if "GNSS and ground control disagree" in s)
+        assert "+30.0" in told and "another datum" in told
+        assert found.check_rms.d3 < 0.05
+
+    def test_blunders_of_every_point_that_are_one_vector_are_no_blunders(self):
+        block = flown(lever_arm=(0.0, 0.0, 0.0))
+        block.lever_arm, block.lever_arm_fixed = {"default": (0.0, 0.0, 0.0)}, True
+        block.gnss["x"] += 30.0
+        found = corridor.adjust(block, effects=["control_blunder"])
+        assert any("no blunder of single points but a datum" in s for s in found.warnings)
+
+
+class TestSurveyedTogether:
+    def datum(self, groups=None):
+        block = flown(lever_arm=(0.0, 0.0, 0.0), control=8)
+        block.lever_arm, block.lever_arm_fixed = {"default": (0.0, 0.0, 0.0)}, True
+        if groups:
+            names = block.ground["point"].to_numpy()
+            block.ground["group"] = [groups[k % len(groups)] for k in range(len(names))]
+        return block
+
+    def test_a_datum_moves_check_points_too(self):
+        block = self.datum()
+        block.ground["z"] += 0.3
+        found = corridor.adjust(block, effects=["control_datum"])
+        assert found.check_rms.z < 0.03
+
+    def test_each_group_has_its_own(self):
+        block = self.datum(groups=["A", "B"])
+        block.ground.loc[block.ground["group"] == "B", "z"] += 0.3
+        found = corridor.adjust(block, effects=["control_datum"])
+        value = found.effects.query("parameter == 'z'").set_index("group")
+        # Focal length and height are one in nadir images; what is between the groups is not.
+        assert value["value"]["B"] - value["value"]["A"] == pytest.approx(0.3, abs=0.03)
+        assert (np.abs(value["value"] - [0.0, 0.3]) < 4 * value["sigma"]).all()
+        check = found.check_points["dz"].to_numpy()
+        assert check.std() < 0.03
+
+    def test_what_is_simulated_moves_them_and_correcting_undoes_it(self):
+        block = self.datum(groups=["A", "B"])
+        values = {"control_datum": {"z": {"A": 0.1, "B": -0.2}}}
+        moved = corridor.effects.add(block, values)
+        off = (moved.ground["z"] - block.ground["z"]).to_numpy()
+        assert np.allclose(off, np.where(block.ground["group"] == "A", 0.1, -0.2))
+        back = corridor.correct(moved, values)
+        assert np.abs(back.ground["z"] - block.ground["z"]).max() < 1e-12
+
+    def test_the_curvature_of_the_earth_bends_check_points(self):
+        block = self.datum()
+        moved = corridor.effects.add(block, {"earth_curvature": {"fraction": 1.0}})
+        check = (block.ground["role"] == "check").to_numpy()
+        middle = block.poses[:, :2].mean(axis=0)
+        away = ((block.ground[["x", "y"]].to_numpy() - middle) ** 2).sum(axis=1)
+        rise = (moved.ground["z"] - block.ground["z"]).to_numpy()
+        assert np.allclose(rise[check], (away / 2 / 6.371e6)[check], atol=1e-9)

@@ -1,0 +1,197 @@
+"""Redundancy, tests and least errors against a dense inverse and against leaving out; snooping."""
+
+import numpy as np
+import pytest
+from dense_jacobian import jacobian
+from scipy.stats import kstest, norm
+from strips import corridor_block
+
+import corridor
+from corridor.core.adjustment import Covariance, LinearSystem
+from corridor.core.adjustment.cofactors import of_antennas, of_control, of_points
+from corridor.core.adjustment.reliability import DELTA
+from corridor.core.adjustment.snooping import blunders
+
+
+def flown(seed=1, images=10, control=4, **options):
+    block = corridor_block(
+        images=images, strips=2, observations_per_image=60, seed=seed, control=control, check=2,
+        relief=8.0, **options,
+    )  # fmt: skip
+    return corridor.simulation.add_noise(
+        block, tie_px=0.5, mark_px=0.5, gnss_m=0.02, control_m=0.01, seed=seed
+    )
+
+
+def dense(adjusted):
+    """Cofactors of all residuals in units of the stated sigmas; where GNSS and control begin."""
+    p = adjusted.problem
+    j = jacobian(adjusted.state, p)
+    ties, marks = 2 * len(p.block.tie_points), 2 * len(p.block.marks)
+    ends = np.cumsum([ties, marks, 3 * len(p.gnss_image), 3 * len(p.control_rows)])
+    # Behind them stand priors, of which there are none.
+    whole = (np.eye(len(j)) - j @ np.linalg.pinv(j))[: ends[-1], : ends[-1]]
+    return whole, ends[1], ends[2]
+
+
+MODELS = {
+    "a free camera and arms": {},
+    "an effect of each image": {"effects": ["rolling_shutter_rotation"]},
+    "an effect of the ground": {"effects": ["control_datum"], "lever_arm": "fixed"},
+}
+
+
+class TestCofactors:
+    @pytest.mark.parametrize("model", MODELS)
+    def test_they_are_those_of_a_dense_inverse(self, model):
+        adjusted = corridor.adjust(flown(), **MODELS[model])
+        whole, gnss, control = dense(adjusted)
+        p, tolerance = adjusted.problem, 1e-6
+        for k, one in enumerate(of_antennas(adjusted.covariance)):
+            part = slice(gnss + 3 * k, gnss + 3 * k + 3)
+            assert np.abs(one - whole[part, part]).max() < tolerance
+        points = np.flatnonzero(p.point_kinds)
+        found = list(of_points(adjusted.covariance, points))
+        for one in found:
+            rows = p.row[p.ptr[one.point] : p.ptr[one.point + 1]]
+            at = (2 * rows[:, None] + np.arange(2)).ravel()
+            if p.control[one.point] >= 0:
+                at = np.append(at, control + 3 * p.control[one.point] + np.arange(3))
+            assert np.abs(one.share - whole[np.ix_(at, at)]).max() < tolerance
+        mine = sorted((p.control[f.point], f.point, f) for f in found if p.control[f.point] >= 0)
+        together = of_control(adjusted.covariance, [f for *_, f in mine])
+        assert np.abs(together - whole[control:, control:]).max() < tolerance
+
+    def test_sparse_storage_gives_the_same(self):
+        adjusted = corridor.adjust(flown())
+        system = LinearSystem(adjusted.problem, adjusted.state, storage="sparse")
+        other = Covariance(system)
+        points = np.flatnonzero(adjusted.problem.point_kinds)
+        for one, two in zip(
+            of_points(adjusted.covariance, points), of_points(other, points), strict=True
+        ):
+            assert np.abs(one.share - two.share).max() < 1e-9
+
+    def test_redundancies_of_all_kinds_are_the_redundancy(self):
+        adjusted = corridor.adjust(flown())
+        whole, *_ = dense(adjusted)
+        assert np.trace(whole) == pytest.approx(adjusted.redundancy, abs=1e-5)
+        table = adjusted.variance_components
+        assert table["redundancy"].sum() == pytest.approx(adjusted.redundancy, abs=1e-6)
+
+
+class TestLeavingOut:
+    """The prediction of a point by all others is that of an adjustment without it."""
+
+    def test_of_control(self):
+        block = flown(control=5)
+        adjusted = corridor.adjust(block)
+        control = adjusted.reliability.control
+        for name in control["point"].unique()[:3]:
+            others = [p for p in control["point"].unique() if p != name]
+            without = corridor.adjust(block, control=others, check=[name])
+            row = without.check_points.set_index("point").loc[name]
+            mine = control[control["point"] == name]
+            # Not linear by the bend of the projection over a hundredth of a sigma.
+            assert np.allclose(mine["predicted"], -row[["dx", "dy", "dz"]], atol=2e-4)
+            variance = (row[["sx", "sy", "sz"]].to_numpy(float) ** 2 - 1e-4) / without.sigma0**2
+            assert np.allclose(mine["s_predicted"], np.sqrt(variance + 1e-4), rtol=2e-3)
+
+    def test_of_antenna_positions(self):
+        block = flown()
+        adjusted = corridor.adjust(block)
+        gnss = adjusted.reliability.gnss
+        name = gnss["image"].iloc[0]
+        part = block.copy()
+        part.gnss = part.gnss[part.gnss["image"] != name].reset_index(drop=True)
+        without = corridor.adjust(part)
+        k = list(without.problem.images.names).index(name)
+        arm = without.state.arms[without.problem.images.flight[k]]
+        at = without.state.centre[k] + without.state.rotation[k].T @ arm
+        given = block.gnss.set_index("image").loc[name, ["x", "y", "z"]].to_numpy(float)
+        mine = gnss[gnss["image"] == name]
+        assert np.allclose(mine["predicted"], given - at, atol=2e-4)
+
+
+class TestNoise:
+    def test_w_is_normal_and_a_least_error_is_found_in_four_of_five(self):
+        """Linear: residuals are R times errors; 400 draws, so 80 +- 2 % by the binomial."""
+        adjusted = corridor.adjust(flown(control=5))
+        found = [adjusted.reliability._points[k] for k in adjusted.reliability._control_points]
+        share = of_control(adjusted.covariance, found)
+        table = adjusted.reliability.control
+        assert np.allclose(np.diag(share), table["redundancy"])
+        rng = np.random.default_rng(0)
+        # Residuals of the stated noise have the cofactors themselves.
+        size, axes = np.linalg.eigh(share)
+        root = axes * np.sqrt(np.clip(size, 0.0, None))
+        v = root @ rng.normal(size=(len(share), 4000))
+        scale = np.sqrt(np.diag(share))[:, None]
+        assert kstest((v / scale)[0], "norm").pvalue > 0.001
+        # An error of one coordinate moves all residuals by its column of R.
+        sigma = adjusted.residuals["control"][["sx", "sy", "sz"]].to_numpy().ravel()
+        for k in range(0, len(share), 4):
+            error = table["least_error"].iloc[k] / sigma[k]
+            w = (v[k] + share[k, k] * error) / scale[k]
+            assert np.mean(np.abs(w) > norm.isf(0.0005)) == pytest.approx(0.8, abs=0.02)
+
+    def test_the_least_error_is_that_of_baarda(self):
+        """Sqrt of lambda_0 = 17.07 for alpha_0 = 0.1 % and a power of 80 % (Baarda 1968)."""
+        assert pytest.approx(17.07, abs=0.01) == DELTA**2
+
+
+def spoilt(errors, seed, control=7, **options):
+    """A block with errors of control: {(number, axis): sigmas}."""
+    block = flown(seed, images=14, control=control, **options)
+    rows = np.flatnonzero(block.ground["role"] == "control")
+    for (number, axis), size in errors.items():
+        block.ground.loc[rows[number], axis] += 0.01 * size
+    return block, block.ground["point"].to_numpy()[rows]
+
+
+class TestWrongControl:
+    @pytest.mark.parametrize(
+        "errors",
+        [
+            {(2, "z"): 15.0},
+            {(0, "x"): -12.0},
+            {(1, "z"): 20.0, (2, "z"): 20.0},
+            {(3, "y"): 14.0, (5, "z"): -18.0},
+        ],
+    )
+    def test_point_and_coordinate_are_named_and_nothing_else(self, errors):
+        block, names = spoilt(errors, seed=3)
+        adjusted = corridor.adjust(block)
+        found = adjusted.reliability.wrong_control
+        assert set(zip(found["point"], found["axis"], strict=True)) == {
+            (names[k], axis) for k, axis in errors
+        }
+        for row in found.itertuples():
+            true = 0.01 * errors[list(names).index(row.point), row.axis]
+            assert abs(row.error - true) < 4 * row.sigma
+        told = next(s for s in adjusted.warnings if s.startswith("Ground control is wrong"))
+        assert all(names[k] in told for k, _ in errors)
+
+    def test_nothing_is_named_where_nothing_is_wrong(self):
+        """300 sets of residuals of pure noise: 1 % of them, 7 at the most in 99 %."""
+        adjusted = corridor.adjust(flown(control=6))
+        found = [adjusted.reliability._points[k] for k in adjusted.reliability._control_points]
+        share = of_control(adjusted.covariance, found)
+        size, axes = np.linalg.eigh(share)
+        root = axes * np.sqrt(np.clip(size, 0.0, None))
+        rng = np.random.default_rng(1)
+        named = sum(bool(blunders(root @ rng.normal(size=len(share)), share)) for _ in range(300))
+        assert named <= 7
+
+    def test_a_masked_pair_is_found_where_no_single_one_stands_out(self):
+        """Two of four heights on a plane, equal errors: each looks like the other two's."""
+        at = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [2, 0.2], [2, 1.1]], float)
+        a = np.column_stack([np.ones(6), at])
+        share = np.eye(6) - a @ np.linalg.pinv(a)
+        error = np.zeros(6)
+        error[[4, 5]] = 12.0
+        found = blunders(share @ error + share @ np.random.default_rng(0).normal(size=6), share)
+        assert {b.number for b in found} <= {4, 5} or any(b.rivals for b in found)
+
+    def test_a_set_of_one_is_not_accused(self):
+        assert blunders(np.array([50.0]), np.array([[0.5]])) == []
