@@ -120,7 +120,7 @@ class TestEpochs:
         found = interpolate(track, np.array([20.0, 50.0]))
         fix, other = found.table["sx"]
         assert other > 10 * fix
-        assert any(f"({name}" in note or f", {name})" in note for note in found.notes)
+        assert any(f"{name}) and state the sigmas of fixes" in note for note in found.notes)
 
     def test_a_track_that_is_turned_round_is_the_same(self):
         track, at = flown(2.0), np.arange(10.0, 90.0, 1.3)
