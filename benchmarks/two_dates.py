@@ -116,6 +116,12 @@ class World:
         marks = {n: np.append(xy, h) for n, xy, h in zip(names, marked, z[count:], strict=True)}
         return replace(out, ties=ties, marks=marks)
 
+    def seen_again(self, draw: np.random.Generator) -> World:
+        """The same ground at other tie points: no two dates find the same ones."""
+        low, high = self.ties[:, :2].min(axis=0), self.ties[:, :2].max(axis=0)
+        places = draw.uniform(low, high, (len(self.ties), 2))
+        return replace(self, ties=np.column_stack([places, self.height(places)]))
+
     def height(self, xy: np.ndarray) -> np.ndarray:
         """Height (n,), m: a trapezoid of 4 m, slopes 1 : 2, and roughness."""
         away = np.abs(xy[:, 1] - START[1])
@@ -269,7 +275,7 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
 
 def _survey(world: World) -> np.ndarray:
     """One survey for both dates: the same draw for the same world."""
-    seed = int(abs(world.ties[0, 0]) * 1e6) % 2**32
+    seed = int(abs(world.waves[0, 0]) * 1e6) % 2**32
     return np.random.default_rng(seed).normal(0, 1, (len(world.marks), 3))
 
 
@@ -422,8 +428,9 @@ def pair(kind: str, seed: int, moving: bool = False, images: int = 14, count: in
         wrong["readout"] = draw.uniform(0.005, 0.04, 2 * images)
     if moving:
         wrong["motion"] = lambda xyz: np.outer(_bowl(xyz[:, :2], BOWL), [0.0, 0.0, 1.0])
+    later = world.seen_again(draw)
     both = {name: wrong[name] for name in ("without", "calibrated") if name in wrong}
-    return fly(world, Date(**both), draw, "a"), fly(world, Date(**wrong), draw, "b")
+    return fly(world, Date(**both), draw, "a"), fly(later, Date(**wrong), draw, "b")
 
 
 def told(kind: str, moving: bool, k: int) -> dict:

@@ -10,6 +10,7 @@ from corridor.core.adjustment import Adjustment as Adjustment
 from corridor.core.adjustment import Model as Model
 from corridor.core.adjustment import Run as Run
 from corridor.core.adjustment.model import Settings as Settings
+from corridor.core.adjustment.uncertain_motion import MotionScale as MotionScale
 from corridor.core.block import Block as Block
 from corridor.core.block import Summary as Summary
 from corridor.core.camera import Camera as Camera
@@ -26,6 +27,7 @@ from corridor.core.simulation import Plan as Plan
 from corridor.core.simulation import Simulated as Simulated
 from corridor.core.simulation import Start as Start
 from corridor.diagnosis import Diagnosis as Diagnosis
+from corridor.diagnosis import Settings as Settings
 from corridor.diagnosis.rounds import Question as Question
 from corridor.interface import figures as figures
 from corridor.tools import data as data
@@ -52,9 +54,9 @@ def summary(block: Block | str | os.PathLike) -> Summary: ...
 
 def prepare(block: Block | str | os.PathLike, velocities: bool = ...) -> Prepared: ...
 
-def adjust(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mapping[str, str] | None = ..., effects: str | Effect | Iterable[str | Effect] = ..., control: str | Iterable[str] | None = ..., check: str | Iterable[str] | None = ..., priors: Mapping[str, tuple[float, float]] | None = ..., lever_arm: str | None = ..., loss: str = ..., parameters: Settings = ..., *, threads: int = ..., progress: Callable[[dict], None] | None = ..., max_iterations: int | None = ..., strict: bool = ..., reject_gnss: bool = ..., weights: str = ..., model: Model | None = ..., run: Run | None = ...) -> Adjustment: ...
+def adjust(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mapping[str, str] | None = ..., effects: str | Effect | Iterable[str | Effect] = ..., control: str | Iterable[str] | None = ..., check: str | Iterable[str] | None = ..., priors: Mapping[str, tuple[float, float]] | None = ..., lever_arm: str | None = ..., loss: str = ..., parameters: Settings = ..., motion: MotionScale | None = ..., *, threads: int = ..., progress: Callable[[dict], None] | None = ..., max_iterations: int | None = ..., strict: bool = ..., reject_gnss: bool = ..., weights: str = ..., model: Model | None = ..., run: Run | None = ...) -> Adjustment: ...
 
-def diagnose(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mapping[str, str] | None = ..., effects: str | Effect | Iterable[str | Effect] = ..., control: str | Iterable[str] | None = ..., check: str | Iterable[str] | None = ..., priors: Mapping[str, tuple[float, float]] | None = ..., lever_arm: str | None = ..., loss: str = ..., parameters: Settings = ..., *, only: str | Iterable[str] | None = ..., without: str | Iterable[str] = ..., level: float = ..., seed: int = ..., threads: int = ..., progress: Callable[[dict], None] | None = ..., max_iterations: int | None = ..., strict: bool = ..., model: Model | None = ..., asked: Question | None = ..., run: Run | None = ...) -> Diagnosis: ...
+def diagnose(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mapping[str, str] | None = ..., effects: str | Effect | Iterable[str | Effect] = ..., control: str | Iterable[str] | None = ..., check: str | Iterable[str] | None = ..., priors: Mapping[str, tuple[float, float]] | None = ..., lever_arm: str | None = ..., loss: str = ..., parameters: Settings = ..., motion: MotionScale | None = ..., *, only: str | Iterable[str] | None = ..., without: str | Iterable[str] = ..., level: float = ..., seed: int = ..., settings: Settings | None = ..., threads: int = ..., progress: Callable[[dict], None] | None = ..., max_iterations: int | None = ..., strict: bool = ..., model: Model | None = ..., asked: Question | None = ..., run: Run | None = ...) -> Diagnosis: ...
 
 def batch(verb: str, blocks: str | os.PathLike | Iterable[str | os.PathLike], output: str | os.PathLike, jobs: int | None = ..., cluster: str | None = ..., memory_gb: float | None = ..., progress: Callable[[Row, int, int], None] | None = ..., **options: Any) -> Campaign: ...
 

@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import PchipInterpolator
 
-from benchmarks.wall import Course, Sensor, Shots, Wall
 from corridor.core.geometry import rotation_from_quaternion
 from corridor.core.simulation import Simulated, simulate
 from corridor.tools.thermal import simple_model
+from notebooks.kit.wall import Course, Sensor, Shots, Wall
 
 HERE = Path(__file__).parent
 NAME = "dike"

@@ -61,8 +61,10 @@ def assemble(source):
     chapters = source / "notebooks"
     shutil.copytree(ROOT / "notebooks" / "images", chapters / "images")
     found = sorted((ROOT / "notebooks").glob("*.ipynb"))
-    for path in [*found, *sorted((ROOT / "notebooks").glob("*.md"))]:
+    for path in sorted((ROOT / "notebooks").glob("*.md")):
         shutil.copy(path, chapters / path.name)
+    for path in found:
+        write_text(chapters / path.name, folded(path.read_text(encoding="utf-8")))
     beside = sorted(path.stem for path in (ROOT / "notebooks").glob("*.md"))
     write(chapters / "index.md", CONTENTS, "Chapters", [*(p.stem for p in found), *beside])
     write_text(source / "format.md", "# " + section("What a block is"))
@@ -79,6 +81,15 @@ def assemble(source):
     script(data / "ground_data.js", GROUND_DATA=lessons.on_the_ground())
     named = [f"{slug.replace('_', ' ').capitalize()} <{slug}>" for slug in slugs]
     write(source / "effects" / "index.md", CONTENTS, "Effects", [*named, "../own_effect"])
+
+
+def folded(notebook):
+    """A notebook whose code is behind a button: on the site one reads, in Jupyter one runs."""
+    content = json.loads(notebook)
+    for cell in content["cells"]:
+        if cell["cell_type"] == "code":
+            cell["metadata"].setdefault("tags", []).append("hide-input")
+    return json.dumps(content)
 
 
 def script(path, **values):

@@ -37,8 +37,8 @@ from kit import drawings, rivals
 from kit.heat import camlight, rms
 from kit.published import compare
 from kit.static import resect, static_block
+from kit.wall import Course, Sensor, Shots, Wall, simulated_maps
 
-from benchmarks.wall import Course, Sensor, Shots, Wall, simulated_maps
 from corridor import figures, thermal
 from corridor.simulation import CAMLIGHT, add_noise
 
@@ -82,9 +82,9 @@ figures.deformation_maps(maps)
 
 # %% [markdown]
 # The upper row is the picture that moved most: it has grown, and moved as a whole (the shift is the
-# larger part, so that the growth shows as arrows that differ). The lower row
-# is a picture at the first one's temperature, on a scale of its own, beside the error that the
-# matcher predicts. Is that prediction honest?
+# larger part, so that the growth shows as arrows that differ). The lower row shows a second picture
+# at the starting temperature (its own colour scale) and the predicted matching error. Is that
+# prediction honest?
 
 # %%
 warm = course.optics()
@@ -186,9 +186,15 @@ print(f"mean {null_row[0]:.3f} px, spread {null_row[1]:.3f} px")
 #
 # ## 2. From maps to a model
 #
-# A sensor's register counts; degrees are (register - b) / a (eq. 6.1), which `thermal.degrees`
-# does. a and b need not be known well: a model in counts is as good.
-#
+# A sensor's register counts; degrees are (register - b) / a (eq. 6.1). a and b need not be known
+# well: a model in counts is as good.
+
+# %%
+print(
+    f"1200, 1250, 1300 counts, a = 10, b = 900: {thermal.degrees([1200, 1250, 1300], 10, 900)} °C"
+)
+
+# %% [markdown]
 # Which terms? A picture's nodes share its errors, so a criterion that counts pixels always asks for
 # more. Leaving out blocks of temperature and predicting them does not.
 
@@ -288,7 +294,8 @@ for kind, words in (("printed", "i, j = 1..4, as printed"), ("polynomial", "i, j
 # ## 3. The other way: ground points and a camera that stands still
 #
 # Marks on 21 surveyed points, 263 pictures while the camera warms (table 6.6). The pose is held,
-# f and principal point follow temperature. Then the pose is let free in each picture.
+# f and principal point follow temperature. Then the pose is let free in each picture (in the table;
+# the figure shows the held one).
 
 # %%
 standing = thermal.uncorrect(static_block(seed=seed), camlight(scale=scale, radial=0.0))[0]

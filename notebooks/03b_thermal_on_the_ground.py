@@ -72,16 +72,17 @@ figures.camera_difference(
 )
 
 # %% [markdown]
-# For the 1.6 °C that the camera warmed meanwhile it is a sixth of the published numbers. Near them
-# it comes for 10.3 °C, the distance from the calibration (34.2 to 36 °C) to the temperature at
+# For the 1.6 °C that the camera warmed meanwhile it is a sixth of the published numbers. It comes
+# close for 10.3 °C, the distance from the calibration (34.2 to 36 °C) to the temperature at
 # which the model is zero: within the printed hundredth with 0.07 px a degree, 0.02 px off with
 # 0.075. That this is the reason is a guess, made with these numbers; they cannot confirm it.
 #
 # ## 2. The pylon
 #
-# 28 pictures around a pylon while the camera warms from 23 to 31 °C, self-calibrated, laid on 13
-# targets (closed loop); and with no tie points across the ends, where the two ends see the same
-# points twice (open loop). Guess: which error of a tie point, in pixels, hides the heat?
+# 28 pictures around a pylon while the camera warms from 23 to 31 °C, self-calibrated, transformed
+# onto 13 targets by a similarity (closed loop); and with no tie points across the ends, where the
+# two ends see the same points twice (open loop). Guess: which error of a tie point, in pixels,
+# hides the heat?
 
 # %%
 drawings.ring(ring_block(seed=seed), "a ring of 28 pictures, every second one turned")
@@ -103,10 +104,10 @@ table = pd.DataFrame(
 table.round({"raw (mm)": 3, "corrected (mm)": 3, "gain": 1})
 
 # %% [markdown]
-# Three tenths, what tie points have, hide it. At a hundredth of a pixel the correction is worth a
-# factor of three; at three tenths the camera's pose takes up the growing picture, and the noise
-# does the rest. But the published 4.7 and 3.2 mm are *twenty times* ours: whatever bent that
-# network, it was not the heat alone. What would leave millimetres?
+# At 0.3 px, typical of tie points, the noise hides the effect. At a hundredth of a pixel the
+# correction is worth a factor of three; at three tenths the camera's pose takes up the growing
+# picture, and the noise does the rest. But the published 4.7 and 3.2 mm are *twenty times* ours:
+# whatever bent that network, it was not the heat alone. What would leave millimetres?
 
 # %%
 rows = {}
@@ -134,8 +135,8 @@ pd.DataFrame.from_dict(rows, orient="index", columns=["raw (mm)", "corrected (mm
 # ## 3. The flight
 #
 # 77 pictures, two strips at 70 m over 500 m of road, 22.7 to 28.8 °C in a quarter of an hour. The
-# camera was calibrated on the ground at 35.1 °C and is held; ties alone, then laid on ten ground
-# points. First without any noise.
+# camera was calibrated on the ground at 35.1 °C and is held; tie points are adjusted alone and the
+# block is transformed onto ten ground points by a similarity. First without any noise.
 
 # %%
 road = perfect_block(replace(read_plan("thesis_road"), gnss=False), seed)
@@ -211,7 +212,8 @@ drawings.ground_residuals(
     },
     "residuals at the ten ground points: the correction shortens most of them",
 )
-#
+
+# %% [markdown]
 # ### What GNSS at the camera changes
 #
 # With antenna positions nothing takes the error back afterwards. Let the camera warm by
@@ -312,8 +314,6 @@ def try_it(span=6.0, offset=10.0, radial=0.012, noise_px=0.1):
         "your flight: residuals at the ground points",
     )
 
-
-try_it()
 
 # %% tags=["nbval-ignore-output"]
 from kit.widgets import explore, slider

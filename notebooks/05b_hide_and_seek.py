@@ -107,14 +107,15 @@ diagnosed.picture("what was hidden (down), and what was said (across)", counts)
 # %% [markdown]
 # No name, by far: what is weak is missed, and no flight got a wrong one. A late clock is missed at
 # every level, fifty milliseconds included. The drone turns with each strip here, and a free lever
-# arm takes the clock's place (chapter 5, section 5). A drift of the focal length may stand in a set
-# with others that this flight does not part.
+# arm takes the clock's place (chapter 5, section 5). A drift of the focal length may be reported as
+# a set of effects that this flight cannot separate. Rates on real noise stand at the top of chapter
+# 5: fifteen small flights of a game are no measure of the program.
 #
 # These flights come from the simulator of this package. `python -m benchmarks.diagnosis`
 # hides the whole catalogue in flights by a program that shares no line of physics with it.
 #
 # ## What to take home
 #
-# - Residuals tell little of what is missing; the question is what the flight would look like if
+# - Residuals say little of what is missing; the question is what the flight would look like if
 #   nothing were.
 # - Every flight has effects that it cannot see. Ask for its limits before you trust its silence.

@@ -1,6 +1,10 @@
 import errno
 import json
 import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -525,3 +529,21 @@ class TestSummary:
         # 150 m above ground, f 8192 px: 18.3 mm; points 10 m below the markers widen it a little.
         gsd = read(real_data / "saraburi/block").summary().gsd_m
         assert gsd == pytest.approx(150 / 8192, rel=0.05)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no locale C for file names")
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_a_path_with_umlauts_is_read_and_written_in_the_locale_c(folder, tmp_path, form):
+    """Python's own remedies for that locale are switched off."""
+    there = tmp_path / "Bl öcke ü"
+    shutil.copytree(folder, there)
+    script = "import sys, os; from corridor.core.block import read; " + (
+        f"read(sys.argv[1]).write(sys.argv[1] + '2', form={form!r}); read(sys.argv[1] + '2')"
+    )
+    poor = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    root = str(Path(corridor.__file__).parents[1])
+    subprocess.run(
+        [sys.executable, "-c", script, str(there)], check=True,
+        env=os.environ | poor | {"PYTHONPATH": root},
+    )  # fmt: skip
+    assert (tmp_path / "Bl öcke ü2" / f"images.{form}").is_file()

@@ -103,6 +103,7 @@ class TestDiagnose:
             "camera": "f,cx,cy",
             "loss": "squares",
             "lever_arm": None,
+            "motion": None,
             "parameters": {},
             "control": ["P1", "P2"],
             "check": [],

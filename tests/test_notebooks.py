@@ -111,3 +111,10 @@ def test_it_runs_in_its_fast_form(chapter, tmp_path):
 
 def _told(notebook):
     return [(cell.cell_type, cell.source.strip()) for cell in notebook.cells]
+
+
+def test_chapters_and_kit_need_nothing_that_an_installed_corridor_lacks():
+    """`benchmarks` is no part of the package: only a command of the kit may import it, when run."""
+    for path in [*CHAPTERS, *sorted((FOLDER / "kit").glob("*.py"))]:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert not [line for line in lines if re.match(r"(from|import) benchmarks", line)], path

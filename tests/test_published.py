@@ -267,7 +267,29 @@ class TestPage:
         assert "[05_thing](05_thing.ipynb)" in text and "06_other" not in text
         row = "| height | A. Author 2020, table 2 | prediction | 0.040 m | 0.041 m | 1.02 | holds |"
         assert f"{row}  |" in text.splitlines()
-        assert "**1 of 2 predictions hold.**" in text
+        # An author of whom the project's register knows nothing: a check of the software.
+        assert f"| {published.GROUPS['programs']} | 1 | 1 | 0 |" in text.splitlines()
+
+    def test_its_headline_counts_the_works_alone(self):
+        """A check of the software that holds is no confirmation of a work that is done again."""
+        text = published.page()
+        (headline,) = re.findall(r"\*\*(\d+) of (\d+) predictions of the thesis", text)
+        row = next(x for x in text.splitlines() if x.startswith("| the thesis and its articles"))
+        hold, fail, _ = (int(x) for x in re.findall(r"\d+", row))
+        assert (hold, hold + fail) == tuple(map(int, headline))
+
+    def test_a_reason_that_many_rows_share_stands_once(self, tmp_path):
+        register = published.read(
+            _written(
+                tmp_path,
+                REGISTER.replace('row = "shift"', 'row = "shift"\nnote = "their scale is another"'),
+            )
+        )
+        verdicts = published.compare(
+            {"alpha.height": 1.0, "alpha.shift": [9, 9, 9]}, register=register
+        )
+        for text in (str(verdicts), verdicts._repr_html_()):
+            assert text.count("their scale is another") == 1 and text.count("note 1") == 3
 
     def test_no_row_that_does_not_hold_lacks_a_reason(self):
         rows = [

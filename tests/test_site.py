@@ -34,6 +34,14 @@ def test_every_position_of_the_wheel_has_its_number_or_is_known_to_have_none(les
     assert inside.sum() >= scipy.stats.binom.ppf(0.001, len(table), 0.95)
 
 
+def test_code_of_a_chapter_is_folded_and_its_text_is_not():
+    import build
+
+    cells = [{"cell_type": kind, "metadata": {}, "source": ""} for kind in ("markdown", "code")]
+    text, code = json.loads(build.folded(json.dumps({"cells": cells})))["cells"]
+    assert code["metadata"]["tags"] == ["hide-input"] and "tags" not in text["metadata"]
+
+
 @pytest.mark.slow
 def test_the_numbers_of_the_wheel_are_what_the_package_measures(lessons):
     table = json.loads(lessons.MEASURED.read_text(encoding="utf-8"))

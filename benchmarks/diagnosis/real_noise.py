@@ -28,6 +28,7 @@ import pandas as pd
 import corridor
 from corridor import Adjustment, Block
 from corridor.core.errors import InputError
+from notebooks.kit.real import special_plot
 
 DATA = Path(os.environ.get("CORRIDOR_DATA", Path(__file__).parents[3] / "shared" / "data"))
 # What is still believed of a drone: beyond it, an amplitude tests nothing that happens.
@@ -342,7 +343,7 @@ def surveys() -> dict[str, Callable[[], Block]]:
         "s12_s13": strips("S12", "S13"),
         "s13_s14": strips("S13", "S14"),
         "pair": lambda: corridor.read(pair),
-        "special": special_plot,
+        "special": lambda: special_plot(DATA),
     }
 
 
@@ -372,19 +373,6 @@ def _with_rays(block: Block, chosen: np.ndarray) -> Block:
     if (part.ground["role"] == "control").sum() < 2:
         part.ground.loc[part.ground["role"] == "check", "role"] = "control"
     return part
-
-
-def special_plot(data: Path = DATA) -> Block:
-    """The rolling-shutter survey with the speeds its photographs state: a real effect of 33 ms."""
-    block = corridor.read(data / "special_plot" / "block")
-    stated = pd.read_csv(data / "special_plot" / "metadata.csv").set_index("image")
-    speed = stated.reindex(block.images["image"].astype(str))
-    block.images = block.images.assign(
-        vx=speed["speed_east"].to_numpy(),
-        vy=speed["speed_north"].to_numpy(),
-        vz=-speed["speed_down"].to_numpy(),
-    )
-    return block
 
 
 PARTS = ("s10_s11_s12", "s11_s12_s13", "s12_s13_s14", "flight2")

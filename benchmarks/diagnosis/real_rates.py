@@ -81,7 +81,7 @@ class Twins:
         group = evidence.groups[n]
         theta, _ = evidence.solution({n: group.free})
         at = [k for k, (_, parameter, _) in enumerate(group.labels) if parameter == name]
-        return float(theta[at[0]] * group.scale[at[0]]) if at else 0.0
+        return float(theta[n][at[0]] * group.scale[at[0]]) if at else 0.0
 
 
 def row_of(block: Block, truth: Truth) -> dict:

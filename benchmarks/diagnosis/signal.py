@@ -24,7 +24,7 @@ squares, less what the noise of the GNSS that the twin shows takes of it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,9 +36,11 @@ from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.beside_noise import NoiseModel
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.findings.verdict import refines
-from corridor.diagnosis.noise.gnss import Likelihood, estimate
+from corridor.diagnosis.noise.likelihood import estimate, value_of
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.elimination import Elimination, rows_of
+from corridor.diagnosis.system.equations import Equations, moved_by
 from corridor.diagnosis.system.groups import Group
 
 # Sigmas by which the data prefer the truth to a rival: from APART on the two are separable; below
@@ -134,21 +136,20 @@ def _from_noise(noises: NoiseModel, n: int, theta: np.ndarray) -> float:
     values for each image only their size is known then; of others all, and the mean of theta and
     -theta is taken, so that this block's noise has no part in it.
     """
-    group = noises.evidence.groups[n]
-    M, g = noises.evidence.block(group)
-    A = noises.columns([n])
+    e, group = noises.equations, noises.evidence.groups[n]
+    alone = estimate(e, noises.lens, noises.arguments).value
+    rows = noises.lens
+    if group.own is not None:
+        size = float(np.sqrt(np.mean(theta**2)))
+        rows = (*rows, *rows_of([(group, size)]))
+    moved = [moved_by(e, group, sign * theta) for sign in (1.0, -1.0)]
+    without = np.mean([estimate(one, noises.lens, noises.arguments).value for one in moved])
     if group.own is None:
-        _, alone = estimate(noises.stated, noises.P, noises.rho)
-        both = [estimate(noises.stated, noises.P, noises.rho + A @ t)[1] for t in (theta, -theta)]
-        return float(0.5 * theta @ M @ theta + 0.5 * (np.mean(both) - alone))
-    M = M.toarray()
-    rho, g = noises.rho + A @ theta, g + M @ theta
-    inside = M + np.eye(len(M)) / np.mean(theta**2)
-    step = np.linalg.solve(inside, np.column_stack([g, A.T]))
-    _, logdet = np.linalg.slogdet(inside * np.mean(theta**2))
-    _, alone = estimate(noises.stated, noises.P, rho)
-    _, with_it = estimate(noises.stated, noises.P.less(A, step[:, 1:]), rho - A @ step[:, 0])
-    return float(0.5 * (g @ step[:, 0] - logdet + alone - with_it))
+        # What moves the pictures makes their residuals longer, whatever follows.
+        inside = e.core.inside[np.ix_(group.columns, group.columns)]
+        return float(0.5 * (without + theta @ inside @ theta - alone))
+    with_it = np.mean([estimate(one, rows, noises.arguments).value for one in moved])
+    return float(0.5 * (without - with_it))
 
 
 def _of_group(evidence: Evidence, n: int, theta: np.ndarray, others: list[int]) -> Signal:
@@ -194,13 +195,11 @@ def _beside(evidence: Evidence, n: int, others: list[int]) -> np.ndarray:
     times the real one is no rival of a lens.
     """
     group = evidence.groups[n]
-    M, _ = evidence.block(group)
-    M = M if group.own is None else M.toarray()
-    if not others:
+    beside = dict.fromkeys(others, WIDE)
+    if group.own is not None:
+        M, _ = evidence.elimination(beside).spread(group, np.eye(len(group)))
         return M
-    inside, _ = evidence.joint(others)
-    across = np.vstack([evidence.across(evidence.groups[k], group) for k in others])
-    return M - across.T @ np.linalg.solve(inside + np.eye(len(inside)) / WIDE**2, across)
+    return evidence.beside(beside).M[np.ix_(group.columns, group.columns)]
 
 
 def _plain(block: Block, options: dict) -> Adjustment:
@@ -229,12 +228,24 @@ def _of_residuals(block: Block, twin: Block, options: dict, noises: NoiseModel |
     if noises is None or noises.few:
         return Signal(float(np.sqrt(square)), by="residuals")
     a, b = (side.system for side in sides)
-    rho = ((a.residuals().gnss - b.residuals().gnss) / b.gnss.sigma**2).ravel()
-    noise, alone = estimate(noises.stated, noises.P, noises.rho)
-    every = Likelihood(noises.stated, noises.P, rho, list(noises.stated.blocks()))
-    taken = float(rho @ every.solved(noise, rho[:, None])[:, 0])
-    hidden = np.mean([estimate(noises.stated, noises.P, noises.rho + s * rho)[1] for s in (1, -1)])
+    left = (a.residuals().gnss - b.residuals().gnss).ravel()
+    e, known = noises.equations, noises.arguments
+    likely = estimate(e, noises.lens, known)
+    moved = [_moved_by_residuals(e, sign * left) for sign in (1.0, -1.0)]
+    alone, *beside = (
+        value_of(Elimination(one, likely.noise, noises.lens), known, likely.x)
+        for one in (e, *moved)
+    )
+    hidden = np.mean([estimate(one, noises.lens, known).value for one in moved])
+    square -= float(left**2 @ e.stated**-2.0)
     return Signal(
-        math.sqrt(max(square - taken, 0.0)), by="residuals",
-        from_noise=math.sqrt(max(square + float(hidden) - alone, 0.0)),
+        math.sqrt(max(square + float(np.mean(beside)) - alone, 0.0)), by="residuals",
+        from_noise=math.sqrt(max(square + float(hidden) - likely.value, 0.0)),
     )  # fmt: skip
+
+
+def _moved_by_residuals(e: Equations, left: np.ndarray) -> Equations:
+    """Equations of data with more residuals (3k,) of the antenna, m, which nothing follows."""
+    out = replace(e, right=e.right - e.jacobian.T @ (e.stated**-2.0 * left), kept={})
+    out.residual = e.residual + left
+    return out

@@ -1,7 +1,8 @@
 """What is guaranteed, tried at length: `python -m benchmarks.guarantees --all`.
 
 Each part writes its figures into docs/guarantees.json; docs/guarantees.md, the page, is written
-from these, and from nothing else. Parts: malformed, interrupted, full, sigmas, order.
+from these, and from nothing else. Parts: malformed, interrupted, full, sigmas, order,
+mutants.
 
 examples:
   python -m benchmarks.guarantees malformed --cases 100000 --jobs 2
@@ -19,10 +20,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.guarantees import full, interrupted, malformed, order, sigmas, table
+from benchmarks.guarantees import full, interrupted, malformed, mutants, order, sigmas, table
 
 FIGURES = Path(__file__).parents[2] / "docs" / "guarantees.json"
-PARTS = ("malformed", "interrupted", "full", "sigmas", "order")
+PARTS = ("malformed", "interrupted", "full", "sigmas", "order", "mutants")
 
 
 def main() -> int:
@@ -50,6 +51,7 @@ def main() -> int:
     parser.add_argument(
         "--kinds", default="", help="sigmas of these (gnss,readout) alone; the others' figures stay"
     )
+    parser.add_argument("--only", help="mutants with this in their mistake or file; no figures")
     parser.add_argument("--figures", type=Path, default=FIGURES, help="file of the figures")
     options = parser.parse_args()
     if options.case is not None:
@@ -60,7 +62,8 @@ def main() -> int:
     sound = True
     for part in parts:
         sound &= part == "page" or _part(part, options)
-    table.write(options.figures)
+    if not options.only:
+        table.write(options.figures)
     return 0 if sound else 1
 
 
@@ -78,6 +81,10 @@ def _part(part, options) -> bool:
         figures = sigmas.run(options.draws, options.seed, _say, some)
         if some:
             figures = sigmas.added(known.get(part), figures)
+    elif part == "mutants":
+        figures = mutants.run(options.only or "", _say)
+        if options.only:
+            return bool(figures["holds"])
     else:
         figures = order.run(options.seed)
     table.store(options.figures, part, figures)

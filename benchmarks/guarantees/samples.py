@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 
 import corridor
-from benchmarks.wall import Course, Shots, Wall, simulated_maps
 from corridor.core.camera import Camera
 from corridor.core.simulation import read_plan
 from corridor.tools import thermal
 from corridor.tools.readout import render
 from corridor.tools.thermal import simple_model
+from notebooks.kit.wall import Course, Shots, Wall, simulated_maps
 
 PROJECTS = ("bundler", "colmap", "colmap-text", "metashape", "micmac", "opensfm")
 READOUT_MS = {"star": 30.0, "led": 30.0, "wheel": 40.0}

@@ -17,7 +17,6 @@ import pandas as pd
 import corridor
 from benchmarks.draws import ratio
 from benchmarks.guarantees import samples
-from benchmarks.wall import Course, simulated_maps
 from corridor.core import gnss
 from corridor.core.camera import Camera
 from corridor.core.simulation import add_noise, perfect_block, read_plan
@@ -25,6 +24,7 @@ from corridor.tools import thermal
 from corridor.tools.planning import Planner
 from corridor.tools.readout import Photograph, measure_led, render
 from corridor.tools.thermal import simple_model
+from notebooks.kit.wall import Course, simulated_maps
 
 XYZ, SXYZ = ["x", "y", "z"], ["sx", "sy", "sz"]
 READOUT_S = 0.02

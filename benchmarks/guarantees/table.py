@@ -147,6 +147,13 @@ def _rows(known):
         f"`{RUN} order`",
     )
     yield (
+        "A mistake of meaning in the source makes a test fail",
+        "p1 for p2, a lever arm or a row direction with the other sign, milliseconds, degrees, "
+        "half a pixel, a transposed rotation and the like, one at a time; the nearest tests run",
+        _mutants(made("mutants")),
+        f"`{RUN} mutants`",
+    )
+    yield (
         "Names in files reach neither outside the folder that is written nor into a page's HTML",
         "images, points, flights and the block called `../../out`, `/etc/passwd`, `<script>` ...; "
         "every verb that writes a block's names",
@@ -218,6 +225,13 @@ def _changes(found):
         return "not run"
     told = ", ".join(f"{name} {value:.1g}" for name, value in found["off_over_sigma"].items())
     return f"largest difference over sigma: {told}"
+
+
+def _mutants(found):
+    if not found:
+        return "not run"
+    told = f": {', '.join(found['survive'])}" if found["survive"] else ""
+    return f"{found['killed']} of {found['mutants']} mutants killed{told}"
 
 
 def _named(found):

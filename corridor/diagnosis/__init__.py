@@ -34,6 +34,7 @@ from corridor.diagnosis.replicates.statistics import Statistic
 from corridor.diagnosis.report import check_output
 from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.rounds import Course, Round
+from corridor.diagnosis.settings import Settings
 
 __all__ = [
     "ReferenceModel",
@@ -46,6 +47,7 @@ __all__ = [
     "EstimatedNoise",
     "Evidence",
     "Round",
+    "Settings",
     "Statistic",
     "candidates",
     "check_output",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import asdict
 
 from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_part
 from corridor.core.block import Block, read
@@ -20,6 +21,7 @@ from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.report.beside import beside
 from corridor.diagnosis.rounds import Question, course_of
+from corridor.diagnosis.settings import Settings, using
 from corridor.diagnosis.verification.verification import Verification
 
 
@@ -56,6 +58,7 @@ class Diagnosis(Diagnosed):
                 "threshold": self.course.last.threshold,
                 "rounds": [one.log for one in self.course.rounds],
                 "notes": self.notes,
+                "settings": asdict(self.settings),
             }
         )
 
@@ -76,6 +79,8 @@ def diagnose(
     only, without: slugs of the catalogue to test, or to leave out.
     level: probability of a false name in a block that lacks nothing.
     seed: of the simulated threshold and the choice of held-out observations.
+    settings: the numbers by which it is decided, in place of the usual ones; `diagnosis.json` has
+        those that were used.
     asked: a `Question` in place of these.
     progress: called with a dictionary that holds a message.
     threads, max_iterations, strict, run: of an adjustment, as `corridor.adjust` has them.
@@ -84,6 +89,14 @@ def diagnose(
     Raises InputError where the block cannot be adjusted as asked or a slug is unknown,
     AdjustmentFailed where the believed model does not converge.
     """
+    with using(asked.settings) as settings:
+        return _diagnose(block, model, asked, run, settings)
+
+
+def _diagnose(
+    block: Block | str | os.PathLike, model: Model, asked: Question, run: Run, settings: Settings
+) -> Diagnosis:
+    """With the settings in use."""
     began = time.perf_counter()
     block, found, notes = prepare(read(block))
     notes = [*(one.sentence for one in found if one.column == "gnss"), *notes]
@@ -134,6 +147,7 @@ def diagnose(
         rivals=held.rivals,
         level=asked.level,
         seed=asked.seed,
+        settings=settings,
     )
 
 

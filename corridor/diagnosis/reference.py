@@ -8,11 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from corridor.core import adjustment
-from corridor.core.adjustment import REFERENCE_CAMERA, Adjustment, Model, Run, camera_of
+from corridor.core.adjustment import (
+    REFERENCE_CAMERA,
+    SEES_ARM_M,
+    Adjustment,
+    Model,
+    Run,
+    arms_unseen,
+    camera_of,
+)
 from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Effect
-from corridor.core.errors import AdjustmentFailed
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.geometry import robust_scale
 from corridor.diagnosis.noise.image import scale_of
 from corridor.diagnosis.settings import SETTINGS
 
@@ -93,6 +102,8 @@ class ReferenceModel:
         by the spread one would expect of them, and what can only be so large by that.
         """
         more = list(more)
+        if self.begun is None:
+            self._free_arm_that_is_seen()
         priors = self.priors_of(more)
         for effect in more:
             held = effect.stands_in_for or effect.generic or effect.group in ("image", "point")
@@ -122,10 +133,40 @@ class ReferenceModel:
         _refuse_astray(result)
         self.astray = result.iterations > SETTINGS.usual_iterations
         self.begun, self.scale = result.start_again, _scale(result)
-        self.block = replace(self.block, tie_points=result.block.tie_points)
+        # What the first one decided holds for all that are compared with it.
+        arm = "free" if result.problem.arms_free else "fixed"
+        self.model = replace(self.model, lever_arm=arm)
+        self.block = replace(
+            self.block,
+            tie_points=result.block.tie_points,
+            gnss=result.start.gnss,
+            extra=result.start.extra,
+        )
         result = self.adjust(more)
         _refuse_astray(result)
         return result
+
+    def _free_arm_that_is_seen(self) -> None:
+        """Free lever arms that nobody stated where the positions tell them.
+
+        An adjustment holds them where the stated standard deviations are too coarse to see them;
+        positions are often better than what an importer states. A candidate that is held by default
+        would be tested against a noise that its being held has made.
+        """
+        block = self.block
+        stated = block.lever_arm_fixed or block.lever_arm or self.model.lever_arm is not None
+        if stated or not len(block.gnss) or not arms_unseen(block):
+            return
+        model = replace(
+            self.model, lever_arm="free", loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}"
+        )
+        try:
+            found = self._run(block, model, False)
+        except (InputError, AdjustmentFailed):
+            return
+        left = found.residuals["gnss"][["vx", "vy"]].to_numpy()
+        if found.converged and robust_scale(left, axis=0).max() <= SEES_ARM_M:
+            self.model = replace(self.model, lever_arm="free")
 
 
 def _refuse_astray(result: Adjustment) -> None:

@@ -13,15 +13,11 @@ from functools import partial
 import numpy as np
 
 from corridor.core.adjustment import Adjustment, listed
+from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Candidates, Effect, candidates
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.diagnosis.evidence.beside_noise import (
-    NoiseModel,
-    beyond_noise,
-    few_positions,
-    through_noise,
-)
+from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, through_noise
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
@@ -30,8 +26,8 @@ from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, infl
 from corridor.diagnosis.evidence.search import Found, search, thresholds
 from corridor.diagnosis.noise.gnss import GnssNoise
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Antennas, Elimination, Reduced
+from corridor.diagnosis.settings import SETTINGS, Settings
+from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import Equations, equations
 from corridor.diagnosis.system.groups import with_points
 
@@ -51,7 +47,7 @@ class Round:
 
     adjustment: Adjustment
     equations: Equations | None
-    noise: GnssNoise
+    noise: GnssNoise | None
     noises: NoiseModel | None
     evidence: Evidence | None
     threshold: dict[str, float]
@@ -76,7 +72,9 @@ class Round:
             self.equations = self.noises = None
 
     def shed(self) -> None:
-        """Let go of what weighs gigabytes in a block of a thousand images."""
+        """Let go of what is made anew, and of what weighs gigabytes in large blocks."""
+        self.evidence.let_go()
+        self.noises.evidence.let_go()
         if self.adjustment.problem.image_count > SETTINGS.large_block:
             self.equations = self.evidence = self.noises = None
 
@@ -117,13 +115,15 @@ class Question:
     """What is asked of a block beside the model one believes in.
 
     only, without: slugs of the catalogue to test, or to leave out. level: probability of a false
-    name in a block that lacks nothing. seed: of what is drawn.
+    name in a block that lacks nothing. seed: of what is drawn. settings: the numbers by which it
+    is decided; default: the usual ones.
     """
 
     only: str | Iterable[str] | None = None
     without: str | Iterable[str] = ()
     level: float = 0.01
     seed: int = 0
+    settings: Settings | None = None
 
     def __post_init__(self):
         if not 0.0 < self.level < 1.0:
@@ -142,7 +142,7 @@ def course_of(
         None if asked.only is None else listed(asked.only), listed(asked.without),
     )  # fmt: skip
     _check_priors(believed, chosen.effects)
-    course = Course(first, [], chosen)
+    course = Course(first, [], chosen, _without_motion(believed.block, chosen))
     threshold: Threshold = partial(
         thresholds, level=asked.level, rng=np.random.default_rng(asked.seed)
     )
@@ -178,6 +178,37 @@ def course_of(
     return course
 
 
+def _without_motion(block: Block, chosen: Candidates) -> list[str]:
+    """Take out candidates that need rows read while the camera moves, where it does not happen.
+
+    A camera that reads its rows at once (`readout_s = 0`) shows none of them. Values for each image
+    follow whatever differs from row to row: without speeds, rates or a readout nothing in the data
+    makes a motion of it, and a shape of no catalogue says the same. Returns a sentence on that.
+    """
+    stated = [camera.readout_s for camera in block.cameras.values()]
+    moving = any(stated) or block.has("images.vx") or len(block.rates) > 0 or len(block.track) > 0
+    at_once = all(one == 0.0 for one in stated)
+    gone = [
+        effect
+        for effect in chosen.effects
+        if effect.place == "motion" and (at_once or (effect.group == "image" and not moving))
+    ]
+    if not gone:
+        return []
+    chosen.effects = [effect for effect in chosen.effects if effect not in gone]
+    names = ", ".join(sorted(effect.slug for effect in gone))
+    if at_once:
+        return [
+            f"block.toml states that all rows are read at once (readout_s = 0): {names} are not "
+            "tested."
+        ]
+    return [
+        f"Nothing in the block tells how the camera moves while rows are read: {names} are not "
+        "tested, and what differs from row to row has no name. Velocities in images.csv, or "
+        "readout_s in block.toml, would give it one."
+    ]
+
+
 def _from_their_start(
     course: Course, believed: ReferenceModel, one: Round
 ) -> tuple[list[str], Adjustment] | None:
@@ -210,8 +241,10 @@ def _round(
     threshold: Threshold,
 ) -> Round:
     """A search beside the lens as it is beside what that search finds."""
-    asked = _Asked.of(course, adjustment, believed, model)
-    whole, shape = Evidence(asked.reduced), lens_group(asked.equations)
+    effects = course.candidates.effects
+    e = equations(adjustment, effects, believed.priors_of(effects))
+    asked = _Asked(adjustment, e, model, course.impossible, course.draws)
+    whole, shape = Evidence(Elimination(e, None).reduced()), lens_group(e)
     there = {whole.number[key]: _kappa(whole, key) for key in model if key in whole.number}
     lens = None if shape is None else lens_of(whole, shape, there)
     one = asked.search(lens, threshold)
@@ -231,42 +264,27 @@ class _Asked:
     """The equations of a round, and what they say with the GNSS as good as it says.
 
     model: keys of what has been adjusted. barred: keys of what is no explanation, and why; it
-    grows. draws: of the course, made once. antennas: None where there are few positions.
+    grows. draws: of the course, made once.
     """
 
     adjustment: Adjustment
     equations: Equations
-    reduced: Reduced
-    antennas: Antennas | None
     model: list[str]
     barred: dict[str, str]
     draws: list[np.ndarray]
 
-    @classmethod
-    def of(cls, course, adjustment, believed, model) -> _Asked:
-        effects = course.candidates.effects
-        e = equations(adjustment, effects, believed.priors_of(effects))
-        stated = Elimination(e, None)
-        # The stated noise is asked about what the antenna feels and what is in the model.
-        images = len(e.system.columns.images)
-        several = {
-            group.own
-            for group in e.groups
-            if group.own is not None and len(group) > images and group.key not in model
-        }
-        antennas = None if few_positions(e.system) else stated.antennas()
-        return cls(
-            adjustment, e, stated.reduced(several), antennas, model, course.impossible, course.draws
-        )
-
     def search(self, lens: Lens | None, threshold: Threshold) -> Round:
         """What is found beside a lens."""
         e, model = self.equations, self.model
-        reduced, antennas = self.reduced, self.antennas
-        if lens is not None and antennas is not None:
-            antennas = lens.out_of_antennas(antennas, reduced)
-        plain = Evidence(reduced if lens is None else lens.out_of(reduced), self._barred())
-        noises = NoiseModel(e.system, antennas, plain)
+        plain = self._evidence(None, lens)
+        # The stated noise is asked about what the antenna feels and what is in the model.
+        images = len(e.system.columns.images)
+        plain.barred |= {
+            group.key
+            for group in e.groups
+            if group.own is not None and len(group) > images and group.key not in model
+        }
+        noises = NoiseModel(plain)
         start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
         noise, _ = noises.given(start)
         evidence = self._evidence(noise, lens)
@@ -283,7 +301,7 @@ class _Asked:
             log["through_noise"] = [plain.groups[n].key for n in more]
         found = plausible(evidence, found, model, suspected)
         found = beyond_noise(noises, found, suspected)
-        evidence.inflation = self._inflation(noise, lens, evidence, found)
+        evidence.inflation = self._inflation(evidence, found)
         found = as_spread(evidence, found, suspected)
         keys = {n: evidence.groups[n].key for n in found.chosen}
         log["found"] = {keys[n]: float(value) for n, value in found.evidence.items()}
@@ -293,13 +311,11 @@ class _Asked:
             wrong=wrong,
         )  # fmt: skip
 
-    def _evidence(self, noise: GnssNoise, lens: Lens | None) -> Evidence:
-        reduced = Elimination(self.equations, noise).reduced()
-        return Evidence(reduced if lens is None else lens.out_of(reduced), self._barred())
+    def _evidence(self, noise: GnssNoise | None, lens: Lens | None) -> Evidence:
+        rows = () if lens is None else lens.rows
+        return Evidence(Elimination(self.equations, noise, rows).reduced(), self._barred())
 
-    def _inflation(
-        self, noise: GnssNoise, lens: Lens | None, evidence: Evidence, found: Found
-    ) -> np.ndarray:
+    def _inflation(self, evidence: Evidence, found: Found) -> np.ndarray:
         """Factors (groups,) on the variance of scores, asked of what has been adjusted and found.
 
         Beside a model that does not fit, residuals hang together by what it misses.
@@ -309,8 +325,7 @@ class _Asked:
             return evidence.inflation
         if not self.draws:
             self.draws += drawn(self.adjustment, self.equations)
-        elimination = Elimination(self.equations, noise)
-        influence = Influence(elimination, elimination.shared(), lens, self.draws)
+        influence = Influence(evidence.reduced.elimination, self.draws)
         return inflation_of_scores(influence, evidence, both)
 
     def _barred(self) -> set[str]:
@@ -336,6 +351,8 @@ class _Asked:
         rest = {n: kappa for n, kappa in kept.chosen.items() if n not in kept.kept}
         without, with_them = (m.total + price(evidence.groups, m.chosen) for m in (found, kept))
         likely = without - with_them <= SETTINGS.model_log_odds
+        # A point that explains nothing beside the others is not wrong, whatever it was alone.
+        likely = likely and min(kept.evidence[n] for n in kept.kept) > 0.0
         if likely and stands(evidence, wrong.found, rest):
             return kept, wrong
         evidence.widen()

@@ -1,6 +1,7 @@
 """Every number by which a diagnosis decides, with its unit and where it comes from.
 
-Where no source is named the number is a judgement. `SETTINGS` holds those in use; `changed` puts
+Where no source is named the number is a judgement. A diagnosis takes them as its argument
+`settings` and writes them into diagnosis.json; `SETTINGS` reads those in use, and `changed` puts
 others in their place for a while, to see what a verdict owes to one of them.
 """
 
@@ -8,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
 
 
-@dataclass
+@dataclass(frozen=True)
 class Settings:
     """Sizes of effects are in prior standard deviations, evidence in natural logarithms."""
 
@@ -47,11 +49,6 @@ class Settings:
     effect_size_weights: tuple[float, ...] = (0.25, 0.25, 0.25, 0.23, 0.018, 0.0018, 0.0002)
     # Least size at which a fit is judged.
     least_fit_size: float = 3.0
-    # A group of more columns, values for each image, keeps the spectrum it has alone when others
-    # join the model: what it would bring is then somewhat underrated, and much sooner known.
-    large_group: int = 130
-    # Values for each image of which the spectrum is found as a whole, else piece by piece.
-    most_own_together: int = 1000
     # Information below which a direction is one that nothing determines.
     blind_information: float = 1e-4
     # Log prior of a generic shape, of values per image, and of errors of the ground, which defines
@@ -103,8 +100,6 @@ class Settings:
     # that one has not been adjusted; then, what its physics are too simple for. Tuned.
     leftover_share: float = 0.02
     leftover_share_adjusted: float = 0.002
-    # Parameters of the largest group whose size is sought.
-    most_tuned: int = 400
     # Evidence from which on an effect shows through any noise of the GNSS.
     clear_evidence: float = 40.0
     shortlist: int = 6
@@ -149,15 +144,11 @@ class Settings:
     carrier_phase_slow: tuple[float, float, float] = (0.02, 0.02, 0.03)
     # Their white part at most, in how much one residual differs from the next: poses follow some.
     white_of_scatter: float = 3.0
-    # Coordinates below which nothing is estimated; coordinates estimated together, else by axis;
-    # and positions of one axis, else in pieces of time: several of the longest time constant.
+    # Coordinates below which nothing is estimated.
     few_antenna_coordinates: int = 12
-    most_together: int = 900
-    most_at_a_time: int = 400
-    # Noises that an effect's uncertainty is averaged over (more flights: fewer), and how much wider
-    # than the curvature says they are drawn.
-    noise_draws: int = 48
-    noise_draws_by_axis: int = 16
+    # Noises that an effect's uncertainty is averaged over, and how much wider than the curvature
+    # says they are drawn.
+    noise_draws: int = 16
     noise_draws_widened: float = 1.2
     # Seconds between images where no times are known.
     untimed_step: float = 2.0
@@ -269,17 +260,31 @@ class Settings:
     unseen_information: float = 1e-3
 
 
-SETTINGS = Settings()
+class _InUse:
+    """The settings in use, here: of this call, or this thread."""
+
+    def __getattr__(self, name: str):
+        return getattr(_IN_USE.get(), name)
+
+
+_IN_USE: ContextVar[Settings] = ContextVar("settings of a diagnosis", default=Settings())  # noqa: B039, frozen
+SETTINGS = _InUse()
 
 
 @contextmanager
-def changed(**values) -> Iterator[Settings]:
-    """Other settings until the `with` ends. Raises AttributeError for one that is not there."""
-    before = {name: getattr(SETTINGS, name) for name in values}
+def using(settings: Settings | None) -> Iterator[Settings]:
+    """These settings until the `with` ends; None: those in use."""
+    token = _IN_USE.set(settings or _IN_USE.get())
     try:
-        for name, value in values.items():
-            setattr(SETTINGS, name, value)
-        yield SETTINGS
+        yield _IN_USE.get()
     finally:
-        for name, value in before.items():
-            setattr(SETTINGS, name, value)
+        _IN_USE.reset(token)
+
+
+@contextmanager
+def changed(**values) -> Iterator[_InUse]:
+    """Other settings until the `with` ends. Raises AttributeError for one that is not there."""
+    for name in values:
+        getattr(SETTINGS, name)
+    with using(replace(_IN_USE.get(), **values)):
+        yield SETTINGS

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
 from corridor.core.block import Block
 from corridor.core.geometry import rotation_from_quaternion
+from corridor.core.output import counted
 from corridor.interface.figures import maps, style
 
 
@@ -51,6 +53,7 @@ def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") ->
                 },
                 zorder=7,
             )  # fmt: skip
+        axes.set_aspect("equal", adjustable="datalim")
         surveyed = block.copy()
         # Thousands of check points from tie points would hide the strips.
         if len(surveyed.ground) > maps.MANY:
@@ -167,46 +170,165 @@ def readout_scheme(readout_ms: float, exposure_ms: float) -> Figure:
 
 def beside_published(
     groups: Sequence[str],
-    panels: Mapping[str, Mapping[str, Sequence[float]]],
+    panels: Mapping[str, Mapping[str, np.ndarray]],
     title: str,
     note: str,
     unit: str,
-    log: bool = False,
+    columns: int = 1,
 ) -> Figure:
-    """Bars side by side, a group a configuration, a panel below the other for each case.
+    """A marker a number, a group a configuration, a panel for each case, on a logarithmic scale.
 
-    panels: title -> name -> one number a group (NaN: no bar), the same names in each. All panels
-    have one scale.
+    panels: title -> name -> (groups,) numbers, or (draws, groups): their median, with a line from
+    the lowest to the highest. NaN: nothing is drawn. All panels have one scale.
     """
     names = list(dict.fromkeys(name for one in panels.values() for name in one))
+    marks = (("_", style.INK, 14), ("o", style.DARK, 5), ("^", style.LIGHT, 5.5),
+             ("s", style.MIDDLE, 4.5), ("D", "white", 4.5))  # fmt: skip
     looks = {
-        name: {"facecolor": colour, "hatch": hatch, "edgecolor": style.INK, "linewidth": 0.4}
-        for name, colour, hatch in zip(
-            names,
-            (style.FAINT, style.DARK, "white", style.LIGHT, style.MIDDLE),
-            ("////", "", "xxxx", "", "...."),
-            strict=False,
-        )
+        name: style.dot(shape, colour, size, style.INK, 1.8 if shape == "_" else 0.7)
+        for name, (shape, colour, size) in zip(names, marks, strict=False)
     }
-    keys = [
-        Patch(label=name, **{k: v for k, v in look.items() if k != "linewidth"})
-        for name, look in looks.items()
-    ]
-    figure, rows = style.charts(title, note, [2.2] * len(panels), 1, keys)
-    every = np.array([value for one in panels.values() for v in one.values() for value in v])
-    low, high = (0.8 * np.nanmin(every) if log else 0.0), 1.2 * np.nanmax(every)
-    for axes, (words, one) in zip(rows[:, 0], panels.items(), strict=True):
+    keys = [style.key(name, **look) for name, look in looks.items()]
+    lines = -(-len(panels) // columns)
+    figure, grid = style.charts(title, note, [2.3] * lines, columns, keys)
+    every = [np.asarray(v, float).ravel() for one in panels.values() for v in one.values()]
+    low, high = np.nanmin(np.concatenate(every)), np.nanmax(np.concatenate(every))
+    for axes, (words, one) in zip(grid.ravel(), panels.items(), strict=False):
         style.caption(axes, words)
-        wide = 0.8 / len(one)
-        if log:
-            axes.set_yscale("log")
-            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_locator(NullLocator())
-        for k, (name, values) in enumerate(one.items()):
-            x = np.arange(len(groups)) + (k - (len(one) - 1) / 2) * wide
-            axes.bar(x, values, wide, zorder=3, **looks[name])
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_locator(NullLocator())
+        present = [name for name in names if name in one]
+        for k, name in enumerate(present):
+            values = np.atleast_2d(np.asarray(one[name], float))
+            x = np.arange(len(groups)) + (k - (len(present) - 1) / 2) * 0.8 / len(present)
+            if len(values) > 1:
+                colour = looks[name]["mfc"] if "mfc" in looks[name] else style.INK
+                axes.vlines(x, values.min(axis=0), values.max(axis=0), color=colour, lw=1.6)
+            axes.plot(x, np.median(values, axis=0), **looks[name])
         axes.set_xticks(range(len(groups)), groups, size=style.SMALL)
-        axes.set_ylim(low, high)
+        axes.set(ylim=(0.8 * low, 1.25 * high), xlim=(-0.5, len(groups) - 0.5))
         style.label(axes, None, unit)
+    return figure
+
+
+def likelihoods(curves: Mapping[str, Sequence], title: str, note: str) -> Figure:
+    """Log likelihood over the amount of each cause, a panel a unit; the level of 95 % from the top.
+
+    curves: unit -> judged causes (`kit.viabon.Judged`).
+    """
+    figure, (row,) = style.charts(title, note, [2.8], len(curves))
+    top = max(one.likelihood.max() for several in curves.values() for one in several)
+    for axes, (unit, several) in zip(row, curves.items(), strict=True):
+        keys = []
+        for k, one in enumerate(several):
+            look = {"color": style.SERIES[k % 4][0], "ls": ("-", "--", "-.", ":")[k % 4], "lw": 1.6}
+            axes.plot(one.amounts, one.likelihood, **look)
+            keys.append(style.key(one.cause, **look))
+        axes.axhline(top, color=style.FAINT, lw=0.8, zorder=0)
+        axes.set(ylim=(top - 14, top + 1.5), xlim=(0, None))
+        style.own_legend(axes, keys)
+        first = axes is row[0]
+        style.label(axes, unit, "log likelihood" if first else None)
+    return figure
+
+
+def rates(rows: Sequence[tuple[str, int, int, float, float]], title: str, note: str) -> Figure:
+    """Shares with their 95 % intervals, one below the other.
+
+    rows: words, how many, of how many, and the lower and upper end of the interval (shares).
+    """
+    figure, ((axes,),) = style.charts(title, note, [0.34 * len(rows) + 0.5])
+    for k, (_, hits, count, low, high) in enumerate(rows):
+        axes.plot([100 * low, 100 * high], [k, k], color=style.DARK, lw=2)
+        axes.plot(100 * hits / count, k, **style.dot("o", style.DARK, 7))
+        axes.text(103, k, f"{hits} of {count}", size=style.TEXT, va="center")
+    axes.set_yticks(range(len(rows)), [row[0] for row in rows])
+    axes.set(xlim=(-2, 115), ylim=(len(rows) - 0.5, -0.5), xticks=[0, 25, 50, 75, 100])
+    style.label(axes, "share (%), bar: 95 % interval")
+    return figure
+
+
+def rate_of(text: str) -> tuple[int, int, float, float]:
+    """Hits, count and the ends of the interval of `90.5 % (19 of 21; 71.1 to 97.3)`, as shares."""
+    _, hits, count, low, high = (float(x) for x in re.findall(r"[0-9.]+", text))
+    return int(hits), int(count), low / 100, high / 100
+
+
+def intervals(
+    values: Mapping[str, tuple[float, float]],
+    known: tuple[float, float],
+    unit: str,
+    title: str,
+    note: str,
+) -> Figure:
+    """Values with their sigmas, one below the other, beside a band in which they should lie."""
+    figure, ((axes,),) = style.charts(title, note, [0.4 * len(values) + 0.5])
+    axes.axvspan(*known, color=style.FAINT, zorder=0)
+    for k, (value, sigma) in enumerate(values.values()):
+        axes.plot([value - sigma, value + sigma], [k, k], color=style.DARK, lw=2)
+        axes.plot(value, k, **style.dot("o", style.DARK, 6))
+    axes.set_yticks(range(len(values)), list(values))
+    axes.set_ylim(len(values) - 0.5, -0.5)
+    style.label(axes, unit)
+    return figure
+
+
+def speeds_and_readout(
+    block: Block,
+    slow: np.ndarray,
+    readouts: Mapping[str, tuple[float, float]],
+    known_ms: float,
+    title: str,
+) -> Figure:
+    """Speed of every photograph, the slow ones marked, and the readout with and without them."""
+    figure, ((left, right),) = style.charts(
+        title, "left: hollow squares are slow photographs; right: dashed is the published readout",
+        [2.8], 2,
+    )  # fmt: skip
+    time = block.column("images", "time_s")
+    speed = np.linalg.norm(block.images[["vx", "vy", "vz"]].to_numpy(float), axis=1)
+    left.plot(time[~slow] - time.min(), speed[~slow], **style.dot("o", style.DARK, 4))
+    left.plot(time[slow] - time.min(), speed[slow], **style.dot("s", "white", 6, style.INK, 1.4))
+    style.label(left, "time (s)", "speed (m/s)")
+    for k, (value, sigma) in enumerate(readouts.values()):
+        right.plot([k, k], [value - sigma, value + sigma], color=style.DARK, lw=2)
+        right.plot(k, value, **style.dot("o", style.DARK, 6))
+    right.axhline(known_ms, color=style.INK, ls="--", lw=1)
+    right.set_xticks(range(len(readouts)), list(readouts))
+    right.set(xlim=(-0.6, len(readouts) - 0.4), ylim=(0, None))
+    style.label(right, None, "readout (ms)")
+    return figure
+
+
+def confusion_matrix(
+    hidden: Sequence[str],
+    answers: Sequence[str],
+    counts: Sequence[Sequence[int]],
+    title: str = "What was hidden, and what was said",
+) -> Figure:
+    """A row for each hidden effect, a column for each answer, the number of blocks in the cell.
+
+    counts: (hidden, answers). Cells are shaded by the share of their row; right names are framed.
+    """
+    table = np.asarray(counts, dtype=int).reshape(len(hidden), len(answers))
+    if not table.size:
+        return style.sentence("No block with one effect or none.", title)
+    blocks = counted(int(table.sum()), "block")
+    note = f"{blocks}; shade: share of the row; framed: the right name"
+    names = [str(name).replace("_", " ") for name in hidden]
+    said = [str(name).replace("_", " ") for name in answers]
+    figure, axes = style.matrix(title, note, names, said, 0.27, above=True)
+    total = np.maximum(table.sum(axis=1, keepdims=True), 1)
+    axes.imshow(table / total, cmap=style.COUNTS, vmin=0, vmax=1, aspect="auto")
+    for i, j in np.argwhere(table > 0):
+        colour = "white" if table[i, j] > 0.55 * total[i, 0] else style.INK
+        look = {"color": colour, "size": style.SMALL, "ha": "center", "va": "center"}
+        axes.text(j, i, str(table[i, j]), **look)
+    for i, name in enumerate(hidden):
+        for j, answer in enumerate(answers):
+            if name == answer:
+                look = {"fill": False, "ec": style.INK, "lw": 1.2, "zorder": 5}
+                axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, **look))
     return figure

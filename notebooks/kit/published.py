@@ -14,6 +14,7 @@ import math
 import os
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
@@ -37,8 +38,14 @@ KINDS = {
     "input": "we put it in",
     "consistency": "the source against itself, or a program against itself",
 }
+# Who says the number: what a chapter re-does is one thing, a check of the software another.
+GROUPS = {
+    "works": "the thesis and its articles",
+    "cameras": "cameras that others measured, or their makers state",
+    "programs": "other programs on the same files: checks of the software",
+}
 _NEEDED = ("source", "where", "row", "value", "unit", "tolerance", "chapter", "kind")
-_OPTIONAL = ("note", "bound", "basis")
+_OPTIONAL = ("note", "bound", "basis", "group")
 # More rows than these are folded, but for those that do not hold.
 _FOLDED = 12
 BOUNDS = ("", "at most", "at least")
@@ -70,6 +77,7 @@ class Published:
     note: str = ""
     bound: str = ""
     basis: str = ""
+    group: str = "programs"
 
     @property
     def value(self) -> float | np.ndarray:
@@ -197,12 +205,13 @@ class Verdicts:
     @property
     def table(self) -> pd.DataFrame:
         """One row a statement, as text: the columns of COLUMNS."""
-        return pd.DataFrame([v.cells() for v in self.verdicts], columns=COLUMNS, dtype=str)
+        rows = [v.cells() for v in self.verdicts]
+        return pd.DataFrame(rows, columns=list(COLUMNS), dtype=str)
 
     def __str__(self):
         # Sources are long and the same for many rows: they head their rows.
         lines, source = [], None
-        rows = [v.cells() for v in self.verdicts]
+        rows, notes = _notes_once([v.cells() for v in self.verdicts])
         shown = COLUMNS[0], *COLUMNS[2:-1]
         wide = {c: max([len(c), *(len(r[c]) for r in rows)]) for c in shown}
         lines.append("  ".join(c.ljust(wide[c]) for c in shown) + "  why")
@@ -212,20 +221,22 @@ class Verdicts:
                 lines.append(f"-- {source}")
             cells = [row[c].ljust(wide[c]) for c in shown]
             lines.append("  ".join([*cells, row["why"]]).rstrip())
+        lines += notes
         lines.append(_sentence(self.counts))
         return "\n".join(lines)
 
     __repr__ = __str__
 
     def _repr_html_(self):
-        rows = [v.cells() for v in self.verdicts]
+        rows, notes = _notes_once([v.cells() for v in self.verdicts])
+        below = "".join(f"<p>{html.escape(note)}</p>" for note in notes)
         words = f"<p>{html.escape(_sentence(self.counts))}</p>"
         if len(rows) <= _FOLDED:
-            return words + _html_table(rows)
+            return words + _html_table(rows) + below
         open_rows = [row for row in rows if row["verdict"] != HOLDS]
         rest = [row for row in rows if row["verdict"] == HOLDS]
         folded = f"<details><summary>{len(rest)} rows hold</summary>{_html_table(rest)}</details>"
-        return words + (_html_table(open_rows) if open_rows else "") + folded
+        return words + (_html_table(open_rows) if open_rows else "") + below + folded
 
     def _repr_mimebundle_(self, include=None, exclude=None):
         # What `page` gathers: the notebook itself is the record of what it found.
@@ -283,14 +294,27 @@ def page(notebooks: str | os.PathLike | None = None) -> str:
     folder = NOTEBOOKS if notebooks is None else Path(notebooks)
     shown = {path: _shown(path) for path in sorted(folder.glob("*.ipynb"))}
     every = [row for rows in shown.values() for row in rows]
+    said_by = {f"{one.source}, {one.where}": one.group for one in read().values()}
+
+    def of(group):
+        return _counts(r for r in every if said_by.get(r["source"], "programs") == group)
+
     head = [
         "# What holds\n",
         "Every published number that a notebook compares itself with, as the executed notebooks",
         "show it. Made by `python -m kit.published`; do not edit.\n",
-        f"**{_headline(_counts(every))}**\n",
-        "| kind | what it is | hold | do not hold | cannot tell |",
-        "| --- | --- | --- | --- | --- |",
+        f"**{_headline(of('works'), GROUPS['works'])}**\n",
+        "A prediction could have come out otherwise; only predictions count. By who says it:\n",
+        "| who says it | hold | do not hold | cannot tell |",
+        "| --- | --- | --- | --- |",
     ]
+    for group, words in GROUPS.items():
+        counts = of(group).get("prediction")
+        if counts:
+            numbers = " | ".join(str(counts[word]) for word in (HOLDS, FAILS, UNKNOWN))
+            head.append(f"| {words} | {numbers} |")
+    head += ["", "| kind | what it is | hold | do not hold | cannot tell |"]
+    head.append("| --- | --- | --- | --- | --- |")
     for kind, counts in _counts(every).items():
         numbers = " | ".join(str(counts[word]) for word in (HOLDS, FAILS, UNKNOWN))
         head.append(f"| {kind} | {KINDS[kind]} | {numbers} |")
@@ -298,9 +322,11 @@ def page(notebooks: str | os.PathLike | None = None) -> str:
     for path, rows in shown.items():
         if rows:
             parts += [f"\n## [{path.stem}]({path.name})\n", f"{_sentence(_counts(rows))}\n"]
+            rows, notes = _notes_once(rows)
             parts.append("| " + " | ".join(COLUMNS) + " |")
             parts.append("|" + " --- |" * len(COLUMNS))
             parts += ["| " + " | ".join(_cell(row[c]) for c in COLUMNS) + " |" for row in rows]
+            parts += [f"\n{note}" for note in notes]
     return "\n".join([*head, *parts]) + "\n"
 
 
@@ -345,7 +371,7 @@ def _entry(identifier, fields, path):
         )
     values = fields["value"] if isinstance(fields["value"], list) else [fields["value"]]
     try:
-        if fields["kind"] not in KINDS:
+        if fields["kind"] not in KINDS or fields.get("group", "programs") not in GROUPS:
             raise ValueError
         allowed, digits = _tolerances(fields["tolerance"], values)
         return Published(
@@ -357,13 +383,15 @@ def _entry(identifier, fields, path):
             **{k: str(fields[k]) for k in ("source", "where", "row", "unit", "chapter", "kind")},
             **{k: str(fields.get(k, "")) for k in ("note", "basis")},
             bound=_bound(fields.get("bound", "")),
+            group=str(fields.get("group", "programs")),
         )
     except (ValueError, ArithmeticError, TypeError) as error:
         raise InputError(
             f"{path}, [{identifier}]: value is a number or a list of numbers, tolerance a number, "
             'a percentage such as "1 %", a list with one of these a value, "draws" or '
             '"draws or 5 %", bound '
-            f'"at most" or "at least", kind one of {", ".join(KINDS)}.'
+            f'"at most" or "at least", kind one of {", ".join(KINDS)}, '
+            f"group one of {', '.join(GROUPS)}."
         ) from error
 
 
@@ -446,14 +474,24 @@ def _counts(rows):
     return {kind: words for kind, words in counts.items() if any(words.values())}
 
 
-def _headline(counts):
+def _headline(counts, of=""):
     """Predictions alone."""
     words = counts.get("prediction")
+    of = f" of {of}" if of else ""
     if words is None:
-        return "No prediction is compared."
+        return f"No prediction{of} is compared."
     told = words[HOLDS] + words[FAILS]
     open_rows = f"; {words[UNKNOWN]} cannot be told" if words[UNKNOWN] else ""
-    return f"{words[HOLDS]} of {told} predictions hold{open_rows}."
+    return f"{words[HOLDS]} of {told} predictions{of} hold{open_rows}."
+
+
+def _notes_once(rows):
+    """Rows with a number where a reason stands more than once, and the reasons by number."""
+    often = Counter(row["why"] for row in rows if row["why"])
+    several = [why for why, count in often.items() if count > 1]
+    letters = {why: f"note {number}" for number, why in enumerate(several, start=1)}
+    short = [row | {"why": letters.get(row["why"], row["why"])} for row in rows]
+    return short, [f"{letter}: {why}" for why, letter in letters.items()]
 
 
 def _sentence(counts):

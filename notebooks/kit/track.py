@@ -10,10 +10,11 @@ _SIGMA = (0.0084, 0.0055, 0.0096)  # m: mean of Zhou 2019, section 5.6.2
 
 
 def simulated_track(
-    seed: int = 0, speed: float = 11.0, strips: int = 3, straight_s: float = 40.0
+    seed: int = 0, speed: float = 1.8, strips: int = 3, straight_s: float = 60.0
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Where the antenna truly was, five times a second, and what the receiver says of it.
 
+    speed: that of the thesis's flight s1, 395 pictures every 2.5 s over 1.8 km (section 5.5).
     Straight strips, half circles of 12 s between them, gusts of 0.4 m/s with a memory of 3 s; half
     of the receiver's variance is slow (120 s). Both tables: time_s, x, y, z (m); the second sx,
     sy, sz as well.

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csr_array
 
 from corridor.diagnosis.system.chain import Chain, block_ends
 
@@ -39,27 +39,24 @@ def test_solutions_are_those_of_the_dense_matrix(chain):
 
 def test_halves_multiply_to_what_the_elimination_takes_away(chain):
     A, factor = chain
-    rng = np.random.default_rng(2)
-    right = rng.standard_normal((len(A), 5))
-    some = np.zeros((len(A), 4))
-    some[90:99] = rng.standard_normal((9, 4))
-    some[-1] = 1.0
-    near, half = factor.near(csc_array(some)), factor.half(right)
-    inverse = np.linalg.inv(A)
-    assert near.dot(half) == pytest.approx(some.T @ inverse @ right, rel=1e-9, abs=1e-10)
-    assert factor.taken(csc_array(some)) == pytest.approx(
-        some.T @ inverse @ some, rel=1e-9, abs=1e-10
-    )
-    assert near.dot(near) == pytest.approx(some.T @ inverse @ some, rel=1e-9, abs=1e-10)
+    right = np.random.default_rng(2).standard_normal((len(A), 5))
+    half = factor.half(right)
+    assert half.T @ half == pytest.approx(right.T @ np.linalg.solve(A, right), rel=1e-9, abs=1e-10)
+    assert factor.logdet == pytest.approx(np.linalg.slogdet(A)[1], rel=1e-12)
 
 
-def test_a_right_side_of_few_images_is_solved_with_where_it_is_felt(chain):
+def test_the_inverse_within_the_pattern_is_that_of_the_dense_matrix(chain):
+    """Its diagonal, pairs of rows that lie near each other or in the border, and variances."""
     A, factor = chain
-    some = np.zeros((len(A), 2))
-    some[90:93] = np.eye(3)[:, :2]
-    near = factor.near(csc_array(some))
-    assert near.first > 0
-    assert len(near.rows) < 0.6 * len(A)
+    inverse, found = np.linalg.inv(A), factor.inverse()
+    assert found.diagonal() == pytest.approx(np.diag(inverse), rel=1e-9)
+    one = np.array([0, 5, 40, 200, len(A) - 1, 300, len(A) - 2])
+    other = np.array([0, 8, 37, 204, len(A) - 3, len(A) - 1, 12])
+    assert found.between(one, other) == pytest.approx(inverse[one, other], rel=1e-9, abs=1e-12)
+    rows = np.zeros((3, len(A)))
+    rows[0, [3, 4]], rows[1, [77, len(A) - 1]], rows[2, len(A) - 2] = (1.0, -2.0), (0.5, 3.0), 1.0
+    expected = np.einsum("ij,jk,ik->i", rows, inverse, rows)
+    assert found.variances(csr_array(rows)) == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_matrix_that_is_none_of_a_variance_is_refused():

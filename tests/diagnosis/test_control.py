@@ -32,7 +32,7 @@ def seen(shifts, rng, points=6):
         )
         for k in range(points)
     ]  # fmt: skip
-    return Evidence(Reduced(W, W @ r.ravel(), [], [], [], {}, groups))
+    return Evidence(Reduced(W, W @ r.ravel(), groups))
 
 
 def found(shifts, seed):

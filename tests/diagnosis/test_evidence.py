@@ -5,15 +5,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.sparse import csc_array, csr_array
 
 from benchmarks.diagnosis.signal import _from_noise
 from corridor.core.adjustment import ImageRows
 from corridor.diagnosis.evidence.beside_noise import NoiseModel, _probability
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged, effect_sizes
 from corridor.diagnosis.evidence.search import largest_of_null, search
-from corridor.diagnosis.noise.gnss import GnssNoise, estimate
+from corridor.diagnosis.noise.gnss import stated_noise
 from corridor.diagnosis.noise.image import pseudo_residuals, scale_of
-from corridor.diagnosis.system.elimination import Antennas, Reduced
+from corridor.diagnosis.noise.likelihood import Arguments, estimate
+from corridor.diagnosis.system.elimination import Elimination, Reduced
+from corridor.diagnosis.system.equations import Columns, Equations, moved_by
 from corridor.diagnosis.system.groups import Group
 
 
@@ -26,7 +29,7 @@ def system(columns, g, sizes):
         labels = [("block", f"p{k}", "px") for k in range(size)]
         groups.append(Group(f"e{n}", effect, None, np.arange(at, at + size), np.ones(size), labels))
         at += size
-    return Evidence(Reduced(M, g, [], [], [], {}, groups))
+    return Evidence(Reduced(M, g, groups))
 
 
 def drift_and_shape(wiggle):
@@ -149,16 +152,31 @@ def test_coloured_noise_is_told_from_white():
     slow[0] = rng.normal(size=3)
     for k in range(1, n):
         slow[k] = keep * slow[k - 1] + np.sqrt(1 - keep**2) * rng.normal(size=3)
-    y = (0.005 * rng.normal(size=(n, 3)) + 0.015 * slow).ravel()
-    stated = np.full(3 * n, 0.01)
-    start = GnssNoise(
-        np.zeros(n, int), np.arange(n, dtype=float), stated, np.ones((1, 3)), np.zeros((1, 3)),
-        np.full((1, 3), 45.0),
-    )  # fmt: skip
-    P = np.diag(stated**-2.0)
-    noise, _ = estimate(start, P, P @ y)
+    y = 0.005 * rng.normal(size=(n, 3)) + 0.015 * slow
+    e = known_otherwise(np.arange(n, dtype=float), y, 0.01)
+    noise = estimate(e, (), Arguments(stated_noise(e.system))).noise
     assert 0.01 * np.mean(noise.white) == pytest.approx(0.005, rel=0.33)
     assert np.mean(noise.coloured) == pytest.approx(0.015, rel=0.33)
+
+
+def known_otherwise(time, y, stated):
+    """Equations of a flight whose poses are known otherwise: y (n, 3) is the noise, or a bias."""
+    count = len(time)
+    images = SimpleNamespace(flight=np.zeros(count, int), flight_names=["1"], time=time)
+    gnss = SimpleNamespace(
+        image=np.arange(count), sigma=np.tile(stated, (count, 1)) * np.ones(3), residual=y
+    )
+    labels = [("block", axis, "m") for axis in "xyz"]
+    effect = SimpleNamespace(slug="e0", generic=False, place="antenna", group="block")
+    group = Group("e0", effect, None, np.arange(3), np.ones(3), labels)
+    core = Columns(
+        np.zeros((0, 3)), np.zeros((3, 3)), np.zeros(3), np.tile(np.eye(3), (count, 1)), np.zeros(3)
+    )
+    return Equations(
+        SimpleNamespace(images=images, gnss=gnss), csc_array((0, 0)), np.zeros(0),
+        csr_array((3 * count, 0)), core, [], [], {}, [group], np.zeros(0, int), np.zeros(0, int),
+        np.arange(3), [], np.ones(3),
+    )  # fmt: skip
 
 
 def biased(rng, epochs=40, step=2.5, tau=60.0, bias=0.05):
@@ -169,20 +187,8 @@ def biased(rng, epochs=40, step=2.5, tau=60.0, bias=0.05):
     time = step * np.arange(epochs)
     lag = np.abs(time[:, None] - time)
     half = np.linalg.cholesky(0.005**2 * np.eye(epochs) + 0.012**2 * np.exp(-lag / tau))
-    y = (bias + half @ rng.standard_normal((epochs, 3))).ravel()
-    stated = np.full(3 * epochs, 0.013)
-    P = np.diag(stated**-2.0)
-    A = P @ np.tile(np.eye(3), (epochs, 1))
-    evidence = system(np.zeros((1, 3)), A.T @ y, [3])
-    evidence.reduced.M = np.tile(np.eye(3), (epochs, 1)).T @ A
-    images = SimpleNamespace(
-        flight=np.zeros(epochs, int), flight_names=["1"], time=time,
-    )  # fmt: skip
-    rows = SimpleNamespace(
-        image=np.arange(epochs), sigma=stated.reshape(-1, 3), residual=y.reshape(-1, 3)
-    )
-    seen = SimpleNamespace(images=images, gnss=rows)
-    return NoiseModel(seen, Antennas(P, P @ y, A, []), evidence)
+    e = known_otherwise(time, bias + half @ rng.standard_normal((epochs, 3)), 0.013)
+    return NoiseModel(Evidence(Elimination(e, None).reduced()))
 
 
 @pytest.mark.slow
@@ -198,7 +204,7 @@ def test_the_sigma_of_a_bias_covers_what_slow_noise_makes_of_it():
         noises = biased(rng)
         noise, _ = noises.given({0: 1000.0})
         theta, covariance = noises.parameters({0: 1000.0}, noise, rng)
-        pulls.append((theta - 0.05) / np.sqrt(np.diag(covariance)))
+        pulls.append((theta[0] - 0.05) / np.sqrt(np.diag(covariance[0])))
     assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.3
 
 
@@ -235,11 +241,11 @@ def test_a_group_is_told_from_noise_by_as_much_as_it_says():
     found = []
     for _ in range(30):
         noises = biased(rng)
-        M, g = noises.evidence.block(noises.evidence.groups[0])
-        A = noises.columns([0])
-        _, alone = estimate(noises.stated, noises.P, noises.rho)
-        _, with_it = estimate(noises.stated, noises.P, noises.rho - A @ theta)
-        found.append(theta @ g - 0.5 * theta @ M @ theta + 0.5 * (alone - with_it))
+        e, group = noises.equations, noises.evidence.groups[0]
+        alone, with_it = (
+            estimate(one, (), noises.arguments).value for one in (e, moved_by(e, group, -theta))
+        )
+        found.append(0.5 * (alone - with_it))
     assert np.mean(foretold) == pytest.approx(np.mean(found), rel=0.2)
     lag = 2.5 * np.abs(np.arange(40)[:, None] - np.arange(40))
     true = 0.005**2 * np.eye(40) + 0.012**2 * np.exp(-lag / 60.0)

@@ -1,11 +1,14 @@
 """How large slow noise of the GNSS may be is a matter of what kind of positions they are."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from test_evidence import known_otherwise
 
-from corridor.diagnosis.noise.gnss import GnssNoise, estimate, most_of_class
+from corridor.diagnosis.noise.gnss import most_of_class, stated_noise
+from corridor.diagnosis.noise.likelihood import Arguments, estimate
 from corridor.diagnosis.settings import SETTINGS
 
 COUNT = 120
@@ -50,16 +53,15 @@ class TestTheClass:
 
 @pytest.mark.parametrize("held", [True, False])
 def test_what_a_model_lacks_is_no_wander_of_a_fixed_solution(held):
-    """Ten centimetres over two minutes, seen at the antenna alone: P is that of known poses."""
-    system = positions([0.02, 0.02, 0.03], 0.008, wander=0.10)
-    stated = np.tile([0.02, 0.02, 0.03], COUNT)
-    noise = GnssNoise(
-        np.zeros(COUNT, int), system.images.time, stated, np.ones((1, 3)), np.zeros((1, 3)),
-        np.full((1, 3), 60.0), most_of_class(system) if held else np.full((2, 3), np.inf),
-    )  # fmt: skip
-    P = np.diag(stated**-2.0)
-    found, _ = estimate(noise, P, P @ system.gnss.residual.ravel())
+    """Ten centimetres over two minutes, seen at the antenna alone: poses are known otherwise."""
+    stated = np.array([0.02, 0.02, 0.03])
+    system = positions(stated, 0.008, wander=0.10)
+    e = known_otherwise(system.images.time, system.gnss.residual, stated)
+    noise = stated_noise(e.system)
+    if not held:
+        noise = replace(noise, most=np.full((2, 3), np.inf))
+    found = estimate(e, (), Arguments(noise)).noise
     within = found.coloured[0] <= 1.001 * np.array(SETTINGS.carrier_phase_slow)
     assert within.all() if held else (found.coloured[0] > 0.04).all()
     # Nor is it white noise: that is how one position differs from the next.
-    assert not held or (found.white[0] * stated[:3] < 0.03).all()
+    assert not held or (found.white[0] * stated < 0.03).all()

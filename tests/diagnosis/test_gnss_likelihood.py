@@ -1,4 +1,4 @@
-"""The likelihood of the noise of the GNSS against its definition, and weights that are possible."""
+"""The likelihood of the noise of the GNSS against its definition, at every size."""
 
 import numpy as np
 import pytest
@@ -7,81 +7,77 @@ from strips import corridor_block
 import corridor
 from corridor.core.effects import find
 from corridor.core.simulation import add_noise
-from corridor.diagnosis.evidence.beside_noise import NoiseModel
-from corridor.diagnosis.evidence.evidence import Evidence
-from corridor.diagnosis.noise.gnss import GnssNoise, Likelihood
-from corridor.diagnosis.system.elimination import Elimination
+from corridor.diagnosis.noise.gnss import stated_noise
+from corridor.diagnosis.noise.likelihood import Arguments, derivatives, estimate, value_of
+from corridor.diagnosis.system.elimination import Elimination, rows_of
 from corridor.diagnosis.system.equations import equations
 
-BOUNDS = ((1e-3, 1e3), (1e-3, 1e3), (1.0, 1e3))
-# Of two flights: factors of the white part, of the slow one, and time constants, s.
-X = np.log([1.3, 0.8, 1.1, 0.9, 1.2, 0.7, 0.5, 1.5, 0.4, 0.9, 0.6, 1.1, 20.0, 45.0])
+SLUGS = ["gnss_bias", "rolling_shutter", "row_polynomial", "rolling_shutter_rotation"]
 
 
 @pytest.fixture(scope="module")
 def seen():
-    """Two flights whose epochs are listed across each other; a shift and a drift have gone."""
-    rng = np.random.default_rng(4)
-    flight, time = np.repeat([0, 1], 15)[(order := rng.permutation(30))], 2.0 * np.arange(30)[order]
-    stated = rng.uniform(0.01, 0.03, 90)
-    noise = GnssNoise(
-        flight, time, stated, np.ones((2, 3)), np.zeros((2, 3)), np.full((2, 3), 30.0)
+    """Two flights; a bias, and values for each image, in the model."""
+    block = corridor_block(
+        images=24, strips=4, flights=2, observations_per_image=60, control=4, seed=3
     )
-    weight = np.diag(stated**-2.0)
-    gone = np.kron(np.column_stack([np.ones(30), time]), np.eye(3))
-    inside = np.linalg.inv(gone.T @ weight @ gone)
-    P = weight - weight @ gone @ inside @ gone.T @ weight
-    return noise, P, P @ (1.5 * stated * rng.standard_normal(90))
+    block = add_noise(block, tie_px=0.4, mark_px=0.4, gnss_m=0.02, control_m=0.005, seed=3)
+    e = equations(corridor.adjust(block), [find(slug) for slug in SLUGS], {})
+    groups = {group.key: group for group in e.groups}
+    rows = rows_of(
+        [(groups["gnss_bias"], 1.0), (groups["row_polynomial"], 0.5),
+         (groups["rolling_shutter_rotation"], 0.3)]
+    )  # fmt: skip
+    arguments = Arguments(stated_noise(e.system))
+    draw = np.random.default_rng(0).standard_normal(len(arguments.centre))
+    return e, rows, arguments, arguments.centre + 0.1 * draw
 
 
-def defined(noise, P, rho):
-    """-2 log L and D (I + P D)^-1 rho, as the formula has them."""
-    D = -np.diag(noise.stated**2)
-    for rows, f, axis in noise.blocks():
-        D[np.ix_(rows, rows)] += sum(noise.parts(rows, f, axis))
-    inner = np.eye(len(P)) + P @ D
-    moved = D @ np.linalg.solve(inner, rho)
-    return np.linalg.slogdet(inner)[1] - rho @ moved, moved
+def defined(e, made):
+    """log p(data) by one dense matrix, the covariance of the antenna positions as it is defined."""
+    covariance = np.zeros((len(e.stated),) * 2)
+    for rows, f, axis in made.noise.blocks():
+        covariance[np.ix_(rows, rows)] += sum(made.noise.parts(rows, f, axis))
+    weight, J = np.linalg.inv(covariance), made.jacobian.toarray()
+    N = made._static.toarray() + J.T @ weight @ J
+    t, r = made._static_right + J.T @ weight @ made._residual, made._residual
+    unit = 1.0 / np.sqrt(np.diag(N))
+    logdet = np.linalg.slogdet(N * unit * unit[:, None])[1] - 2.0 * np.log(unit).sum()
+    fit = 0.5 * (unit * t) @ np.linalg.solve(N * unit * unit[:, None], unit * t)
+    prior = np.log(made.sizes).sum()
+    noise = r @ weight @ r + np.linalg.slogdet(covariance)[1]
+    return fit - 0.5 * logdet - prior - 0.5 * noise
 
 
 def test_it_is_what_it_is_defined_as_and_so_is_its_slope(seen):
-    noise, P, rho = seen
-    one = Likelihood(noise, P, rho, list(noise.blocks()), bounds=BOUNDS)
-    value, slope = one(X)
-    wanted, moved = defined(one.noise_at(X, noise), P, rho)
-    # P has no inverse: what it does not know weighs a ten millionth of what is stated.
-    assert value == pytest.approx(one.value(X), abs=1e-8)
-    assert value == pytest.approx(wanted, abs=1e-3)
-    solved = one.solved(one.noise_at(X, noise), rho[:, None])[:, 0]
-    assert np.abs(solved - moved).max() < 1e-4 * np.abs(moved).max()
-    step = 1e-5
-    numbers = [
-        (one.value(X + step * e) - one.value(X - step * e)) / (2 * step) for e in np.eye(len(X))
-    ]
-    assert np.abs(slope - numbers).max() < 1e-4 * np.abs(slope).max()
+    e, rows, arguments, x = seen
+    made = Elimination(e, arguments.noise_at(x), rows)
+    assert made.log_probability == pytest.approx(defined(e, made), abs=1e-6)
+    slope, curve = derivatives(made, arguments, x)
+    step = 1e-4 * np.eye(len(x))
+
+    def value(x):
+        return value_of(Elimination(e, arguments.noise_at(x), rows), arguments, x)
+
+    numbers = [(value(x + d) - value(x - d)) / 2e-4 for d in step]
+    assert slope == pytest.approx(numbers, abs=1e-4 * np.abs(slope).max())
+    assert np.linalg.eigvalsh(curve)[0] > 0.0
 
 
-def test_what_an_approximation_took_too_much_of_is_nothing(seen):
-    noise, P, rho = seen
-    scale = noise.stated[:, None] * noise.stated
-    value, vector = np.linalg.eigh(P * scale)
-    beyond, nothing = value.copy(), value.copy()
-    beyond[-1], nothing[-1] = -16.0, 0.0
-    blocks = list(noise.blocks())
-    wrong, clipped = (
-        Likelihood(noise, (vector * v) @ vector.T / scale, rho, blocks, bounds=BOUNDS)
-        for v in (beyond, nothing)
-    )
-    assert wrong.value(X) == pytest.approx(clipped.value(X), abs=1e-3)
+def test_the_most_likely_noise_is_so_near_by_too(seen):
+    e, rows, arguments, x = seen
+    found = estimate(e, rows, arguments)
+    for near in np.random.default_rng(1).uniform(-0.3, 0.3, (6, len(x))):
+        there = np.clip(found.x + near, arguments.low, arguments.high)
+        made = Elimination(e, arguments.noise_at(there), rows)
+        assert value_of(made, arguments, there) > found.value - 0.05
+    again = estimate(e, rows, arguments, x)
+    assert again.value == pytest.approx(found.value, abs=0.2)
 
 
-def test_values_of_single_images_leave_the_antenna_no_weight_below_zero():
+def test_values_of_single_images_leave_the_antenna_no_weight_below_zero(seen):
     """A shutter is felt by the antenna alone where each image bends its rows as it likes."""
-    block = corridor_block(images=24, strips=3, observations_per_image=80, control=4, seed=3)
-    block = add_noise(block, tie_px=0.4, mark_px=0.4, gnss_m=0.02, control_m=0.005, seed=3)
-    e = equations(corridor.adjust(block), [find("rolling_shutter"), find("row_polynomial")], {})
-    stated = Elimination(e, None)
-    noises = NoiseModel(e.system, stated.antennas(), Evidence(stated.reduced()))
-    _, P, _ = noises._left(dict.fromkeys(range(len(e.groups)), 10.0))
-    sigma = noises.stated.stated
-    assert np.linalg.eigvalsh(P.toarray() * sigma * sigma[:, None])[0] > -1e-6
+    e, *_ = seen
+    made = Elimination(e, None, rows_of((group, 10.0) for group in e.groups))
+    P = made.weight(np.eye(len(e.stated)))
+    assert np.linalg.eigvalsh(P * e.stated * e.stated[:, None])[0] > -1e-6

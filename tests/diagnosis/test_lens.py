@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from strips import corridor_block
 
+import corridor
 from corridor.core.effects import find
+from corridor.core.simulation import add_noise
 from corridor.diagnosis.evidence.evidence import Evidence
-from corridor.diagnosis.evidence.lens import Lens, lens_of
-from corridor.diagnosis.system.elimination import Antennas, Pieces, Reduced
+from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of
+from corridor.diagnosis.system.elimination import Elimination, Reduced, rows_of
+from corridor.diagnosis.system.equations import equations
 from corridor.diagnosis.system.groups import Group
 
 SHAPE, OTHERS, OWN, ANTENNA = 12, 3, 4, 5
@@ -33,41 +37,32 @@ def groups():
 
 def reduced(N, t):
     core = np.arange(SHAPE + OTHERS)
-    own = len(core) + np.arange(OWN)
-    return Reduced(
-        N[np.ix_(core, core)], t[core], [Pieces([N[np.ix_(own, own)]])], [t[own]],
-        [N[np.ix_(own, core)]], {}, groups(),
-    )  # fmt: skip
+    return Reduced(N[np.ix_(core, core)], t[core], groups())
 
 
 def test_what_is_left_is_what_the_equations_with_a_prior_leave():
-    """Schur complement of the lens with its prior: of core, per-image columns and antennas."""
-    rng = np.random.default_rng(1)
-    N, A = whole(rng)
-    t = A.T @ rng.standard_normal(len(A))
-    before = reduced(N, t)
-    lens = Lens(before.groups[0], 0.3)
-    core, own = np.arange(SHAPE + OTHERS), SHAPE + OTHERS + np.arange(OWN)
-    at = own[-1] + 1 + np.arange(ANTENNA)
-    shape = core[:SHAPE]
-    inverse = np.linalg.inv(N[np.ix_(shape, shape)] + np.eye(SHAPE) / 0.3**2)
-    left = N - N[:, shape] @ inverse @ N[shape]
-    g = t - N[:, shape] @ inverse @ t[shape]
-    after = lens.out_of(before)
-    assert after.M == pytest.approx(left[np.ix_(core, core)])
-    assert after.g == pytest.approx(g[core])
-    assert after.own_matrix[0].toarray() == pytest.approx(left[np.ix_(own, own)])
-    assert after.own_g[0] == pytest.approx(g[own])
-    assert after.between[0] == pytest.approx(left[np.ix_(own, core)])
-    own_columns = N[np.ix_(at, own)]
-    antennas = Antennas(
-        N[np.ix_(at, at)], t[at], N[np.ix_(at, core)], [lambda some: own_columns[:, some]]
+    """Schur complement of the lens with its prior, as a row of the elimination."""
+    block = corridor_block(images=12, strips=2, observations_per_image=60, control=4, seed=3)
+    block = add_noise(block, tie_px=0.4, mark_px=0.4, gnss_m=0.02, control_m=0.005, seed=3)
+    effects = [find(s) for s in ("image_deformation", "rolling_shutter", "row_polynomial")]
+    e = equations(corridor.adjust(block), effects, {})
+    plain = Elimination(e, None)
+    lens = Lens(lens_group(e), 0.3)
+    at = lens.group.columns
+    N, t = plain.core
+    inverse = np.linalg.inv(N[np.ix_(at, at)] + np.eye(len(at)) / 0.3**2)
+    M, g = Elimination(e, None, lens.rows).core
+    others = np.setdiff1d(np.arange(len(g)), at)
+    assert M[np.ix_(others, others)] == pytest.approx(
+        (N - N[:, at] @ inverse @ N[at])[np.ix_(others, others)], rel=1e-6
     )
-    felt = lens.out_of_antennas(antennas, before)
-    assert felt.P.toarray() == pytest.approx(left[np.ix_(at, at)])
-    assert felt.rho == pytest.approx(g[at])
-    assert felt.core == pytest.approx(left[np.ix_(at, core)])
-    assert felt.own[0](slice(None)) == pytest.approx(left[np.ix_(at, own)])
+    assert g[others] == pytest.approx((t - N[:, at] @ inverse @ t[at])[others], rel=1e-6)
+    single = next(group for group in e.groups if group.own is not None)
+    beside = plain.reduced().beside(rows_of([(lens.group, 0.3), (single, 0.5)]))
+    other_way = Elimination(e, None, rows_of([(single, 0.5)])).reduced()
+    inside = other_way.M[np.ix_(at, at)] + np.eye(len(at)) / 0.3**2
+    left = other_way.M - other_way.M[:, at] @ np.linalg.solve(inside, other_way.M[at])
+    assert beside.M[np.ix_(others, others)] == pytest.approx(left[np.ix_(others, others)], rel=1e-6)
 
 
 def test_the_data_choose_its_size_and_whether_there_is_any():

@@ -33,7 +33,7 @@ def one_group(slug, M, g, point=None):
         point=point,
         most=np.array([p.most for p in parameters]),
     )
-    reduced = Reduced(M, g, [], [], [], {}, [group])
+    reduced = Reduced(M, g, [group])
     return Evidence(reduced), group
 
 
@@ -99,7 +99,7 @@ class TestPartsOfAShape:
             groups.append(Group(slug, effect, None, np.array([n]), np.ones(1), labels))
         M = np.array([[100.0, across], [across, 100.0]])
         found = np.linalg.solve(M, [0.0, 0.0]) + np.array([1.6, 1.0])
-        reduced = Reduced(M, M @ found, [], [], [], {}, groups)
+        reduced = Reduced(M, M @ found, groups)
         evidence = Evidence(reduced)
         chosen = {0: 1.0, 1: 1.0}
         each = contributions(evidence, chosen)

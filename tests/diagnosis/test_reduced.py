@@ -18,11 +18,10 @@ from corridor.core.geometry import (
     rotation_from_vector,
 )
 from corridor.core.simulation import add_noise
-from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.system.elimination import Elimination
-from corridor.diagnosis.system.equations import equations
+from corridor.diagnosis.system.elimination import Elimination, rows_of
+from corridor.diagnosis.system.equations import Columns, Equations, equations
 
 SLUGS = [
     "rolling_shutter", "thermal", "focal", "affine_distortion", "radial_distortion",
@@ -162,11 +161,6 @@ def _posed(block, k, h):
     return out
 
 
-def whole(e, reduced):
-    """M and g of all groups in their order."""
-    return Evidence(reduced).joint(range(len(e.groups)))
-
-
 @pytest.mark.parametrize("coloured", [False, True], ids=["white", "coloured"])
 def test_the_reduced_system_is_that_of_dense_algebra(tiny, derivatives, coloured):
     """B'WQB and B'WQr with poses and points eliminated by one dense solution."""
@@ -184,20 +178,41 @@ def test_the_reduced_system_is_that_of_dense_algebra(tiny, derivatives, coloured
         for rows, f, axis in noise.blocks():
             white, slow = noise.parts(rows, f, axis)
             covariance[np.ix_(rows, rows)] = white + slow
-    M, g = whole(e, Elimination(e, noise).reduced())
+    made = Elimination(e, noise)
     expected, right, keys = dense(tiny, derivatives, covariance)
     size = np.sqrt(np.abs(np.diag(expected)))
     scale = np.maximum(size[:, None] * size, 1e-6)
-    for key in np.unique(keys):
-        mine = keys == key
-        assert np.abs((M - expected)[mine] / scale[mine]).max() < 2e-3, key
-        assert np.abs((g - right)[mine] / np.maximum(size[mine], 1e-3)).max() < 2e-2, key
+    at = {group.key: np.flatnonzero(keys == group.key) for group in e.groups}
+    order = np.argsort(np.concatenate([g.columns for g in e.groups if g.own is None]))
+    core = np.concatenate([at[g.key] for g in e.groups if g.own is None])[order]
+    M, g = made.core
+    for group in (group for group in e.groups if group.own is None):
+        mine, rows = at[group.key], group.columns
+        assert (
+            np.abs((M[rows] - expected[np.ix_(mine, core)]) / scale[np.ix_(mine, core)]).max()
+            < 2e-3
+        )
+        assert np.abs((g[rows] - right[mine]) / np.maximum(size[mine], 1e-3)).max() < 2e-2
+    for group in (group for group in e.groups if group.own is not None):
+        mine = at[group.key]
+        M, _ = made.spread(group, np.eye(len(group)))
+        assert np.abs((M - expected[np.ix_(mine, mine)]) / scale[np.ix_(mine, mine)]).max() < 2e-3
+        # Beside values for each image the core meets what they leave of it.
+        left = made.reduced().beside(rows_of([(group, 0.7)]))
+        inside = expected[np.ix_(mine, mine)] + np.eye(len(mine)) / 0.7**2
+        solved = np.linalg.solve(inside, np.column_stack([expected[mine], right[mine]]))
+        M = (expected - expected[:, mine] @ solved[:, :-1])[np.ix_(core, core)]
+        g = (right - expected[:, mine] @ solved[:, -1])[core]
+        assert np.abs((left.M - M) / scale[np.ix_(core, core)]).max() < 2e-3, group.key
+        assert np.abs((left.g - g) / np.maximum(size[core], 1e-3)).max() < 2e-2, group.key
+        assert left.fit - made.fit == pytest.approx(0.5 * right[mine] @ solved[:, -1], abs=2e-2)
+        cost = 0.5 * np.linalg.slogdet(inside * 0.7**2)[1]
+        assert left.cost - made.cost == pytest.approx(cost, rel=2e-3, abs=1e-3)
 
 
 def test_the_reduced_matrix_has_no_negative_direction(tiny):
     """It is a variance."""
-    e = tiny[1]
-    M, _ = whole(e, Elimination(e, None).reduced())
+    M, _ = Elimination(tiny[1], None).core
     values = np.linalg.eigvalsh(M)
     assert values.min() > -1e-8 * values.max()
 
@@ -208,10 +223,15 @@ def test_the_elimination_grows_with_the_images_and_not_with_their_square():
     n = images * own
     offsets = [0, -1, -own, 1, own]
     values = [np.full(n - abs(k), 4.0 if k == 0 else 0.5) for k in offsets]
-    e = SimpleNamespace(
-        matrix=csc_array(diags_array(values, offsets=offsets)), right=np.ones(n),
-        residual=np.zeros(0), stated=np.zeros(0), image=np.zeros(0, dtype=int), free_motions=None,
-        owner=np.repeat(np.arange(images), own), jacobian=csr_array((0, n)),
+    gnss = SimpleNamespace(
+        residual=np.zeros((0, 3)), sigma=np.zeros((0, 3)), image=np.zeros(0, dtype=int)
+    )
+    nothing = np.zeros(0, dtype=int)
+    e = Equations(
+        SimpleNamespace(gnss=gnss), csc_array(diags_array(values, offsets=offsets)), np.ones(n),
+        csr_array((0, n)),
+        Columns(np.zeros((n, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)), np.zeros(0)),
+        [], [], {}, [], np.repeat(np.arange(images), own), np.arange(n), nothing, [], np.ones(n),
     )  # fmt: skip
     tracemalloc.start()
     made = Elimination(e, None)

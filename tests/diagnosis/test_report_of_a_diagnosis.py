@@ -155,7 +155,7 @@ class TestJson:
         promised = "slug class log_evidence parameters cannot_be_told_apart_from"
         assert set(promised.split()) <= set(found)
         assert set(found["parameters"][0]) >= {"name", "value", "sigma", "unit"}
-        assert set(result["gap"]) == {"tie_px", "check_m", "gnss_m"}
+        assert set(result["gap"]) == {"tie_px", "check_m", "check_sigmas", "gnss_m"}
 
     def test_every_file_is_listed_and_there(self, saved):
         out, written = saved
@@ -355,8 +355,8 @@ class TestSentence:
     def test_nothing_comes_with_what_would_have_been_seen(self):
         limits = {"rolling_shutter": {"readout": 0.004}, "gnss_bias": {"x": None}}
         assert told("nothing", limits=limits) == (
-            "Nothing is missing from the model that this flight could show. The smallest that "
-            "would have been seen: the camera's rolling shutter, readout 4.0 ms."
+            "Nothing is missing from the model that this flight could show. Would have "
+            "been seen: the camera's rolling shutter from readout 4.0 ms on."
         )
 
     @pytest.mark.parametrize(

@@ -18,9 +18,11 @@ from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import (
     LOSSES,
     REFERENCE_CAMERA,
+    SEES_ARM_M,
     Loss,
     Model,
     ParameterId,
+    arms_unseen,
     camera_of,
     listed,
 )
@@ -38,6 +40,7 @@ __all__ = [
     "LOSSES",
     "QUANTITIES",
     "REFERENCE_CAMERA",
+    "SEES_ARM_M",
     "Adjustment",
     "Columns",
     "Covariance",
@@ -55,6 +58,7 @@ __all__ = [
     "Similarity",
     "Singular",
     "adjust",
+    "arms_unseen",
     "camera_of",
     "check_table",
     "compiling_ahead",

@@ -43,6 +43,8 @@ ITERATIONS = 100
 START_LENS = {"k1": 0.1, "k2": 0.1}
 # Start values beyond the pictures: of more points than this share, something else is wrong.
 _WILD = 0.1
+# Of the images so many at most may be left out because nothing determines their poses.
+_SPARE = 0.05
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
 
@@ -190,10 +192,14 @@ def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:
     return list(dict.fromkeys([*told, *prepared.notes]))
 
 
-def _once(block: Block, model: Model, run: Run) -> Adjustment:
-    """One adjustment."""
+def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adjustment:
+    """One adjustment.
+
+    spare: how many images may be left out because nothing determines their pose; None: a few.
+    """
     began = time.perf_counter()
     start, notes = block, []
+    spare = int(_SPARE * len(block.images)) if spare is None else spare
     if _incomplete(block):
         block = complete(block, run.say)
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
@@ -239,11 +245,35 @@ def _once(block: Block, model: Model, run: Run) -> Adjustment:
         fallen = _fallen(problem, solution.state) if solution and not run.strict else set()
         if fallen:
             return _without_fallen(start, block, fallen, model, run)
-        raise explain(at(problem.start), singular) from None
+        own = singular.shared is None and (singular.own is None or singular.own < 6)
+        alone = None if singular.image is None else problem.images.names[singular.image]
+        error = explain(at(problem.start), singular)
+        if run.strict or not own or alone is None or str(alone) not in str(error) or not spare:
+            raise error from None
+        return _without_image(start, block, str(alone), model, run, spare, error)
     solution.state = system.state
     return Adjustment(
         start, solution, covariance, time.perf_counter() - began, [*problem.notes, *notes]
     )
+
+
+def _without_image(
+    start: Block, block: Block, name: str, model: Model, run: Run, spare: int, error: InputError
+) -> Adjustment:
+    """The adjustment without an image whose pose nothing determines; else the error."""
+    others = block.images.loc[block.images["image"] != name, "image"]
+    try:
+        part, notes = sound_part(block.select(images=others), model)
+        found = _once(part, model, run, spare - 1)
+    except InputError:
+        raise error from None
+    for note in reversed(notes):
+        found.add_note(note)
+    found.add_note(
+        f"Image {name} is left out: its pose cannot be determined, because its points lie on a "
+        "line or link it to the other images by too few points."
+    )
+    return found
 
 
 def complete(block: Block, progress: Callable[[str], None] | None = None) -> Block:

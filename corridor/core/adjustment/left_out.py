@@ -17,6 +17,8 @@ from corridor.core.output import counted
 # Points that a pose needs.
 LEAST_POINTS = 3
 _NAMED = 10
+# Places that differ by less are one.
+_ONE_PLACE_M = 1e-3
 
 
 def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block, list[str]]:
@@ -27,7 +29,10 @@ def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block,
     A block of which not even half of the images would be left comes back as it is: there,
     something else is wrong, and the adjustment says what.
     """
+    _refuse_one_place(block)
+    block, alike = _without_one_position(block, strict)
     sound, wild = without_wild(block, model)
+    wild = [*alike, *wild]
     if strict:
         if wild:
             raise InputError(f"{wild[0]} Correct or delete them, or leave out --strict")
@@ -82,6 +87,33 @@ def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block,
             f"image shows, which a pose needs, left out: {some(shown, _NAMED)}."
         )
     return _without(block, keep | ~counts, there), notes
+
+
+def _refuse_one_place(block: Block) -> None:
+    """Refuse start values by which nothing is seen from two places."""
+    centre = block.numbers("images", *"xyz") if len(block.images) > 2 else np.zeros((0, 3))
+    known = np.isfinite(centre).all(axis=1)
+    if known.sum() > 2 and known.all() and np.ptp(centre, axis=0).max() < _ONE_PLACE_M:
+        place = ", ".join(f"{value:g}" for value in centre[0])
+        raise InputError(
+            f"images.csv: all {len(centre)} images stand at one place ({place}), from where no "
+            "distance is seen: write where each was taken, or leave x, y, z and the quaternion "
+            "empty, so that they are found"
+        )
+
+
+def _without_one_position(block: Block, strict: bool) -> tuple[Block, list[str]]:
+    """The block without antenna positions that are all the same: they place nothing."""
+    given = block.numbers("gnss", *"xyz") if len(block.gnss) > 2 else np.full((1, 3), np.nan)
+    if not np.isfinite(given).all() or np.ptp(given, axis=0).max() >= _ONE_PLACE_M:
+        return block, []
+    place = ", ".join(f"{value:g}" for value in given[0])
+    told = f"gnss.csv: all {len(given)} positions are the same ({place}) and place nothing"
+    if strict:
+        raise InputError(f"{told}: correct them, or leave gnss.csv out")
+    block = block.copy()
+    block.gnss = block.gnss.iloc[:0]
+    return block, [f"{told}: they are left out. Were they cut off on their way?"]
 
 
 def _without(block: Block, keep: np.ndarray, there: np.ndarray) -> Block:

@@ -28,6 +28,7 @@ from corridor.core.geometry import (
     robust_scale_of_lengths,
 )
 from corridor.core.output import with_units
+from corridor.core.preparation import FRAME
 
 HIGH = 0.95
 _IN_PIXELS = ("f", "cx", "cy")
@@ -82,6 +83,9 @@ class Tables(Checked):
             for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
         }
         block.points = self._points_table(block.points, sigma)
+        if len(block.gnss) or (block.ground["role"] == "control").sum() > 2:
+            # Metres now, and no longer the free frame of a reconstruction.
+            block.extra = {key: value for key, value in block.extra.items() if key != FRAME}
         if p.arms_free:
             block.lever_arm = {
                 name: tuple(arm) for name, arm in zip(block.flight_names, state.arms, strict=True)

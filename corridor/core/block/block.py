@@ -21,6 +21,10 @@ from corridor.core.brief import in_words
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError
 
+# Exact coordinates: with this standard deviation results agree to all digits with those that hold
+# them (sigma naught of a published block of fixed control to 6 digits, from 1e-8 m down to 1e-12).
+EXACT_M = 1e-8
+
 
 @dataclass(eq=False)
 class Block:
@@ -254,8 +258,11 @@ class Block:
         return self._filled("gnss", SIGMAS, "gnss_m")
 
     def ground_sigma(self) -> np.ndarray:
-        """(n, 3) m of the ground points, the default of block.toml where none is given."""
-        return self._filled("ground", SIGMAS, "control_m")
+        """(n, 3) m of the ground points, the default of block.toml where none is given.
+
+        A point that is exact, 0 in ground.csv, has one that no measurement comes near.
+        """
+        return np.maximum(self._filled("ground", SIGMAS, "control_m"), EXACT_M)
 
     def _sigma_px(self, table: str, default: str) -> np.ndarray:
         if "sigma" in getattr(self, table):

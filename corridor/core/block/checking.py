@@ -149,7 +149,9 @@ def _numbers(block, table: str) -> None:
         if name == "sigma" or name in SIGMAS:
             fault = f"{name} = {{{name}:g}} is not a standard deviation"
             remedy = "write a positive number or leave the cell empty"
-            _refuse(block, table, values <= 0, fault, remedy)
+            # Ground points may be exact: 0.
+            wrong = values < 0 if table == "ground" else values <= 0
+            _refuse(block, table, wrong, fault, remedy)
 
 
 def _images(block) -> None:

@@ -7,6 +7,7 @@ to find the row and say what stands there.
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -179,11 +180,16 @@ def _header(path: Path) -> tuple[list[str], int]:
     raise InputError(f"{path.name} is empty; write a header line, or delete the file")
 
 
+def opened(path: Path, mode: str = "rb") -> pa.NativeFile:
+    """A file for Arrow, whatever its name is: in the locale C it would refuse an umlaut."""
+    return pa.OSFile(os.fsencode(path), mode)
+
+
 def _parse(
     path: Path, names: list[str], skip: int, types: dict, multiline: bool = False
 ) -> pa.Table:
     return pa.csv.read_csv(
-        path,
+        opened(path),
         read_options=pa.csv.ReadOptions(column_names=names, skip_rows=skip),
         parse_options=pa.csv.ParseOptions(newlines_in_values=multiline),
         convert_options=pa.csv.ConvertOptions(
@@ -284,7 +290,7 @@ def _uneven_lines(path: Path, _modified: int, _size: int) -> np.ndarray | None:
 def _opened(path: Path, layout: Layout) -> ParquetFile:
     from pyarrow.parquet import ParquetFile  # a tenth of a second, for few blocks
 
-    return ParquetFile(path, memory_map=False, read_dictionary=list(layout.coded))
+    return ParquetFile(opened(path), memory_map=False, read_dictionary=list(layout.coded))
 
 
 def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:

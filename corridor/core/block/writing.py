@@ -10,6 +10,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 
+from corridor.core.block.reading import opened
 from corridor.core.block.settings import FILE, write_settings
 from corridor.core.block.tables import LAYOUTS
 from corridor.core.errors import InputError
@@ -61,7 +62,10 @@ def _write_parquet(arrow: pa.Table, path: Path) -> None:
     names = [f.name for f in arrow.schema if f.name not in numbers]
     schema = pa.schema([(f.name, _narrow(f.type)) for f in arrow.schema])
     # Least and largest name of each group of rows take longer than all else, and nobody asks.
-    with ParquetWriter(path, schema, use_dictionary=names, write_statistics=numbers) as file:
+    with (
+        opened(path, "wb") as stream,
+        ParquetWriter(stream, schema, use_dictionary=names, write_statistics=numbers) as file,
+    ):
         for first in range(0, max(arrow.num_rows, 1), _GROUP):
             part = arrow.slice(first, _GROUP)
             columns = [

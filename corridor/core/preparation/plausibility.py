@@ -32,6 +32,9 @@ _SHARE_OUTSIDE = 0.02
 _FAR_OUTSIDE = 0.02
 # A picture in both directions filled by no more than this was smaller when it was measured.
 _FILLED, _ENOUGH = 0.6, 100
+# Pictures are made smaller or larger by more than this (logarithm); what is left of the distance
+# then is that of rough start values.
+_RESIZED, _OF_RESIZED = 0.05, 0.2
 _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", "sigma",
          "lever_arm", "effect", "corrected", "derived", "date", "local_frame", "frame")  # fmt: skip
 # The last two are written by `corridor import photos`.
@@ -56,6 +59,7 @@ def doubts(block: Block) -> list[str]:
         *_positions(block),
         *_pictures(block),
         *_axes(block),
+        *_reduced_marks(block),
         *_settings(block),
         *_passed_over(block),
         *motion_doubts(block),
@@ -249,6 +253,37 @@ def _axes(block: Block) -> Iterator[str]:
             "Image coordinates fit the start poses with x and y exchanged: x is to the right, y "
             "downwards."
         )
+
+
+def _reduced_marks(block: Block) -> Iterator[str]:
+    """Marks that all lie nearer to the corner than start values put them, by one factor."""
+    rows, image = block.marks, block.image_rows("marks")
+    if len(rows) < _FEWEST:
+        return
+    pose, point = block.poses[image], block.positions("marks")[rows["point"].array.codes]
+    cameras = np.array([[c["f"], c["cx"], c["cy"], c.width, c.height]
+                        for c in block.cameras.values()])[block.image_camera[image]]  # fmt: skip
+    known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
+    rotation = rotation_from_quaternion(np.where(known[:, None], pose[:, 3:], [1.0, 0, 0, 0]))
+    seen = np.einsum("nij,nj->ni", rotation, point - pose[:, :3])
+    known &= np.nan_to_num(seen[:, 2]) > 0
+    if known.sum() < _FEWEST:
+        return
+    # From the corner of the picture, half a pixel before its first pixel's centre.
+    measured = block.numbers("marks", "x", "y")[known] + 0.5
+    there = cameras[known, :1] * seen[known, :2] / seen[known, 2:] + cameras[known, 1:3] + 0.5
+    factor = float(np.median(measured / there))
+    off = np.median(np.linalg.norm(measured - there, axis=1))
+    left = np.median(np.linalg.norm(measured - factor * there, axis=1))
+    if not abs(np.log(max(factor, 1e-9))) > _RESIZED or left > _OF_RESIZED * off:
+        return
+    width, height = factor * cameras[known][0, 3:]
+    yield (
+        f"Marks lie {off:.0f} px (median) from where the start values put them, all towards the "
+        f"corner x = y = 0 by one factor, {factor:.2f}: were they measured in pictures of "
+        f"{width:.0f} x {height:.0f} px? Multiply x and y of marks.csv by {1 / factor:.3f}, or "
+        "take marks.csv out: without it the other measurements adjust."
+    )
 
 
 # --- positions --------------------------------------------------------------------------------

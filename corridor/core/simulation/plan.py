@@ -51,7 +51,7 @@ class Flight:
         all the `same` way. long_side: of the picture, `across` the flight (rows follow each other
         along it) or `along`.
     attitude_jitter_deg: sigmas of roll, pitch and yaw; position_jitter_m, velocity_jitter_m_s,
-        angular_rate_deg_s: sigmas of each axis. wind_m_s: makes strips with it faster.
+        angular_rate_deg_s (camera's x, y, z): of each axis. wind_m_s: makes strips with it faster.
     start_s: clock at the first exposure; default: pause_s after the flight before. turn_s: from a
         strip's last exposure to the next one's first.
     lever_arm_m: antenna in the camera frame.
@@ -77,7 +77,7 @@ class Flight:
     attitude_jitter_deg: float | tuple[float, float, float] = 1.5
     position_jitter_m: float = 0.3
     velocity_jitter_m_s: float = 0.1
-    angular_rate_deg_s: float = 1.0
+    angular_rate_deg_s: float | tuple[float, float, float] = 1.0
     wind_m_s: float = 0.0
     start_s: float | None = None
     pause_s: float = 900.0

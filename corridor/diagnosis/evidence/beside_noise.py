@@ -7,77 +7,66 @@ Source: Patterson and Thompson 1971 (restricted likelihood).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 
 import numpy as np
 
 from corridor.core.adjustment import LinearSystem
-from corridor.diagnosis.evidence.evidence import Evidence, effect_sizes
-from corridor.diagnosis.evidence.joint import Together
+from corridor.diagnosis.evidence.evidence import Evidence, Size, effect_sizes
 from corridor.diagnosis.evidence.search import Found
-from corridor.diagnosis.noise.gnss import (
-    GnssNoise,
-    Likelihood,
-    Weight,
-    estimate,
-    parts_of,
-    stated_noise,
-)
+from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
+from corridor.diagnosis.noise.likelihood import Arguments, Likely, estimate, value_of
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Antennas
+from corridor.diagnosis.system.elimination import Elimination
 
-# Columns of which it is asked together what the antenna feels of them.
-_AT_ONCE = 200
+# Random signs that tell how much of values for each image the antenna sees: to a tenth.
+_SIGNS = 24
 
 
 class NoiseModel:
     """The noise of the GNSS by restricted maximum likelihood, for any set of effects.
 
     `given` finds the noise of a model of some groups, and how probable the data are with both.
-    stated: the noise that gnss.csv states; P, rho: what the antenna positions know of it.
+    stated: the noise that gnss.csv states. evidence: with that noise. equations, lens: of its
+    system, and what is in all models; arguments: what is known of the noise beforehand.
     """
 
-    def __init__(self, system: LinearSystem, antennas: Antennas | None, evidence: Evidence):
-        """antennas, evidence: of the system with the stated noise; None without positions."""
-        self.stated = stated_noise(system)
+    def __init__(self, evidence: Evidence):
+        """evidence: of a system with the stated noise."""
         self.evidence = evidence
-        self.few = antennas is None or few_positions(system)
-        self._found: dict[tuple, tuple[GnssNoise, float]] = {}
-        self._start: GnssNoise | None = None
+        made = evidence.reduced.elimination
+        self.equations = made.equations if made is not None else None
+        self.lens = made.rows if made is not None else ()
+        self.few = made is None or few_positions(made.equations.system)
         self._touches: dict[tuple, float] = {}
-        if not self.few:
-            self.P, self.rho, self.core, self.own, self._under = antennas
-            self.P = Weight.of(self.P)
+        self._found: dict[tuple, Likely] = {}
+        self._start: np.ndarray | None = None
+        if self.few:
+            return
+        self.stated = stated_noise(made.equations.system)
+        self.arguments = Arguments(self.stated)
+        self._base = made.log_probability
 
     def touches(self, n: int) -> float:
-        """How much of what a group explains the antenna positions see: 0 to 1, or more."""
+        """Share of what a group explains that the antenna positions see: 0 to 1, or more."""
         if self.few:
             return 0.0
         group = self.evidence.groups[n]
-        if group.own is not None and self.own[group.own] is None:
-            return 0.0
         key = group.key, tuple(group.columns[:1]), len(group)
         if key not in self._touches:
-            matrix = self.evidence.block(group)[0]
-            if matrix is None:
-                # Several values for each image, which are in no model yet, are not asked about.
-                return 0.0
-            inside = matrix.diagonal()
-            count = len(group)
-            some = [slice(at, min(at + _AT_ONCE, count)) for at in range(0, count, _AT_ONCE)]
-            seen = np.concatenate([self._seen(group, at) for at in some])
-            self._touches[key] = float(np.max(seen / np.maximum(inside, 1e-12), initial=0.0))
+            made = self.evidence.reduced.elimination
+            variance = (self.stated.stated**2)[:, None]
+            if group.own is None:
+                felt = made.felt(group.columns)
+                inside = self.evidence.block(group)[0].diagonal()
+                share = (felt**2 * variance).sum(axis=0) / np.maximum(inside, 1e-12)
+                self._touches[key] = float(np.max(share, initial=0.0))
+            else:
+                sign = signs(len(group), _SIGNS)
+                moved, felt = made.spread(group, sign)
+                whole = max(float((sign * moved).sum()), 1e-12)
+                self._touches[key] = float((felt**2 * variance).sum()) / whole
         return self._touches[key]
-
-    def _seen(self, group, at: slice) -> np.ndarray:
-        """Information (p,) on some columns of a group that the antenna positions feel."""
-        across = self._across(group, at)
-        return np.einsum("ij,ij->j", across, across * (self.stated.stated**2)[:, None])
-
-    def _across(self, group, at: slice = slice(None)) -> np.ndarray | None:
-        if group.own is None:
-            return self.core[:, group.columns[at]]
-        return None if self.own[group.own] is None else self.own[group.own](at)
 
     def freedom(self, noise: GnssNoise) -> float:
         """Degrees of freedom with which the size of slow noise is known.
@@ -89,120 +78,100 @@ class NoiseModel:
         ]
         return float(np.sum(span)) + 0.5 / SETTINGS.slow_prior[1] ** 2
 
-    def given(self, chosen: dict[int, float]) -> tuple[GnssNoise, float]:
+    def given(self, chosen: Mapping[int, Size]) -> tuple[GnssNoise | None, float]:
         """The noise of a model of groups n -> kappa, and the log probability of the data.
 
         It is sought from the noise of the model without any, whatever was asked before.
         """
         if self.few:
-            return self.stated, self.evidence.total(chosen)
-        key = tuple(sorted(chosen.items()))
+            return None, self.evidence.total(chosen)
+        found = self._likely(chosen)
+        return found.noise, self._probability(chosen, found.value)
+
+    def at(self, chosen: Mapping[int, Size], noise: GnssNoise) -> float:
+        """The log probability of the data with groups n -> kappa and this noise."""
+        x = self.arguments.of(noise)
+        made = Elimination(self.equations, noise, self._rows(chosen))
+        return self._probability(chosen, value_of(made, self.arguments, x))
+
+    def _likely(self, chosen: Mapping[int, Size]) -> Likely:
+        key = tuple((n, np.asarray(chosen[n], dtype=float).tobytes()) for n in sorted(chosen))
         if key not in self._found:
             if self._start is None:
-                self._start, _ = estimate(self.stated, self.P, self.rho)
-            base, P, rho = self._left(chosen)
-            noise, value = estimate(self.stated, P, rho, self._start)
-            self._found[key] = noise, base - 0.5 * value
+                self._start = estimate(self.equations, self.lens, self.arguments).x
+            self._found[key] = estimate(
+                self.equations, self._rows(chosen), self.arguments, self._start
+            )
         return self._found[key]
 
-    def at(self, chosen: dict[int, float], noise: GnssNoise) -> float:
-        """The log probability of the data with groups n -> kappa and this noise."""
-        base, P, rho = self._left(chosen)
-        parts = parts_of(self.stated, P, rho)
-        return base - 0.5 * sum(one.value(one.arguments(noise)) for one in parts)
+    def _rows(self, chosen: Mapping[int, Size]):
+        return (*self.lens, *self.evidence.rows(chosen))
 
-    def _left(self, chosen: dict[int, float]) -> tuple[float, Weight, np.ndarray]:
-        """Log evidence of groups with the stated noise, and the P and rho that they leave."""
-        base, theta, factor = self.evidence.model(chosen)
-        P, rho = self.P, self.rho
-        if chosen:
-            # The antenna hardly feels several values for each image, and they are many.
-            felt = isinstance(factor, Together) or self._is_felt(chosen)
-            A = self.columns(chosen if felt else factor.others(chosen))
-            P = P.less(A, factor.solve(A.T) if felt else factor.solve_others(A.T))
-            rho = rho - A @ (theta if felt else theta[factor.rest])
-        return base, P, rho
-
-    def _is_felt(self, chosen: Iterable[int]) -> bool:
-        """Whether the antenna feels all per-image columns of a model."""
-        own = [self.evidence.groups[n].own for n in chosen]
-        return all(self.own[n] is not None for n in own if n is not None)
-
-    def columns(self, chosen: Iterable[int]) -> np.ndarray:
-        """Between the antenna positions and groups together (3k, columns)."""
-        parts = []
-        for n in chosen:
-            across = self._across(self.evidence.groups[n])
-            empty = np.zeros((len(self.rho), len(self.evidence.groups[n])))
-            parts.append(empty if across is None else across)
-        return np.concatenate([np.zeros((len(self.rho), 0)), *parts], axis=1)
+    def _probability(self, chosen: Mapping[int, Size], value: float) -> float:
+        """Log probability beside that with the stated noise and no group, of -2 log L."""
+        return -0.5 * value - self._base + self.evidence.prior(chosen)
 
     def parameters(
-        self, chosen: dict[int, float], noise: GnssNoise, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Parameters (p,) of groups n -> kappa together and their covariance (p, p).
+        self, chosen: Mapping[int, Size], noise: GnssNoise, rng: np.random.Generator
+    ) -> tuple[dict, dict]:
+        """Parameters (p,) of groups n -> kappa together and their covariance (p, p), each.
 
         Averaged over the noises that the data allow, near `noise`: how slow and how large it is
         is known from a few correlation times, and what looks like slow noise (a lever arm, a
-        drift) is the less certain for it. None where the stated noise knows nothing of a group, or
-        values for each image are taken piece by piece.
+        drift) is the less certain for it.
         """
-        groups = [self.evidence.groups[n] for n in chosen]
-        if any(g.own is not None and self.evidence.block(g)[0] is None for g in groups):
-            return None
-        if self.evidence.in_pieces(chosen):
-            return None
-        theta, K = self.evidence.solution(chosen)
-        if self.few:
-            return theta, K
-        A = self.columns(chosen)
-        turned = A @ K
-        P, rho = self.P.less(turned, A.T), self.rho - A @ theta
-        parts = parts_of(self.stated, P, rho)
-        count = SETTINGS.noise_draws if len(parts) == 1 else SETTINGS.noise_draws_by_axis
-        drawn, log_weight = [], np.zeros(count)
-        for one in parts:
-            x, length = one.likely(one.arguments(noise), count, rng)
-            log_weight -= 0.5 * (np.array([one(each)[0] for each in x]) - length)
-            drawn.append(x)
-        weight = np.exp(log_weight - log_weight.max())
+        likely = estimate(
+            self.equations, self._rows(chosen), self.arguments, self.arguments.of(noise)
+        )
+        draws, length = self._near(likely, rng)
+        log_weight, found = [], []
+        for x, away in zip(draws, length, strict=True):
+            made = Elimination(
+                self.equations, self.arguments.noise_at(x), self._rows_of_images(chosen)
+            )
+            here = Evidence(made.reduced())
+            here.groups = self.evidence.groups
+            core = self.evidence.of_core(chosen)
+            log_weight.append(
+                here.total(core) + made.log_probability - 0.5 * self.arguments.far(x) + 0.5 * away
+            )
+            found.append(here.solution(core))
+        weight = np.exp(np.array(log_weight) - max(log_weight))
         weight /= weight.sum()
-        # Solved at once where there are few, along the chain where there are many.
-        dense = len(parts) == 1 or self._under is None
-        at_once = Likelihood(self.stated, P, rho, list(self.stated.blocks())) if dense else None
-        columns = np.column_stack([turned, rho])
-        found, spread = [], np.zeros_like(K)
-        for k, share in enumerate(weight):
-            one = noise
-            for part, x in zip(parts, drawn, strict=True):
-                one = part.noise_at(x[k], one)
-            solved = at_once.solved(one, columns) if dense else self._solved(P, one, columns)
-            left = turned.T @ solved
-            found.append(theta - left[:, -1])
-            spread += share * (K + left[:, :-1])
-        mean = weight @ np.array(found)
-        away = np.array(found) - mean
-        return mean, spread + (away * weight[:, None]).T @ away
+        whole = Evidence(Elimination(self.equations, likely.noise, self.lens).reduced())
+        whole.groups = self.evidence.groups
+        theta, spread = whole.solution(chosen)
+        for n in self.evidence.of_core(chosen):
+            each = np.array([values[n] for values, _ in found])
+            theta[n] = weight @ each
+            away = each - theta[n]
+            within = sum(w * one[n] for w, (_, one) in zip(weight, found, strict=True))
+            spread[n] = within + (away * weight[:, None]).T @ away
+        return theta, spread
 
-    def _solved(self, P: Weight, noise: GnssNoise, columns: np.ndarray) -> np.ndarray:
-        """D (I + P D)^-1 columns (3k, n) of a noise, never with P as a whole.
+    def _rows_of_images(self, chosen: Mapping[int, Size]):
+        return self._rows(self.evidence.of_images(chosen))
 
-        With the noise in place of the stated one the antenna positions weigh P (I + D P)^-1, which
-        gives (I + P D)^-1 = I - P (I + D P)^-1 D; what P has lost since is of low rank.
-        Source: Golub and Van Loan 2013, 2.1.4 (Sherman, Morrison and Woodbury).
+    def _near(self, likely: Likely, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Arguments (draws, n) that are likely too, and -2 log of the density of each.
+
+        From the normal distribution of the curvature, somewhat widened.
         """
-        weight = self._under(noise)
+        value, vector = np.linalg.eigh(0.5 * likely.curve)
+        # Nothing is known less well than the prior says.
+        least = np.linalg.eigvalsh(self.arguments.precision)[0]
+        spread = 1.0 / np.sqrt(np.maximum(value, least))
+        unit = rng.standard_normal((SETTINGS.noise_draws, len(likely.x)))
+        made = likely.x + SETTINGS.noise_draws_widened * (unit * spread) @ vector.T
+        return np.clip(made, self.arguments.low, self.arguments.high), np.sum(unit**2, axis=1)
 
-        def spread(rows: np.ndarray) -> np.ndarray:
-            return noise.spread(rows) - self.stated.spread(rows)
 
-        left = np.concatenate([np.zeros((len(P), 0)), *(a for a, _ in P.taken)], axis=1)
-        right = np.concatenate([np.zeros((0, len(P))), *(b for _, b in P.taken)])
-        both = np.concatenate([columns, left], axis=1)
-        both = both - weight(spread(both))
-        out, left = both[:, : columns.shape[1]], both[:, columns.shape[1] :]
-        inside = np.eye(left.shape[1]) - right @ spread(left)
-        return spread(out + left @ np.linalg.solve(inside, right @ spread(out)))
+def signs(count: int, many: int) -> np.ndarray:
+    """Random signs (count, many): the mean of z'Mz is the trace of M.
+
+    Source: Hutchinson 1990.
+    """
+    return np.random.default_rng(0).choice([-1.0, 1.0], (count, many))
 
 
 def through_noise(
@@ -264,11 +233,7 @@ def beyond_noise(noises: NoiseModel, found: Found, threshold: float) -> Found:
         clear = n in found.kept or gain > SETTINGS.clear_evidence
         if clear or noises.touches(n) <= SETTINGS.gnss_share:
             continue
-        rest = {
-            k: kappa
-            for k, kappa in found.chosen.items()
-            if k != n and noises.evidence.block(noises.evidence.groups[k])[0] is not None
-        }
+        rest = {k: kappa for k, kappa in found.chosen.items() if k != n}
         _, without = noises.given(rest)
         total, _ = _probability(noises, rest, n, found.chosen[n])
         each[n] = min(gain, total - without)

@@ -95,10 +95,8 @@ def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> boo
     at = np.concatenate(
         [evidence.groups[n].columns[_rows(evidence, n, part)] for n, part in wrong.of_point.items()]
     )
-    r, (_, theta, factor) = evidence.reduced, evidence.model(dict(beside))
-    across = evidence.to_core(beside)[:, at]
-    g = r.g[at] - across.T @ theta
-    M = r.M[np.ix_(at, at)] - across.T @ factor.solve(across)
+    left = evidence.beside(beside)
+    g, M = left.g[at], left.M[np.ix_(at, at)]
     statistic = float(g @ np.linalg.lstsq(M, g, rcond=None)[0])
     count = 2 * sum(group.point is not None for group in evidence.groups)
     return bool(chdtrc(len(at), statistic) * count < SETTINGS.control_level)

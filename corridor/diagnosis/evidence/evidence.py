@@ -4,24 +4,30 @@ Parameters theta ~ N(0, kappa^2) in prior standard deviations, averaged over sev
 
     log B(kappa) = 1/2 g' (M + I / kappa^2)^-1 g - 1/2 log |I + kappa^2 M|
 
-Given other groups S in the model, M and g are what S leaves of them. Where the scores of a group
+Given other groups S in the model, M and g are what S leaves of them. Values for each image are many
+and far apart: their log B is the difference of two exact probabilities of the block (see
+`elimination`), with them beside the poses and without. Where the scores of a group
 vary by a factor phi more than independent residuals would let them, M and g count by 1 / phi.
 Source: Kass and Raftery 1995, "Bayes factors"; Chandler and Bate 2007 (phi: see `clusters`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.sparse import csr_array, diags_array
 
-from corridor.diagnosis.evidence.joint import BesideImages, OfImages, Together
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Pieces, Reduced
+from corridor.diagnosis.system.elimination import Elimination, Reduced, rows_of
 from corridor.diagnosis.system.groups import Group
+
+# Systems beside values for each image, and models, that are kept.
+_SYSTEMS, _MODELS = 48, 8
+
+# A size in prior standard deviations, of all parameters of a group or of each (p,).
+Size = float | np.ndarray
 
 
 def effect_sizes() -> tuple[np.ndarray, np.ndarray]:
@@ -34,15 +40,11 @@ class Spectrum:
     """Eigenvalues (p,) and vectors (p, p), in columns, of a group's M."""
 
     value: np.ndarray
-    vector: np.ndarray | Pieces
+    vector: np.ndarray
 
     @classmethod
-    def of(cls, M: np.ndarray | Pieces) -> Spectrum:
+    def of(cls, M: np.ndarray) -> Spectrum:
         """Spectrum of M (p, p), symmetric."""
-        if isinstance(M, Pieces):
-            each = [cls.of(piece) for piece in M.blocks]
-            vectors = Pieces([one.vector for one in each])
-            return cls(np.concatenate([one.value for one in each]), vectors)
         value, vector = eigh(0.5 * (M + M.T), check_finite=False)
         return cls(np.maximum(value, 0.0), vector)
 
@@ -70,6 +72,19 @@ class Gain:
     fit: float
 
 
+@dataclass(frozen=True)
+class Beside:
+    """What a model leaves of what images share, and what it explains.
+
+    M (c, c), g (c,): of all the core, the model's own columns too. fit - cost: its log evidence.
+    """
+
+    M: np.ndarray
+    g: np.ndarray
+    fit: float
+    cost: float
+
+
 class Evidence:
     """Evidence of groups, alone and given others, on one reduced system."""
 
@@ -83,11 +98,12 @@ class Evidence:
         self.barred = set(barred)
         self.groups: list[Group] = list(reduced.groups)
         self.number = {group.key: n for n, group in enumerate(self.groups)}
-        self._alone: dict[int, Spectrum] = {}
-        self._of_images: dict[tuple[int, float], OfImages] = {}
+        # Systems beside values for each image, which many models share, and the last models.
+        self._systems: dict[tuple, Reduced] = {}
+        self._models: dict[tuple, Beside] = {}
         # A search asks for the same models again and again.
-        self._totals: dict[frozenset, float] = {}
-        self._gains: dict[tuple[frozenset, frozenset], list[Gain]] = {}
+        self._sums: dict[tuple, tuple[float, float]] = {}
+        self._gains: dict[tuple, list[Gain]] = {}
 
     def narrow(self, n: int, names: Iterable[str]) -> None:
         """Only these parameters of the n-th group are asked for from now on."""
@@ -95,8 +111,7 @@ class Evidence:
         self.groups[n] = group.part(
             [k for k, (_, name, _) in enumerate(group.labels) if name in names]
         )
-        self._alone.pop(n, None)
-        self._forget_answers()
+        self._forget()
 
     def narrowed(self, names: Mapping[int, Iterable[str]]) -> Evidence:
         """Another view of the same, that asks some groups n for these parameters only."""
@@ -108,27 +123,23 @@ class Evidence:
     def widen(self) -> None:
         """All parameters of every group are asked for again."""
         for n, group in enumerate(self.reduced.groups):
-            if self.groups[n] is not group:
-                self.groups[n] = group
-                self._alone.pop(n, None)
-        self._forget_answers()
+            self.groups[n] = group
+        self._forget()
+
+    def _forget(self):
+        self._models.clear()
+        self._sums.clear()
+        self._gains.clear()
 
     def let_go(self) -> None:
-        """Forget spectra and factors, which are made anew where they are asked for."""
-        self._alone.clear()
-        self._of_images.clear()
+        """Forget systems and models, which are made anew where they are asked for."""
+        self._systems.clear()
+        self._models.clear()
 
     def let_go_of_images(self) -> None:
         """Keep of the equations what images share; answers that were given stay."""
         self.let_go()
-        nothing = [None] * len(self.reduced.own_matrix)
-        self.reduced = replace(
-            self.reduced, own_matrix=nothing, own_g=nothing, between=nothing, mutual={}
-        )
-
-    def _forget_answers(self):
-        self._totals.clear()
-        self._gains.clear()
+        self.reduced = replace(self.reduced, beside=None, elimination=None)
 
     def spans(self, chosen: Iterable[int]) -> dict[int, slice]:
         """Where the parameters of each of several groups lie when they are taken together."""
@@ -138,177 +149,144 @@ class Evidence:
             end = out[n].stop
         return out
 
-    def freed(self, chosen: Mapping[int, float], size: float | None = None) -> dict:
+    def freed(self, chosen: Mapping[int, Size], size: float | None = None) -> dict[int, Size]:
         """Groups n -> kappa, those of few parameters as free as `size`, or as what can happen."""
         out = {}
         for n, kappa in chosen.items():
             group = self.groups[n]
-            held = group.known or len(group) > SETTINGS.most_free
+            held = group.known or group.own is not None or len(group) > SETTINGS.most_free
             out[n] = kappa if held else group.free if size is None else size
         return out
 
-    def block(self, group: Group) -> tuple[np.ndarray | Pieces, np.ndarray]:
-        """M (p, p), of values for each image its pieces, and g (p,) of a group alone."""
+    def block(self, group: Group) -> tuple[np.ndarray, np.ndarray]:
+        """M (p, p) and g (p,) of a group of the core alone."""
         r = self.reduced
-        if group.own is None:
-            return r.M[np.ix_(group.columns, group.columns)], r.g[group.columns]
-        return r.own_matrix[group.own], r.own_g[group.own]
-
-    def alone(self, n: int) -> Spectrum:
-        """Spectrum of the n-th group."""
-        if n not in self._alone:
-            self._alone[n] = Spectrum.of(self.block(self.groups[n])[0])
-        return self._alone[n]
+        return r.M[np.ix_(group.columns, group.columns)], r.g[group.columns]
 
     def across(self, a: Group, b: Group) -> np.ndarray:
-        """M between two groups (p, q)."""
-        both = self.reduced.between_blocks(a.own, b.own)
-        both = both if a.own is not None else both[a.columns]
-        return both if b.own is not None else both[:, b.columns]
+        """M between two groups of the core (p, q)."""
+        return self.reduced.M[np.ix_(a.columns, b.columns)]
 
-    def to_core(self, chosen: Iterable[int]) -> np.ndarray:
-        """M between several groups together and the core (p, c)."""
-        r, groups = self.reduced, [self.groups[n] for n in chosen]
-        return np.concatenate(
-            [r.M[a.columns] if a.own is None else r.between[a.own] for a in groups]
-        )
+    def of_images(self, chosen: Mapping[int, Size]) -> dict[int, Size]:
+        """Of groups n -> kappa those with values for each image."""
+        return {n: kappa for n, kappa in chosen.items() if self.groups[n].own is not None}
 
-    def joint(self, chosen: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
-        """M and g of several groups together."""
-        groups = [self.groups[n] for n in chosen]
-        if not groups:
-            return np.zeros((0, 0)), np.zeros(0)
-        M = np.block([[self.across(a, b) for b in groups] for a in groups])
-        return M, np.concatenate([self.block(group)[1] for group in groups])
+    def of_core(self, chosen: Mapping[int, Size]) -> dict[int, Size]:
+        """Of groups n -> kappa those that images share."""
+        return {n: kappa for n, kappa in chosen.items() if self.groups[n].own is None}
 
-    def _vectors(self, chosen: dict[int, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """g, prior means and kappas (p,) of groups n -> kappa together."""
-        groups = [self.groups[n] for n in chosen]
-        g = np.concatenate([self.block(group)[1] for group in groups])
+    def rows(self, chosen: Mapping[int, Size]):
+        """Groups n -> kappa as rows of an elimination."""
+        return rows_of((self.groups[n], kappa) for n, kappa in chosen.items())
+
+    def _system(self, images: Mapping[int, Size]) -> Reduced:
+        """The reduced system beside values for each image."""
+        if not images:
+            return self.reduced
+        key = _key(images)
+        if key not in self._systems:
+            made = self.reduced.beside(self.rows(images))
+            _keep(self._systems, key, replace(made, beside=None, elimination=None), _SYSTEMS)
+        return self._systems[key]
+
+    def beside(self, chosen: Mapping[int, Size]) -> Beside:
+        """What groups n -> kappa leave of the core, and what they explain."""
+        key = _key(chosen)
+        if key not in self._models:
+            found = self._beside(chosen)
+            _keep(self._models, key, found, _MODELS)
+            self._sums[key] = found.fit, found.cost
+        return self._models[key]
+
+    def explained(self, chosen: Mapping[int, Size]) -> tuple[float, float]:
+        """What groups n -> kappa explain, and what they cost: their log evidence is the difference.
+
+        Both in natural logarithms.
+        """
+        key = _key(chosen)
+        if key not in self._sums:
+            self.beside(chosen)
+        return self._sums[key]
+
+    def _beside(self, chosen: Mapping[int, Size]) -> Beside:
+        r, core = self._system(self.of_images(chosen)), self.of_core(chosen)
+        fit, cost = r.fit - self.reduced.fit, r.cost - self.reduced.cost
+        if not core:
+            return Beside(r.M, r.g, fit, cost)
+        groups = [self.groups[n] for n in core]
+        at = np.concatenate([group.columns for group in groups])
+        sizes = [np.broadcast_to(k, len(g)) for g, k in zip(groups, core.values(), strict=True)]
+        kappa = np.concatenate(sizes)
         mean = np.concatenate([prior_mean(group) for group in groups])
-        return g, mean, self._sizes(chosen)
+        inside, to_core = r.M[np.ix_(at, at)], r.M[at]
+        inverse, logdet = inverted(inside + np.diag(kappa**-2.0))
+        expected = inside @ mean
+        away = r.g[at] - expected
+        step = inverse @ away
+        fit += mean @ r.g[at] - 0.5 * mean @ expected + 0.5 * away @ step
+        cost += 0.5 * logdet + float(np.log(kappa).sum())
+        theta = mean + step
+        M = r.M - to_core.T @ inverse @ to_core
+        return Beside(M, r.g - to_core.T @ theta, float(fit), float(cost))
 
-    def _sizes(self, chosen: dict[int, float]) -> np.ndarray:
-        """kappa (p,) of each parameter of groups n -> kappa."""
-        each = [np.full(len(self.groups[n]), kappa) for n, kappa in chosen.items()]
-        return np.concatenate([np.zeros(0), *each])
+    def total(self, chosen: Mapping[int, Size]) -> float:
+        """Log evidence of groups n -> kappa together."""
+        fit, cost = self.explained(chosen)
+        return fit - cost + self.prior(chosen)
 
-    def _many(self, chosen: Iterable[int]) -> int | None:
-        """The one group of many values for each image among those of a model."""
-        own = [n for n in chosen if self.groups[n].own is not None]
-        if len(own) != 1 or self.groups[own[0]].known:
-            return None
-        return own[0] if len(self.groups[own[0]]) > SETTINGS.large_group else None
-
-    def _beside(self, chosen: dict[int, float], many: int) -> BesideImages:
-        """The equations of groups n -> kappa of which one has many values for each image."""
-        r, kept = self.reduced, self._of_images
-        key = many, chosen[many]
-        if key not in kept:
-            # Of thousands of images one of them weighs some hundred megabytes.
-            while len(kept) > 1:
-                del kept[next(iter(kept))]
-            own = self.groups[many].own
-            kept[key] = OfImages(r.own_matrix[own], r.between[own], chosen[many])
-        sizes, every = self.spans(chosen), np.arange(sum(len(self.groups[n]) for n in chosen))
-        others = [n for n in chosen if n != many]
-        empty = [np.zeros(0, dtype=np.int64)]
-        rest = np.concatenate(empty + [every[sizes[n]] for n in others])
-        core = np.concatenate(empty + [self.groups[n].columns for n in others])
-        kappa = self._sizes({n: chosen[n] for n in others})
-        return BesideImages(kept[key], many, every[sizes[many]], rest, core, r.M, kappa)
-
-    def model(
-        self, chosen: dict[int, float]
-    ) -> tuple[float, np.ndarray, Together | BesideImages | None]:
-        """Log evidence of groups n -> kappa together, their parameters, and the factor."""
-        if not chosen:
-            return 0.0, np.zeros(0), None
-        g, mean, kappa = self._vectors(chosen)
-        many = self._many(chosen)
-        if many is None:
-            M, _ = self.joint(chosen)
-            factor = Together(M, kappa)
-            expected = M @ mean
-        else:
-            factor = self._beside(chosen, many)
-            expected = factor.times(mean) if mean.any() else np.zeros_like(g)
-        away = g - expected
-        step = factor.solve(away)
-        logdet = factor.logdet + 2.0 * np.log(kappa).sum()
-        total = mean @ g - 0.5 * mean @ expected + 0.5 * away @ step - 0.5 * logdet
+    def prior(self, chosen: Mapping[int, Size]) -> float:
+        """How likely groups n -> kappa are beforehand, as logarithm."""
         sizes, log_weight = effect_sizes()
+        total = 0.0
         for n, k in chosen.items():
             total += self.groups[n].log_prior
             if not self.groups[n].known:
-                total += log_weight[np.argmin(np.abs(sizes - k))]
-        return float(total), mean + step, factor
+                total += log_weight[np.argmin(np.abs(sizes - np.max(k)))]
+        return float(total)
 
-    def total(self, chosen: dict[int, float]) -> float:
-        """Log evidence of groups n -> kappa together."""
-        key = frozenset(chosen.items())
-        if key not in self._totals:
-            self._totals[key] = self.model(chosen)[0]
-        return self._totals[key]
+    def solution(self, chosen: Mapping[int, Size]) -> tuple[dict, dict]:
+        """Of groups n -> kappa together the parameters (p,) of each, and their covariance (p, p).
 
-    def in_pieces(self, chosen: Iterable[int]) -> bool:
-        """Whether a model has so many values for each image that they are taken piece by piece."""
-        own = [self.groups[n].own for n in chosen]
-        return any(n is not None and self.reduced.own_matrix[n].several for n in own)
-
-    def solution(self, chosen: dict[int, float]) -> tuple[np.ndarray, np.ndarray | csr_array]:
-        """Parameters (p,) of groups n -> kappa together, and their covariance (p, p).
-
-        The covariance is that of independent residuals: see `honest`. What the data say nothing
-        about (a focal length common to all flights, where the camera is free) is zero. Of values
-        for each image that are taken piece by piece it has the diagonal alone.
+        The covariance is that of independent residuals: see `honest`; of values for each image it
+        has the diagonal alone. What the data say nothing about (a focal length common to all
+        flights, where the camera is free) is zero.
         """
-        if not chosen:
-            return np.zeros(0), np.zeros((0, 0))
-        g, mean, kappa = self._vectors(chosen)
-        many = self._many(chosen)
-        if many is not None and self.in_pieces(chosen):
-            factor = self._beside(chosen, many)
-            away = g - (factor.times(mean) if mean.any() else 0.0)
-            step, covariance = factor.determined(away, _determined)
-            return mean + step, covariance
-        M, _ = self.joint(chosen)
-        covariance = _determined(M + np.diag(kappa**-2.0))
-        return mean + covariance @ (g - M @ mean), covariance
+        core, images = self.of_core(chosen), self.of_images(chosen)
+        theta, covariance = self._of_core(chosen) if core else (np.zeros(0), np.zeros((0, 0)))
+        spans = self.spans(core)
+        values = {n: theta[at] for n, at in spans.items()}
+        spreads = {n: covariance[at, at] for n, at in spans.items()}
+        if images:
+            whole = self.elimination(chosen)
+            number = len(whole.rows) - len(chosen)
+            for k, n in enumerate(chosen):
+                if n in images:
+                    value, variance = whole.group(number + k)
+                    values[n], spreads[n] = value, np.diag(variance)
+        return {n: values[n] for n in chosen}, {n: spreads[n] for n in chosen}
 
-    def honest(self, chosen: Iterable[int], covariance):
-        """A covariance (p, p) of groups as the spread of their scores has it."""
-        each = [np.full(len(self.groups[n]), self.inflation[n]) for n in chosen]
-        if not each:
-            return covariance
-        root = diags_array(np.sqrt(np.concatenate(each)))
-        return root @ covariance @ root
+    def elimination(self, chosen: Mapping[int, Size]) -> Elimination:
+        """The equations with groups n -> kappa, too, as rows."""
+        made = self.reduced.elimination
+        return Elimination(made.equations, made.noise, (*made.rows, *self.rows(chosen)))
 
-    def _own_given(self, chosen: Collection[int], theta, factor, k: int) -> tuple:
-        """M and g of a block of per-image columns beside groups with parameters theta.
+    def _of_core(self, chosen: Mapping[int, Size]) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (q,) and covariance (q, q) of a model's groups in the core together."""
+        core = self.of_core(chosen)
+        r, groups = self._system(self.of_images(chosen)), [self.groups[n] for n in core]
+        at = np.concatenate([group.columns for group in groups])
+        mean = np.concatenate([prior_mean(group) for group in groups])
+        sizes = [np.broadcast_to(k, len(g)) for g, k in zip(groups, core.values(), strict=True)]
+        M = r.M[np.ix_(at, at)]
+        covariance = _determined(M + np.diag(np.concatenate(sizes) ** -2.0))
+        return mean + covariance @ (r.g[at] - M @ mean), covariance
 
-        None where the block is asked no more; M alone where it keeps the spectrum it has alone.
-        """
-        r, members = self.reduced, [self.groups[n] for n in chosen]
-        inside = [a.own for a in members if a.own is not None]
-        # Of thousands of images one kind of values for each is as much as can be told apart.
-        crowded = any(r.own_matrix[i].several for i in inside)
-        if r.own_g[k] is None or k in inside or (crowded and r.own_matrix[k].several):
-            return None, None
-        g = r.own_g[k].copy()
-        for a, at in zip(members, self.spans(chosen).values(), strict=True):
-            if a.own is None:
-                g -= r.between[k][:, a.columns] @ theta[at]
-            else:
-                g -= r.across(k, a.own, theta[at])
-        if len(g) > SETTINGS.large_group:
-            return None, g
-        group = next(group for group in self.groups if group.own == k)
-        to_own = np.concatenate([self.across(a, group) for a in members])
-        return r.own_matrix[k].less(to_own.T, factor.solve(to_own)), g
+    def honest(self, n: int, covariance: np.ndarray) -> np.ndarray:
+        """A covariance (p, p) of the n-th group as the spread of its scores has it."""
+        return self.inflation[n] * covariance
 
     def given(
-        self, chosen: dict[int, float], spread: bool = False, only: int | None = None
+        self, chosen: Mapping[int, Size], spread: bool = False, only: int | None = None
     ) -> list[Gain]:
         """What every group would add to a model of groups n -> kappa; nothing of those not asked.
 
@@ -316,39 +294,92 @@ class Evidence:
         Between groups that compete only one factor for all would be fair, and that is as good as
         none.
         """
-        key = frozenset(chosen.items()), frozenset(self.barred)
+        key = _key(chosen), frozenset(self.barred)
         if not spread and key in self._gains:
             return self._gains[key]
         asked = [n for n in (range(len(self.groups)) if only is None else [only])]
         asked = [n for n in asked if n not in chosen and self.groups[n].key not in self.barred]
-        r = self.reduced
-        M, g, own = r.M, r.g, dict(enumerate(zip(r.own_matrix, r.own_g, strict=True)))
-        if chosen:
-            _, theta, factor = self.model(chosen)
-            to_core = self.to_core(chosen)
-            g = r.g - to_core.T @ theta
-            blocks = {self.groups[n].own for n in asked}
-            M = r.M - factor.taken(to_core) if None in blocks else r.M
-            own = {k: self._own_given(chosen, theta, factor, k) for k in blocks - {None}}
+        base = self.beside(chosen)
         out = [Gain(-np.inf, 1.0, 0.0)] * len(self.groups)
         for n in asked:
-            group = self.groups[n]
-            if group.own is None:
-                inside, mine = M[np.ix_(group.columns, group.columns)], g[group.columns]
-            else:
-                inside, mine = own[group.own]
-            if mine is None:
+            group, phi = self.groups[n], self.inflation[n] if spread else 1.0
+            if group.own is not None:
+                if self.reduced.beside is not None:
+                    out[n] = self._gain_of_images(chosen, n, phi)
                 continue
-            spectrum = self.alone(n) if not chosen or inside is None else Spectrum.of(inside)
-            phi = self.inflation[n] if spread else 1.0
-            if phi > 1.0:
-                spectrum, mine = Spectrum(spectrum.value / phi, spectrum.vector), mine / phi
-                inside = None if inside is None else inside / phi
-            gain = gain_of(group, inside, mine, spectrum)
+            inside = base.M[np.ix_(group.columns, group.columns)] / phi
+            mine = base.g[group.columns] / phi
+            gain = gain_of(group, inside, mine)
             out[n] = gain if group.point is None else _of_a_point(group, inside, mine, gain)
         if not spread and only is None:
             self._gains[key] = out
         return out
+
+    def _gain_of_images(self, chosen: Mapping[int, Size], n: int, phi: float) -> Gain:
+        """What values for each image add to a model.
+
+        Sizes are asked upwards, from none, as long as they do not fall far behind the best.
+        """
+        group, (fit_without, cost_without) = self.groups[n], self.explained(chosen)
+
+        def gain(size: float) -> tuple[float, float]:
+            """Log Bayes factor of a size, and what it fits: see `inflation`."""
+            fit, cost = self.explained({**chosen, n: size / np.sqrt(phi)})
+            fit = (fit - fit_without) / phi
+            return fit - (cost - cost_without), fit
+
+        if group.known:
+            value, _ = gain(1.0)
+            return Gain(value + group.log_prior, 1.0, value)
+        sizes, log_weight = effect_sizes()
+        each = np.full(len(sizes), -np.inf)
+        fits = np.zeros(len(sizes))
+        for k, size in enumerate(sizes):
+            each[k], fits[k] = gain(float(size))
+            if each[k] < each.max() - SETTINGS.model_log_odds:
+                break
+        best = int(np.argmax(each + log_weight))
+        fit = fits[best]
+        if each[best] > 0.0 and sizes[best] < SETTINGS.least_fit_size:
+            _, fit = gain(SETTINGS.least_fit_size)
+        return Gain(float(averaged(each) + group.log_prior), float(sizes[best]), float(fit))
+
+    def likeliest(self, chosen: Mapping[int, Size], n: int) -> float:
+        """The size of the n-th group of a model that makes it most likely."""
+        sizes, _ = effect_sizes()
+        each: dict[float, float] = {}
+        begin = int(np.argmin(np.abs(sizes - np.max(chosen[n]))))
+        for some in (sizes[begin:], sizes[:begin][::-1]):
+            for size in some.tolist():
+                each[size] = self.total({**chosen, n: size})
+                if each[size] < max(each.values()) - SETTINGS.model_log_odds:
+                    break
+        return max(each, key=each.get)
+
+
+def _keep(kept: dict, key: tuple, value, most: int) -> None:
+    """Keep a value, and of those before it the last ones: each weighs a megabyte."""
+    while len(kept) >= most:
+        del kept[next(iter(kept))]
+    kept[key] = value
+
+
+def _key(chosen: Mapping[int, Size]) -> tuple:
+    """A model of groups n -> kappa, whatever its order."""
+    return tuple((n, np.asarray(chosen[n], dtype=float).tobytes()) for n in sorted(chosen))
+
+
+def inverted(M: np.ndarray) -> tuple[np.ndarray, float]:
+    """Inverse (p, p) of a symmetric matrix without negative directions, and log |M|.
+
+    Scaled to a unit diagonal first; what rounding has left of a direction is not below it.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(M.diagonal(), 1e-300))
+    value, vector = eigh(scale[:, None] * M * scale, check_finite=False)
+    value = np.maximum(value, 1e-13 * max(value[-1], 1.0))
+    turned = scale[:, None] * vector
+    logdet = float(np.log(value).sum()) - 2.0 * float(np.log(scale).sum())
+    return (turned / value) @ turned.T, logdet
 
 
 def _determined(M: np.ndarray) -> np.ndarray:

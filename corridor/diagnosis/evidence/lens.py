@@ -14,15 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from corridor.diagnosis.evidence.evidence import Evidence
-from corridor.diagnosis.noise.gnss import Weight
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Antennas, Reduced
+from corridor.diagnosis.system.elimination import Rows, rows_of
 from corridor.diagnosis.system.equations import Equations
 from corridor.diagnosis.system.groups import Group
 
@@ -39,54 +36,10 @@ class Lens:
     evidence: float = 0.0
     theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def out_of(self, reduced: Reduced) -> Reduced:
-        """The candidates after the lens, too, has had its say."""
-        r, at = reduced, self.group.columns
-        factor, to_core = self.factor(r), r.M[at]
-        g = cho_solve(factor, r.g[at], check_finite=False)
-        solved = cho_solve(factor, to_core, check_finite=False)
-        own_matrix, own_g, between = list(r.own_matrix), list(r.own_g), list(r.between)
-        to_own: dict[int, np.ndarray] = {}
-        for n, with_core in enumerate(r.between):
-            if with_core is None:
-                continue
-            to_own[n] = cho_solve(factor, with_core[:, at].T, check_finite=False)
-            own_g[n] = r.own_g[n] - with_core[:, at] @ g
-            own_matrix[n] = r.own_matrix[n].less(with_core[:, at], to_own[n])
-            between[n] = with_core - with_core[:, at] @ solved
-        mutual = {
-            (i, j): both.less(r.between[i][:, at], to_own[j]) for (i, j), both in r.mutual.items()
-        }
-        M = r.M - to_core.T @ solved
-        return Reduced(M, r.g - to_core.T @ g, own_matrix, own_g, between, mutual, r.groups)
-
-    def out_of_antennas(self, antennas: Antennas, reduced: Reduced) -> Antennas:
-        """The antenna positions after the lens has had its say. reduced: before it had."""
-        a, r, at = antennas, reduced, self.group.columns
-        factor = self.factor(r)
-        turned = cho_solve(factor, a.core[:, at].T, check_finite=False)
-        own = list(a.own)
-        for n, with_core in enumerate(r.between):
-            if own[n] is not None and with_core is not None:
-                own[n] = partial(_beside, own[n], turned.T, with_core[:, at].T)
-        return Antennas(
-            Weight.of(a.P).less(a.core[:, at], turned),
-            a.rho - turned.T @ r.g[at],
-            a.core - turned.T @ r.M[at],
-            own,
-            a.under,
-        )
-
-    def factor(self, reduced: Reduced) -> tuple:
-        """Cholesky factor of its own equations."""
-        at = self.group.columns
-        inside = reduced.M[np.ix_(at, at)] + np.eye(len(at)) / self.size**2
-        return cho_factor(inside, lower=True, check_finite=False)
-
-
-def _beside(felt, left: np.ndarray, right: np.ndarray, columns: slice) -> np.ndarray:
-    """What the antenna feels of some columns, less left (3k, s) times those of right (s, p)."""
-    return felt(columns) - left @ right[:, columns]
+    @property
+    def rows(self) -> Rows:
+        """It, as a row of an elimination: what the candidates meet it has left."""
+        return rows_of([(self.group, self.size)])
 
 
 def lens_group(equations: Equations) -> Group | None:
@@ -121,15 +74,11 @@ def lens_of(evidence: Evidence, group: Group, beside: Mapping[int, float]) -> Le
     evidence: of a system in which the lens is a candidate like others.
     """
     n = evidence.number[group.key]
-    rest = {
-        k: kappa
-        for k, kappa in beside.items()
-        if not of_lens(evidence.groups[k]) and evidence.block(evidence.groups[k])[0] is not None
-    }
+    rest = {k: kappa for k, kappa in beside.items() if not of_lens(evidence.groups[k])}
     without = evidence.total(rest)
     each = {size: evidence.total(rest | {n: size}) - without for size in SETTINGS.lens_sizes}
     best = max(each, key=each.get)
     if each[best] <= 0.0:
         return None
     theta, _ = evidence.solution({**rest, n: best})
-    return Lens(group, best, each[best], theta[-len(group) :])
+    return Lens(group, best, each[best], theta[n])

@@ -29,16 +29,16 @@ def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
     if not any(_bounded(evidence.groups[n]) for n in free):
         return {}
     theta, covariance = evidence.solution(free)
-    sigma = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     out: dict[str, str] = {}
-    for n, mine in evidence.spans(free).items():
+    for n in free:
         group = evidence.groups[n]
         if not _bounded(group):
             continue
-        value, doubt = theta[mine] * group.scale, sigma[mine] * group.scale
+        sigma = np.sqrt(np.maximum(covariance[n].diagonal(), 0.0))
+        value, doubt = theta[n] * group.scale, sigma * group.scale
         beyond = (np.abs(value) - SETTINGS.implausible_sigma * doubt) / group.most
         worst = int(np.argmax(beyond))
-        within = _within(group, theta[mine], covariance[mine, mine])
+        within = _within(group, theta[n], covariance[n])
         if beyond[worst] > 1.0 and within < SETTINGS.same_fit_share:
             _, name, unit = group.labels[worst]
             unit = "" if unit == "1" else f" {unit}"

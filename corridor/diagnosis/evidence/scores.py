@@ -16,59 +16,42 @@ loglikelihood"; Carter, Schnepel and Steigerwald 2017 (how many clusters count).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve
 
 from corridor.core.adjustment import Adjustment
-from corridor.diagnosis.evidence.evidence import Evidence
-from corridor.diagnosis.evidence.lens import Lens
+from corridor.diagnosis.evidence.evidence import Evidence, inverted
 from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.noise.image import places
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Elimination, Reduced
+from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import Equations
+from corridor.diagnosis.system.groups import Group
 
 # Share of a change that is short enough to be linear, and long enough not to be rounding.
 _SHORT = 1e-3
 
 
 class Influence:
-    """What candidates move in the pictures and at the antenna once all else has followed.
+    """What candidates move in the pictures and at the antenna once all else has followed."""
 
-    reduced: of the elimination, the lens still among the candidates.
-    """
-
-    def __init__(
-        self,
-        elimination: Elimination,
-        reduced: Reduced,
-        lens: Lens | None,
-        draws: list[np.ndarray] | None = None,
-    ):
+    def __init__(self, elimination: Elimination, draws: list[np.ndarray] | None = None):
         """draws: as of `drawn`, of the same observations; default: none are made."""
         self.draws = draws or []
-        self.elimination, self.lens = elimination, lens
+        self.elimination = elimination
         self.equations = e = elimination.equations
-        self._to_lens = None if lens is None else reduced.M[lens.group.columns]
-        self._factor = None if lens is None else lens.factor(reduced)
         self._here = self._at(np.zeros(len(e.unit)))
-        core = np.zeros((len(e.at), 1))
-        if lens is not None and len(lens.theta):
-            core[lens.group.columns, 0] = lens.theta
-        # Poses and nuisance go where this noise of the GNSS has them.
-        right = elimination.right[:, None] - self._right(core)
-        first = elimination.solve(right)
-        (left,) = self._residuals(first, core)
+        # Poses and nuisance go where this noise of the GNSS has them, and a lens where it is.
+        first = elimination.solve(elimination.here)
+        (left,) = self._residuals(first, np.zeros((len(e.at), 1)))
         self.residual = np.nan_to_num(left)
-        self.antenna = e.residual - self._antenna(first, core)[:, 0]
+        self.antenna = e.residual - (elimination.jacobian @ first)[:, 0]
         self.weight = e.scales.of_observation**-2.0
 
     def moves(self, core: np.ndarray) -> Iterator[np.ndarray]:
         """Of each change of the core (c, k), in prior sigmas, what it moves: pixels (n, 2)."""
-        core = self._beside_lens(core)
-        for there in self._residuals(self.elimination.solve(-self._right(core)), core):
+        for there in self._residuals(-self.elimination.following(core), core):
             yield np.nan_to_num(self._here - there)
 
     def scores(self, b: np.ndarray) -> np.ndarray:
@@ -81,26 +64,15 @@ class Influence:
         each = [square((b * draw).sum(axis=1) * root) for draw in self.draws]
         return float(np.mean(each)) if each else None
 
-    def moved_by_images(self, own: int, values: np.ndarray) -> np.ndarray:
+    def moved_by_images(self, group: Group, values: np.ndarray) -> np.ndarray:
         """What values (p,) for each image, in prior sigmas, move in the pictures (n, 2), px."""
-        e, block = self.equations, self.equations.own[own]
-        right = (block.cross @ values)[:, None]
-        if len(e.residual):
-            heavy = self.elimination.weigh((block.antenna @ values)[:, None])
-            right = right + e.jacobian.T @ heavy
+        e = self.equations
         change = np.zeros(len(e.unit))
-        change[e.first] = self.elimination.solve(-right)[:, 0]
-        at = e.own_at[own]
-        change[at] = e.unit[at] * values
+        at = self.elimination.at
+        change[at] = -e.unit[at] * self.elimination.followed(group, values)
+        at = e.own_at[group.own]
+        change[at] += e.unit[at] * values
         return np.nan_to_num(self._here - self._after(change))
-
-    def _beside_lens(self, core: np.ndarray) -> np.ndarray:
-        """Changes of the core (c, k) with what the lens does about them."""
-        if self.lens is None:
-            return core
-        core, at = core.copy(), self.lens.group.columns
-        core[at] -= cho_solve(self._factor, self._to_lens @ core, check_finite=False)
-        return core
 
     def by_cluster(self, core: np.ndarray, cluster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scores (clusters, k) and information (clusters, k, k) of changes of the core (c, k).
@@ -130,26 +102,15 @@ class Influence:
 
     def antenna_moved(self, core: np.ndarray) -> np.ndarray:
         """What changes of the core (c, k) move at the antenna (3k, k), m."""
-        core = self._beside_lens(core)
-        return self._antenna(self.elimination.solve(-self._right(core)), core)
-
-    def _antenna(self, first: np.ndarray, core: np.ndarray) -> np.ndarray:
-        """What changes of poses and nuisance (n, k) and of the core (c, k) do to the antenna."""
-        e = self.equations
-        return e.jacobian @ first + e.core.antenna @ core
-
-    def _right(self, core: np.ndarray) -> np.ndarray:
-        e = self.equations
-        right = e.core.cross @ core
-        if len(e.residual):
-            right = right + e.jacobian.T @ self.elimination.weigh(e.core.antenna @ core)
-        return right
+        first = -self.elimination.following(core)
+        return self.elimination.jacobian @ first + self.equations.core.antenna @ core
 
     def _residuals(self, first: np.ndarray, core: np.ndarray) -> Iterator[np.ndarray]:
-        e = self.equations
+        e, at = self.equations, self.elimination.at
         for k in range(core.shape[1]):
             change = np.zeros(len(e.unit))
-            change[e.first], change[e.at] = first[:, k], e.unit[e.at] * core[:, k]
+            change[e.at] = e.unit[e.at] * core[:, k]
+            change[at] += e.unit[at] * first[:, k]
             yield self._after(change)
 
     def _after(self, change: np.ndarray) -> np.ndarray:
@@ -191,13 +152,28 @@ def drawn(adjustment: Adjustment, equations: Equations) -> list[np.ndarray]:
 
 
 def as_spread(evidence: Evidence, found: Found, threshold: float) -> Found:
-    """The model with the evidence that each group has as its scores are spread."""
-    each = dict(found.evidence)
-    for n, phi in enumerate(evidence.inflation):
-        if n in each and phi > 1.0:
-            rest = {k: kappa for k, kappa in found.chosen.items() if k != n}
-            each[n] = min(each[n] / phi, evidence.given(rest, spread=True, only=n)[n].evidence)
-    return found.beyond(each, threshold)
+    """The model with the evidence that each group has as its scores are spread.
+
+    What is then below the threshold goes, the weakest first: another may have stood back for it.
+    """
+    while True:
+        each = dict(found.evidence)
+        for n, phi in enumerate(evidence.inflation):
+            if n in each and phi > 1.0:
+                rest = {k: kappa for k, kappa in found.chosen.items() if k != n}
+                spread = evidence.given(rest, spread=True, only=n)[n].evidence
+                each[n] = min(each[n] / phi, spread)
+        below = [n for n in each if not each[n] > threshold and n not in found.kept]
+        if len(below) < 2:
+            return found.beyond(each, threshold)
+        weakest = min(below, key=lambda n: found.evidence[n] / evidence.inflation[n])
+        rest = {k: kappa for k, kappa in found.chosen.items() if k != weakest}
+        again = Found.of(evidence, rest, found.kept)
+        before = {n: found.evidence[n] for n in rest}
+        # What was held against noise stays so, unless the one that goes has stood in its place.
+        found = replace(
+            again, evidence={n: max(before[n], again.evidence[n]) for n in rest}
+        ).ordered
 
 
 def inflation_of_scores(
@@ -214,14 +190,21 @@ def inflation_of_scores(
     there = [n for n in model if groups[n].point is None]
     beside = {n: SETTINGS.free_size for n in there if groups[n].own is None}
     out = _of_shared(influence, evidence, beside)
-    asked = [n for n in there if out[n] > 0.0]
     for n in there:
         if groups[n].own is not None:
             out[n] = _within_images(influence, evidence, n)
+    asked = [n for n in there if out[n] > 0.0]
     for n in np.flatnonzero(out == 0.0):
-        alike = [out[k] for k in asked if groups[k].effect.place == groups[n].effect.place]
+        alike = [out[k] for k in asked if _alike(groups[k], groups[n])]
         out[n] = float(np.median(alike)) if alike and groups[n].point is None else 1.0
     return out
+
+
+def _alike(one: Group, other: Group) -> bool:
+    """Whether two groups show alike: both in each image for itself, or shared and in one place."""
+    if one.own is not None or other.own is not None:
+        return one.own is not None and other.own is not None
+    return one.effect.place == other.effect.place
 
 
 def _of_shared(influence: Influence, evidence: Evidence, beside: dict[int, float]) -> np.ndarray:
@@ -250,8 +233,8 @@ def _of_shared(influence: Influence, evidence: Evidence, beside: dict[int, float
 def _within_images(influence: Influence, evidence: Evidence, n: int) -> float:
     """Factor of values for each image: by places of one picture, about what that image says."""
     group = evidence.groups[n]
-    _, theta, _ = evidence.model({n: SETTINGS.least_fit_size})
-    b = influence.moved_by_images(group.own, theta)
+    theta, _ = evidence.solution({n: SETTINGS.least_fit_size})
+    b = influence.moved_by_images(group, theta[n])
     image = influence.equations.system.image_rows.image
     place = clusters(influence.equations)[1]
     return max(1.0, _ratio(influence, b, place, image)[0])
@@ -314,7 +297,7 @@ def _estimate(evidence: Evidence, n: int, beside: dict[int, float]) -> np.ndarra
     """Parameters (p,) of a group of the size at which a fit is judged, beside others n -> kappa."""
     rest = {k: kappa for k, kappa in beside.items() if k != n}
     theta, _ = evidence.solution(rest | {n: SETTINGS.least_fit_size})
-    return theta[-len(evidence.groups[n]) :]
+    return theta[n]
 
 
 def responding(
@@ -325,16 +308,16 @@ def responding(
     beside: groups n -> kappa that images share. Also M (p, p) and g (p,) that they leave.
     """
     group, rest = evidence.groups[n], {k: v for k, v in beside.items() if k != n}
-    M, g = evidence.block(group)
-    core = np.zeros((len(evidence.reduced.g), len(group)))
+    left, r = evidence.beside(rest), evidence.reduced
+    core = np.zeros((len(r.g), len(group)))
     core[group.columns] = np.eye(len(group))
     if rest:
-        _, theta, factor = evidence.model(rest)
-        across = np.concatenate([evidence.across(evidence.groups[k], group) for k in rest])
-        response = factor.solve(across)
-        core[np.concatenate([evidence.groups[k].columns for k in rest])] = -response
-        M, g = M - across.T @ response, g - across.T @ theta
-    return core, M, g
+        at = np.concatenate([evidence.groups[k].columns for k in rest])
+        sizes = [np.broadcast_to(v, len(evidence.groups[k])) for k, v in rest.items()]
+        inverse, _ = inverted(r.M[np.ix_(at, at)] + np.diag(np.concatenate(sizes) ** -2.0))
+        core[at] = -inverse @ r.M[np.ix_(at, group.columns)]
+    columns = group.columns
+    return core, left.M[np.ix_(columns, columns)], left.g[columns]
 
 
 def clusters(equations: Equations) -> list[np.ndarray]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged, effect_sizes
+from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -154,11 +154,8 @@ def _named(evidence, chosen):
 def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
     """The best kappa of each group given the others."""
     for n in list(chosen):
-        group = evidence.groups[n]
-        if group.known or len(group) > SETTINGS.most_tuned:
-            continue
-        totals = {float(k): evidence.total(chosen | {n: float(k)}) for k in effect_sizes()[0]}
-        chosen = chosen | {n: max(totals, key=totals.get)}
+        if not evidence.groups[n].known:
+            chosen = chosen | {n: evidence.likeliest(chosen, n)}
     return chosen
 
 
@@ -198,23 +195,21 @@ def thresholds(evidence: Evidence, level: float, rng: np.random.Generator) -> di
 
 
 def largest_of_null(evidence: Evidence, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Largest evidence (draws,) over all groups in blocks without an effect.
+    """Largest evidence (draws,) over all groups that images share, in blocks without an effect.
 
-    Blocks of per-image columns are drawn apart from the core: they share little with it.
+    Values for each image are many, and in such a block their Bayes factor is far below one; beyond
+    e^T it is by a chance of e^-T at most, whatever there is (Good 1950).
     """
     r = evidence.reduced
     # No effect at all has the evidence zero.
     largest = np.zeros(draws)
     whole = Spectrum.of(r.M)
     core = whole.vector @ (np.sqrt(whole.value)[:, None] * rng.standard_normal((len(r.M), draws)))
-    for n, group in enumerate(evidence.groups):
-        if group.known or not len(group):
+    for group in evidence.groups:
+        if group.known or group.own is not None or not len(group):
             continue
-        spectrum = evidence.alone(n)
-        if group.own is None:
-            h = spectrum.vector.T @ core[group.columns]
-        else:
-            h = np.sqrt(spectrum.value)[:, None] * rng.standard_normal((len(group), draws))
+        spectrum = Spectrum.of(evidence.block(group)[0])
+        h = spectrum.vector.T @ core[group.columns]
         found = averaged(spectrum.log_bayes(h)) + group.log_prior
         np.maximum(largest, found, out=largest)
     return largest

@@ -9,6 +9,7 @@ from corridor.core.block import Block
 from corridor.diagnosis.findings.findings import Findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Course
+from corridor.diagnosis.settings import Settings
 
 
 @dataclass(repr=False)
@@ -24,6 +25,7 @@ class Diagnosed:
     effects that cannot be told apart, one. rivals: error with each of the others, over that with
     the one that was found, of `check` points and of held-out `tie` points.
     doubts: what is probably a mistake in the block, seen at first sight; among the notes too.
+    settings: the numbers by which it was decided.
     required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
     """
 
@@ -46,6 +48,7 @@ class Diagnosed:
     level: float = 0.01
     seed: int = 0
     required: float | None = None
+    settings: Settings = field(default_factory=Settings)
 
     @property
     def verdict(self) -> str:

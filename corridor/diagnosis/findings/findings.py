@@ -29,6 +29,8 @@ class Estimate:
     with values for each image, their root mean square, and values has those of the images.
     alternatives: slugs that cannot be told apart from it. separate: what would. key, rivals: of
     its group, and of theirs (see `Group`). instead: control points that may be wrong in its place.
+    change: of a flight but the first, its parameters less those of the flight before, with the
+    sigma of that difference.
     """
 
     slug: str
@@ -42,6 +44,7 @@ class Estimate:
     rivals: list[str] = field(default_factory=list)
     values: EffectValues | None = None
     instead: str = ""
+    change: list[dict] = field(default_factory=list)
 
     def or_instead(self, points: str) -> None:
         """Other control points may be wrong in its place."""
@@ -58,6 +61,7 @@ class Estimate:
             "cannot_be_told_apart_from": self.alternatives,
             **self.where,
             **({"or_instead": self.instead} if self.instead else {}),
+            **({"change_from_flight_before": self.change} if self.change else {}),
         }
         if self.values is not None:
             out |= {"group": self.values.kind, "values": self.values.to_json()}

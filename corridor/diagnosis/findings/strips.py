@@ -22,18 +22,19 @@ from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.scores import Influence, responding
 from corridor.diagnosis.rounds import Round
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Elimination
 
 
 @dataclass(frozen=True)
 class ByStrips:
     """A group as the strips see it.
 
-    count: strips, or parts of them. sigma: (p,) by the jackknife, in prior standard deviations.
+    count: strips, or parts of them. left (count, p): parameters without each, in prior standard
+    deviations. sigma: (p,) by the jackknife.
     gain (count,): log likelihood by which each is predicted better with what the others say.
     """
 
     count: int
+    left: np.ndarray
     sigma: np.ndarray
     gain: np.ndarray
 
@@ -53,8 +54,7 @@ def by_strips(one: Round) -> dict[int, ByStrips]:
     strips = strips_of(one.equations.system.block)
     if not asked or len(strips) < SETTINGS.fewest_strips:
         return {}
-    elimination = Elimination(one.equations, one.noise)
-    influence = Influence(elimination, elimination.shared(), one.lens)
+    influence = Influence(evidence.reduced.elimination)
     of_file = np.empty(len(one.equations.system.images.names), dtype=np.int64)
     for number, (_, rows) in enumerate(strips):
         of_file[rows] = number
@@ -84,9 +84,13 @@ def of_group(
     score = score + inside @ influence.equations.core.value[group.columns]
     left, gain = [], []
     held = np.diag(group.free**-2.0)
+    # What the data do not determine, as what values of flights have in common where the camera has
+    # it too, is left where it is: the sigma is that of their differences.
+    value, vector = np.linalg.eigh(0.5 * (M + M.T))
+    known = vector[:, value > SETTINGS.blind_information]
     for s, m in zip(score, inside, strict=True):
-        theta = np.linalg.solve(M - m + held, g - s)
+        theta = known @ (known.T @ np.linalg.solve(M - m + held, g - s))
         left.append(theta)
         gain.append(theta @ s - 0.5 * theta @ m @ theta)
     sigma = np.array([jackknife(values) for values in np.array(left).T])
-    return ByStrips(len(score), sigma, np.array(gain))
+    return ByStrips(len(score), np.array(left), sigma, np.array(gain))

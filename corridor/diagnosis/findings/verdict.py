@@ -14,9 +14,10 @@ import numpy as np
 
 from corridor.core.block import Block
 from corridor.core.effects import EffectValues
-from corridor.core.geometry import honest
+from corridor.core.geometry import honest, jackknife
+from corridor.diagnosis.evidence.beside_noise import signs
 from corridor.diagnosis.evidence.blunders import Wrong
-from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
 from corridor.diagnosis.evidence.search import Found, tuned
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.findings.location import locate
@@ -24,6 +25,9 @@ from corridor.diagnosis.findings.strips import ByStrips, by_strips
 from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
+
+# Random signs that tell how much an image's values are seen: to a few per cent.
+_SIGNS = 24
 
 
 def findings(course: Course) -> Findings:
@@ -61,9 +65,10 @@ def in_place_of(found: Findings, one: Round, key: str, shape: int) -> Findings:
     rest = {k: v for k, v in one.found.chosen.items() if k != n}
     gain = evidence.given(rest)[shape]
     theta, _ = evidence.solution(rest | {shape: gain.kappa})
+    theta = theta[shape]
     alike = list(dict.fromkeys([gone[0].slug, *gone[0].alternatives]))
     new = Unknown(group.slug, "unknown", gain.evidence, alike=alike)
-    unknown = [*found.unknown, _at(one, new, shape, theta[-len(group) :])]
+    unknown = [*found.unknown, _at(one, new, shape, theta)]
     return Findings([e for e in found.effects if e.key != key], unknown)
 
 
@@ -128,12 +133,7 @@ def parameters(one: Round) -> tuple[dict, dict]:
     if any(one.noises.touches(n) > SETTINGS.gnss_share for n in chosen):
         found = one.noises.parameters(loose, one.noise, np.random.default_rng(0))
     theta, covariance = found or evidence.solution(loose)
-    covariance = evidence.honest(loose, covariance)
-    spans = evidence.spans(chosen)
-    return (
-        {n: theta[at] for n, at in spans.items()},
-        {n: covariance[at, at] for n, at in spans.items()},
-    )
+    return theta, {n: evidence.honest(n, spread) for n, spread in covariance.items()}
 
 
 def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None) -> list[Estimate]:
@@ -162,14 +162,41 @@ def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None
     if group.own is not None:
         return [_of_images(made, group, one.equations.system.block, theta, sigma)]
     cameras = len(one.equations.system.images.camera_names)
+    changes = _changes(group, theta, spread, strips) if group.effect.group == "flight" else {}
     return [
         replace(
             made,
             parameters=rows_of(group, owner, theta, sigma, formal),
             where=_where(group, owner, cameras),
+            change=changes.get(owner, []),
         )
         for owner in dict.fromkeys(owner for owner, *_ in group.labels)
     ]
+
+
+def _changes(group: Group, theta, spread, strips: ByStrips | None) -> dict[str, list[dict]]:
+    """Of each flight but the first, its parameters less those of the flight before.
+
+    theta (p,): in the parameters' units; spread (p, p): in prior standard deviations. What all
+    flights have in common may be the camera's, and unknown; how they differ is not.
+    """
+    owners = list(dict.fromkeys(owner for owner, *_ in group.labels))
+    at = {(owner, name): k for k, (owner, name, _) in enumerate(group.labels)}
+    out: dict[str, list[dict]] = {}
+    for before, owner in zip(owners, owners[1:], strict=False):
+        rows = []
+        for mine, name, unit in group.labels:
+            if mine != owner or (before, name) not in at:
+                continue
+            k, b = at[owner, name], at[before, name]
+            sigma = np.sqrt(max(spread[k, k] + spread[b, b] - 2.0 * spread[k, b], 0.0))
+            if strips is not None:
+                left = jackknife(strips.left[:, k] - strips.left[:, b])
+                sigma = honest(sigma, left, strips.count - 1)
+            value, sigma = float(theta[k] - theta[b]), float(sigma * group.scale[k])
+            rows.append({"name": name, "value": value, "sigma": sigma, "unit": unit})
+        out[owner] = rows
+    return out
 
 
 def rows_of(group: Group, owner: str, value, sigma, formal) -> list[dict]:
@@ -250,13 +277,19 @@ def shapes(one: Round, key: str) -> list[int]:
     gains = evidence.given({k: v for k, v in chosen.items() if k != n})
 
     def beyond(k):
-        grown = max(gains[k].kappa, SETTINGS.least_fit_size) ** 2 * evidence.alone(k).value
+        value = Spectrum.of(evidence.block(evidence.groups[k])[0]).value
+        grown = max(gains[k].kappa, SETTINGS.least_fit_size) ** 2 * value
         return gains[k].fit - 0.5 * np.sum(grown / (1.0 + grown))
 
+    if evidence.groups[n].own is not None:
+        return []
     out = {
         k: beyond(k)
         for k, group in enumerate(evidence.groups)
-        if group.generic and k not in chosen and np.isfinite(gains[k].evidence)
+        if group.generic
+        and group.own is None
+        and k not in chosen
+        and np.isfinite(gains[k].evidence)
     }
     mine = beyond(n)
     return sorted(
@@ -296,13 +329,17 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
     for n, group in enumerate(evidence.groups):
         if group.generic:
             continue
-        M = evidence.block(group)[0] / evidence.inflation[n]
         mine = out.setdefault(group.slug, {})
         if group.own is not None:
             names = list(dict.fromkeys(label[1] for label in group.labels))
             for name in names:
                 rows = [k for k, label in enumerate(group.labels) if label[1] == name]
-                power = np.sqrt(0.5 * M[np.ix_(rows, rows)].square())
+                sign = np.zeros((len(group), _SIGNS))
+                sign[rows] = signs(len(rows), _SIGNS)
+                moved, _ = evidence.reduced.elimination.spread(group, sign)
+                # The mean of z'M'Mz is the sum of squares of M.
+                power = np.sqrt(0.5 * np.mean((moved[rows] ** 2).sum(axis=0)))
+                power /= evidence.inflation[n]
                 scale = group.scale[rows[0]]
                 mine[name] = (
                     float(np.sqrt(SETTINGS.detection_sigma / power) * scale)
@@ -310,6 +347,7 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
                     else None
                 )
             continue
+        M = evidence.block(group)[0] / evidence.inflation[n]
         times = through_noise if _like_noise(one, n) else SETTINGS.detection_sigma
         sigma = np.sqrt(np.diag(np.linalg.inv(M + np.eye(len(M)))))
         for k, (_, name, _) in enumerate(group.labels):

@@ -24,17 +24,13 @@ from corridor.core.geometry import (
     robust_scale,
     robust_scale_of_lengths,
 )
-from corridor.diagnosis.noise.gnss import (
-    GnssNoise,
-    Likelihood,
-    Weight,
-    in_pieces,
-    stated_noise,
-)
+from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
+from corridor.diagnosis.noise.likelihood import Arguments, estimate, value_of
 from corridor.diagnosis.replicates.linear_fits import LinearFits, Measured
 from corridor.diagnosis.replicates.statistics import Fit
-from corridor.diagnosis.system.elimination import Elimination
-from corridor.diagnosis.system.equations import take_apart
+from corridor.diagnosis.system.elimination import Elimination, Rows, rows_of
+from corridor.diagnosis.system.equations import Columns, Equations, take_apart
+from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.held_out import spared
 
 if TYPE_CHECKING:
@@ -46,6 +42,8 @@ GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6,
 ENOUGH_EPOCHS = 12
 # Gain in log likelihood from which on slow noise is believed: a chance of one in seven.
 CLEARLY = 2.0
+# Prior standard deviation, m, m/s, s of what is left free.
+FREE = 1e4
 # Weight, in degrees of freedom, of a stated standard deviation where few residuals tell.
 TRUST = 20.0
 # Share of the tie observations that no fit uses.
@@ -144,53 +142,72 @@ def antenna_noise(system: LinearSystem, tie_sigma: float) -> GnssNoise | None:
     rows = system.image_rows
     sigma = np.where(rows.tie, tie_sigma * rows.sigma, rows.sigma)
     loss = system.loss._replace(width=system.loss.width / tie_sigma)
-    system = replace(system.measuring(sigma=sigma), loss=loss)
-    noise, signals = stated_noise(system), _signals(system)
-    eliminated = Elimination(take_apart(replace(system, gnss_counts=False), []), None)
-    weight, left, *_ = eliminated.antennas()
-    for block in noise.blocks():
-        at = block[0]
-        stated = noise.stated[at]
-        v = left[at] * stated
-        usual = robust_scale(v, centred=True, least=1e-9)
-        rho = np.clip(v, -CLIPPED * usual, CLIPPED * usual) / stated
-        mine = np.zeros_like(signals)
-        mine[at] = signals[at]
-        moved = eliminated.weight(mine)[at]
-        inverse = np.linalg.pinv(signals[at].T @ moved, rcond=1e-10, hermitian=True)
-        P = weight.part(at).less(moved @ inverse, moved.T)
-        rho = rho - moved @ inverse @ (signals[at].T @ rho)
-        noise = _of_block(noise, P, rho, block)
-    return noise
+    noise, seen = stated_noise(system), system.gnss.residual
+    usual = [robust_scale(seen.ravel()[at], centred=True, least=1e-9) for at, *_ in noise.blocks()]
+    cut = seen.ravel().copy()
+    for size, (at, *_) in zip(usual, noise.blocks(), strict=True):
+        cut[at] = np.clip(cut[at], -CLIPPED * size, CLIPPED * size)
+    given = system.gnss.given + cut.reshape(-1, 3) - seen
+    system = replace(system.measuring(sigma=sigma, gnss=given), loss=loss)
+    e, shapes = _with_signals(take_apart(replace(system, gnss_counts=False), []), _signals(system))
+    sizes = [
+        size / np.sqrt(np.mean(noise.stated[at] ** 2))
+        for size, (at, *_) in zip(usual, noise.blocks(), strict=True)
+    ]
+    return _white_or_slow(e, shapes, noise, np.maximum(sizes, 1e-3))
 
 
-def _of_block(noise: GnssNoise, P: Weight, rho: np.ndarray, block: tuple) -> GnssNoise:
-    """The noise with that of one flight and axis, of which P and rho are left."""
-    rows, flight, axis = block
-    stated, time = noise.stated[rows], np.sort(noise.time[rows // 3])
-    parts = in_pieces(noise.time[rows // 3])
-    free = float(sum(P.part(at).toarray().diagonal() @ stated[at] ** 2 for at in parts))
-    square = float(rho @ (stated**2 * rho))
-    white = noise.white.copy()
-    if free < ENOUGH_EPOCHS:
-        # Too few to estimate anything from alone: what is stated counts too.
-        white[flight, axis] = np.sqrt((TRUST + square) / (TRUST + free))
-        return replace(noise, white=white)
-    size = np.sqrt(square / free) or 1.0
-    step = float(np.median(np.diff(time))) or 1.0
-    factor = 1e-3 * size, 10 * size
-    bounds = factor, factor, (2 * step, max(0.5 * float(np.ptp(time)), 3 * step))
-    likelihood = Likelihood(noise, P, rho, [block], own=True, bounds=bounds)
-    starts = [np.log([0.8 * size, 0.4 * size, many * step]) for many in (4.0, 20.0)]
-    best = min((likelihood.minimum(x) for x in starts), key=lambda found: found.fun)
-    none = likelihood.low[1:]
-    most = np.array([likelihood.high[0], *none])
-    alone = likelihood.minimum(np.array([np.log(size), *none]), high=most)
-    if alone.fun - best.fun < 2 * CLEARLY:
+def _with_signals(e: Equations, signals: np.ndarray) -> tuple[Equations, Rows]:
+    """Equations with signals (3k, q) of the antenna as columns, and these as rows: left free."""
+    count = signals.shape[1]
+    nothing = np.zeros(count)
+    core = Columns(np.zeros((len(e.right), count)), np.diag(nothing), nothing, signals, nothing)
+    labels = [("block", str(k), "m") for k in range(count)]
+    at, scale = np.arange(count), np.ones(count)
+    group = Group("signals", every_effect()[0], None, at, scale, labels)
+    return replace(e, core=core, at=at, own=[], between=[], own_at=[], mutual={}, kept={}), rows_of(
+        [(group, FREE)]
+    )
+
+
+def _white_or_slow(e: Equations, shapes: Rows, noise: GnssNoise, sizes: np.ndarray) -> GnssNoise:
+    """The noise of each flight and axis, slow only where the data speak for it.
+
+    sizes (blocks,): of the residuals in stated standard deviations.
+    """
+    steps = [np.median(np.diff(np.sort(noise.time[at // 3]))) or 1.0 for at, *_ in noise.blocks()]
+    spans = [np.ptp(noise.time[at // 3]) for at, *_ in noise.blocks()]
+    step = float(np.min(steps)) if np.isfinite(steps).all() else 1.0
+    factor = 1e-3 * float(sizes.min()), 10.0 * float(sizes.max())
+    bounds = factor, factor, (2 * step, max(0.5 * float(np.max(spans)), 3 * step))
+    arguments = Arguments(noise, bounds)
+    count, flights = len(sizes), len(arguments.flights)
+    few = [len(at) < ENOUGH_EPOCHS for at, *_ in noise.blocks()]
+    starts = [
+        np.log(np.concatenate([0.8 * sizes, 0.4 * sizes, np.full(flights, many * step)]))
+        for many in (4.0, 20.0)
+    ]
+    best = min((estimate(e, shapes, arguments, x) for x in starts), key=lambda one: one.value)
+    slow = slice(count, 2 * count)
+    for n in range(count):
+        x = best.x.copy()
+        x[n] = 0.5 * np.logaddexp(2 * x[n], 2 * x[count + n])
+        x[count + n] = arguments.low[count + n]
+        alone = value_of(Elimination(e, arguments.noise_at(x), shapes), arguments, x)
         # Slow noise that is not there would make the bands wide where drifts would show.
-        white[flight, axis] = np.exp(alone.x[0])
-        return replace(noise, white=white)
-    return likelihood.noise_at(best.x, noise)
+        if few[n] or alone - best.value < 2 * CLEARLY:
+            arguments.high[count + n] = arguments.low[count + n]
+    best = estimate(e, shapes, arguments, best.x)
+    white = best.x[slow] <= arguments.low[slow]
+    coloured, factors = best.noise.coloured.copy(), best.noise.white.copy()
+    for n, (at, f, axis) in enumerate(noise.blocks()):
+        if white[n]:
+            coloured[f, axis] = 0.0
+        if few[n]:
+            # Too few to estimate anything from alone: what is stated counts too.
+            told = len(at) * factors[f, axis] ** 2
+            factors[f, axis] = np.sqrt((TRUST + told) / (TRUST + len(at)))
+    return replace(best.noise, white=factors, coloured=coloured)
 
 
 def _signals(system: LinearSystem) -> np.ndarray:

@@ -59,9 +59,9 @@ class Signatures:
         raw += gnss.jacobian.power(2).T @ self._weight
 
         eliminated = Elimination(e, None)
-        M, _, _ = eliminated.core()
+        M, _ = eliminated.core
         # What poses and the model follow of each column: N_xx^-1 N_xb.
-        self._followed = eliminated.following(e.core)
+        self._followed = eliminated.following(np.eye(len(e.at)))
         self._first, self._core, self._unit = e.first, e.at, e.unit[e.at]
         size = np.sqrt(raw[e.at]) * self._unit
         self.names: list[str] = []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from corridor.core.effects import Effect
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate
@@ -22,6 +24,9 @@ MOST = 4
 CLEAR = 2.0
 # A size that changes by less than this share has not changed.
 SAME = 0.02
+# Standard deviations by which check points are off, RMS, from which on that is told beside
+# "nothing": by chance, of three coordinates of one point, one in 100,000 (chi square of 27).
+OFF = 3.0
 # Limits of detection told when nothing is missing.
 LIMITS = 3
 
@@ -40,14 +45,14 @@ def sentence(diagnosis: Diagnosed) -> str:
 
 def _named(d: Diagnosed) -> str:
     firm = [one for one in d.findings.effects if one.kind == "named"]
-    told = _told(firm)
+    told = _told(d, firm)
     if len(told) == 1:
         (name, values) = told[0]
         text = f"{upper(name)} is missing from the model{f': {values}' if values else ''}."
     else:
         parts = [f"{name} ({values})" if values else name for name, values in told]
         text = f"{upper(listed(parts))} are missing from the model."
-    either = [_either(alike) for alike in _ambiguities(d)]
+    either = [_either(d, alike) for alike in _ambiguities(d)]
     beside = [f"Beside {'it' if len(told) == 1 else 'them'}, either {both}." for both in either]
     if any(one.kind == "unknown" for one in d.findings.unknown):
         beside.append(f"Something outside the catalogue is there too: {_places(d)}.")
@@ -56,11 +61,13 @@ def _named(d: Diagnosed) -> str:
 
 def _ambiguous(d: Diagnosed) -> str:
     first, *others = _ambiguities(d)
-    text = f"Either {_either(first)} is missing from the model; this flight cannot tell them apart"
+    text = (
+        f"Either {_either(d, first)} is missing from the model; this flight cannot tell them apart"
+    )
     text += f". What would: {first[0].separate}." if first[0].separate else "."
     more = [alike for alike in others if alike[0].slug not in first[0].alternatives]
     if more:
-        text += f" Also missing: {listed(_either(alike) for alike in more)}."
+        text += f" Also missing: {listed(_either(d, alike) for alike in more)}."
     if any(one.kind == "unknown" for one in d.findings.unknown):
         text += f" Something outside the catalogue is there too: {_places(d)}."
     return f"{text} {_effect_of_adding(d, 1 + len(more), 'one of them')}"
@@ -68,7 +75,7 @@ def _ambiguous(d: Diagnosed) -> str:
 
 def _unknown(d: Diagnosed) -> str:
     text = f"Something outside the catalogue is missing from the model: {_places(d)}."
-    known = effects_by_slug()
+    known = effects_by_slug(d.block)
 
     def called(key):
         slugs = dict.fromkeys(slug for one in d.findings.unknown for slug in getattr(one, key))
@@ -88,7 +95,7 @@ def _unknown(d: Diagnosed) -> str:
 
 def _looks_like(d: Diagnosed) -> list[str]:
     """Named effects that show as an unknown does and lack a column: which, and what to hand in."""
-    known, lacking = effects_by_slug(), {}
+    known, lacking = effects_by_slug(d.block), {}
     for one in d.untestable:
         effect = known[one["slug"]]
         if any(_alike(known[shape.group], effect) for shape in d.findings.unknown):
@@ -111,25 +118,44 @@ def _alike(shape: Effect, effect: Effect) -> bool:
 
 
 def _suspected(d: Diagnosed) -> str:
-    told = _told([one for one in d.findings.effects if one.kind == "suspected"])
+    told = _told(d, [one for one in d.findings.effects if one.kind == "suspected"])
     parts = [f"{name} ({values})" if values else name for name, values in told]
     if d.findings.unknown:
         parts.append(f"something outside the catalogue ({_places(d)})")
     return (
         f"Nothing is missing for certain; suspected is {listed(parts)}. "
         f"{100 * (1 - d.level):.3g} % certainty is not reached, so nothing was changed: look at "
-        "it in the next flight."
+        f"it in the next flight.{_off(d)}"
     )
 
 
 def _nothing(d: Diagnosed) -> str:
     text = "Nothing is missing from the model that this flight could show."
+    text += _off(d)
     limits = seen_best(d)
     if limits:
-        text += f" The smallest that would have been seen: {'; '.join(limits)}."
+        text += f" Would have been seen: {'; '.join(limits)}."
     for alarm in d.alarms[:1]:
         text += f" But the image noise is uneven: {alarm['where']}."
     return text
+
+
+def _off(d: Diagnosed) -> str:
+    """What check points say that nothing found explains; nothing where they are off by chance."""
+    sigmas, error = d.gap.get("check_sigmas"), d.gap["check_m"]
+    if not sigmas or not error or sigmas["after"] < OFF:
+        return ""
+    text = (
+        f" But check points are off by {amount(error['after'], 'm')}, {sigmas['after']:.1f} times "
+        "their standard deviations"
+    )
+    if not len(d.block.gnss):
+        return f"{text}: something bends the block that these images do not show."
+    return (
+        f"{text}. An error that GNSS positions share, or that changes slowly, counts as their "
+        "noise here: `corridor adjust BLOCK --effect gnss_bias` estimates it; control at both ends "
+        "of the flight would show it."
+    )
 
 
 def seen_best(d: Diagnosed) -> list[str]:
@@ -144,14 +170,14 @@ def seen_best(d: Diagnosed) -> list[str]:
                 found.append((limit / parameter.scale, effect, parameter, limit))
     found.sort(key=lambda one: one[0])
     return [
-        f"{effect.called}, {parameter.name} {amount(limit, parameter.unit)}"
+        f"{effect.called} from {parameter.name} {amount(limit, parameter.unit)} on"
         for _, effect, parameter, limit in found[:LIMITS]
     ]
 
 
-def _told(estimates: list[Estimate]) -> list[tuple[str, str]]:
+def _told(d: Diagnosed, estimates: list[Estimate]) -> list[tuple[str, str]]:
     """What each effect is called, and its values; of flights or cameras apart, once."""
-    known, out = effects_by_slug(), []
+    known, out = effects_by_slug(d.block), []
     for slug in dict.fromkeys(one.slug for one in estimates):
         mine = [one for one in estimates if one.slug == slug]
         if len(mine) == 1:
@@ -162,6 +188,11 @@ def _told(estimates: list[Estimate]) -> list[tuple[str, str]]:
             continue
         parts = []
         for one in mine:
+            if known[slug].stands_in_for and any(each.change for each in mine):
+                # What flights have in common may be the camera's: how they differ is known.
+                changed = _values(replace(one, parameters=one.change)) if one.change else ""
+                parts.append(f"from flight {one.where['flight']} on {changed} more" * bool(changed))
+                continue
             values = _values(one)
             parts.append(f"{listed(one.where.values())}: {values}" if values else "")
         out.append((known[slug].called, "; ".join(part for part in parts if part)))
@@ -198,17 +229,17 @@ def _ambiguities(d: Diagnosed) -> list[list[Estimate]]:
     return list(out.values())
 
 
-def _either(estimates: list[Estimate]) -> str:
+def _either(d: Diagnosed, estimates: list[Estimate]) -> str:
     """An effect with its values, or its look-alikes."""
-    known = effects_by_slug()
-    mine = listed(f"{name} ({values})" if values else name for name, values in _told(estimates))
+    known = effects_by_slug(d.block)
+    mine = listed(f"{name} ({values})" if values else name for name, values in _told(d, estimates))
     others = [known[slug].called for slug in estimates[0].alternatives]
     instead = [f"of {one.instead}" for one in estimates[:1] if one.instead]
     return " or ".join([mine, *instead, *others])
 
 
 def _places(d: Diagnosed) -> str:
-    known = effects_by_slug()
+    known = effects_by_slug(d.block)
     return "; ".join(f"{known[one.group].called}, {one.where}" for one in d.findings.unknown)
 
 

@@ -8,7 +8,7 @@ GNSS is kept apart: its noise is coloured.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -50,7 +50,7 @@ class Equations:
     owner (n,): position of the image to which each of the poses and nuisance belongs, -1 of what
     images share. first (n,), at (c,), own_at: numbers of the poses and nuisance, of the core, and
     of the blocks, among the system's columns, and unit of all of these. free_motions: (n, 7) of a
-    block that nothing holds, else None.
+    block that nothing holds, else None. kept: by those who solve these equations.
     """
 
     system: LinearSystem
@@ -70,6 +70,7 @@ class Equations:
     scales: Scales | None = None
     free_motions: np.ndarray | None = None
     pixels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    kept: dict = field(default_factory=dict)
 
     @cached_property
     def residual(self) -> np.ndarray:
@@ -81,10 +82,58 @@ class Equations:
         """Standard deviations (3k,), m, of the antenna positions as gnss.csv has them."""
         return self.system.gnss.sigma.ravel()
 
+    @cached_property
+    def without(self) -> tuple[np.ndarray, np.ndarray]:
+        """Right side (n,) of poses and nuisance, and residuals of the antenna (3k,), of no effect.
+
+        What has been estimated of candidates is put back: all that is tested counts as missing.
+        """
+        blocks = [self.core, *self.own]
+        right = self.right + sum(np.asarray(b.cross @ b.value) for b in blocks)
+        return right, self.residual + sum(np.asarray(b.antenna @ b.value) for b in blocks)
+
+    @cached_property
+    def core_without(self) -> np.ndarray:
+        """Right side (c,) of the core, of no effect."""
+        out = self.core.right + self.core.inside @ self.core.value
+        for to_core, block in zip(self.between, self.own, strict=True):
+            out = out + to_core.T @ block.value
+        return out
+
+    @cached_property
+    def own_without(self) -> list[np.ndarray]:
+        """Right side (p,) of each block of per-image columns, of no effect."""
+        out = []
+        for n, block in enumerate(self.own):
+            mine = block.right + block.inside @ block.value + self.between[n] @ self.core.value
+            for k, other in enumerate(self.own):
+                if k != n:
+                    both = self.mutual[n, k] if n < k else self.mutual[k, n].T
+                    mine = mine + both @ other.value
+            out.append(np.asarray(mine))
+        return out
+
+    def owner_of(self, group: Group) -> np.ndarray:
+        """Image (p,) of each value of a group that images have for themselves."""
+        images = len(self.system.columns.images)
+        return np.repeat(np.arange(images), len(self.own_at[group.own]) // images)
+
     @property
     def image(self) -> np.ndarray:
         """Image (k,) of each antenna position."""
         return self.system.gnss.image
+
+
+def moved_by(e: Equations, group: Group, theta: np.ndarray) -> Equations:
+    """The equations of data that a group with parameters (p,), in prior sigmas, has moved too."""
+    block = e.core if group.own is None else e.own[group.own]
+    value = block.value.copy()
+    value[group.columns] += theta
+    block = replace(block, value=value)
+    if group.own is None:
+        return replace(e, core=block, kept={})
+    own = [block if n == group.own else one for n, one in enumerate(e.own)]
+    return replace(e, own=own, kept={})
 
 
 def equations(adjustment: Adjustment, effects: list[Effect], priors: Mapping) -> Equations:

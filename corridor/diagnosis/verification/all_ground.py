@@ -58,11 +58,10 @@ class AllGround:
         result = replace(believed, model=named).adjust(model)
         shapes = [] if last.lens is None else [last.lens.group.effect]
         e = equations(result, [blunder, *shapes], {})
-        reduced = Elimination(e, last.noise).reduced()
-        group = lens_group(e)
+        group, lens = lens_group(e), ()
         if last.lens is not None and group is not None:
-            reduced = replace(last.lens, group=group).out_of(reduced)
-        evidence = Evidence(reduced)
+            lens = replace(last.lens, group=group).rows
+        evidence = Evidence(Elimination(e, last.noise, lens).reduced())
         told = blunders(evidence)
         if told.found is not None and not explains_all(evidence, told.found):
             told = Blunders()
@@ -89,11 +88,11 @@ class AllGround:
         chosen = tuned(view, dict.fromkeys(wrong.points, 1.0))
         each = contributions(view, chosen)
         theta, covariance = view.solution(view.freed(chosen))
-        sigma, out = covariance.diagonal() ** 0.5, []
-        for n, at in view.spans(chosen).items():
+        out = []
+        for n in chosen:
             group = view.groups[n]
             if group.point in control:
-                value, error = theta[at] * group.scale, sigma[at] * group.scale
+                value, error = theta[n] * group.scale, covariance[n].diagonal() ** 0.5 * group.scale
                 rows = rows_of(group, group.point, value, error, error)
                 where = {"point": group.point}
                 out.append(Estimate(group.slug, "named", each[n], rows, where=where, key=group.key))

@@ -14,7 +14,7 @@ Source: Diebold and Mariano 1995 (loss of two predictions); Ibragimov and Mülle
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -110,7 +110,10 @@ class Prediction:
         the weights that its loss has there. It has ten times what `between` can ask.
         """
         systems = [
-            LinearSystem(one.problem, one.state, Loss.parse(one.problem.model.loss))
+            replace(
+                LinearSystem(one.problem, one.state, Loss.parse(one.problem.model.loss)),
+                held=one.system.held,
+            )
             for one in (without, with_it)
         ]
         seen, rng = systems[0].image_rows, np.random.default_rng(0)
@@ -305,6 +308,17 @@ def check_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
     if not len(before.check_points):
         return None
     return {"before": float(before.check_rms.d3), "after": float(after.check_rms.d3)}
+
+
+def check_sigmas(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
+    """By how many of their standard deviations check points are off, RMS; None without any."""
+    if not len(before.check_points):
+        return None
+    each = {"before": before, "after": after}
+    return {
+        key: float(np.sqrt(check_misfit(one) / (3 * len(one.check_points))))
+        for key, one in each.items()
+    }
 
 
 def gnss_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:

@@ -28,6 +28,7 @@ from corridor.diagnosis.verification.held_out import (
     best_by_far,
     check_gap,
     check_misfit,
+    check_sigmas,
     gnss_gap,
     harms,
     hold_out,
@@ -92,6 +93,7 @@ class Verification:
         return {
             "tie_px": tie,
             "check_m": check_gap(before, after),
+            "check_sigmas": check_sigmas(before, after),
             "gnss_m": gnss_gap(before, after),
         }
 
@@ -372,7 +374,17 @@ class Verification:
         bent = any(
             self._groups[one.number].effect.place == "image" for one in self.findings.unknown
         )
-        firm = dict.fromkeys(one.key for one in self.findings.effects if one.kind != "suspected")
+        # Check points that something else bends, which is not in the model, are no judge of what is
+        # beyond doubt.
+        bent_too = len(self._now.check_points) and contradicted(
+            check_misfit(self._now), 3 * len(self._now.check_points)
+        )
+        firm = dict.fromkeys(
+            one.key
+            for one in self.findings.effects
+            if one.kind != "suspected"
+            and not (bent_too and one.log_evidence > SETTINGS.clear_evidence)
+        )
         for key in reversed([key for key in firm if key in self.used]):
             others, bare = self._without(key)
             if bare is None:

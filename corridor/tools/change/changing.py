@@ -110,7 +110,7 @@ def change(
         notes.append(_NO_COMMON_CONTROL)
     names = tuple(block.name for block in blocks)
     return Change(
-        names, asked, compared, remaining, explanation, gained, tuple(notes), tuple(objections)
+        names, run.asked, compared, remaining, explanation, gained, tuple(notes), tuple(objections)
     )
 
 
@@ -132,7 +132,8 @@ def detection(
     if not isinstance(what, Adjustment):
         one = adjustment.adjust(_flown(what, seed), model=model)
     joint = Joint(*clouds(one, one, asked.same_ties, asked.rays), asked.common, asked.bias)
-    return surface_change(joint, _cores(joint, asked), **asked.surfaces)
+    cores = _cores(joint, asked)
+    return surface_change(joint, cores, **asked.chosen(joint, cores).surfaces)
 
 
 def _flown(what: Block | Plan | str | os.PathLike, seed: int) -> Block:
@@ -242,6 +243,7 @@ class _Run:
         if asked.surface:
             cores = _cores(joint, asked, self.cores)
             self.cores = self.cores or cores
+            self.asked = asked = asked.chosen(joint, cores)
             check_meeting(pair[0].xyz, pair[1].xyz, cores)
             self.say(f"covariances of {len(cores)} core points")
             surface = surface_change(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 
@@ -16,7 +16,9 @@ from corridor.core.adjustment import Adjustment, gnss_of_metres, listed
 from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.tools.change.cores import Cores
+from corridor.tools.change.joint import Joint
 from corridor.tools.change.registration import MOTIONS
+from corridor.tools.change.surface import usual_degree
 
 DEGREES = (0, 1, 2)
 DATUMS = ("stated", "stable")
@@ -43,7 +45,8 @@ class Comparison:
 
     spacing: of the core points, m (default: half the radius). radius: of the cylinder in which
         points count, m (default: so that it holds some 15). normal: `local` or `vertical`.
-    degree: 0 the mean of the points (M3C2), 1 a plane, 2 with curvature.
+    degree: 0 the mean of the points (M3C2), 1 a plane, 2 with curvature (default: what the
+        roughness at hand lets be told best).
     profile (n, 2): core points along this line instead of a grid. polygons: name -> (n, 2), m, for
         volumes.
     rays: images that must show a tie point. same_ties: a tie point of one name is one point of the
@@ -67,7 +70,7 @@ class Comparison:
     spacing: float | None = None
     radius: float | None = None
     normal: str = "local"
-    degree: int = 0
+    degree: int | None = None
     profile: np.ndarray | None = None
     polygons: Mapping[str, np.ndarray] | None = None
     rays: int = 3
@@ -84,7 +87,7 @@ class Comparison:
             raise InputError(f"motion {self.motion!r} is unknown: use one of {', '.join(MOTIONS)}")
         if not 0 < self.level < 1:
             raise InputError(f"level {self.level} is no probability between 0 and 1")
-        if self.degree not in DEGREES:
+        if self.degree is not None and self.degree not in DEGREES:
             raise InputError(
                 f"a surface of degree {self.degree} is unknown: use 0 (the mean), 1 (a plane) or 2"
             )
@@ -103,7 +106,13 @@ class Comparison:
     @property
     def surfaces(self) -> dict:
         """How surfaces are compared, for `surface_change` and `volume`."""
-        return {"degree": self.degree, "sampled": not self.same_ties}
+        return {"degree": self.degree or 0, "sampled": not self.same_ties}
+
+    def chosen(self, joint: Joint, cores: Cores) -> Comparison:
+        """The same with a degree of the surface."""
+        if self.degree is not None:
+            return self
+        return replace(self, degree=usual_degree(joint, cores, DEGREES, not self.same_ties))
 
 
 def read_line(path: str | os.PathLike) -> np.ndarray:

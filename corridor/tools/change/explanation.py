@@ -196,7 +196,9 @@ class Explanation:
         told = self.visible or self.explained > 0.5
         if any(self.shown) and told and not self.shown_modelled.significant:
             return "camera"
-        return "undecided"
+        # As a whole alone, a map of hundreds of cells is significant where its sigmas are a little
+        # too small: that is no change of any place.
+        return "undecided" if self.as_adjusted.located else "nothing"
 
 
 def explain(evidence: Evidence, level: float, moved: bool) -> Explanation:

@@ -7,8 +7,8 @@ out, and are not lost as in s / sqrt(number of points).
 
 Two dates rarely show the same points. Where the ground is rough, other points have other heights,
 and a mean over them changes though nothing moves. Each point is therefore given, along the local
-normal, a variance of its own: that of the heights around it beyond what its own error, which the
-covariance of the points holds already, explains.
+normal, a variance of its own: that of the heights around it, at both dates, beyond what its own
+error, which the covariance of the points holds already, explains.
 Source: Lague et al. 2013.
 """
 
@@ -25,8 +25,9 @@ from corridor.tools.change.epoch import Cloud
 
 # Fewer points than this are no surface.
 LEAST = 5
-# Core points whose roughness is taken together.
-AROUND = 25
+# Core points whose roughness is taken together: so many at most, as near as this share of the
+# radius, where two cylinders share half of their points.
+AROUND, ALIKE = 9, 0.75
 # Numbers in a polynomial of two variables, by degree.
 _TERMS = {0: 1, 1: 3, 2: 6}
 
@@ -36,13 +37,14 @@ class Members:
     """The points of a cloud in the cylinders: start (r + 1,), point (m,) of core r's members,
     as positions in the epoch.
 
-    height (m,) along the normal, from the core point, m. weight (m,): of each in the height of the
-    surface at the core point. left (m,): height less the fitted surface, m. fit: numbers that were
-    fitted in a cylinder.
+    normal (m, 3): that of the core point. height (m,) along it, from the core point, m. weight
+    (m,): of each in the height of the surface at the core point. left (m,): height less the fitted
+    surface, m. fit: numbers that were fitted in a cylinder.
     """
 
     start: np.ndarray
     point: np.ndarray
+    normal: np.ndarray
     height: np.ndarray
     weight: np.ndarray
     left: np.ndarray
@@ -111,7 +113,7 @@ def members(cloud: Cloud, cores: Cores, degree: int = 0) -> Members:
     start = np.concatenate([[0], np.cumsum(np.bincount(core, minlength=len(near)))])
     across = (away[inside] - height[:, None] * cores.normal[core]) / cores.radius
     weight, left = _weights(start, height, across, cores.normal, degree)
-    return Members(start, surface[point], height, weight, left, _TERMS[degree])
+    return Members(start, surface[point], cores.normal[core], height, weight, left, _TERMS[degree])
 
 
 def _weights(start, height, across, normal, degree: int):
@@ -150,31 +152,45 @@ def distance_functions(
     return hstack(sides, format="csr")
 
 
-def roughened(cloud: Cloud, found: Members, cores: Cores) -> tuple[Cloud, np.ndarray]:
+def roughness(
+    clouds: tuple[Cloud, Cloud], found: list[Members], cores: Cores
+) -> tuple[np.ndarray, np.ndarray]:
+    """Variance (r,), m^2, of the heights in each cylinder beyond the noise of the points, and its
+    degrees of freedom (r,).
+
+    How rough the ground is at a place both dates tell, each with the points it has there, and so do
+    the cylinders that overlap with most of this one: a dozen points alone do not.
+    """
+    squares, free = 0.0, 0.0
+    for cloud, one in zip(clouds, found, strict=True):
+        normal = one.normal
+        own = np.einsum("ni,nij,nj->n", normal, cloud.epoch.own(one.point), normal)
+        noise = np.bincount(one.core, own, minlength=len(one.count)) / np.maximum(one.count, 1)
+        mine = np.maximum(one.count - one.fit, 1)
+        squares = squares + mine * (one.spread**2 - cloud.epoch.sigma0**2 * noise)
+        free = free + mine
+    reach = ALIKE * cores.radius
+    far, near = cKDTree(cores.xyz).query(
+        cores.xyz, np.arange(1, AROUND + 1), distance_upper_bound=reach
+    )
+    known = np.isfinite(far)
+    near = np.where(known, near, 0)
+    pooled = np.sum(known * squares[near], axis=1) / np.sum(known * free[near], axis=1)
+    return np.maximum(pooled, 0.0), free
+
+
+def roughened(cloud: Cloud, found: Members, rough: np.ndarray) -> tuple[Cloud, np.ndarray]:
     """The cloud with a variance (n, 3, 3), m^2, of each point along the normal, and the variances
-    (r,) of the heights at core points that follow.
+    (r,) of the heights at core points that follow. rough (r,): of the ground, see `roughness`.
 
     A point takes the median roughness of the cylinders it lies in.
     """
-    roughness = _excess(cloud, found, cores)
-    order = np.lexsort((roughness[found.core], found.point))
-    point, value = found.point[order], roughness[found.core][order]
+    order = np.lexsort((rough[found.core], found.point))
+    point, value = found.point[order], rough[found.core][order]
     some, start, count = np.unique(point, return_index=True, return_counts=True)
     middle = start + (count - 1) // 2
-    normal = cores.normal[found.core[order][middle]]
-    rough = np.zeros((len(cloud.epoch.xyz), 3, 3))
-    rough[some] = value[middle][:, None, None] * np.einsum("ni,nj->nij", normal, normal)
-    sampling = roughness * np.bincount(found.core, found.weight**2, minlength=len(roughness))
-    return replace(cloud, roughness=rough), sampling
-
-
-def _excess(cloud: Cloud, found: Members, cores: Cores) -> np.ndarray:
-    """Variance (r,), m^2, of the heights in each cylinder beyond the noise of the points."""
-    normal = cores.normal[found.core]
-    own = np.einsum("ni,nij,nj->n", normal, cloud.epoch.own(found.point), normal)
-    count = found.count
-    noise = np.bincount(found.core, own, minlength=len(count)) / np.maximum(count, 1)
-    own = np.maximum(found.spread**2 - cloud.epoch.sigma0**2 * noise, 0.0)
-    # A handful of points does not tell how rough the ground is; the surroundings know more.
-    around = cKDTree(cores.xyz).query(cores.xyz, min(AROUND, len(own)))[1]
-    return np.maximum(own, own[around.reshape(len(own), -1)].mean(axis=1))
+    normal = found.normal[order][middle]
+    of_points = np.zeros((len(cloud.epoch.xyz), 3, 3))
+    of_points[some] = value[middle][:, None, None] * np.einsum("ni,nj->nij", normal, normal)
+    sampling = rough * np.bincount(found.core, found.weight**2, minlength=len(rough))
+    return replace(cloud, roughness=of_points), sampling

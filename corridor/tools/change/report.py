@@ -30,7 +30,7 @@ from corridor.core.output import (
 )
 from corridor.tools.change.explanation import Explanation
 from corridor.tools.change.points import PointChanges
-from corridor.tools.change.sentence import millimetres, remedies, verdict_sentence
+from corridor.tools.change.sentence import lower, millimetres, remedies, verdict_sentence
 from corridor.tools.change.signature import SHOWN
 from corridor.tools.change.surface import SurfaceChange, Volume
 
@@ -43,6 +43,7 @@ _VERDICTS = {
     "undecided": "cannot be told apart",
     "nothing": "no change",
     "unfit": "cannot be told",
+    "cover": "what covers the ground changed",
 }
 
 
@@ -73,6 +74,10 @@ def to_dict(change) -> dict:
         "sentence": verdict_sentence(change),
         "remedies": remedies(change),
         "objections": [vars(one) for one in change.objections],
+        "patches": [
+            {name: value for name, value in vars(one).items() if name != "rows"}
+            for one in change.final.patches
+        ],
         "level": change.asked.level,
         "common": list(change.asked.common),
         "datum": change.asked.datum,
@@ -209,7 +214,8 @@ def _surface(surface: SurfaceChange) -> Table:
         *_accuracy(surface),
     ]
     frame = pd.DataFrame(rows, columns=["what", "value"])
-    return Table.of(frame, "Surface, second date minus first along the normal")
+    title = "Surface, second date minus first along the normal"
+    return Table.of(frame, title, [lower(surface)])
 
 
 def _accuracy(surface: SurfaceChange) -> list[tuple[str, str]]:
@@ -318,12 +324,7 @@ def detection_table(surface: SurfaceChange) -> Table:
         f"Two such flights would show a change of {middle:.0f} mm in half of the surface (95 %; "
         f"{low:.0f} to {high:.0f} mm from best to worst); one of 10 mm in {share:.0f} % of it."
     )
-    floor = 1000 * np.median(surface.floor)
-    if floor < 0.8 * middle:
-        said += (
-            f" The measurements alone would show {floor:.0f} mm; the rest is rough ground between "
-            "few tie points, and falls with more of them, or with surfaces fitted to them."
-        )
+    said += f" {lower(surface)}"
     rows = [("core points", f"{len(surface):,}"), *_accuracy(surface)]
     frame = pd.DataFrame(rows, columns=["what", "value"])
     return Table.of(frame, "Level of detection", [said])

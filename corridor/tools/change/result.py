@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from scipy.spatial import cKDTree
+
 from corridor.core.adjustment import Adjustment
 from corridor.tools.change.admission import Objection
 from corridor.tools.change.comparison import Comparison
@@ -12,6 +15,9 @@ from corridor.tools.change.joint import Joint
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.report import of_change
 from corridor.tools.change.surface import PatchChange, SurfaceChange, Volume
+
+# Marked points that contradict a patch of the surface, and by how many standard deviations.
+LEAST_POINTS, FAR_APART = 3, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +35,40 @@ class Compared:
     def moved(self) -> bool:
         """Whether a point or a patch of the surface did."""
         return bool(self.patches) or (self.points is not None and bool(self.points.moved.any()))
+
+    @property
+    def cover(self) -> Cover | None:
+        """What the patches are where marked points in them stand still and contradict them."""
+        points, surface = self.points, self.surface
+        if not self.patches or points is None or points.moved.any():
+            return None
+        ways = {np.sign(one.change) for one in self.patches}
+        rows = np.concatenate([one.rows for one in self.patches])
+        tree = cKDTree(surface.cores.xyz[rows, :2])
+        inside = tree.query(points.xyz[:, :2])[0] < surface.cores.radius
+        inside &= ~points.held
+        if len(ways) > 1 or inside.sum() < LEAST_POINTS:
+            return None
+        up = np.flatnonzero(inside) * 3 + 2
+        weight = np.full(len(up), 1.0 / len(up))
+        still = float(weight @ points.shift[inside, 2])
+        sigma = float(np.sqrt(weight @ points.covariance[np.ix_(up, up)] @ weight))
+        surface_mean = PatchChange.of(surface, rows, max(p.probability for p in self.patches))
+        apart = abs(surface_mean.change - still) / np.hypot(surface_mean.sigma, sigma)
+        if apart < FAR_APART or abs(still) > FAR_APART * sigma:
+            return None
+        return Cover(surface_mean, int(inside.sum()), still, sigma)
+
+
+@dataclass(frozen=True)
+class Cover:
+    """What lies or grows on the ground: patch: what changed; points: how many marked ones stand in
+    it, with their mean change in height and its standard deviation, m."""
+
+    patch: PatchChange
+    points: int
+    still: float
+    sigma: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +113,12 @@ class Change:
 
     @property
     def verdict(self) -> str:
-        """`unfit` where an epoch does not fit its own model, else `moved`, `camera`, `undecided`
-        or `nothing`; see `Explanation.verdict`."""
+        """`unfit` where an epoch does not fit its own model, `cover` where what lies or grows on
+        the ground changed, else `moved`, `camera`, `undecided` or `nothing`; see `Explanation`."""
         if self.objections:
             return "unfit"
+        if self.final.cover is not None:
+            return "cover"
         if self.explanation is not None:
             return self.explanation.verdict
         return "moved" if self.final.moved else "nothing"

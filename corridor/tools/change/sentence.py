@@ -31,6 +31,8 @@ def verdict_sentence(change) -> str:
     surface, told = change.surface, change.explanation
     if change.verdict == "unfit":
         return _unfit(change.objections)
+    if change.verdict == "cover":
+        return _cover(change.final.cover)
     if change.verdict == "moved":
         besides = "" if told is None or not any(told.shown) else _besides(told)
         return _moved(change.final) + besides
@@ -98,6 +100,37 @@ def _moved(found) -> str:
         )
         said.append(f"A {what}" if said else f"The ground moved: a {what}")
     return " ".join(said)
+
+
+def _cover(found) -> str:
+    """What lies or grows on the ground; found: a `Cover`."""
+    patch = found.patch
+    return (
+        f"Not the ground, but what covers it: {patch.area:.0f} m\u00b2 of the surface "
+        f"{'sank' if patch.change < 0 else 'rose'} by "
+        f"{millimetres(abs(patch.change), patch.sigma)} in the mean, while {found.points} marked "
+        f"points in it stand still ({millimetres(found.still, found.sigma)}): vegetation, snow or "
+        "what was laid down or taken away."
+    )
+
+
+def lower(surface) -> str:
+    """The level of detection of a surface, what makes it, and what would lower it."""
+    middle, floor = (1000 * float(np.median(v)) for v in (surface.detection, surface.floor))
+    said = f"Half of the surface shows a change of {middle:.0f} mm (95 %)"
+    if floor > 0.8 * middle:
+        return (
+            f"{said}, as far as the measurements allow: more control or marks that stand still, or "
+            "both dates in one adjustment (--together), would lower it."
+        )
+    more = np.hypot(surface.sigma, 0.5 * surface.sampling) * surface.detection / surface.total
+    return (
+        f"{said}; the measurements alone would show {floor:.0f} mm, the rest is rough ground "
+        f"between {np.median(surface.count):.0f} tie points in a cylinder of "
+        f"{surface.cores.radius:.1f} m. Four times as many tie points (or a lower flight) would "
+        f"show {1000 * np.median(more):.0f} mm, photographs of both dates matched with each other "
+        f"(--same-ties) {floor:.0f} mm."
+    )
 
 
 def _way(shift: np.ndarray, sigma: np.ndarray) -> str:

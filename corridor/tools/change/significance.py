@@ -82,12 +82,13 @@ def discoveries(probability: np.ndarray, rate: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Test:
-    """Whether changes are significant at a level: as a whole, or one of them. probability: the
-    smaller of both, for two tests."""
+    """Whether changes are significant at a level: as a whole, or one of them (`located`).
+    probability: the smaller of both, for two tests."""
 
     significant: bool
     probability: float
     freedom: int
+    located: bool = False
 
 
 def tested(
@@ -108,9 +109,10 @@ def tested(
     z = normal_scores(value / sigma, freedom)
     overall = congruency(z * sigma, covariance, redundancy)
     single = two_sided(z)
-    found = discoveries(single, 0.5 * level).any() or overall.probability < 0.5 * level
+    located = bool(discoveries(single, 0.5 * level).any())
+    found = located or overall.probability < 0.5 * level
     least = min(overall.probability, float(single.min()) * len(single))
-    return Test(bool(found), float(min(2.0 * least, 1.0)), overall.freedom)
+    return Test(bool(found), float(min(2.0 * least, 1.0)), overall.freedom, located)
 
 
 @dataclass(frozen=True)

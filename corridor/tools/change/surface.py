@@ -8,6 +8,7 @@ errors of neighbouring cells, nearly the same, add up instead of averaging out.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,10 +24,19 @@ from corridor.core.output import with_units
 from corridor.tools.change.cores import Cores
 from corridor.tools.change.epoch import Cloud
 from corridor.tools.change.joint import Joint
-from corridor.tools.change.m3c2 import LEAST, Members, distance_functions, members, roughened
+from corridor.tools.change.m3c2 import (
+    LEAST,
+    Members,
+    distance_functions,
+    members,
+    roughened,
+    roughness,
+)
 from corridor.tools.change.registration import Laying, lay
 from corridor.tools.change.significance import discoveries, two_sided
 
+# Core points by which the degree of the surface is chosen.
+SOME = 300
 _LENGTHS = "x y z station across change sigma sampling detection_95 rough_before rough_after"
 
 
@@ -141,12 +151,12 @@ def surface_change(
         )
     cores = cores.only(kept)
     found = _both(clouds, cores, degree, sampled)
-    between = np.zeros((2, len(cores)))
+    sampling, free = np.zeros(len(cores)), np.full(len(cores), np.inf)
     if sampled:
-        sides = [roughened(c, f, cores) for c, f in zip(clouds, found, strict=True)]
-        between = np.array([variance for _, variance in sides])
+        rough, free = roughness(clouds, found, cores)
+        sides = [roughened(c, f, rough) for c, f in zip(clouds, found, strict=True)]
+        sampling = sum(variance for _, variance in sides)
         joint = joint.with_clouds(*(cloud for cloud, _ in sides))
-    sampling = between.sum(axis=0)
     functions = distance_functions(clouds, found, cores)
     distance, variance = found[1].mean - found[0].mean, joint.variance(functions)
     own = laying is None and datum == "stable"
@@ -168,12 +178,7 @@ def surface_change(
         sampling=np.sqrt(sampling),
         count=np.column_stack([f.count for f in found]),
         roughness=np.column_stack([f.spread for f in found]),
-        freedom=_freedom(
-            variance,
-            between,
-            np.array([f.count - f.fit for f in found]),
-            np.inf if laying is None else laying.freedom,
-        ),
+        freedom=_freedom(variance, sampling, free, np.inf if laying is None else laying.freedom),
         level=level,
         functions=functions,
         joint=joint,
@@ -184,14 +189,30 @@ def surface_change(
 def _freedom(
     variance: np.ndarray, between: np.ndarray, free: np.ndarray, scale_freedom: float
 ) -> np.ndarray:
-    """Degrees of freedom (k,) of a variance (k,) that is known and two (2, k) that are estimated.
+    """Degrees of freedom (k,) of a variance (k,) that is known and one (k,) that is estimated.
 
-    free (2, k): points of each beyond what was fitted. scale_freedom: of the scale of them all, see
-    `Laying`. Source: Welch 1947.
+    free (k,): of the roughness. scale_freedom: of the scale of them all, see `Laying`.
+    Source: Welch 1947.
     """
-    whole = (variance + between.sum(axis=0)) ** 2
-    doubt = np.sum(between**2 / free, axis=0) + whole / scale_freedom
+    whole = (variance + between) ** 2
+    doubt = between**2 / free + whole / scale_freedom
     return np.divide(whole, doubt, out=np.full(len(whole), np.inf), where=doubt > 0)
+
+
+def usual_degree(joint: Joint, cores: Cores, degrees: Iterable[int], sampled: bool) -> int:
+    """The degree whose surface is told best at the roughness at hand: of the least median
+    standard deviation over some core points. Of the very same points the mean has the least.
+    """
+    if not sampled:
+        return min(degrees)
+    some = cores.only(np.unique(np.linspace(0, len(cores) - 1, SOME).astype(int)))
+    found = {}
+    for degree in degrees:
+        try:
+            found[degree] = np.median(surface_change(joint, some, degree=degree).total)
+        except InputError:
+            continue
+    return min(found, key=found.get, default=min(degrees))
 
 
 def _both(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, sampled: bool) -> list[Members]:

@@ -1,8 +1,8 @@
-"""How late the positions of photographs are, by the camera's way through its own positions.
+"""How late the positions of photographs are, by the mapped centres.
 
-Mapped centres and logged positions differ by a similarity, by noise, and, where a position is that
-of another moment than the picture's, by the way flown in between: along the flight, to and fro with
-the strips.
+Positions in order of time are the way that was flown, and the mapped centres are the same way but
+for a similarity. Where a position is that of another moment than its picture, the two ways fit when
+one is moved along time; on the strips to and fro nothing else does that.
 """
 
 from __future__ import annotations
@@ -10,21 +10,25 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from corridor.core.block import Block
-from corridor.core.geometry import helmert_motions, robust_scale
-from corridor.core.preparation import CONTRADICTS, Witness, record_derived, track_runs
+from corridor.core.errors import InputError
+from corridor.core.geometry import similarity
+from corridor.core.preparation import CONTRADICTS, Witness, record_derived
 from corridor.tools.formats.project import Project
 
-# A delay of so many sigmas is told; one that is shorter is that of any receiver.
-_SIGMAS, _LEAST_S, _FEWEST = 5.0, 0.3, 10
-# Positions are those of one time constant of a receiver's filter, or of the flight's turns, alike.
+# Delays are looked for up to so many seconds, in these steps, and then between two of them.
+_FAR_S, _STEP_S = 5.0, 0.25
+# A delay of so many sigmas is told where the ways then fit so much better; one that is shorter is
+# that of any receiver.
+_SIGMAS, _LEAST_S, _BETTER, _FEWEST = 5.0, 0.3, 0.7, 10
+# Errors of a receiver are alike for a minute: the sigma is of so many parts left out in turn.
 _PARTS = 5
 
 
 class Delay(NamedTuple):
-    """seconds: of how much later a moment than the picture's positions are; below 0 they are late,
-    as positions of an earlier moment are. sigma: s."""
+    """seconds: by which positions are late, as positions of an earlier moment are. sigma: s."""
 
     seconds: float
     sigma: float
@@ -32,18 +36,21 @@ class Delay(NamedTuple):
 
 def with_delay_told(project: Project) -> Project:
     """The project with a warning where its positions are late, or early, with the value."""
-    found = delay_of(project.block)
-    if found is None or abs(found.seconds) < max(_SIGMAS * found.sigma, _LEAST_S):
+    block = project.block
+    place = np.full((len(block.images), 3), np.nan)
+    rows = block.image_rows("gnss")
+    place[rows[rows >= 0]] = block.numbers("gnss", *"xyz")[rows >= 0]
+    found = delay_of(block, place)
+    if found is None:
         return project
-    late, when = ("late", "before") if found.seconds < 0 else ("early", "after")
+    late, when = ("late", "before") if found.seconds > 0 else ("early", "after")
     told = (
         f"the positions of the photographs are {abs(found.seconds):.1f} +- {found.sigma:.1f} s "
-        f"{late}: each lies where the camera was so long {when} its picture, by its own way from "
-        "picture to picture; `corridor adjust BLOCK --effect clock_offset` estimates it with the "
-        "rest"
+        f"{late}: each lies where the camera was so long {when} its picture; "
+        "`corridor adjust BLOCK --effect clock_offset` estimates it with the rest"
     )
-    block = project.block.copy()
-    way = Witness("the mapped way", CONTRADICTS, f"{found.seconds:+.1f} s")
+    block = block.copy()
+    way = Witness("the mapped centres", CONTRADICTS, f"{found.seconds:.1f} s {late}")
     record_derived(
         block, "moments of gnss.csv", "the photographs' own positions", np.array([found.sigma]),
         f"{told[0].upper()}{told[1:]}.", "s", [way],
@@ -51,63 +58,84 @@ def with_delay_told(project: Project) -> Project:
     return project.having(warnings=[told], extra=block.extra)
 
 
-def delay_of(block: Block) -> Delay | None:
-    """By how much the positions of gnss.csv are those of a later moment than images.csv says.
+def delay_of(block: Block, place: np.ndarray) -> Delay | None:
+    """By how much the positions of images are late; None where they are not, or nothing tells.
 
-    None where fewer than ten images of two directions have times, poses and positions. The sigma
-    is of parts of the flight left out in turn: errors of a receiver are alike for a minute.
+    place: (images, 3) m, in any frame, NaN where unknown. Centres and times are those of block.
     """
     time, centre = block.column("images", "time_s"), block.numbers("images", *"xyz")
-    place = np.full(centre.shape, np.nan)
-    rows = block.image_rows("gnss")
-    place[rows[rows >= 0]] = block.numbers("gnss", *"xyz")[rows >= 0]
-    known = np.isfinite(centre).all(axis=1) & np.isfinite(place).all(axis=1) & np.isfinite(time)
-    if known.sum() < _FEWEST:
+    ways = _ways(time, place, block.image_flight)
+    inner = np.isfinite(centre).all(axis=1)
+    for shift in (-_FAR_S, _FAR_S):
+        inner &= np.isfinite(_at(ways, time + shift)).all(axis=1)
+    rows = np.flatnonzero(inner)
+    if len(rows) < _FEWEST:
         return None
-    velocity = np.full(centre.shape, np.nan)
-    for run in track_runs(block, np.where(known, time, np.nan), centre, []):
-        run = run[known[run]]
-        if len(run) > 2 and (np.diff(time[run]) > 0).all():
-            velocity[run] = np.gradient(centre[run], time[run], axis=0)
-    used = known & np.isfinite(velocity).all(axis=1)
-    if used.sum() < _FEWEST:
+    rows = rows[np.argsort(time[rows], kind="stable")]
+    shifts = np.arange(-_FAR_S, _FAR_S + _STEP_S / 2, _STEP_S)
+    moved = [_at(ways, time + shift)[rows] for shift in shifts]
+    best = _best(centre[rows], moved, shifts)
+    if best is None or abs(best[0]) < _LEAST_S or best[1] > _BETTER:
         return None
-    order = np.flatnonzero(used)[np.argsort(time[used], kind="stable")]
-    off, way = (place - centre)[order], velocity[order]
-    design = np.concatenate([helmert_motions(centre[order]), way[:, :, None]], axis=2)[:, :2]
-    off = off[:, :2]
-    every = _fitted(design, off)
-    if every is None:
+    parts = np.array_split(np.arange(len(rows)), min(_PARTS, len(rows) // 4))
+    left = []
+    for part in parts:
+        kept = np.delete(np.arange(len(rows)), part)
+        one = _best(centre[rows][kept], [way[kept] for way in moved], shifts)
+        left += [] if one is None else [one[0]]
+    if len(left) < max(len(parts) - 1, 2):
         return None
-    parts = np.array_split(np.arange(len(order)), min(_PARTS, len(order) // 4))
-    left = [_fitted(np.delete(design, part, 0), np.delete(off, part, 0)) for part in parts]
-    left = np.array([one[0] for one in left if one is not None])
-    if len(left) < 3:
+    # Of a jackknife with parts left out (Shao and Tu 1995, eq. 2.9), not below a step's rounding.
+    spread = np.sqrt((len(left) - 1) / len(left) * np.sum((left - np.mean(left)) ** 2))
+    sigma = float(np.hypot(spread, _STEP_S / np.sqrt(12)))
+    if abs(best[0]) < _SIGMAS * sigma:
         return None
-    # Of a jackknife with parts left out (Shao and Tu 1995, eq. 2.9).
-    spread = np.sqrt((len(left) - 1) / len(left) * np.sum((left - left.mean()) ** 2))
-    return Delay(every[0], float(max(spread, every[1])))
+    return Delay(best[0], sigma)
 
 
-def _fitted(design: np.ndarray, off: np.ndarray) -> tuple[float, float] | None:
-    """The delay and its formal sigma, robustly; None where one direction tells none.
+def _ways(time, place, flight) -> list[tuple]:
+    """Of each flight: rows, first and last moment, and the way through its positions."""
+    ways = []
+    for one in np.unique(flight):
+        rows = np.flatnonzero((flight == one) & np.isfinite(time) & np.isfinite(place).all(axis=1))
+        moments, first = np.unique(time[rows], return_index=True)
+        if len(moments) > 3:
+            ways.append((flight == one, moments, CubicSpline(moments, place[rows[first]])))
+    return ways
 
-    design: (n, 2, 8), off: (n, 2).
+
+def _at(ways, time) -> np.ndarray:
+    """Where the ways were at moments (images,), NaN before, after, and in long gaps."""
+    out = np.full((len(time), 3), np.nan)
+    for mine, moments, way in ways:
+        after = np.clip(np.searchsorted(moments, time), 1, len(moments) - 1)
+        gap = moments[after] - moments[after - 1]
+        known = mine & (time >= moments[0]) & (time <= moments[-1])
+        known &= gap <= 3 * np.median(np.diff(moments))
+        out[known] = way(time[known])
+    return out
+
+
+def _best(centre, moved, shifts) -> tuple[float, float] | None:
+    """The shift where centres and way fit best, and what misses then, as a share of that at 0.
+
+    None where the best lies at the end of what was tried.
     """
-    a, b = design.reshape(-1, design.shape[2]), off.reshape(-1)
-    scale = np.maximum(np.linalg.norm(a, axis=0), 1e-12)
-    weight = np.ones(len(b))
-    for _ in range(15):
-        root = np.sqrt(weight)[:, None]
-        u, singular, vt = np.linalg.svd(root * a / scale, full_matrices=False)
-        good = singular > 1e-6 * singular[0]
-        inverse = vt[good].T / singular[good]
-        found = inverse @ (u[:, good].T @ (root[:, 0] * b))
-        residual = b - a / scale @ found
-        typical = max(float(robust_scale(residual, centred=False)), 1e-9)
-        weight = 1.0 / (1.0 + (residual / (2 * typical)) ** 2)
-    # A direction without a delay of its own: what is open in it is open in the delay.
-    if not good.all() and np.abs(vt[~good, -1]).max() > 0.1:
+    missed = np.array([_missed(centre, place) for place in moved])
+    k = int(np.argmin(missed))
+    if not np.isfinite(missed[k]) or k in (0, len(shifts) - 1):
         return None
-    sigma = typical * np.sqrt(np.sum(inverse[-1] ** 2)) / scale[-1]
-    return float(found[-1] / scale[-1]), float(sigma)
+    before, here, after = missed[k - 1 : k + 2] ** 2
+    bend = before - 2 * here + after
+    between = 0.5 * (before - after) / bend if bend > 0 else 0.0
+    share = missed[k] / max(missed[int(np.argmin(np.abs(shifts)))], 1e-12)
+    return float(shifts[k] + between * (shifts[1] - shifts[0])), float(share)
+
+
+def _missed(centre, place) -> float:
+    """RMS after a similarity; infinite where there is none."""
+    try:
+        away = similarity(centre, place).apply(centre) - place
+    except InputError:
+        return np.inf
+    return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))

@@ -1,8 +1,8 @@
 """Pictures of the thermal effect: they say what they show, with units, also of broken series."""
 
 import numpy as np
+from kit.wall import Course, simulated_maps
 
-from benchmarks.wall import Course, simulated_maps
 from corridor.interface import figures
 from corridor.tools import thermal
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from corridor import adjust
 from corridor.core.block import POSE
 from corridor.core.errors import InputError
 from corridor.core.geometry import Similarity, rotation_from_vector
@@ -138,3 +139,13 @@ def test_a_project_that_nothing_places_says_so_and_gets_no_velocity(surveyed):
 
     made = prepare(found.block)
     assert not made.block.has("images.vx") and set(POSE) <= set(made.block.images)
+
+
+def test_an_adjustment_with_control_takes_a_block_out_of_its_own_frame(surveyed):
+    block, bare, _ = surveyed
+    lost = complete(free(bare), Additions()).block
+    assert adjust(lost, camera="fixed").block.extra["frame"] == "arbitrary"
+    lost.ground, lost.marks = block.ground, block.marks
+    found = adjust(lost, camera="fixed").block
+    assert "frame" not in found.extra
+    assert found.poses[:, :3] == pytest.approx(block.poses[:, :3], abs=1e-3)

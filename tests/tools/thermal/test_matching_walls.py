@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 from kit.rivals import METHODS, find_with
+from kit.wall import Sensor, Wall
 from walls import camlight, rms
 
-from benchmarks.wall import Sensor, Wall
 from corridor.tools.thermal import Matcher
 
 WIDTH, HEIGHT = 1280, 960

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from kit.wall import Course, Shots, Wall
 from walls import camlight, off_by, rms
 
-from benchmarks.wall import Course, Shots, Wall
 from corridor.core.errors import InputError
 from corridor.core.output import sole
 from corridor.interface.cli import main

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kit.wall import Course, simulated_maps
 from walls import camlight, mapped, off_by, rms, warm_and_cool
 
-from benchmarks.wall import Course, simulated_maps
 from corridor.core.errors import InputError, WorkFailed
 from corridor.tools.thermal import degrees, fit, maps, optics, simple_model, smoothed
 from corridor.tools.thermal.sums import Sums

@@ -1,8 +1,8 @@
 """What the thermal tests share: a camera's heat, and maps as a perfect matcher would make them."""
 
 import numpy as np
+from kit.wall import Course, simulated_maps
 
-from benchmarks.wall import Course, simulated_maps
 from corridor.tools.thermal import simple_model
 
 

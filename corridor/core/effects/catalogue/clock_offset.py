@@ -26,6 +26,21 @@ _PER_IMAGE = Variant(
     Source: Zhou 2019, section 5.2 (synchronisation of camera and receiver).
     """,
 )
+_PER_FLIGHT = Variant(
+    slug="clock_offset_per_flight",
+    group="flight",
+    title="Offset between the clocks of camera and GNSS receiver in each flight",
+    called="an offset between the clocks of camera and receiver, another in each flight",
+    revealed_by="strips flown both ways or at different speeds in each flight, with GNSS",
+    unobservable_when=(
+        "a flight keeps one speed and its camera turns with the strip: a lever arm of each flight "
+        "does the same"
+    ),
+    about="""The clocks disagree by another amount in each flight: one was set or started anew.
+
+    Source: Zhou 2019, section 5.2 (synchronisation of camera and receiver).
+    """,
+)
 
 
 class ClockOffset(LinearEffect):
@@ -38,7 +53,7 @@ class ClockOffset(LinearEffect):
     unobservable_when = (
         "one speed and a camera that turns with the strip: a lever arm does the same"
     )
-    variants = (_PER_IMAGE,)
+    variants = (_PER_IMAGE, _PER_FLIGHT)
 
     def parameters(self, block):
         return [Parameter("offset", "s", scale=0.030 if self.group == "image" else 0.050)]

@@ -24,8 +24,8 @@ _PER_FLIGHT = Variant(
 
 class LeverArm(LinearEffect):
     slug = "lever_arm"
-    title = "Lever arm of the GNSS antenna, to be added to the stated one"
-    called = "a correction of the stated lever arm of the GNSS antenna"
+    title = "Lever arm of the GNSS antenna, to be added to the stated one, 0 if none is"
+    called = "a correction of the lever arm of the GNSS antenna"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z")
     revealed_by = "images of several headings and tilts with control, flights both ways"

@@ -3,9 +3,22 @@
 Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
 """
 
-from corridor.core.effects.contract import LinearEffect, Parameter, edge_of, of_interior
+from corridor.core.effects.contract import LinearEffect, Parameter, Variant, edge_of, of_interior
 
 _NAMES = ("k1", "k2", "k3")
+_PER_FLIGHT = Variant(
+    slug="radial_distortion_per_flight",
+    group="flight",
+    title="Radial distortion of each flight (true minus stated)",
+    called="a radial distortion of its own in each flight",
+    revealed_by="tie points in three images or more of each flight, over the whole picture",
+    unobservable_when="points fill a small ring of the picture only; k1, k2, k3 look alike there",
+    about="""The radial distortion is another one in each flight: another lens, zoom or focus.
+
+    Source: Luhmann, Fraser and Maas 2016, "Sensor modelling and camera calibration for close-range
+    photogrammetry" (block-variant and photo-variant parameters).
+    """,
+)
 
 
 class RadialDistortion(LinearEffect):
@@ -19,6 +32,7 @@ class RadialDistortion(LinearEffect):
         "tie points in three images or more: residuals point to the middle or away from it"
     )
     unobservable_when = "points fill a small ring of the picture only; k1, k2, k3 look alike there"
+    variants = (_PER_FLIGHT,)
 
     def parameters(self, block):
         # 2 px at the end of the picture's long side from each of the three.

@@ -8,13 +8,29 @@ Source: Zhou 2019, chapter 7; Zhou et al. 2020, two-step correction.
 
 import numpy as np
 
-from corridor.core.effects.contract import LinearEffect, Parameter
+from corridor.core.effects.contract import LinearEffect, Parameter, Variant
 from corridor.core.errors import InputError
 
 # An estimated readout this far from the stated one, in sigmas and as a share, is told.
 _FAR_SIGMAS, _FAR_SHARE = 3.0, 0.15
 # A stated shutter that is left out and moves the rows of a picture by more than this (px) is told.
 _MOVED_PX = 1.0
+
+_PER_FLIGHT = Variant(
+    slug="rolling_shutter_per_flight",
+    group="flight",
+    title="Rolling shutter of each flight: another mode of the camera, or another camera",
+    called="a rolling shutter of its own in each flight",
+    revealed_by="strips flown both ways, across each other, at several speeds in each flight",
+    unobservable_when=(
+        "the drone hovers, or a flight keeps one speed relative to the picture and has a camera of "
+        "its own"
+    ),
+    about="""Each flight has a readout of its own: another picture size or mode, or another camera.
+
+    Source: Zhou 2019, chapter 7 (one readout), with one set of values a flight.
+    """,
+)
 
 
 class RollingShutter(LinearEffect):
@@ -29,6 +45,7 @@ class RollingShutter(LinearEffect):
         "the drone hovers, or all strips have one speed relative to the picture and the camera is "
         "free: affine distortion or focal length take it"
     )
+    variants = (_PER_FLIGHT,)
 
     def parameters(self, block):
         return [Parameter("readout", "s", scale=0.030, text="from the first to the last row")]

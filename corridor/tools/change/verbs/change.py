@@ -94,8 +94,8 @@ OPTIONS = _model.table(
                        _POSITIVE),
     "--normal": option("along which the surface is compared (default: local)",
                        choices=("local", "vertical"), default="local"),
-    "--fit": option("surface in the cylinder: 0 the mean (M3C2, default), 1 a plane, 2 curved",
-                    "DEGREE", whole("degree", 0), default=0),
+    "--fit": option("surface in the cylinder: 0 the mean (M3C2), 1 a plane, 2 curved (default: the "
+                    "one that shows most at the roughness at hand)", "DEGREE", whole("degree", 0)),
     "--profile": option("core points along this line: CSV with x, y", "FILE", Path),
     "--polygon": option("volume in this polygon: CSV with x, y (may be repeated)", "FILE", Path,
                         action="append", default=[]),

@@ -19,6 +19,11 @@ Every import ends with a proof: the imported points through the imported poses a
 the median is above 2 px, or a usual mistake of convention (origin, p1 and p2, sense of rotation, y
 upwards, direction of distortion) would explain the residuals, nothing is written unless --force
 is given, and the mistake is named.
+
+What is derived (headings, flights, places, delays, sigmas) stands in the table `derived` of
+block.toml with what else agrees with it, contradicts it or cannot check it; BLOCK/import.html shows
+it, the photographs that did not join, a map, and what to do next. A project that nothing places
+keeps its own frame and scale (`frame = "arbitrary"` in block.toml): velocities have no place in it.
 """
 
 import argparse

@@ -1,0 +1,77 @@
+"""Inputs that place nothing, or less than all, and exact control."""
+
+import numpy as np
+import pytest
+from strips import corridor_block
+
+import corridor
+from corridor.core.preparation import doubts
+
+
+def flown(**options):
+    options = {"images": 10, "strips": 2, "observations_per_image": 40, "seed": 1} | options
+    block = corridor_block(**{"control": 4, "check": 2} | options)
+    return corridor.simulation.add_noise(block, tie_px=0.5, mark_px=0.5, seed=1)
+
+
+def test_start_poses_at_one_place_are_refused_in_one_sentence():
+    block = flown()
+    block.images[["x", "y", "z"]] = [1.0, 2.0, 60.0]
+    with pytest.raises(corridor.InputError, match="all 10 images stand at one place"):
+        corridor.adjust(block)
+
+
+def test_positions_that_are_all_the_same_are_left_out_and_said_to_be():
+    block = flown()
+    block.gnss[["x", "y", "z"]] = [40.0, 0.0, 60.0]
+    found = corridor.adjust(block)
+    assert not len(found.residuals["gnss"])
+    assert any("all 10 positions are the same (40, 0, 60)" in s for s in found.warnings)
+    with pytest.raises(corridor.InputError, match="place nothing"):
+        corridor.adjust(block, strict=True)
+
+
+def test_exact_control_is_held_to_all_digits():
+    block = flown()
+    block.ground[["sx", "sy", "sz"]] = 0.0
+    found = corridor.adjust(block)
+    assert np.abs(found.residuals["control"][["vx", "vy", "vz"]]).to_numpy().max() < 1e-9
+    held = flown()
+    held.ground[["sx", "sy", "sz"]] = 1e-6
+    assert found.sigma0 == pytest.approx(corridor.adjust(held).sigma0, rel=1e-5)
+
+
+@pytest.mark.parametrize("factor", [0.6, 0.512, 1.5])
+def test_marks_of_resized_pictures_are_told(factor):
+    block = flown()
+    assert not [s for s in doubts(block) if "by one factor" in s]
+    block.marks[["x", "y"]] = (block.marks[["x", "y"]] + 0.5) * factor - 0.5
+    (told,) = [s for s in doubts(block) if "by one factor" in s]
+    assert f"{factor:.2f}" in told
+
+
+def hanging():
+    """A block of 40 images of which one hangs on three points that one other image shows."""
+    block = flown(images=40)
+    name = str(block.images["image"].iloc[20])
+    ties = block.tie_points.astype({"point": str, "image": str})
+    mine = ties[ties["image"] == name]
+    partner = ties[ties["point"].isin(mine["point"]) & (ties["image"] != name)]["image"].mode()[0]
+    both = mine["point"][mine["point"].isin(ties.loc[ties["image"] == partner, "point"])]
+    chosen = both.tolist()[:3]
+    hung = ties["point"].isin(chosen)
+    keep = (hung & ties["image"].isin([name, partner])) | (~hung & (ties["image"] != name))
+    block.gnss = block.gnss[block.gnss["image"] != name].reset_index(drop=True)
+    block.marks = block.marks[block.marks["image"] != name].reset_index(drop=True)
+    ties = ties[keep]
+    ties = ties[ties["point"].map(ties["point"].value_counts()) > 1]
+    return block.with_(tie_points=ties.reset_index(drop=True)), name
+
+
+def test_an_image_whose_pose_nothing_determines_is_left_out_by_name():
+    block, name = hanging()
+    found = corridor.adjust(block)
+    assert found.converged and name not in found.problem.images.names
+    assert any(s.startswith(f"Image {name} is left out: its pose") for s in found.warnings)
+    with pytest.raises(corridor.InputError, match=f"the pose of image {name} cannot be determined"):
+        corridor.adjust(block, strict=True)

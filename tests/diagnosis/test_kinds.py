@@ -1,0 +1,214 @@
+"""Kinds of blocks that once ended in a wrong name, or in none, or not at all."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from believing import believed
+from strips import corridor_block
+
+from corridor.core.adjustment import Model
+from corridor.core.effects import add, candidates, find
+from corridor.core.simulation import CAMLIGHT, add_noise
+from corridor.diagnosis import Settings, diagnose
+from corridor.diagnosis.evidence.scores import as_spread
+from corridor.diagnosis.evidence.search import Found
+from corridor.diagnosis.findings.verdict import _changes
+from corridor.diagnosis.reference import ReferenceModel
+from corridor.diagnosis.report.sentence import _off
+from corridor.diagnosis.rounds import _without_motion
+from corridor.diagnosis.system.elimination import Elimination
+from corridor.diagnosis.system.equations import equations
+from corridor.diagnosis.system.groups import Group
+from corridor.diagnosis.verification.held_out import Prediction
+
+
+def flown(**options):
+    """A block of 16 images flown to and fro, with noise."""
+    options = {"images": 16, "strips": 2, "observations_per_image": 80, "control": 4} | options
+    block = corridor_block(check=0, relief=6.0, seed=2, **options)
+    return add_noise(block, tie_px=0.3, mark_px=0.3, gnss_m=0.02, control_m=0.004, seed=2)
+
+
+def stated(block, sigma):
+    """The block with one standard deviation stated for all its positions, m."""
+    block = block.copy()
+    block.gnss = block.gnss.assign(sx=sigma, sy=sigma, sz=sigma)
+    block.lever_arm, block.lever_arm_fixed = {}, False
+    return block
+
+
+class TestAnArmThatNobodyStated:
+    """It is held where stated sigmas are coarse, and not accused where positions are better."""
+
+    @pytest.mark.parametrize(("scatter", "arm"), [(0.0, "free"), (2.0, "fixed")])
+    def test_it_is_free_where_positions_tell_it(self, scatter, arm):
+        block = stated(flown(), 0.4)
+        rng = np.random.default_rng(1)
+        xyz = ["x", "y", "z"]
+        block.gnss[xyz] = block.gnss[xyz] + scatter * rng.standard_normal((len(block.gnss), 3))
+        model = ReferenceModel.of(block, Model())
+        model.adjust()
+        assert model.model.lever_arm == arm
+
+    def test_what_somebody_says_of_it_holds(self):
+        model = ReferenceModel.of(stated(flown(), 0.4), Model(lever_arm="fixed"))
+        model.adjust()
+        assert model.model.lever_arm == "fixed"
+
+
+class TestRowsReadWhileTheCameraMoves:
+    @staticmethod
+    def asked(block):
+        chosen = candidates(block, {name: () for name in block.cameras}, [], ["G1"])
+        notes = _without_motion(block, chosen)
+        return {e.slug for e in chosen.effects if e.place == "motion"}, notes
+
+    def test_a_camera_that_reads_them_at_once_has_none(self):
+        block = flown()
+        cameras = {name: replace(c, readout_s=0.0) for name, c in block.cameras.items()}
+        names, (note,) = self.asked(replace(block, cameras=cameras))
+        assert not names and "readout_s = 0" in note
+
+    def test_without_a_speed_nothing_makes_a_motion_of_values_for_each_image(self):
+        block = flown()
+        block.images = block.images.drop(columns=["vx", "vy", "vz"])
+        names, (note,) = self.asked(block)
+        assert not names and "no name" in note
+
+    def test_with_a_speed_or_a_readout_they_are_asked(self):
+        block = flown()
+        assert self.asked(block)[0] >= {"rolling_shutter", "rolling_shutter_rotation"}
+        cameras = {name: replace(c, readout_s=0.03) for name, c in block.cameras.items()}
+        block = replace(block, cameras=cameras)
+        block.images = block.images.drop(columns=["vx", "vy", "vz"])
+        names, notes = self.asked(block)
+        assert "rolling_shutter_rotation" in names and not notes
+
+
+class TestFlightsThatDiffer:
+    def test_the_sigma_of_a_difference_knows_nothing_of_what_they_have_in_common(self):
+        """Values of two flights known to 0.2 apart from each other, and to 300 together."""
+        group = Group(
+            "focal_per_flight", find("focal_per_flight"), None, np.arange(2), np.full(2, 5.0),
+            [("F1", "f", "px"), ("F2", "f", "px")],
+        )  # fmt: skip
+        spread = 300.0**2 * np.ones((2, 2)) + 0.1**2 * np.eye(2)
+        ((row,),) = _changes(group, np.array([-10.0, 10.0]), spread, None).values()
+        assert row["value"] == 20.0
+        assert row["sigma"] == pytest.approx(5.0 * 0.1 * np.sqrt(2), rel=1e-3)
+
+    def test_variants_of_each_flight_are_asked_of_two_flights_only(self):
+        slugs = {"rolling_shutter_per_flight", "radial_distortion_per_flight"}
+        for flights in (1, 2):
+            block = flown(flights=flights)
+            chosen = candidates(block, {name: () for name in block.cameras}, [], ["G1"])
+            found = {effect.slug for effect in chosen.effects}
+            assert slugs <= found if flights > 1 else not slugs & found
+
+    @pytest.mark.slow
+    def test_two_readouts_are_two_readouts(self):
+        block = corridor_block(
+            images=36, strips=4, flights=2, height=(45.0, 55.0, 45.0, 55.0),
+            observations_per_image=120, control=5, check=4, seed=1, relief=6.0,
+        )  # fmt: skip
+        values = {"F1": 0.012, "F2": 0.032}
+        names = dict(zip(values, block.flight_names, strict=True))
+        there = {"readout": {names[key]: value for key, value in values.items()}}
+        block = add(block, {"rolling_shutter_per_flight": there})
+        block = add_noise(block, tie_px=0.3, mark_px=0.3, gnss_m=0.01, control_m=0.004, seed=1)
+        found = diagnose(block)
+        assert {one["slug"] for one in found.effects} == {"rolling_shutter_per_flight"}
+        (change,) = found.effects[1]["change_from_flight_before"]
+        assert change["value"] == pytest.approx(0.020, abs=4 * change["sigma"])
+
+
+def test_a_free_network_is_asked_for_what_it_predicts():
+    """Nothing holds it but the places where it began."""
+    block = flown(camera=replace(CAMLIGHT, calibrated=True))
+    block.gnss = block.gnss.iloc[:0]
+    one = believed(block, control=[])
+    assert np.isfinite(Prediction.of_folds(one, one, np.zeros(0, dtype=int)).gain).all()
+
+
+class TestCheckPointsThatNothingExplains:
+    @staticmethod
+    def told(sigmas, gnss=3):
+        gap = {"check_m": {"before": 0.7, "after": 0.7}, "check_sigmas": {"after": sigmas}}
+        return _off(SimpleNamespace(gap=gap, block=SimpleNamespace(gnss=[0] * gnss)))
+
+    def test_they_are_told_beside_nothing_with_what_to_do(self):
+        assert "9.0 times" in self.told(9.0) and "--effect gnss_bias" in self.told(9.0)
+        assert "gnss_bias" not in self.told(9.0, gnss=0)
+
+    def test_chance_is_no_word_worth(self):
+        assert self.told(1.4) == ""
+
+
+def test_of_two_that_their_spread_does_not_bear_the_stronger_is_asked_again():
+    """Beside each other neither stands; without the weaker the other does."""
+
+    class Told:
+        inflation = np.array([2.0, 2.0])
+
+        def given(self, rest, spread=False, only=None):
+            alone = {0: 20.0, 1: 6.0}
+            value = alone[only] if not rest else 1.0
+            return {only: SimpleNamespace(evidence=value)}
+
+        def total(self, chosen):
+            return 0.0
+
+    found = Found({0: 1.0, 1: 1.0}, {0: 30.0, 1: 4.0}, 30.0)
+    assert set(as_spread(Told(), found, 2.5).chosen) == {0}
+
+
+def test_settings_are_an_argument_and_are_written_down():
+    block = flown(camera=replace(CAMLIGHT, calibrated=True))
+    settings = Settings(null_draws=50)
+    found = diagnose(block, only=["gnss_bias"], settings=settings)
+    assert found.to_dict()["settings"]["null_draws"] == 50
+    assert Settings().null_draws != 50
+
+
+class TestABlockAndItsDouble:
+    """Nothing of the equations depends on how many images a block has."""
+
+    def test_a_second_block_beside_it_changes_no_evidence_of_its_images(self):
+        """Two copies that share nothing bring twice the evidence of one, to rounding."""
+        block = flown(camera=replace(CAMLIGHT, calibrated=True), images=14)
+        block.lever_arm_fixed = True
+        effects = [find("row_polynomial"), find("focal_per_image")]
+        double = doubled(block)
+        each = []
+        for one in (block, double):
+            e = equations(believed(one, camera="fixed"), effects, {})
+            plain = Elimination(e, None).reduced()
+            each.append(
+                [plain.beside(((g, np.full(len(g), 0.5)),)).cost - plain.cost for g in e.groups]
+            )
+        assert each[1] == pytest.approx(2.0 * np.array(each[0]), rel=2e-2)
+
+
+def doubled(block):
+    """The block and a copy of it a kilometre away, of other names."""
+    other = block.copy()
+    for name in ("images", "points", "ground", "gnss"):
+        table = getattr(other, name).copy()
+        table["x"] = table["x"] + 1000.0
+        setattr(other, name, table)
+    out = block.copy()
+    for name in ("images", "points", "ground", "gnss", "tie_points", "marks"):
+        table = getattr(other, name).copy()
+        for column in {"image", "point", "strip"} & set(table):
+            table[column] = [f"{value}_2" for value in table[column].astype(str)]
+        first = getattr(block, name).copy()
+        for column in {"image", "point", "strip"} & set(first):
+            first[column] = first[column].astype(str)
+        both = pd.concat([first, table], ignore_index=True)
+        if name in ("tie_points", "marks"):
+            both = both.astype({"image": "category", "point": "category"})
+        setattr(out, name, both)
+    return out
