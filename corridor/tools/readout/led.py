@@ -173,9 +173,9 @@ def _why_not(photo, frequency, bright, few=None):
         )
     if few is not None:
         return (
-            f"{photo.name} shows about {few:.1f} periods of light along its rows, and "
-            f"{_FEWEST_STRIPES:g} are the fewest that can be measured: let the light blink faster "
-            f"than {frequency:g} Hz"
+            f"{photo.name} shows no stripes that can be measured: its light has about {few:.1f} "
+            f"periods along the rows, and {_FEWEST_STRIPES:g} are the fewest; let it blink faster "
+            f"than {frequency:g} Hz, or expose for less than a period"
         )
     if frequency > 1 / (_FEWEST_ROWS * _ROW_S[1]):
         return (

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from corridor.tools.thermal.maps import Maps
-from corridor.tools.thermal.sums import Sums
+from corridor.tools.thermal.sums import Solved, Sums
 
 # F with one degree of freedom: six sigmas.
 _F = 36.0
@@ -57,7 +57,7 @@ def _worst(sums: Sums, kind: str) -> tuple[list[int], str] | None:
 
     def cost(course: np.ndarray, tried, use=None) -> tuple[float, float]:
         sums.warm = course
-        return min((sums.solve(kind, powers, lag, (), use).cost, lag) for lag in tried)
+        return min((_left(sums, sums.solve(kind, powers, lag, (), use), use), lag) for lag in tried)
 
     base, lag = cost(warm, lags)
     # Wrong temperatures move the lag as well.
@@ -93,6 +93,12 @@ def _worst(sums: Sums, kind: str) -> tuple[list[int], str] | None:
             "those of all others do: the picture is left out; correct temperature_c in series.csv"
         )
     return None
+
+
+def _left(sums: Sums, solved: Solved, use: np.ndarray | None) -> float:
+    """Weighted squares left of pictures; what moves one as a whole is no matter of temperature."""
+    left = solved.of_picture - sums.weight * np.sum(solved.offset**2, axis=1)
+    return float(left.sum() if use is None else left[use].sum())
 
 
 def _without(sums: Sums, warm: np.ndarray, row: int) -> np.ndarray:

@@ -26,6 +26,7 @@ _VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
 # Source: RTKLIB manual 2.4.2, appendix B.1 (quality); decimetres of a float ambiguity, metres of a
 # position without: Teunissen and Montenbruck 2017, chapters 21 and 26.
 _GOOD_TO_M = {2: 0.2, 3: 1.0, 4: 0.5, 5: 2.0}
+_TOLD_APART = 1.05
 _NAMES = {2: "float", 3: "SBAS", 4: "differential code", 5: "single"}
 # A scatter that is larger than stated by more than this is told.
 _CONTRADICTS = 1.3
@@ -211,19 +212,26 @@ def _of_singular(track: pd.DataFrame, pieces: pd.DataFrame) -> list[str]:
 
 
 def _by_quality(sigma: np.ndarray, quality: np.ndarray, notes: list[str]) -> np.ndarray:
-    """Sigmas (n, 3) of which those of worse solutions are not smaller than such solutions are good.
+    """Sigmas (n, 3) of which those of worse solutions are not as small as those of fixes.
 
-    What RTKLIB states of a float or a single position is its noise, not what it is off.
+    Where epochs that are no fixes state the sigmas of fixes, these are of noise, not of what such
+    solutions are off. Programs that state larger ones are believed.
     """
-    least = np.array([_GOOD_TO_M.get(q, 0.0) for q in quality])[:, None]
-    raised = (sigma < least).any(axis=1)
-    for q in np.unique(quality[raised]):
-        many = int((quality == q).sum())
-        notes.append(
-            f"{many} of {len(quality)} epochs are no fixes (quality {q:.0f}, {_NAMES[q]}): counted "
-            f"as good to {_GOOD_TO_M[q]:g} m, whatever their sigmas say"
-        )
-    return np.maximum(sigma, least)
+    fixed, out = quality == 1, sigma.copy()
+    for q, metres in _GOOD_TO_M.items():
+        mine = quality == q
+        if not mine.any():
+            continue
+        text = f"{int(mine.sum())} of {len(quality)} epochs are no fixes (quality {q}, {_NAMES[q]})"
+        usual = np.median(sigma[fixed], axis=0) if fixed.any() else np.full(3, np.inf)
+        if (np.median(sigma[mine], axis=0) > _TOLD_APART * usual).any():
+            notes.append(f"{text}: their sigmas are larger than those of fixes and are used")
+        else:
+            out[mine] = np.maximum(sigma[mine], metres)
+            notes.append(
+                f"{text} and state the sigmas of fixes: they are counted as good to {metres:g} m"
+            )
+    return out
 
 
 def _of_unsure(track: pd.DataFrame, sigma: np.ndarray) -> list[str]:
@@ -249,7 +257,9 @@ def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.
     stated = sigma is not None
     if stated:
         notes += _of_unsure(track, sigma)
-        sigma = _by_quality(sigma, quality, notes)
+        # GrafNav's own quality follows from its standard deviations, and says no more than they.
+        if "grafnav_quality" not in track:
+            sigma = _by_quality(sigma, quality, notes)
     else:
         sigma = np.repeat(relative[:, None], 3, axis=1)
     if lost:

@@ -83,9 +83,9 @@ class Model(NamedTuple):
     axes: tuple[Axis, Axis, Axis]
     gusts: np.ndarray
     jerks: np.ndarray
-    unresolved: np.ndarray
-    interval_s: float
     correlation_s: float = CORRELATION_S
+    unresolved: np.ndarray | tuple = (0.0, 0.0, 0.0)
+    interval_s: float = 1.0
 
 
 class Rows(NamedTuple):
@@ -190,7 +190,7 @@ def fit(epochs: Epochs, share: float | None) -> Model:
         unknown_velocity = epochs.velocity is not None and epochs.velocity_sigma is None
         axis = Axis(1.0, share or 0.0, 1.0, 0.1 if unknown_velocity else None)
         jerks = np.outer(np.full(n, 10.0), _OF_AXIS)
-        return Model((axis,) * 3, np.ones((n, 3)), jerks, np.zeros(3), 1.0)
+        return Model((axis,) * 3, np.ones((n, 3)), jerks)
     interval = float(np.median(np.diff(epochs.time)))
     search = _Search(epochs, share)
     found = search.run()
@@ -205,7 +205,8 @@ def fit(epochs: Epochs, share: float | None) -> Model:
     jerks = np.outer(weights @ _JERK, _OF_AXIS)
     flying = 1 - weights[:, 0]
     gusts = np.outer(flying, [noise.gust for noise in axes])
-    return Model(axes, gusts, jerks, _unresolved(epochs, axes, interval), interval)
+    unresolved = _unresolved(epochs, axes, interval)
+    return Model(axes, gusts, jerks, unresolved=unresolved, interval_s=interval)
 
 
 def _unlike(axes: list[Axis]) -> bool:

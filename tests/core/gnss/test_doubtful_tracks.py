@@ -1,0 +1,172 @@
+"""Tracks and clocks that are not what they say: each is told, and counts in the sigma."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from corridor.core.errors import InputError, WorkFailed
+from corridor.core.gnss import Exposures, Track, antenna, interpolate, read_exposures
+from corridor.core.gnss.formats.dji_mrk import status
+
+XYZ, SXYZ = ["x", "y", "z"], ["sx", "sy", "sz"]
+SIGMA = np.array([0.008, 0.008, 0.015])
+
+
+def place(time):
+    """A strip at 6 m/s that turns back in a half circle: metres at seconds."""
+    time = np.asarray(time, float)
+    return np.stack([60 * np.sin(time / 10), 25 * np.cos(time / 12), 50 + 0 * time], axis=-1)
+
+
+def flown(rate=5.0, noise=1.0, seed=0, seconds=100.0):
+    """A track of epochs with white noise, `noise` times as large as it states."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0, seconds, 1 / rate)
+    table = pd.DataFrame({"time_s": time})
+    table[XYZ] = place(time) + noise * SIGMA * rng.standard_normal((len(time), 3))
+    table[SXYZ] = SIGMA
+    return table
+
+
+def exposed(late=0.0, sigma=0.01, seed=1):
+    """Exposures every 2 s with positions of their own, at times that are `late`."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(10.0, 90.0, 2.1)
+    table = pd.DataFrame({"image": [f"i{n}.jpg" for n in range(len(time))], "time_s": time + late})
+    table[XYZ] = place(time) + sigma * rng.standard_normal((len(time), 3))
+    table[SXYZ] = sigma
+    return table
+
+
+def at_images(track, images, day="2024-05-14", systems=("GPST", "GPST"), **more):
+    return antenna(
+        Track(track, day, systems[0], None, Path("rover.pos")),
+        Exposures(images, day, systems[1], None, Path("marks.MRK"), **more),
+    )
+
+
+class TestClocks:
+    @pytest.mark.parametrize("seconds", [1.0, -1.0, 2.0])
+    def test_a_miscount_of_leap_seconds_is_put_right_by_the_positions(self, seconds):
+        images = exposed(late=-seconds)
+        found = at_images(flown(), images)
+        off = found.gnss[XYZ].to_numpy() - images[XYZ].to_numpy()
+        assert np.abs(off).max() < 0.1
+        assert any("another number of leap seconds" in note for note in found.notes)
+
+    def test_another_delay_is_told_with_its_size(self):
+        found = at_images(flown(), exposed(late=-0.4))
+        assert any("0.40 +- 0.00 s later" in note for note in found.notes)
+
+    def test_a_right_clock_is_not_doubted(self):
+        assert not any("positions in" in note for note in at_images(flown(), exposed()).notes)
+
+    def test_whole_seconds_are_in_the_sigma(self):
+        images = exposed()
+        with pytest.raises(WorkFailed, match="steps of 1000 ms"):
+            at_images(flown(), images.drop(columns=[*XYZ, *SXYZ]), resolution_s=1.0)
+
+    def test_a_track_that_stands_still_is_told(self):
+        track = flown()
+        track[XYZ] = track[XYZ].to_numpy() - place(track["time_s"])
+        found = at_images(track, exposed().drop(columns=[*XYZ, *SXYZ]))
+        assert any("stands still" in note for note in found.notes)
+
+
+class TestEpochs:
+    @pytest.mark.parametrize("rate", [1.0, 5.0, 10.0])
+    def test_false_epochs_are_left_out_by_their_own_noise(self, rate):
+        track, rng = flown(rate, seed=3, seconds=200.0), np.random.default_rng(4)
+        false = rng.choice(np.arange(8, len(track) - 8, 12), 6, replace=False)
+        track.loc[false, XYZ] += 0.35 * rng.choice([-1, 1], (6, 3))
+        at = np.arange(10.0, 190.0, 1.7)
+        found = interpolate(track, at).table
+        off = (found[XYZ].to_numpy() - place(at)) / found[SXYZ].to_numpy()
+        assert np.abs(off).max() < 5
+
+    def test_a_sound_track_loses_none(self):
+        notes = interpolate(flown(5.0, seconds=300.0), np.array([20.0])).notes
+        assert not any("left out" in note for note in notes)
+
+    def test_sigmas_that_the_scatter_contradicts_are_not_used(self):
+        at = np.arange(10.0, 90.0, 0.7)
+        found = interpolate(flown(5.0, noise=2.7), at)
+        off = (found.table[XYZ].to_numpy() - place(at)) / found.table[SXYZ].to_numpy()
+        assert np.sqrt(np.mean(off**2)) < 1.2  # 2.2 where they are believed
+        assert any("times as much as their sigmas say" in note for note in found.notes)
+
+    def test_motion_that_one_epoch_a_second_does_not_show_is_in_the_sigma(self):
+        rng = np.random.default_rng(0)
+        fine = np.arange(0, 200, 0.02)
+        spectrum = np.fft.rfft(rng.standard_normal((len(fine), 3)), axis=0)
+        spectrum[np.fft.rfftfreq(len(fine), 0.02) > 1.0] = 0
+        shaken = np.fft.irfft(spectrum, len(fine), axis=0)
+        shaken *= 0.03 / shaken.std()
+        track = flown(1.0, seconds=200.0)
+        track[XYZ] += shaken[:: round(1 / 0.02)]
+        at = np.arange(10.0, 190.0, 0.7)
+        true = place(at) + np.stack([np.interp(at, fine, one) for one in shaken.T], axis=1)
+        found = interpolate(track, at)
+        off = (found.table[XYZ].to_numpy() - true) / found.table[SXYZ].to_numpy()
+        assert np.sqrt(np.mean(off**2)) < 1.3
+        assert any("cannot show motion above 0.5 Hz" in note for note in found.notes)
+
+    @pytest.mark.parametrize(("quality", "name"), [(2, "float"), (5, "single")])
+    def test_epochs_that_are_no_fixes_are_not_used_as_fixes(self, quality, name):
+        track = flown().assign(quality=1)
+        track.loc[200:300, "quality"] = quality
+        found = interpolate(track, np.array([20.0, 50.0]))
+        fix, other = found.table["sx"]
+        assert other > 10 * fix
+        assert any(f"{name}) and state the sigmas of fixes" in note for note in found.notes)
+
+    def test_a_track_that_is_turned_round_is_the_same(self):
+        track, at = flown(2.0), np.arange(10.0, 90.0, 1.3)
+        back = track[::-1].assign(time_s=-track["time_s"]).reset_index(drop=True)
+        one, other = interpolate(track, at).table, interpolate(back, -at).table
+        for columns in (XYZ, SXYZ):
+            assert other[columns].to_numpy() == pytest.approx(one[columns].to_numpy(), abs=1e-7)
+
+
+class TestFiles:
+    HEAD = (
+        "% program   : RTKPOST ver.demo5\n"
+        "%  GPST   latitude(deg) longitude(deg)  height(m)   Q  ns   sdn(m)   sde(m)   sdu(m)\n"
+    )
+    ROWS = (
+        "2021/03/18 12:19:04.623  47.848703631  11.489500183  346.9086  1 16 0.005 0.004 0.008\n"
+        "2021/03/18 12:19:06.323  47.848513143  11.490020556  347.1328  1 16 0.005 0.004 0.008\n"
+    )
+
+    def test_positions_at_events_are_times_of_images(self, tmp_path):
+        (tmp_path / "rover_events.pos").write_text(self.HEAD + self.ROWS)
+        found = read_exposures(tmp_path / "rover_events.pos")
+        assert found.table["number"].tolist() == [1, 2]
+        named = found.named(["b.jpg", "a.jpg"])
+        assert named.table["image"].tolist() == ["a.jpg", "b.jpg"]
+        with pytest.raises(InputError, match="2 events and there are 1 images"):
+            found.named(["a.jpg"])
+
+    def test_any_other_track_is_none(self, tmp_path):
+        (tmp_path / "rover.pos").write_text(self.HEAD + self.ROWS)
+        with pytest.raises(InputError, match="_events.pos"):
+            read_exposures(tmp_path / "rover.pos")
+
+    def test_observations_of_a_receiver_are_named(self, tmp_path):
+        head = "     3.03           OBSERVATION DATA    M: Mixed            RINEX VERSION / TYPE\n"
+        (tmp_path / "rover.24O").write_text(head)
+        with pytest.raises(InputError, match="RINEX"):
+            read_exposures(tmp_path / "rover.24O")
+
+    def test_a_deleted_photograph_leaves_its_exposure_out(self):
+        table = pd.DataFrame({"number": pd.array([1, 2, 3], dtype="Int64"), "time_s": [0.0, 1, 2]})
+        marks = Exposures(table, None, "GPST", None, Path("a.MRK"))
+        found = marks.named(["DJI_0001.JPG", "DJI_0003.JPG"])
+        assert found.table["image"].tolist() == ["DJI_0001.JPG", "DJI_0003.JPG"]
+        assert any("no image has number 2" in note for note in found.notes)
+
+    def test_dji_says_how_good_a_position_is(self):
+        assert "single" in status(16) and "float" in status(34) and "fix" in status(50)
+        assert "not taken for a fix" in status(52)
