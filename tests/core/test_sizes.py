@@ -52,8 +52,11 @@ def test_the_register_has_them_all():
                 if getattr(target, "id", "") in NAMES:
                     place = ".".join(path.relative_to(CORE).with_suffix("").parts)
                     found.add((place, target.id))
-    # The fewest measurements that tell a kind's sigma: more do not make another branch.
-    assert found - {("adjustment.variance_components", "_LEAST")} == set(SIZES)
+    # The fewest measurements, and the least redundancy, that determine a sigma are no branches.
+    fewest = {
+        (f"adjustment.{name}", "_LEAST") for name in ("variance_components", "group_variances")
+    }
+    assert found - fewest == set(SIZES)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,9 @@ from corridor.interface.cli import main
 
 # Refused when the block is read: slip -> words of the sentence.
 REFUSED = {
-    "control without a standard deviation": (changed("ground", sx=0.0), "row 2: sx = 0 is not a"),
+    "control of a negative standard deviation": (
+        changed("ground", sx=-0.01), "row 2: sx = -0.01 is not a"
+    ),
     "a role in capitals": (
         changed("ground", role=lambda c: c.str.capitalize()), "role 'Control' is unknown"
     ),

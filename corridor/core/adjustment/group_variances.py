@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
+from scipy.special import chdtr, chdtrc, chdtri
 
 from corridor.core.adjustment.cofactors import of_antennas
 from corridor.core.adjustment.model import Model
@@ -77,7 +77,7 @@ def components(adjustment: Adjustment) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["kind", "part", "flight", "count", "redundancy", "q"])
     r, q = table["redundancy"].clip(lower=1e-9), table.pop("q")
     table["sigma0"] = np.sqrt(q / r).where(r > 0.5)
-    table["p"] = np.minimum(2.0 * np.minimum(chi2.sf(q, r), chi2.cdf(q, r)), 1.0)
+    table["p"] = np.minimum(2.0 * np.minimum(chdtrc(r, q), chdtr(r, q)), 1.0)
     return table
 
 
@@ -263,7 +263,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     names = table["image"].astype(str).to_numpy()
     sigma = table[["sx", "sy", "sz"]].to_numpy()
     length = _lengths(result, sigma)
-    quantile = chi2.ppf(_BEST, 3)
+    quantile = float(chdtri(3, 1.0 - _BEST))
     order = np.argsort(length[mine], kind="stable")
     best = ~mine
     best[np.flatnonzero(mine)[order[: int(np.ceil(_BEST * mine.sum()))]]] = True

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtri
 
 from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
 from corridor.core.adjustment.snooping import SHOWN, Blunder, blunders
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 ALPHA, BETA = 1e-3, 0.2
 # Non-centrality of a test of that size and power, in sigmas: 4.13.
-DELTA = float(norm.isf(ALPHA / 2) + norm.isf(BETA))
+DELTA = float(-ndtri(ALPHA / 2) - ndtri(BETA))
 
 
 class Reliability:
@@ -215,7 +215,7 @@ def _table(key, residuals: pd.DataFrame, share: np.ndarray, unit: str) -> pd.Dat
         "external": np.where(shown, DELTA * np.sqrt(1.0 - r) / root, np.inf),
         "predicted": sigma * left_out,
         "s_predicted": sigma * np.sqrt(np.einsum("nii->ni", inverse)),
-        "p": np.broadcast_to(chi2.sf(test, k)[:, None], r.shape),
+        "p": np.broadcast_to(chdtrc(k, test)[:, None], r.shape),
     }
     out["axis"] = np.tile(axes, len(residuals))
     out |= {name: values.ravel() for name, values in numbers.items()}

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 # Probability that a set in which nothing is wrong gets a name.
 LEVEL = 0.01
@@ -54,8 +54,8 @@ def blunders(v: np.ndarray, share: np.ndarray, level: float = LEVEL) -> list[Blu
     chosen: list[int] = []
     if tried < 2:
         return []
-    one = chi2.isf(level / tried, 1)
-    two = chi2.isf(level / (tried * (tried - 1) / 2), 2)
+    one = chdtri(1, level / tried)
+    two = chdtri(2, level / (tried * (tried - 1) / 2))
     while len(chosen) < max(tried // 3, 1):
         left, free = _without(v, share, chosen)
         single = _singles(left, free)

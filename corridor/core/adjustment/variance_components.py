@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from corridor.core.adjustment.cofactors import of_antennas
 from corridor.core.adjustment.group_variances import (
@@ -207,7 +207,7 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
     if not (coarse or wrong):
         return result
     offset, test = _common_offset(result)
-    if test < chi2.isf(RARE, max(np.count_nonzero(offset), 1)):
+    if test < chdtri(max(np.count_nonzero(offset), 1), RARE):
         return result
     several = len(p.images.flight_names) > 1
     effect = shared.per("flight") if several else shared
