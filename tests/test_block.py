@@ -531,6 +531,17 @@ class TestSummary:
         assert gsd == pytest.approx(150 / 8192, rel=0.05)
 
 
+def test_a_table_whose_first_chunk_is_empty_is_written_as_it_is(tmp_path):
+    """Marks alone: points.csv is the empty table of tie points with ground points behind."""
+    from corridor.core.block.writing import write_table
+
+    empty = pd.DataFrame({"point": pd.array([], dtype="str"), "x": np.zeros(0)})
+    new = pd.DataFrame({"point": pd.array([f"G{k}" for k in range(7)], dtype="str"), "x": 1.0})
+    write_table(pd.concat([empty, new], ignore_index=True), tmp_path / "points.csv")
+    lines = (tmp_path / "points.csv").read_text().splitlines()
+    assert lines == ["point,x", *(f"G{k},1" for k in range(7))]
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no locale C for file names")
 @pytest.mark.parametrize("form", ["csv", "parquet"])
 def test_a_path_with_umlauts_is_read_and_written_in_the_locale_c(folder, tmp_path, form):

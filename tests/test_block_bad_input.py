@@ -128,7 +128,7 @@ SPOILT = {
     ),
     "negative sigma": ("ground.csv", "0.01,0.01,", "0.01,-1,", ["ground.csv, row 2", "sy = -1"]),
     "unknown role": (
-        "ground.csv", "check", "Check", ["ground.csv, row 3", "'Check'", "control, check, unused"],
+        "ground.csv", "check", "seen", ["ground.csv, row 3", "'seen'", "control, check, unused"],
     ),
     "no role": ("ground.csv", ",check", ",", ["ground.csv, row 3", "role is empty"]),
     "time of images stands still": (

@@ -22,6 +22,7 @@ from corridor.diagnosis.report import actions, as_html, as_text, evidence, save,
 from corridor.diagnosis.report.beside import beside
 from corridor.diagnosis.rounds import Question, course_of
 from corridor.diagnosis.settings import Settings, using
+from corridor.diagnosis.verification.held_out import check_sigmas
 from corridor.diagnosis.verification.verification import Verification
 
 
@@ -53,6 +54,7 @@ class Diagnosis(Diagnosed):
                 "derived": [one.to_dict() for one in derived(self.block)],
                 "detection_limits": self.detection_limits,
                 "gap": self.gap,
+                "check_sigmas": self.check_sigmas,
                 "lens": self.lens,
                 "variance": self.alarms,
                 "threshold": self.course.last.threshold,
@@ -129,6 +131,7 @@ def _diagnose(
         course=course,
         findings=found,
         gap=held.gap(after),
+        check_sigmas=check_sigmas(after),
         detection_limits=limits,
         untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
         lens=held.lens,

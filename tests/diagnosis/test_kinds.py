@@ -136,8 +136,8 @@ def test_a_free_network_is_asked_for_what_it_predicts():
 class TestCheckPointsThatNothingExplains:
     @staticmethod
     def told(sigmas, gnss=3):
-        gap = {"check_m": {"before": 0.7, "after": 0.7}, "check_sigmas": {"after": sigmas}}
-        return _off(SimpleNamespace(gap=gap, block=SimpleNamespace(gnss=[0] * gnss)))
+        gap, block = {"check_m": {"before": 0.7, "after": 0.7}}, SimpleNamespace(gnss=[0] * gnss)
+        return _off(SimpleNamespace(gap=gap, check_sigmas=sigmas, block=block))
 
     def test_they_are_told_beside_nothing_with_what_to_do(self):
         assert "9.0 times" in self.told(9.0) and "--effect gnss_bias" in self.told(9.0)

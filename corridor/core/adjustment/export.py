@@ -9,6 +9,7 @@ import pandas as pd
 
 from corridor.core.adjustment.tables import Tables
 from corridor.core.block import footprints
+from corridor.core.gnss import in_world, world_crs
 from corridor.core.output import Layer, nice, write_geopackage, write_las
 
 _SIGMAS = ["sx", "sy", "sz"]
@@ -17,7 +18,7 @@ _DRAWN = 0.05
 
 
 def write_gis(adjustment: Tables, stem: Path) -> None:
-    """Writes STEM.gpkg and STEM.las, in the block's CRS, its offset added.
+    """Writes STEM.gpkg and STEM.las, in the CRS of the block's results (`world_crs`).
 
     Layers: points (adjusted, sx, sy, sz in m, rays, kind), check_vectors (lines from the surveyed
     to the adjusted place, drawn `times` as long; dx, dy, dz, sx, sy, sz in m), cameras (centres,
@@ -27,22 +28,23 @@ def write_gis(adjustment: Tables, stem: Path) -> None:
     block = adjustment.block
     points = adjustment.points.copy()
     points[_SIGMAS] = adjustment.point_sigma
-    xyz = points[["x", "y", "z"]].to_numpy() + block.offset
+    xyz = in_world(block, points[["x", "y", "z"]].to_numpy())
     layers = {"points": Layer(points.drop(columns=["x", "y", "z"]), xyz)}
     if len(adjustment.check_points):
         layers["check_vectors"] = _vectors(adjustment)
     poses, images = adjustment.poses, block.images
     kept = [name for name in ("camera", "flight", "strip", "time_s") if name in images]
     cameras = pd.concat([poses.drop(columns=["x", "y", "z"]), images[kept]], axis=1)
-    layers["cameras"] = Layer(cameras, poses[["x", "y", "z"]].to_numpy() + block.offset)
+    layers["cameras"] = Layer(cameras, in_world(block, poses[["x", "y", "z"]].to_numpy()))
     corners = footprints(block, _level(adjustment))
     whole = np.isfinite(corners).all(axis=(1, 2))
-    rings = [*(corners[whole] + block.offset)]
+    rings = [*in_world(block, corners[whole])]
     layers["footprints"] = Layer(images.loc[whole, ["image", *kept]], rings, "Polygon Z")
-    write_geopackage(stem.with_suffix(".gpkg"), layers, block.crs)
+    crs = world_crs(block)
+    write_geopackage(stem.with_suffix(".gpkg"), layers, crs)
     fields = {name: points[name].to_numpy() for name in (*_SIGMAS, "rays")}
     fields["mark"] = (points["kind"] == "mark").to_numpy().astype(np.int32)
-    write_las(stem.with_suffix(".las"), xyz, fields, block.crs)
+    write_las(stem.with_suffix(".las"), xyz, fields, crs)
 
 
 def _vectors(adjustment: Tables) -> Layer:
@@ -53,8 +55,7 @@ def _vectors(adjustment: Tables) -> Layer:
     # By how much they are drawn longer than they are.
     largest = float(np.linalg.norm(off, axis=1).max())
     times = max(nice(_DRAWN * _extent(block) / largest), 1.0) if largest > 0 else 1.0
-    begin = ground + block.offset
-    lines = [*np.stack([begin, begin + times * off], axis=1)]
+    lines = [*in_world(block, np.stack([ground, ground + times * off], axis=1))]
     return Layer(table.assign(times=times), lines, "LineString Z")
 
 

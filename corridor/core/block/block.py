@@ -16,7 +16,16 @@ from corridor.core.block import checking, writing
 from corridor.core.block.reading import place, read_table
 from corridor.core.block.settings import FILE, SIGMA, read_settings
 from corridor.core.block.summary import Summary, summarise
-from corridor.core.block.tables import LAYOUTS, POSE, SIGMAS, frugal, is_among, places, tidy
+from corridor.core.block.tables import (
+    LAYOUTS,
+    POSE,
+    SIGMAS,
+    composed,
+    frugal,
+    is_among,
+    places,
+    tidy,
+)
 from corridor.core.brief import in_words
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError
@@ -443,7 +452,7 @@ def read(folder: str | os.PathLike | Block) -> Block:
     found = {table: pair for table, pair in tables.items() if pair is not None}
     block = Block(
         **settings,
-        **{table: frame for table, (frame, _) in found.items()},
+        **{table: composed(frame) for table, (frame, _) in found.items()},
         folder=folder,
         _files={table: path for table, (_, path) in found.items()},
     )

@@ -26,6 +26,8 @@ from corridor.core.block.tables import (
 )
 from corridor.core.errors import InputError, some
 
+# Coordinates and offsets so large are those of a grid.
+_FAR_M = 50_000.0
 _PART = 1 << 20  # rows that are looked at together
 
 
@@ -112,6 +114,24 @@ def _settings(block) -> None:
             )
     if block.offset.shape != (3,) or not np.isfinite(block.offset).all():
         raise InputError(f"{FILE}: offset is not three numbers; write offset = [x, y, z]")
+    _offset(block)
+
+
+def _offset(block) -> None:
+    """Refuse coordinates from which the offset of block.toml was plainly not subtracted."""
+    for table in ("images", "gnss", "ground", "points"):
+        given = block.numbers(table, "x", "y")
+        given = given[np.isfinite(given).all(axis=1)]
+        if not len(given):
+            continue
+        middle, offset = np.median(given, axis=0), block.offset[:2]
+        far = (np.abs(offset) > _FAR_M).all() and (np.abs(middle) > _FAR_M).all()
+        if far and (np.abs(middle - offset) < 0.05 * np.abs(offset)).all():
+            shown = ", ".join(f"{value:.10g}" for value in block.offset)
+            raise InputError(
+                f"{FILE}: offset = [{shown}] was not subtracted from {table}.csv, whose x and y "
+                "are full coordinates: subtract it in every file, or delete the line offset"
+            )
 
 
 def _names(block, table: str) -> None:
@@ -225,8 +245,28 @@ def _known_images(block, table: str) -> None:
     strange = ~is_among(names, block.images["image"])
     if strange.any():
         remedy = "add it there, correct the name or delete the row"
-        fault = "image {image!r} is not in images.csv"
+        fault = "image {image!r} is not in images.csv" + _alike(block, names[strange])
         _refuse(block, table, strange & names.notna(), fault, remedy)
+
+
+def _alike(block, names) -> str:
+    """The image that the first of the names may mean; braces are those of `_refuse`."""
+    names = names.dropna()
+    if not len(names):
+        return ""
+    known = list(block.images["image"])
+    name = str(names.iloc[0])
+    bare = {one.replace("\\", "/").rpartition("/")[2].casefold(): one for one in known}
+    short = name.replace("\\", "/").rpartition("/")[2].casefold()
+    found = next((one for one in known if one.casefold() == name.casefold()), None)
+    stems = {key.rpartition(".")[0] or key: one for key, one in bare.items()}
+    found = found or bare.get(short) or stems.get(short) or stems.get(short.rpartition(".")[0])
+    if found is None:
+        return ""
+    found = found.replace("{", "{{").replace("}", "}}")
+    if found.casefold() == name.casefold():
+        return f"; it has {found!r}: only upper and lower case differ"
+    return f" (did you mean {found!r}?)"
 
 
 def _once(block, table: str, name: str) -> None:

@@ -90,11 +90,35 @@ def tidy(table: str, frame: pd.DataFrame | None, images: pd.Index | None = None)
         elif name in NAMES:
             if not isinstance(kind, pd.StringDtype):
                 tidied[name] = tidied[name].astype("str")
+            if name == "role":
+                tidied[name] = _roles(tidied[name])
         elif kind != np.float64:
             tidied[name] = _number(table, name, tidied[name])
     if table == "images" and set(QUATERNION) <= set(frame.columns):
         tidied = _unit_quaternions(tidied)
     return tidied
+
+
+def _roles(column: pd.Series) -> pd.Series:
+    """The roles, those that differ in case and blanks only as they are written here."""
+    if column.isin(ROLES).all():
+        return column
+    plain = column.str.strip().str.lower()
+    return column.where(~plain.isin(ROLES), plain)
+
+
+def composed(frame: pd.DataFrame) -> pd.DataFrame:
+    """A table whose names have their umlauts in one form (NFC): macOS writes `u` and two dots."""
+    for name in NAMES & set(frame.columns):
+        column = frame[name]
+        coded = isinstance(column.dtype, pd.CategoricalDtype)
+        names = arrow(column.dtype.categories if coded else column)
+        if pc.all(pc.string_is_ascii(names)).as_py() in (True, None):
+            continue
+        plain = pc.utf8_normalize(names, form="NFC")
+        if not plain.equals(names):
+            frame = frame.assign(**{name: column.astype("str").str.normalize("NFC")})
+    return frame
 
 
 @cache

@@ -48,6 +48,7 @@ def write_table(frame: pd.DataFrame, path: Path) -> None:
     if path.suffix == ".parquet":
         _write_parquet(arrow, path)
         return
+    arrow = _without_empty_chunks(arrow)
     try:
         _write_csv(arrow, path, "none")
     except pa.ArrowInvalid:  # a comma, a quote or a line break in a text
@@ -75,6 +76,15 @@ def _write_parquet(arrow: pa.Table, path: Path) -> None:
                 for column, kind in zip(part.columns, schema.types, strict=True)
             ]
             file.write_table(pa.Table.from_arrays(columns, schema=schema))
+
+
+def _without_empty_chunks(arrow: pa.Table) -> pa.Table:
+    """The same table: pyarrow (26.0) writes foreign memory for a chunk of texts without rows."""
+    columns = [
+        pa.chunked_array([chunk for chunk in column.chunks if len(chunk)], column.type)
+        for column in arrow.columns
+    ]
+    return pa.Table.from_arrays(columns, schema=arrow.schema)
 
 
 def _narrow(kind: pa.DataType) -> pa.DataType:

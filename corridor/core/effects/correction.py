@@ -10,7 +10,11 @@ import numpy as np
 from corridor.core.block import Block, read, record_correction
 from corridor.core.effects.forward import predict, take_out
 from corridor.core.effects.values import EffectValues, Values, effect_of
+from corridor.core.errors import InputError
 from corridor.core.preparation import rates_from_neighbours, velocities
+
+# A time so many times as long as one would expect was typed in milliseconds.
+_MILLISECONDS = 100.0
 
 
 def correct(
@@ -43,6 +47,7 @@ def correct(
             (given[slug],) = Values.read(source, block, [slug]).values()
     block, found = _with_motion(block, given, velocity, turning)
     stated = Values.of(block, {name: mine or None for name, mine in given.items()})
+    _seconds(block, given, stated)
     out = block.copy()
     record_correction(out, stated.plain(), [*found, *notes])
     remedy = "run `corridor adjust` first and correct OUT/block"
@@ -55,6 +60,21 @@ def correct(
         fault = "does not lie in front of it"
         block.demand(table, np.isfinite(modelled), fault, f"{remedy}, or remove the rows")
     return take_out(out, given)
+
+
+def _seconds(block: Block, given: Mapping, stated: Values) -> None:
+    """Refuse times that are plainly milliseconds: a hundred times what the effect may be."""
+    for slug, one in stated.items():
+        plain = given[slug] if isinstance(given.get(slug), Mapping) else {}
+        for parameter in one.effect.parameters(block):
+            value = plain.get(parameter.name)
+            if parameter.unit != "s" or not isinstance(value, int | float):
+                continue
+            if abs(value) > _MILLISECONDS * parameter.scale:
+                raise InputError(
+                    f"{slug}: {parameter.name} = {value:g} is in seconds, and far longer than it "
+                    f"can be: {value:g} ms are {value / 1000:g}"
+                )
 
 
 def _given(effects: str | Iterable[str] | Mapping[str, Mapping | None]) -> dict:

@@ -7,10 +7,21 @@ from corridor.core.gnss.coordinates import (
     convert,
     geographic_positions,
     known_crs,
+    outside_area,
     to_local,
 )
 from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.formats.exif import photographs_in
+from corridor.core.gnss.frames import (
+    about_the_middle,
+    grid_distortion,
+    in_metres,
+    in_world,
+    local_of,
+    local_table,
+    moved,
+    world_crs,
+)
 from corridor.core.gnss.interpolation import (
     CORRELATION_S,
     MAX_SIGMA_M,
@@ -23,7 +34,7 @@ from corridor.core.gnss.interpolation import (
 )
 from corridor.core.gnss.reading import read_exposures, read_track
 from corridor.core.gnss.slow_noise import SlowNoise
-from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, QUALITY, Track, check_quality
+from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, QUALITY, Track, with_quality
 
 __all__ = [
     "CORRELATION_S",
@@ -41,20 +52,29 @@ __all__ = [
     "Local",
     "SlowNoise",
     "Track",
+    "about_the_middle",
     "align",
     "antenna",
-    "check_quality",
     "convert",
     "frame_of_block",
     "geographic_positions",
+    "grid_distortion",
+    "in_metres",
+    "in_world",
     "interpolate",
     "known_crs",
+    "local_of",
+    "local_table",
+    "moved",
     "of_block",
+    "outside_area",
     "photographs_in",
     "read_exposures",
     "read_track",
     "segments",
     "to_local",
+    "with_quality",
+    "world_crs",
 ]
 
 

@@ -14,8 +14,9 @@ from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss.alignment import align
 from corridor.core.gnss.coordinates import Local, convert, to_local
 from corridor.core.gnss.exposures import Exposures
+from corridor.core.gnss.frames import FRAME, local_frame
 from corridor.core.gnss.interpolation import Interpolated, Interpolation, interpolate
-from corridor.core.gnss.track import GEOGRAPHIC, Track, check_quality
+from corridor.core.gnss.track import GEOGRAPHIC, Track, with_quality
 from corridor.core.options import options
 from corridor.core.output import whole_file, whole_files, write_picture
 
@@ -123,6 +124,7 @@ def antenna(
     interpolation: Interpolation,
     crs: str | None = None,
     offset: tuple[float, float, float] | np.ndarray = (0.0, 0.0, 0.0),
+    about: Local | None = None,
     track_system: str | None = None,
     exposures_system: str | None = None,
 ) -> Antenna:
@@ -130,15 +132,16 @@ def antenna(
 
     method, max_sigma, slow_share, velocities: see `Interpolation`, which may be given in their
         place as interpolation.
-    crs, offset: of the block (world = coordinates + offset). Without crs a track with a place in
-        the world gives local east, north, up about its middle, and a local track its own metres.
+    crs, offset: of the block (world = coordinates + offset). about: its local frame, in place of a
+        crs. Without both a track with a place in the world gives local east, north, up about its
+        middle, and a local track its own metres.
         Sigmas are east, north, up: a grid's own north is taken for north.
     track_system, exposures_system: see `align`.
     Exposures without names get their number as `image`.
     Raises InputError for a track or times that do not fit; WorkFailed where no exposure is
     left.
     """
-    check_quality(track)
+    track = with_quality(track)
     alignment = align(track, exposures, track_system, exposures_system)
     local = to_local(track)
     times = exposures.table["time_s"].to_numpy(dtype=float) + alignment.offset_s
@@ -160,7 +163,7 @@ def antenna(
             f"none of the {len(times)} exposures got a position ({why.index[0]}: {why.iloc[0]})"
             f"{coarse}"
         )
-    points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset)
+    points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset, about)
     gnss = pd.DataFrame({"image": names.to_numpy()[good]})
     gnss[["x", "y", "z"]] = points
     sigma = made.table.loc[good, ["sx", "sy", "sz"]].to_numpy()
@@ -253,31 +256,36 @@ def _of_resolution(exposures: Exposures, made: Interpolated) -> str:
     )
 
 
-def _in_frame(local: Track, points: pd.DataFrame, crs, offset) -> tuple[np.ndarray, str]:
+def _in_frame(
+    local: Track, points: pd.DataFrame, crs, offset, about: Local | None
+) -> tuple[np.ndarray, str]:
     points = points.to_numpy(dtype=float)
     offset = np.asarray(offset, dtype=float)
     if local.origin is None:
         return points, "in the track's own local metres"
-    about = Local(*local.origin)
+    own = Local(*local.origin)
     if crs is None:
+        if about is not None:
+            points = about.from_geographic(own.to_geographic(points)) - offset
+        frame = about or own
         return points, (
-            f"local east, north, up about {about.lat_deg:.4f}, {about.lon_deg:.4f} degrees, "
-            f"height {about.height:g} m"
+            f"local east, north, up about {frame.lat_deg:.4f}, {frame.lon_deg:.4f} degrees, "
+            f"height {frame.height:g} m"
         )
-    moved = convert(about.to_geographic(points), GEOGRAPHIC, crs) - offset
+    moved = convert(own.to_geographic(points), GEOGRAPHIC, crs) - offset
     shifted = f" minus {', '.join(f'{value:.10g}' for value in offset)}" if offset.any() else ""
     return moved, f"{crs}{shifted}"
 
 
-def frame_of_block(images: str | os.PathLike) -> tuple[str | None, np.ndarray]:
-    """crs and offset (3,) of the block that a folder or its images.csv belongs to.
+def frame_of_block(images: str | os.PathLike) -> tuple[str | None, np.ndarray, Local | None]:
+    """crs, offset (3,) and local frame of the block that a folder or its images.csv belongs to.
 
-    None and zeros where there is no block.toml. Raises InputError where it cannot be read.
+    None, zeros and None where there is no block.toml. Raises InputError where it cannot be read.
     """
     path = Path(images)
     path = (path if path.is_dir() else path.parent) / _SETTINGS
     if not path.is_file():
-        return None, np.zeros(3)
+        return None, np.zeros(3), None
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError) as error:
@@ -288,7 +296,7 @@ def frame_of_block(images: str | os.PathLike) -> tuple[str | None, np.ndarray]:
         raise InputError(
             f"{path}: offset is not three numbers; write offset = [x, y, z] in metres"
         ) from None
-    return table.get("crs") or None, offset
+    return table.get("crs") or None, offset, local_frame(table.get(FRAME))
 
 
 def _is_ours(path: Path) -> bool:

@@ -7,6 +7,7 @@ then no error, because nothing is flattened.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -154,14 +155,98 @@ def convert(points: np.ndarray, source: str, target: str) -> np.ndarray:
         return points.copy()
     from pyproj.exceptions import ProjError
 
-    transformer = _between(source, target)
+    for crs in (source, target):
+        known_crs(crs)
     try:
-        return _columns(transformer, points)
-    except ProjError as error:
-        raise InputError(
-            f"no exact way from {source} to {target} ({_reason(error)}); install its grid "
-            "(`pyproj sync`), or give heights above the ellipsoid in a CRS without vertical part"
-        ) from None
+        # A missing grid is told by the sentence below, not by PROJ's warning.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            return _columns(_between(source, target), points)
+    except ProjError:
+        raise InputError(_no_way(points, source, target)) from None
+
+
+def _no_way(points: np.ndarray, source: str, target: str) -> str:
+    """Why PROJ does not convert: the coordinates, a grid that is missing, or no known operation."""
+    outside = outside_area(points, source)
+    if outside:
+        return outside
+    from pyproj.transformer import TransformerGroup
+
+    grids: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            group = TransformerGroup(
+                known_crs(source), known_crs(target), always_xy=True, allow_ballpark=False
+            )
+            first = group.unavailable_operations[:1]
+            grids = [g.short_name for one in first for g in one.grids if not g.available]
+        except RuntimeError:
+            pass
+    named, other = (_called(crs) for crs in (source, target))
+    if grids:
+        files = " ".join(f"--file {grid.removesuffix('.tif')}" for grid in grids)
+        return (
+            f"{named} needs {' and '.join(grids)}, which is not installed: `pyproj sync {files}` "
+            "fetches it; or give heights above the ellipsoid in a system without a vertical part"
+        )
+    return (
+        f"no exact transformation from {named} to {other} is known: PROJ would be off by tens of "
+        "metres; write the system by its EPSG code, which states its datum"
+    )
+
+
+def outside_area(points: np.ndarray, crs: str) -> str:
+    """A sentence where points (n, 3) lie outside the area of use of their CRS; empty elsewhere.
+
+    The median of the points counts, and one degree beyond the area is allowed: national grids are
+    used a little beyond their borders. A CRS without a stated area covers the Earth.
+    """
+    points = np.asarray(points, dtype=float).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points) or known_crs(crs).is_geocentric:
+        return ""
+    system, named = known_crs(crs), _called(crs)
+    x, y = np.median(points[:, :2], axis=0)
+    shown = f"x = {x:.10g}, y = {y:.10g} {{}} the area of use of {named}"
+    lon, lat = _lon_lat(x, y, system)
+    if not (np.isfinite([lon, lat]).all() and abs(lat) <= 90 and abs(lon) <= 360):
+        return shown.format("are no coordinates in")
+    area = system.area_of_use
+    if area is None:
+        return ""
+    east = (lon - area.west + 1.0) % 360
+    width = (area.east - area.west) % 360 or 360.0
+    if area.south - 1 <= lat <= area.north + 1 and (east <= width + 2 or width >= 358):
+        return ""
+    return f"{shown.format('lie outside')} ({area.name.rstrip('.')[:80]})"
+
+
+def _lon_lat(x: float, y: float, system: pyproj.CRS) -> tuple[float, float]:
+    """Longitude and latitude, degrees, of x and y on the system's own datum; inf where none."""
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    plane = system.sub_crs_list[0] if system.is_compound else system
+    geographic = plane.geodetic_crs
+    if geographic is None:
+        return np.inf, np.inf
+    try:
+        to = Transformer.from_crs(plane, geographic, always_xy=True)
+        lon, lat = to.transform(x, y)
+        back = to.transform(lon, lat, direction="INVERSE") if np.isfinite(lon) else (np.inf,) * 2
+    except ProjError:
+        return np.inf, np.inf
+    # Far from its meridian a projection folds: what does not come back was no coordinate.
+    near = np.abs(np.subtract(back, (x, y))).max() < 1e-3 * max(abs(x), abs(y), 1.0)
+    return (lon, lat) if near or plane.is_geographic else (np.inf, np.inf)
+
+
+def _called(crs: str) -> str:
+    """A CRS as a person calls it: its code, or its name where only a long text is given."""
+    name = known_crs(crs).name
+    return crs if len(crs) <= 40 or name == "unknown" else name
 
 
 @lru_cache(maxsize=32)
@@ -172,7 +257,9 @@ def known_crs(name: str) -> pyproj.CRS:
     try:
         return pyproj.CRS.from_user_input(name)
     except pyproj.exceptions.CRSError:
-        raise InputError(f"crs {name[:60]!r} is not known; give a code, as EPSG:32647") from None
+        raise InputError(
+            f"{name[:60]!r} is no coordinate system that is known; give a code, as EPSG:32647"
+        ) from None
 
 
 def _turned(table, rotation: np.ndarray):
@@ -225,7 +312,3 @@ def _between(source: str, target: str) -> pyproj.Transformer:
     return pyproj.Transformer.from_crs(
         known_crs(source), known_crs(target), always_xy=True, allow_ballpark=False, only_best=True
     )
-
-
-def _reason(error: Exception) -> str:
-    return str(error).split("(Internal")[0].removeprefix("transform error: ").strip(" :.")

@@ -1,7 +1,7 @@
 """The track of an antenna: positions at the receiver's epochs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,11 @@ from corridor.core.errors import InputError
 from corridor.core.gnss.time import clock
 
 POSITION = ["x", "y", "z"]
+# What positions of a kind are off by, m, whatever the receiver states: DGPS and float solutions by
+# decimetres, code positions and SBAS by metres (Takasu and Yasuda 2009; Misra and Enge 2011).
+_LEAST_M = {2: (0.3, 0.3, 0.6), 3: (1.0, 1.0, 2.0), 4: (0.5, 0.5, 1.0), 5: (3.0, 3.0, 6.0),
+            7: (3.0, 3.0, 6.0)}  # fmt: skip
+_FIX_M = (0.02, 0.02, 0.04)
 QUALITY = {1: "fix", 2: "float", 3: "sbas", 4: "dgps", 5: "single", 6: "ppp", 7: "dead reckoning"}
 GEOGRAPHIC = "EPSG:4979"
 GEOCENTRIC = "EPSG:4978"
@@ -84,16 +89,41 @@ class Track:
         return self.table[POSITION].to_numpy()
 
 
-def check_quality(track: Track) -> None:
-    """Raise InputError where every epoch is a single position: metres, not centimetres."""
-    if "quality" not in track.table:
-        return
+def with_quality(track: Track) -> Track:
+    """The track whose epochs are believed no better than their kind of solution is.
+
+    A receiver states small standard deviations for float and single positions too, which are
+    those of its noise. Raises InputError where every epoch is a single position: metres, not
+    centimetres.
+    """
+    if "quality" not in track.table or not len(track.table):
+        return track
     quality = track.table["quality"].to_numpy()
-    if len(quality) and (quality == 5).all():
+    if (quality == 5).all():
         raise InputError(
             f"{track.source.name}: all {len(quality)} epochs are single positions (quality 5), "
             "good to metres only; process the track again with a base station"
         )
+    least = np.array([_LEAST_M.get(kind, (0.0, 0.0, 0.0)) for kind in quality])
+    doubted = least.any(axis=1)
+    if not doubted.any():
+        return track
+    kinds = ", ".join(
+        f"{int((quality == kind).sum())} {QUALITY[kind]} (Q {kind:g}: at least "
+        f"{'/'.join(f'{sigma:g}' for sigma in sigmas)} m)"
+        for kind, sigmas in _LEAST_M.items()
+        if (quality == kind).any()
+    )
+    note = (
+        f"{track.source.name}: {int(doubted.sum())} of {len(quality)} epochs are no fixed solution "
+        f"and count by their kind: {kinds}"
+    )
+    names = ["sx", "sy", "sz"]
+    # A track without sigmas gets those of a fix where it is one: else its kinds say nothing.
+    stated = track.table.reindex(columns=names).to_numpy(float)
+    raised = np.fmax(np.where(np.isnan(stated), _FIX_M, stated), least)
+    table = track.table.assign(**dict(zip(names, raised.T, strict=True)))
+    return replace(track, table=table, notes=(*track.notes, note))
 
 
 def _in_order(

@@ -21,6 +21,7 @@ from corridor.core.geometry import (
 )
 from corridor.core.output import counted
 from corridor.core.preparation.plausibility_of_motion import motion_doubts
+from corridor.core.preparation.slips_of_earth import earth_doubts
 
 # Readouts of frame sensors end at a quarter of a second.
 SLOWEST_READOUT_S = 0.5
@@ -50,12 +51,15 @@ _FAR_M, _FAR_UP_M, _GEOID_M = 100.0, 10.0, 120.0
 _UNLIKE = 0.4
 # An image is astray from here on; where more than this share are, all of them are.
 _STRAY_M, _FEW, _FEWEST = 1.0, 0.1, 5
+# Drones and small aircraft fly no higher above ground, m.
+_HIGHEST_M = 3000.0
 _REMEDY = "x is east, y north, in metres less the block's offset."
 
 
 def doubts(block: Block) -> list[str]:
     """Sentences on what is probably a mistake in a block, the gravest first."""
     return [
+        *earth_doubts(block),
         *_positions(block),
         *_pictures(block),
         *_axes(block),
@@ -110,30 +114,6 @@ def _settings(block: Block) -> Iterator[str]:
                 f"block.toml: readout_s = {readout:g} of [camera.{name}] is longer than any "
                 f"shutter: it is in seconds, {readout:g} ms are {readout / 1000:g}."
             )
-    if block.crs and not block.crs.startswith("local"):
-        yield from _crs(block.crs)
-
-
-def _crs(text: str) -> Iterator[str]:
-    try:
-        from pyproj import CRS
-        from pyproj.exceptions import CRSError
-    except ImportError:
-        return
-    try:
-        known = CRS.from_user_input(text)
-    except CRSError:
-        yield (
-            f"block.toml: crs = {text!r} is no coordinate system: write the code of a projected "
-            "one, as EPSG:25832."
-        )
-        return
-    if known.is_geographic or known.is_geocentric:
-        what = "counts degrees" if known.is_geographic else "has no height axis"
-        yield (
-            f"block.toml: crs = {text!r} {what}; a block is in metres with z up: name the "
-            "projected system its coordinates are in, as EPSG:25832."
-        )
 
 
 # --- pictures ---------------------------------------------------------------------------------
@@ -415,14 +395,29 @@ def _ground(block: Block, centres: np.ndarray) -> str:
     above, given = above[known], given[known]
     if len(given) < 3:
         return ""
-    # Nobody looks farther to the side than a few times the flying height.
-    height = max(float(np.median(above[:, 2] - given[:, 2])), 10.0)
+    height = _height(block, centres, given, above)
     away = np.median(np.linalg.norm(given[:, :2] - above[:, :2], axis=1))
     turned = np.median(np.linalg.norm(given[:, [1, 0]] - above[:, :2], axis=1))
     if _degrees(given[:, :2], above[:, :2]):
         return "is in degrees, not in the metres of"
     if turned < 0.5 * away and away > 0.3 * height:
         return "has x and y exchanged beside"
+    away = float(np.hypot(away, np.median(np.abs(given[:, 2] - above[:, 2]))))
     if away < 5.0 * height:
         return ""
     return f"lies {_kilometres(away)} from"
+
+
+def _height(block: Block, centres: np.ndarray, given: np.ndarray, above: np.ndarray) -> float:
+    """Flying height, m, beyond a few of which nobody looks; never by the points in question.
+
+    By the tie points, else as far as the images lie apart, else as high as such flights are.
+    """
+    points = block.points["z"].to_numpy(float)
+    known = points[np.isfinite(points)]
+    flown = float(np.nanmedian(centres[:, 2]))
+    stated = float(np.median(above[:, 2] - given[:, 2]))
+    if len(known):
+        return max(flown - float(np.median(known)), 10.0)
+    wide = float(np.nanmax(np.ptp(centres[np.isfinite(centres).all(axis=1)][:, :2], axis=0)))
+    return min(max(stated, 10.0), max(wide, _HIGHEST_M))

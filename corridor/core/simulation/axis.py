@@ -80,3 +80,15 @@ class Axis:
         position, tangent = self.at(station)
         right = np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
         return position + np.asarray(across, dtype=float)[..., None] * right
+
+    def nearest(self, places: np.ndarray) -> np.ndarray:
+        """Stations (n,) of the points of the axis that are nearest to places (n, 2).
+
+        Found on a raster of a metre, or a thousandth of the axis, then along the tangent there;
+        beyond its ends the axis goes on straight.
+        """
+        raster = np.linspace(0.0, self.length, max(int(min(self.length, 1e6)), 1000) + 1)
+        line, tangent = self.at(raster)
+        places = np.asarray(places, dtype=float)
+        row = np.array([np.argmin(((line - place) ** 2).sum(axis=1)) for place in places])
+        return raster[row] + np.einsum("nk,nk->n", places - line[row], tangent[row])

@@ -144,8 +144,17 @@ def reach(plan: Plan) -> tuple[float, float, float]:
     `Ground.offset_m`, or what follows from the narrowest pictures in place of it.
     """
     begin, end = [], []
-    for flight in plan.flights:
-        strips = strips_of(flight, plan.camera(flight), plan.axis)
+    # Flights along lines of their own cover what the others do, or nothing tells what that is.
+    along = [flight for flight in plan.flights if flight.axis_m is None]
+    for flight in along or plan.flights:
+        strips = strips_of(flight, plan.camera(flight), plan.axis_of(flight))
+        if not along:
+            line = plan.axis_of(flight)
+            seen = line.at(np.linspace(0.0, line.length, 50))[0]
+            station = plan.axis.nearest(seen)
+            begin.append(float(station.min()))
+            end.append(float(station.max()))
+            continue
         begin.append(float(np.min(strips.first)))
         end.append(float(np.max(strips.first + strips.length)))
     first, last = max(begin), min(end)
@@ -167,7 +176,7 @@ def check_plan(plan: Plan, highest: float) -> int:
 
     highest: of the ground, metres.
     """
-    axis, total = plan.axis, 0
+    total = 0
     for flight in plan.flights:
         camera = plan.camera(flight)
         if 2 * plan.tie_points.border_px >= min(camera.width, camera.height) - 1:
@@ -175,7 +184,7 @@ def check_plan(plan: Plan, highest: float) -> int:
                 f"tie_points: border_px = {plan.tie_points.border_px:g} leaves nothing of "
                 f"{camera.width} x {camera.height} px: lower it"
             )
-        strips = strips_of(flight, camera, axis)
+        strips = strips_of(flight, camera, plan.axis_of(flight))
         total += int(strips.count.sum())
         check_every(plan.ground, float(strips.length.max()))
         low = flight.heights.min() - 4 * flight.position_jitter_m
@@ -218,13 +227,13 @@ def fly(plan: Plan, seed: int) -> Flown:
 
     A flight's draws follow from the seed and its name alone: it is the same in any company.
     """
-    axis, clock, strip_count, parts = plan.axis, None, 0, []
+    clock, strip_count, parts = None, 0, []
     names = list(dict.fromkeys(flight.camera for flight in plan.flights))
     for flight in plan.flights:
         begin = flight.start_s
         if begin is None:
             begin = 0.0 if clock is None else clock + flight.pause_s
-        part = _one(flight, plan, axis, seed, begin, strip_count)
+        part = _one(flight, plan, seed, begin, strip_count)
         clock = part["time_s"][-1]
         strip_count += flight.strips
         parts.append(part)
@@ -256,8 +265,9 @@ def fly(plan: Plan, seed: int) -> Flown:
     )
 
 
-def _one(flight: Flight, plan: Plan, axis: Axis, seed: int, begin: float, before: int) -> dict:
+def _one(flight: Flight, plan: Plan, seed: int, begin: float, before: int) -> dict:
     """The images of one flight."""
+    axis = plan.axis_of(flight)
     strips = strips_of(flight, plan.camera(flight), axis)
     children = np.random.SeedSequence([seed, zlib.crc32(flight.name.encode())]).spawn(3)
     draw = [np.random.default_rng(child) for child in children]
@@ -309,6 +319,8 @@ def _one(flight: Flight, plan: Plan, axis: Axis, seed: int, begin: float, before
     velocity += flight.velocity_jitter_m_s * draw[2].standard_normal((images, 3))
     rate = np.radians(flight.angular_rate_deg_s) * draw[2].standard_normal((images, 3))
     warm = flight.warming_c * (1 - np.exp(-(time - begin) / 600.0))
+    if flight.axis_m is not None:
+        station = plan.axis.nearest(position + offset[:, None] * right)
     digits = max(4, len(str(images)))
     return {
         "image": np.array([f"{flight.name}_{k + 1:0{digits}d}.tif" for k in range(images)]),

@@ -26,7 +26,10 @@ LOOKS = ("forward", "sideways", "alternating")
 LAYOUTS = ("alternating", "spread")
 _MOST_STRIPS = 10_000
 MOST_SURVEYED = 100_000
-_HIGHEST_M = 100_000.0
+# Above any aeroplane that takes pictures of corridors.
+_HIGHEST_M = 20_000.0
+# A focal length below this share of the picture's long side sees more than 147 degrees.
+_WIDEST = 0.15
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,8 @@ class Flight:
     """One flight: parallel strips along the axis of the corridor.
 
     name: of the flight. camera: of the plan's own cameras or of `cameras()`.
+    axis_m: positions [x, y] of a line that its strips follow in place of the corridor's axis: one
+        across the corridor for strips across it.
     height_m: above the plain, one number or one a strip.
     strips: how many; offsets_m: their distances to the right of the axis, else they follow from
         the side overlap at the mean height.
@@ -61,6 +66,7 @@ class Flight:
     name: str
     height_m: float | tuple[float, ...]
     camera: str = "camlight"
+    axis_m: tuple[tuple[float, float], ...] | None = None
     strips: int = 3
     offsets_m: tuple[float, ...] | None = None
     images: int | None = None
@@ -118,6 +124,11 @@ class Flight:
             )
         say.one_of("look", *LOOKS)
         say.one_of("heading", "turned", "kept")
+        if self.direction in ("across", "cross", "perpendicular"):
+            say.fail(
+                f"direction = {self.direction!r} is unknown, it says which way strips are flown: "
+                "for strips across the corridor give the flight a line, axis_m = [[x, y], [x, y]]"
+            )
         say.one_of("direction", "alternating", "same")
         say.one_of("long_side", "across", "along")
         if not 0 <= self.tilt_deg < 90:
@@ -299,14 +310,38 @@ class Plan:
                 f"{did_you_mean(flight.camera, known)}: use {', '.join(known)}, or add a table "
                 f"[camera.{flight.camera}]"
             )
-        return known[flight.camera]
+        camera = known[flight.camera]
+        if camera["f"] < _WIDEST * max(camera.width, camera.height):
+            told = "f is in pixels"
+            if camera.pixel_um:
+                told += f", {camera['f']:g} mm are {1000 * camera['f'] / camera.pixel_um:.0f}"
+            else:
+                told += ": divide millimetres by the size of a pixel, in millimetres"
+            raise InputError(
+                f"camera {flight.camera}: f = {camera['f']:g} is too short for a picture of "
+                f"{camera.width} x {camera.height} px: {told}"
+            )
+        return camera
+
+    def axis_of(self, flight: Flight) -> Axis:
+        """The line that the strips of a flight follow."""
+        return self.axis if flight.axis_m is None else Axis(flight.axis_m, self.bend_radius_m)
 
     def __add__(self, other: Plan) -> Plan:
         """The other plan's flights flown after this one's, over this one's ground."""
+        flights = other.flights
+        if other.axis_m != self.axis_m:
+            flights = tuple(replace(f, axis_m=f.axis_m or other.axis_m) for f in flights)
+        taken = {f.name: f for f in self.flights}
+        # Another flight of the same name, not the same one twice.
+        flights = tuple(
+            replace(f, name=f"{f.name}_{other.name}") if taken.get(f.name, f) != f else f
+            for f in flights
+        )
         return replace(
             self,
             name=f"{self.name}+{other.name}",
-            flights=self.flights + other.flights,
+            flights=self.flights + flights,
             cameras={**self.cameras, **other.cameras},
             source="; ".join(dict.fromkeys(filter(None, (self.source, other.source)))),
         )
@@ -332,9 +367,10 @@ def ready_made() -> dict[str, Path]:
 
 
 def read_plan(plan: str | os.PathLike) -> Plan:
-    """A plan from a `.toml` file, or by the names of ready-made ones: `thesis_50vt+thesis_50ob`.
+    """A plan from a `.toml` file or the name of a ready-made one, or several of them joined by +.
 
-    Flights of plans joined by + are flown in that order over the first one's ground.
+    Flights of plans joined by +, `thesis_50vt+thesis_50ob` or `along.toml+across.toml`, are flown
+    in that order over the first one's ground, each along the axis of its own plan.
     Raises InputError, one sentence naming file, key and remedy.
     """
     try:
@@ -344,10 +380,14 @@ def read_plan(plan: str | os.PathLike) -> Plan:
             f"a plan is a .toml file or the name of one that comes with corridor, not "
             f"{type(plan).__name__}"
         ) from None
-    if text.endswith(".toml") or os.path.isfile(text):
+    if os.path.isfile(text) or (text.endswith(".toml") and "+" not in text):
         return _read(Path(text))
     known, joined = ready_made(), None
     for name in text.split("+"):
+        if name.endswith(".toml"):
+            part = _read(Path(name))
+            joined = part if joined is None else joined + part
+            continue
         if name not in known:
             if os.path.isdir(text):
                 raise InputError(
@@ -383,6 +423,10 @@ def _plan(name: str, table: dict) -> Plan:
     for key, right in (("flights", "[[flight]]"), ("cameras", "[camera.NAME]")):
         if key in table:
             raise InputError(f"the plan has no key {key!r}: write {right}")
+    if isinstance(table.get("noise"), dict) and table["noise"]:
+        # What a plan with errors does not state is ordinary, for who flies it and who plans it.
+        ordinary = ("tie_px", "mark_px", "gnss_m", "control_m")
+        table["noise"] = {key: getattr(ORDINARY_NOISE, key) for key in ordinary} | table["noise"]
     flights = table.pop("flight", [])
     own = table.pop("camera", {})
     tables = [*(flights if isinstance(flights, list) else [None]), own]

@@ -25,7 +25,8 @@ class Diagnosed:
     effects that cannot be told apart, one. rivals: error with each of the others, over that with
     the one that was found, of `check` points and of held-out `tie` points.
     doubts: what is probably a mistake in the block, seen at first sight; among the notes too.
-    settings: the numbers by which it was decided.
+    settings: the numbers by which it was decided. check_sigmas: by how many of their standard
+    deviations check points are off in the end, RMS.
     required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
     """
 
@@ -49,6 +50,7 @@ class Diagnosed:
     seed: int = 0
     required: float | None = None
     settings: Settings = field(default_factory=Settings)
+    check_sigmas: float | None = None
 
     @property
     def verdict(self) -> str:

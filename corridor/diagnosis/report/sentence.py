@@ -142,11 +142,11 @@ def _nothing(d: Diagnosed) -> str:
 
 def _off(d: Diagnosed) -> str:
     """What check points say that nothing found explains; nothing where they are off by chance."""
-    sigmas, error = d.gap.get("check_sigmas"), d.gap["check_m"]
-    if not sigmas or not error or sigmas["after"] < OFF:
+    sigmas, error = d.check_sigmas, d.gap["check_m"]
+    if not sigmas or not error or sigmas < OFF:
         return ""
     text = (
-        f" But check points are off by {amount(error['after'], 'm')}, {sigmas['after']:.1f} times "
+        f" But check points are off by {amount(error['after'], 'm')}, {sigmas:.1f} times "
         "their standard deviations"
     )
     if not len(d.block.gnss):

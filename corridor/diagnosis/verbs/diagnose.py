@@ -67,6 +67,7 @@ def run(options: argparse.Namespace) -> None:
     """Diagnose, print what came of it, save what was asked for."""
     from corridor import diagnosis as room
     from corridor.core.block import read
+    from corridor.core.gnss import world_crs
     from corridor.core.output import check_gis
 
     announce_compilation("half a minute", "core")
@@ -74,7 +75,7 @@ def run(options: argparse.Namespace) -> None:
         room.check_output(options.output)
     block = read(options.block)
     if options.gis:
-        check_gis(block.crs)
+        check_gis(world_crs(block))
     diagnosis = room.diagnose(block, progress=_progress, **keywords(options))
     diagnosis.required = options.required
     print(diagnosis)

@@ -310,15 +310,10 @@ def check_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
     return {"before": float(before.check_rms.d3), "after": float(after.check_rms.d3)}
 
 
-def check_sigmas(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
+def check_sigmas(after: Adjustment) -> float | None:
     """By how many of their standard deviations check points are off, RMS; None without any."""
-    if not len(before.check_points):
-        return None
-    each = {"before": before, "after": after}
-    return {
-        key: float(np.sqrt(check_misfit(one) / (3 * len(one.check_points))))
-        for key, one in each.items()
-    }
+    count = 3 * len(after.check_points)
+    return float(np.sqrt(check_misfit(after) / count)) if count else None
 
 
 def gnss_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:

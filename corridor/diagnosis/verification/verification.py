@@ -28,7 +28,6 @@ from corridor.diagnosis.verification.held_out import (
     best_by_far,
     check_gap,
     check_misfit,
-    check_sigmas,
     gnss_gap,
     harms,
     hold_out,
@@ -93,7 +92,6 @@ class Verification:
         return {
             "tie_px": tie,
             "check_m": check_gap(before, after),
-            "check_sigmas": check_sigmas(before, after),
             "gnss_m": gnss_gap(before, after),
         }
 

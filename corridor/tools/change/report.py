@@ -13,6 +13,7 @@ import pandas as pd
 from corridor.core import registry
 from corridor.core.adjustment import grave
 from corridor.core.errors import InputError
+from corridor.core.gnss import in_world, world_crs
 from corridor.core.output import (
     Layer,
     Report,
@@ -144,12 +145,12 @@ def _write_gis(change, folder: Path) -> list[str]:
     block, points, surface = change.compared.adjustments[0].block, change.points, change.surface
     layers, missing = {}, []
     if points is not None:
-        layers["points"] = Layer(points.frame, points.xyz + block.offset)
+        layers["points"] = Layer(points.frame, in_world(block, points.xyz))
     if surface is not None:
         # The square around each core point, closed, at its height.
         plan = surface.cores.cells[:, [0, 1, 2, 3, 0]]
         height = np.broadcast_to(surface.cores.xyz[:, None, 2:], (len(plan), 5, 1))
-        corners = np.concatenate([plan, height], axis=2) + block.offset
+        corners = in_world(block, np.concatenate([plan, height], axis=2))
         layers["cells"] = Layer(surface.frame, list(corners), "Polygon Z")
         fields = {
             "change": surface.distance,
@@ -158,16 +159,16 @@ def _write_gis(change, folder: Path) -> list[str]:
             "detection_95": surface.detection,
             "significant": surface.moved.astype(np.int32),
         }
-        places = surface.cores.xyz + block.offset
-        missing += _tried(write_las, folder / "change.las", places, fields, block.crs)
+        places = in_world(block, surface.cores.xyz)
+        missing += _tried(write_las, folder / "change.las", places, fields, world_crs(block))
         bands = {"change": surface.distance, "sigma": surface.total}
         bands["detection_95"] = surface.detection
         spacing = surface.cores.spacing
-        missing += _tried(
-            write_geotiff, folder / "change.tif", places[:, :2], spacing, bands, block.crs
-        )
+        # Pixels lie along the axes of the block, which in a local frame are not those of a grid.
+        own = surface.cores.xyz[:, :2] + block.offset[:2]
+        missing += _tried(write_geotiff, folder / "change.tif", own, spacing, bands, block.crs)
     if layers:
-        missing += _tried(write_geopackage, folder / "change.gpkg", layers, block.crs)
+        missing += _tried(write_geopackage, folder / "change.gpkg", layers, world_crs(block))
     return missing
 
 

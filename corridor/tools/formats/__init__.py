@@ -14,10 +14,12 @@ from corridor.tools.formats.exporting import (
     export_project,
     read_adjusted,
 )
+from corridor.tools.formats.ground import read_gcp_list
 from corridor.tools.formats.importing import Additions, Imported, complete, import_project
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.proof import Proof, Residuals, demand, prove
-from corridor.tools.formats.reading import format_names, read_project
+from corridor.tools.formats.reading import format_names, read_project, recognised
+from corridor.tools.formats.rows import camera_positions
 
 __all__ = [
     "Additions",
@@ -28,6 +30,7 @@ __all__ = [
     "Proof",
     "Residuals",
     "add_ground",
+    "camera_positions",
     "complete",
     "demand",
     "export_names",
@@ -36,6 +39,8 @@ __all__ = [
     "import_project",
     "prove",
     "read_adjusted",
+    "read_gcp_list",
     "read_photograph",
     "read_project",
+    "recognised",
 ]

@@ -70,7 +70,7 @@ def camera_from(
 ) -> Camera:
     """A camera, checked. Raises InputError naming it where it cannot be one."""
     for side in (width, height):
-        if not np.isfinite(side) or side != int(side) or not 2 <= side < 1_000_000:
+        if not 2 <= side < 1_000_000 or side != int(side):
             raise InputError(
                 f"camera {name}: {side!r} is no picture size in pixels; export the project again"
             )

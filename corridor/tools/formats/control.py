@@ -17,19 +17,20 @@ from typing import NamedTuple
 import numpy as np
 
 from corridor.core.block import POSE, Block
-from corridor.core.errors import InputError
+from corridor.core.errors import InputError, some
 from corridor.core.geometry import (
     Similarity,
     quaternion_from_rotation,
     rotation_from_quaternion,
     similarity,
 )
-from corridor.core.gnss import GEOGRAPHIC, Local, convert, known_crs
+from corridor.core.gnss import GEOGRAPHIC, Local, convert, known_crs, local_of, local_table
 from corridor.core.photographs import Metadata
 from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, record_derived
 from corridor.tools.formats.faults import blaming
-from corridor.tools.formats.ground import Ground, add_to, read_ground
-from corridor.tools.formats.project import Project, local_of, local_table
+from corridor.tools.formats.ground import Ground, add_to, in_frame, read_ground
+from corridor.tools.formats.plausible import refusal
+from corridor.tools.formats.project import Project
 from corridor.tools.formats.rows import rows_of
 
 XYZ = list(POSE[:3])
@@ -53,21 +54,39 @@ class Seen(NamedTuple):
 
 
 def add_ground(
-    project: Project, path: Path, photos: Mapping[int, Metadata] | None = None
+    project: Project,
+    path: Path,
+    photos: Mapping[int, Metadata] | None = None,
+    crs: str | None = None,
 ) -> Project:
     """The project with the ground points and marks of a file, which place it if nothing else does.
 
-    photos: by row of images.csv; they tell which pictures marks may have been measured in. Raises
-    InputError where the file is damaged, or its points lie nowhere near where marks see them.
+    photos: by row of images.csv; they tell which pictures marks may have been measured in. crs: of
+    the coordinates, where the file does not say. Raises InputError where the file is damaged, or
+    its points lie nowhere near where marks or cameras see them.
     """
     with blaming(path, "a file of ground points"):
         ground = read_ground(path, project.block)
+        if crs is not None:
+            if ground.crs not in (None, crs):
+                raise InputError(
+                    f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it"
+                )
+            known_crs(crs)
+            ground = replace(ground, crs=crs)
+        framed = project.placed or project.block.crs or local_of(project.block)
         project = _in_size(_with_place(project, ground), ground, photos or {})
+        if framed and ground.table is not None and len(ground.table):
+            given = ground.table[XYZ].to_numpy(float)
+            wrong = refusal(project.block, list(ground.table["point"]), given, ground.crs, in_frame)
+            if wrong:
+                raise InputError(wrong)
     names = [] if ground.table is None else list(ground.table["point"])
     notes = [f"{path.name}: {len(names)} ground points, {len(ground.marks)} marks"]
-    unseen = set(names) - set(project.block.marks["point"].cat.categories)
+    marked = set(project.block.marks["point"].cat.categories)
+    unseen = [name for name in names if name not in marked]
     if unseen:
-        notes.append(f"{len(unseen)} ground points are measured in no image")
+        notes.append(f"{len(unseen)} ground points are measured in no image: {some(unseen, 5)}")
     project = project.having(notes=notes)
     block = project.block
     if not (len(block.ground) and len(block.marks)):

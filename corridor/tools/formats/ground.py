@@ -1,14 +1,15 @@
 """Ground points and marks from files beside a project.
 
 OpenDroneMap's gcp_list.txt, OpenSfM's ground_control_points.json, MicMac's and MMVII's XML,
-Metashape's marker XML, ground.csv (with marks.csv beside it) of a block, and plain text: name x y z
-a line. Coordinates go into the block's frame: by its crs, by its place on Earth, or as they are.
+Metashape's marker XML, ground.csv (with marks.csv beside it) of a block, and plain text
+(`ground_text`). Coordinates go into the block's frame: by its crs, by its place on Earth, or as
+they are; where they then lie far from what the images see, they are refused (`plausible`).
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,17 @@ import pandas as pd
 
 from corridor.core.block import LAYOUTS, SIGMAS, Block, Layout, place, read_columns
 from corridor.core.errors import InputError
-from corridor.core.gnss import GEOGRAPHIC, convert, known_crs
+from corridor.core.geometry import similarity
+from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
 from corridor.core.textfile import Line, filled, opening
-from corridor.tools.formats.project import Project, Views, apart, ground_table, local_of
+from corridor.tools.formats.ground_text import read_text, role_of
+from corridor.tools.formats.names import Names
+from corridor.tools.formats.plausible import remedy
+from corridor.tools.formats.project import Project, Views, apart, ground_table
 
 _XYZ = ["x", "y", "z"]
+# Points of one name are the same where they lie apart by less than this share of their extent.
+_ALIKE = 0.05
 _UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
 
 
@@ -29,13 +36,14 @@ class Ground:
     """Ground points of a file.
 
     crs: of the coordinates; None: those of the block. table: as ground.csv; None: marks only.
-    marks: point, image, x, y (px).
+    marks: point, image, x, y (px). notes: sentences.
     """
 
     path: Path
     crs: str | None
     table: pd.DataFrame | None
     marks: list[tuple[str, str, float, float]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 def read_ground(path: Path, block: Block) -> Ground:
@@ -60,9 +68,23 @@ def read_ground(path: Path, block: Block) -> Ground:
     first = head.split("\n", 1)[0]
     if {"point", "x", "y", "z"} <= {word.strip() for word in first.split(",")}:
         return _block_table(path)
-    if crs_of_line(first) is not None or len(first.split()) >= 6 and "," not in first:
+    if _is_gcp_list(head):
         return read_gcp_list(path)
-    return _plain(path)
+    found = read_text(path)
+    return Ground(path, found.crs, found.table, notes=found.notes)
+
+
+def _is_gcp_list(head: str) -> bool:
+    """Whether a text is a gcp_list.txt: lines of x y z column row image, or a system before all."""
+    rows = [row for row in head.splitlines() if row.strip() and not row.lstrip().startswith("#")]
+    if not rows:
+        return False
+    if crs_of_line(rows[0]) is not None:
+        return True
+    # The last line of the head may be cut off.
+    words = rows[1 if len(rows) > 1 else 0].split()
+    listed = len(words) > 5 and all(map(_is_number, words[:5])) and not _is_number(words[5])
+    return listed and "," not in "".join(words[:5])
 
 
 def crs_of_line(text: str) -> str | None:
@@ -71,7 +93,10 @@ def crs_of_line(text: str) -> str | None:
     match = _UTM.fullmatch(text)
     if match:
         return f"EPSG:{(32600 if match[2].upper() == 'N' else 32700) + int(match[1])}"
-    if re.fullmatch(r"(?i)EPSG:\d+", text) or text.startswith("+proj") or "+proj=" in text:
+    code = re.fullmatch(r"(?i)(EPSG:\d+)\s*(?:\+\s*(?:EPSG:)?(\d+))?", text)
+    if code:
+        return code[1].upper() + (f"+{code[2]}" if code[2] else "")
+    if "+proj=" in text or re.match(r"[A-Z_]{4,}\s*\[", text):
         return text
     return None
 
@@ -83,7 +108,7 @@ def read_gcp_list(path: Path) -> Ground:
     pixel. Feet become metres, in height too. Raises InputError naming file and line.
     """
     rows, crs = [], None
-    for line in filled(path):
+    for line in filled(path, comment="#"):
         if crs is None:
             crs = _known_system(line)
             continue
@@ -116,11 +141,16 @@ def read_gcp_list(path: Path) -> Ground:
 
 
 def _known_system(line: Line) -> str:
-    crs = crs_of_line(line.text)
+    crs, text = crs_of_line(line.text), line.text.strip()
+    if crs is None and re.match(r"(?i)wgs\s*-?84", text):
+        raise line.wrong(
+            f"{text[:40]!r} does not say which coordinates of WGS 84 they are; write EPSG:4326 for "
+            "longitude, latitude, height, or the zone, as WGS84 UTM 16N"
+        )
     if crs is None:
         raise line.wrong(
-            f"{line.text.strip()[:40]!r} names no coordinate system; write it there, as EPSG:32616 "
-            "or WGS84 UTM 16N"
+            f"{text[:40]!r} names no coordinate system; write it there, as EPSG:32616 or WGS84 UTM "
+            "16N"
         )
     try:
         known_crs(crs)
@@ -158,7 +188,10 @@ def _block_table(path):
     sigmas = None
     if set(SIGMAS) & set(table):
         sigmas = table.reindex(columns=SIGMAS).to_numpy(float)
-    roles = table["role"].fillna("").replace("", "control") if "role" in table else None
+    roles = None
+    if "role" in table:
+        given = table["role"].fillna("")
+        roles = [role_of(word) or word for word in given]
     table = ground_table(list(table["point"]), table[_XYZ].to_numpy(), sigmas, roles)
     beside = path.with_name("marks.csv")
     marks = _marks_of(_columns(beside, LAYOUTS["marks"])) if beside.is_file() else []
@@ -179,24 +212,6 @@ def _columns(path, layout):
     return table
 
 
-def _plain(path):
-    """name x y z a line, separated by blanks, commas, tabs or semicolons."""
-    names, places = [], []
-    for line in filled(path, comment="#"):
-        text = line.text.strip()
-        separator = next((mark for mark in ("\t", ";", ",") if mark in text), None)
-        words = [word.strip() for word in text.split(separator)]
-        if len(words) < 4:
-            raise line.wrong(f"{len(words)} words where a name and x, y, z belong")
-        if not names and line.at == 1 and not _is_number(words[1]) and not words[1][:1].isdigit():
-            continue  # a header
-        names.append(words[0])
-        places.append(line.numbers(words[1:4], "a coordinate"))
-    if not names:
-        raise InputError(f"{path.name} holds no ground point; write name, x, y, z a line")
-    return Ground(path, None, ground_table(names, places))
-
-
 def in_frame(block: Block, places: np.ndarray, crs: str | None, what: str) -> np.ndarray:
     """Places (n, 3) of a system in the block's coordinates.
 
@@ -205,6 +220,9 @@ def in_frame(block: Block, places: np.ndarray, crs: str | None, what: str) -> np
     places = np.asarray(places, dtype=float).reshape(-1, 3)
     if crs is None:
         return places - block.offset
+    outside = outside_area(places, crs)
+    if outside:
+        raise InputError(f"{what}: {outside}")
     if block.crs is not None:
         return convert(places, crs, block.crs) - block.offset
     local = local_of(block)
@@ -227,46 +245,95 @@ def _metres(places, crs):
 
 
 def add_to(project: Project, ground: Ground) -> Project:
-    """The project with these ground points and marks in the place of those of the same names."""
-    block, notes, warnings = project.block, [], []
+    """The project with these ground points and marks in the place of those of the same names.
+
+    Tie points of their names are measurements of the same points, where the project has no marks
+    of its own. Raises InputError where no mark belongs to an image, or the places cannot be right.
+    """
+    block, notes, warnings = project.block, list(ground.notes), []
     new = block.ground[:0] if ground.table is None else ground.table
     if new["point"].duplicated().any():
         twice = new["point"][new["point"].duplicated()].iloc[0]
         raise InputError(f"{ground.path.name}: ground point {twice!r} stands there twice")
-    block = apart(block, notes, [*new["point"], *(mark[0] for mark in ground.marks)])
-    tables = {"tie_points": block.tie_points, "points": block.points}
-    if len(new):
-        places = in_frame(block, new[_XYZ].to_numpy(), ground.crs, ground.path.name)
-        new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
-        old = block.ground[~block.ground["point"].isin(new["point"])]
-        tables["ground"] = pd.concat([old, new], ignore_index=True) if len(old) else new
-    images = list(block.images["image"])
-    row_of = rows_by_name(images)
-    rows = [
-        (str(point), row_of[image], x, y) for point, image, x, y in ground.marks if image in row_of
-    ]
-    if len(rows) < len(ground.marks):
-        lost = len(ground.marks) - len(rows)
-        notes.append(f"{ground.path.name}: {lost} marks are in images the block does not have")
+    given = new[_XYZ].to_numpy(float)
+    rows = _rows_of_marks(ground, block, notes, warnings)
+    marks = block.marks
     if rows:
         old = zip(
-            block.marks["point"].astype(str), block.image_rows("marks").tolist(),
-            block.marks["x"], block.marks["y"], strict=True,
+            marks["point"].astype(str), block.image_rows("marks").tolist(), marks["x"], marks["y"],
+            strict=True,
         )  # fmt: skip
-        new = {row[:2] for row in rows}
-        rows += [row for row in old if row[:2] not in new]
-        tables["marks"] = Views.of(rows, "marks").table(images, warnings)
-    return project.having(notes=[*notes, *warnings], **tables)
+        mine = {row[:2] for row in rows}
+        rows += [row for row in old if row[:2] not in mine]
+        marks = Views.of(rows, "marks").table(list(block.images["image"]), warnings)
+    if len(new):
+        try:
+            places = in_frame(block, given, ground.crs, ground.path.name)
+        except InputError as error:
+            marked = replace(block, marks=marks)
+            told = remedy(marked, list(new["point"]), given, ground.crs, in_frame)
+            raise InputError(f"{error}; {told}" if told else str(error)) from None
+        new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
+    block = replace(block, marks=marks)
+    if not ground.marks:
+        block = _measured_already(block, new, project.placed, notes)
+    block = apart(block, notes, [*new["point"], *(mark[0] for mark in ground.marks)])
+    tables = {"tie_points": block.tie_points, "points": block.points, "marks": block.marks}
+    if len(new):
+        old = block.ground[~block.ground["point"].isin(new["point"])]
+        tables["ground"] = pd.concat([old, new], ignore_index=True) if len(old) else new
+    return project.having(notes=notes, warnings=warnings, **tables)
 
 
-def rows_by_name(images: list[str]) -> dict[str, int]:
-    """Rows by name, by name without folder, and by name without ending, where that is unique."""
-    at = {}
-    for make in (
-        lambda name: name.rpartition("/")[2].rpartition(".")[0] or name,
-        lambda name: name.rpartition("/")[2],
-        lambda name: name,
-    ):
-        short = pd.Series([make(name) for name in images])
-        at |= {name: k for k, name in short[~short.duplicated(keep=False)].items()}
-    return at
+def _measured_already(block: Block, ground: pd.DataFrame, placed: bool, notes: list[str]) -> Block:
+    """The block with its tie points of these names as marks, where they are the same points.
+
+    Programs without a table of control measure all points alike. Numbers of tie points and of
+    ground points are often alike by chance: three or more have to lie alike, too.
+    """
+    names = block.tie_points["point"].cat.categories
+    same = names.isin(set(ground["point"]))
+    if same.sum() < 3 or len(block.marks) or len(block.ground):
+        return block
+    mine = names[same]
+    here = block.positions("tie_points")[same]
+    there = ground.set_index("point").loc[mine, _XYZ].to_numpy(float)
+    known = np.isfinite(here).all(axis=1)
+    wide = float(np.linalg.norm(np.ptp(there[known], axis=0))) if known.any() else 0.0
+    try:
+        moved = here if placed else similarity(here[known], there[known]).apply(here)
+    except InputError:
+        return block
+    away = np.linalg.norm(moved - there, axis=1)[known]
+    if known.sum() < 3 or not np.median(away) < _ALIKE * wide:
+        return block
+    of_ground = same[block.tie_points["point"].cat.codes]
+    marks = block.tie_points[of_ground].reset_index(drop=True)
+    ties = block.tie_points[~of_ground].reset_index(drop=True)
+    for table in (marks, ties):
+        table["point"] = table["point"].cat.remove_unused_categories()
+    notes.append(
+        f"{len(mine)} points that the project measures {int(of_ground.sum())} times have the names "
+        "of these ground points: their measurements became marks"
+    )
+    points = block.points[~block.points["point"].isin(set(mine))].reset_index(drop=True)
+    return replace(block, tie_points=ties, marks=marks, points=points)
+
+
+def _rows_of_marks(ground, block, notes, warnings) -> list[tuple[str, int, float, float]]:
+    """Point, row of the image, x, y of the marks; those without image are told."""
+    names = Names(block.images["image"])
+    found = [(mark, names.row(mark[1])) for mark in ground.marks]
+    lost = [mark[1] for mark, row in found if row is None]
+    if lost:
+        first = f"{ground.path.name}: {len(lost)} of {len(found)} marks are in images"
+        have = block.images["image"].iloc[0]
+        if len(lost) == len(found):
+            raise InputError(
+                f"{first} the project does not have ({lost[0]}, ...; the project has {have}, "
+                "...); correct the names"
+            )
+        others = ", ".join(list(dict.fromkeys(lost))[:5])
+        warnings.append(f"{first} the project does not have and were left out: {others}")
+    notes += names.told(ground.path.name)
+    return [(str(mark[0]), row, *mark[2:]) for mark, row in found if row is not None]

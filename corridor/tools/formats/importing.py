@@ -12,7 +12,7 @@ from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.geometry import GROSS, robust_scale
-from corridor.core.gnss import known_crs
+from corridor.core.gnss import about_the_middle, in_metres, known_crs, local_of, moved, outside_area
 from corridor.core.output import Report, Table, png, whole_file
 from corridor.core.photographs import photographs_in, read_metadata
 from corridor.core.preparation import (
@@ -41,7 +41,7 @@ from corridor.tools.formats.placing import (
     picture_size,
     with_motion,
 )
-from corridor.tools.formats.project import Project, local_of
+from corridor.tools.formats.project import Project, near_origin
 from corridor.tools.formats.proof import Proof, demand, prove
 from corridor.tools.formats.reading import read_project
 from corridor.tools.formats.rows import rows_of
@@ -132,15 +132,19 @@ class Additions:
     """What is added to a project that is imported.
 
     photos: folder of its photographs. track: file of the receiver. ground: file of ground points.
-    crs: of the project's coordinates. size: of the pictures, px. track_system, images_system: time
-    systems, where the files do not state them. long_side, share: of `mapping.Cheaply`, where the
-    project is made from photographs.
+    crs: of the block's coordinates: those of the project, or what they are converted to where it
+    has a place on Earth of its own. ground_crs: of the file of ground points. to_crs: the block
+    goes into a local frame, and results are given in this system. size: of the pictures, px.
+    track_system, images_system: time systems, where the files do not state them. long_side, share:
+    of `mapping.Cheaply`, where the project is made from photographs.
     """
 
     photos: Path | None = None
     track: Path | None = None
     ground: Path | None = None
     crs: str | None = None
+    ground_crs: str | None = None
+    to_crs: str | None = None
     size: tuple[int, int] | None = None
     track_system: str | None = None
     images_system: str | None = None
@@ -195,13 +199,17 @@ def import_project(
         proof = prove(project)
     try:
         refused = marks_refused(project)
-        if refused and not force:
+        if refused and not (force or project.own):
             raise InputError(f"{refused}; --force writes the block as it is")
-        demand(proof, force)
+        demand(proof, force or project.own)
     except InputError as error:
         said = "".join(f"{sentence}. " for sentence in project.warnings)
         raise InputError(f"{path}: {said}{error}") from None
-    if proof.verdict == "refused":
+    if added.to_crs is not None:
+        project = in_local_frame(project, added.to_crs)
+    if project.own:
+        pass
+    elif proof.verdict == "refused":
         project = project.having(warnings=[f"written with --force although {proof.refusal()}"])
     elif proof.verdict == "unproved":
         project = project.having(warnings=[proof.refusal()])
@@ -260,20 +268,59 @@ def _straight(project: Project, output: Path, force: bool) -> Project:
     return project.having(warnings=[said])
 
 
+def in_crs(project: Project, crs: str) -> Project:
+    """The project in coordinates of a grid in metres, converted to it or proved to be in it.
+
+    Raises InputError where it has no place on Earth and its numbers are no coordinates there.
+    """
+    in_metres(crs)
+    block, local = project.block, local_of(project.block)
+    if local is not None:
+        told = f"east, north, up about {local.lat_deg:g}, {local.lon_deg:g}"
+    elif block.crs is None:
+        places = block.numbers("images", *"xyz")
+        outside = outside_area(places + block.offset, crs)
+        if outside:
+            raise InputError(
+                f"--crs {crs}: the project's coordinates are not in it ({outside}); it has a frame "
+                "of its own: place it with --photos or --track, or leave --crs out"
+            )
+        return project.having(crs=crs, placed=True)
+    elif known_crs(block.crs).equals(known_crs(crs), ignore_axis_order=True):
+        return project.having(crs=crs)
+    else:
+        told = block.crs if len(block.crs) <= 40 else known_crs(block.crs).name
+    made = near_origin(moved(block, crs))
+    note = f"coordinates were converted from {told} to {crs}, point by point"
+    return replace(project, block=made).having(notes=[note])
+
+
+def in_local_frame(project: Project, crs: str | None) -> Project:
+    """The project in east, north, up about its middle; results go out in a CRS, or in its own.
+
+    Raises InputError where nothing says where on Earth it is.
+    """
+    block, local = project.block, local_of(project.block)
+    if crs is not None:
+        known_crs(crs)
+    if local is None:
+        local, crs = about_the_middle(block), crs or block.crs
+        note = (
+            f"coordinates were converted to east, north, up about {local.lat_deg:g}, "
+            f"{local.lon_deg:g}: results go out in {crs}"
+        )
+        project = project.having(notes=[note])
+    elif crs is None:
+        return project
+    return replace(project, block=moved(block, local, crs))
+
+
 def complete(
     project: Project, added: Additions, progress: Callable[[str], None] = _silent
 ) -> Project:
     """The project with what photographs, a track and a file of ground points know."""
     if added.crs is not None:
-        if project.block.crs not in (None, added.crs):
-            raise InputError(
-                f"the project is in {project.block.crs[:60]}; --crs {added.crs} contradicts it"
-            )
-        if not known_crs(added.crs).is_projected:
-            raise InputError(
-                f"crs {added.crs} is not in metres of a grid; give one that is, as EPSG:32647"
-            )
-        project = project.having(crs=added.crs, placed=True)
+        project = in_crs(project, added.crs)
     photos, exposures = {}, None
     if added.photos is not None:
         progress(f"reading the photographs of {added.photos}")
@@ -285,7 +332,7 @@ def complete(
         with blaming(added.track, "a track"):
             project = add_track(project, exposures, track)
     if added.ground is not None:
-        project = add_ground(project, added.ground, photos)
+        project = add_ground(project, added.ground, photos, added.ground_crs)
     # Only now is it known in which frame the project is.
     project = in_own_frame(with_motion(project, photos))
     if photos and len(project.block.gnss) and added.track is None:

@@ -18,7 +18,7 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
     similarity,
 )
-from corridor.core.gnss import GEOGRAPHIC, Local
+from corridor.core.gnss import GEOGRAPHIC, Local, local_of, local_table
 from corridor.core.photographs import (
     Metadata,
     of_picture,
@@ -39,8 +39,9 @@ from corridor.core.preparation import (
     velocity_doubts,
 )
 from corridor.tools.formats.control import moved_by
-from corridor.tools.formats.ground import in_frame, rows_by_name
-from corridor.tools.formats.project import Project, local_of, local_table
+from corridor.tools.formats.ground import in_frame
+from corridor.tools.formats.names import Names
+from corridor.tools.formats.project import Project
 from corridor.tools.formats.starting import rotations_of
 
 VELOCITY = ("vx", "vy", "vz")
@@ -85,13 +86,12 @@ def add_photographs(
     """
     images = project.block.images["image"]
     files = photographs_in(folder)
-    row_of = rows_by_name(list(images))
+    names = Names(images)
     mine: dict[int, Path] = {}
     for file in files:
         inside = file.relative_to(folder).as_posix()
-        row = next(
-            (row_of[name] for name in (inside, file.name, file.stem) if name in row_of), None
-        )
+        found = map(names.row, (inside, file.name, file.stem))
+        row = next((row for row in found if row is not None), None)
         if row is not None:
             mine.setdefault(row, file)
     if not mine:

@@ -14,10 +14,15 @@ from corridor.core.brief import brief
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError
 from corridor.core.geometry import quaternion_from_rotation
-from corridor.core.gnss import Local
+from corridor.core.gnss import Local, local_table
 from corridor.tools.formats.cameras import NoModel
 from corridor.tools.formats.rows import rows_of
 
+# What the keys of [sigma] in block.toml are of.
+_OF_SIGMA = {
+    "tie_px": "tie points", "mark_px": "marks", "gnss_m": "camera positions",
+    "control_m": "ground points",
+}  # fmt: skip
 # From here on a float32 of another program, or a difference of cubes, loses what a survey needs.
 _FAR_M = 10_000.0
 
@@ -31,8 +36,10 @@ class Project:
     none. pairs: image, x, y (px), X, Y, Z: image and ground that the project itself says belong
     together, for the proof only. notes: sentences on what was decided or left out. warnings:
     sentences on what may be wrong. placed: the coordinates are metres in a known or stated frame,
-    not the free frame of a reconstruction. lost: photographs that did not join.
-    image_to_ray: the format's distortion goes that way.
+    not the free frame of a reconstruction. lost: photographs that did not join. image_to_ray: the
+    format's distortion goes that way. rounding: how far the digits of the file let poses be off:
+    centres (m), angles (rad). own: the conventions are those of this package, and nothing has to be
+    proved.
     """
 
     form: str
@@ -44,6 +51,8 @@ class Project:
     placed: bool = True
     lost: list[str] = field(default_factory=list)
     image_to_ray: bool = False
+    rounding: tuple[float, float] = (0.0, 0.0)
+    own: bool = False
 
     def having(
         self,
@@ -61,17 +70,6 @@ class Project:
             warnings=list(dict.fromkeys([*self.warnings, *warnings])),
             placed=self.placed if placed is None else placed,
         )
-
-
-def local_table(local: Local) -> dict[str, float]:
-    """`local_frame` of block.toml."""
-    return {"lat_deg": local.lat_deg, "lon_deg": local.lon_deg, "height": local.height}
-
-
-def local_of(block: Block) -> Local | None:
-    """The block's east, north, up frame on Earth, None where it has none."""
-    local = block.extra.get("local_frame")
-    return Local(local["lat_deg"], local["lon_deg"], local["height"]) if local else None
 
 
 def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
@@ -222,6 +220,7 @@ class Views:
     """Where points are seen: one row an observation.
 
     point (m,): into names. image (m,): into the images. pixels (m, 2). what: the format's word.
+    sigma (m,): px, NaN where the project states none.
     """
 
     point: np.ndarray
@@ -229,19 +228,20 @@ class Views:
     image: np.ndarray
     pixels: np.ndarray
     what: str = "observations"
+    sigma: np.ndarray | None = None
 
     @classmethod
     def of(
         cls, rows: Sequence[tuple[str, int, float, float]], what: str = "observations"
     ) -> Views | None:
-        """Of rows (name of the point, row of the image, x, y); None without any."""
+        """Of rows (name of the point, row of the image, x, y, perhaps sigma); None without any."""
         if not rows:
             return None
-        names, image, x, y = zip(*rows, strict=True)
+        names, image, x, y, *sigma = zip(*rows, strict=True)
         codes, known = pd.factorize(np.array(names, dtype=object))
-        return cls(
-            codes, pd.Index(known, dtype="str"), np.array(image), np.column_stack([x, y]), what
-        )
+        pixels = np.column_stack([x, y])
+        sigma = np.array(sigma[0], dtype=float) if sigma else None
+        return cls(codes, pd.Index(known, dtype="str"), np.array(image), pixels, what, sigma)
 
     def in_images(self, keep: np.ndarray) -> Views:
         """Those in the images that are kept (n,), numbered anew."""
@@ -251,11 +251,14 @@ class Views:
             point=self.point[mine],
             image=(np.cumsum(keep) - 1)[self.image[mine]],
             pixels=self.pixels[mine],
+            sigma=None if self.sigma is None else self.sigma[mine],
         )
 
     def table(self, images: Sequence[str], warnings: list[str]) -> pd.DataFrame:
         """tie_points.csv or marks.csv; a second view of a point in one image is left out."""
         table = observations_table(self.point, self.names, self.image, images, self.pixels)
+        if self.sigma is not None and (self.sigma > 0).any():
+            table["sigma"] = np.where(self.sigma > 0, self.sigma, np.nan)
         return same_point_once(table, self.what, warnings)
 
 
@@ -267,7 +270,8 @@ class Pieces:
     the images and of the camera of each. centre (n, 3), rotation (n, 3, 3), world to camera; NaN
     where an image has no pose. columns: more of images.csv. ties, marks: what is seen of points.
     points: names and places (p, 3), or None: where the rays of the ties meet. ground, gnss: as in
-    a block. local: the east, north, up frame of the coordinates.
+    a block. sigma: what the project states of the defaults of a block. local: the east, north, up
+    frame of the coordinates.
     """
 
     name: str
@@ -282,6 +286,7 @@ class Pieces:
     points: tuple[Sequence[str] | pd.Index, np.ndarray] | None = None
     ground: pd.DataFrame | None = None
     gnss: pd.DataFrame | None = None
+    sigma: dict[str, float] = field(default_factory=dict)
     local: Local | None = None
     offset: np.ndarray | None = None
     crs: str | None = None
@@ -305,11 +310,18 @@ class Pieces:
             points=self.points and points_table(*self.points),
             ground=self.ground,
             gnss=self.gnss,
+            sigma=self.sigma,
             offset=np.zeros(3) if self.offset is None else self.offset,
             crs=self.crs,
             description=self.description,
             extra={} if self.local is None else {"local_frame": local_table(self.local)},
         )
+        if self.sigma:
+            told = ", ".join(
+                f"{_OF_SIGMA[key]} {value:g} {key.rpartition('_')[2]}"
+                for key, value in self.sigma.items()
+            )
+            self.notes.append(f"standard deviations as the project states them: {told}")
         if set(block.ground["point"]) | set(block.marks["point"].cat.categories):
             block = apart(block, self.notes)
         if self.points is None and self.ties is not None:

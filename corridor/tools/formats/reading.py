@@ -13,6 +13,7 @@ from corridor.core.errors import InputError
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
+from corridor.tools.formats.strange import strange
 
 
 @np.errstate(all="ignore")
@@ -78,6 +79,9 @@ def _found(path: Path) -> tuple[str, Path, list[str]]:
     found = candidates(path)
     if not found:
         known = ", ".join(formats())
+        named = strange(path)
+        if named:
+            raise InputError(f"{path} is {named}")
         raise InputError(
             f"{path} is no project that corridor recognises ({known}); name the exported file or "
             "folder, and its format in place of auto"
@@ -87,6 +91,12 @@ def _found(path: Path) -> tuple[str, Path, list[str]]:
         raise InputError(f"{path} holds several projects ({places}); name one of them")
     (form, place), *others = found
     return form, place, [name for name, _ in others]
+
+
+def recognised(path: Path) -> tuple[str, Path]:
+    """Format and place of the project in a file or folder, unread. Raises InputError for none."""
+    form, place, _ = _found(path)
+    return form, place
 
 
 def format_names() -> dict[str, str]:

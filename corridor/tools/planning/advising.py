@@ -33,9 +33,10 @@ def advice(table: pd.DataFrame, goals: Sequence[float] = (0.01, 0.03)) -> str:
     said = []
     if missed:
         row = solid.loc[solid["d3"].idxmin()]
+        nearest = _apart(row["d3"], missed)
         said.append(
             f"None of these reaches {' or '.join(missed)}; the nearest is {_what(row, solid)}: "
-            f"{millimetres(row['d3'])}"
+            f"{nearest}"
         )
     for index, names in reached.items():
         row = solid.loc[index]
@@ -44,6 +45,16 @@ def advice(table: pd.DataFrame, goals: Sequence[float] = (0.01, 0.03)) -> str:
             f"{_gnss(row, solid)}"
         )
     return ". ".join(said) + "."
+
+
+def _apart(metres: float, others: Sequence[str]) -> str:
+    """A length with as many digits as make it another than those that it misses."""
+    told, digits = millimetres(metres), 1
+    while told in others and digits < 6:
+        more = f"{1e3 * metres:.{digits}f}"
+        told = f"{more} mm" if float(more) != round(float(more)) else told
+        digits += 1
+    return told
 
 
 def cheapest(table: pd.DataFrame, goals: Sequence[float]) -> pd.Series | None:

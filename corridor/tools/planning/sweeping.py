@@ -14,7 +14,7 @@ from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.core.output import with_units
 from corridor.core.parallel import parallel
-from corridor.core.simulation import Plan, read_plan
+from corridor.core.simulation import Plan, Terrain, read_plan
 from corridor.tools.planning.planner import Control, Planner, subset
 from corridor.tools.planning.surveyed import Surveyed
 
@@ -38,10 +38,10 @@ def flight_sets(plans: Sequence[Plan | str], combined: bool | None = None) -> li
     if not combined:
         return read
     for plan in read[1:]:
-        if plan.axis_m != read[0].axis_m or plan.terrain != read[0].terrain:
+        if plan.terrain != read[0].terrain and plan.terrain != Terrain():
             raise InputError(
-                f"plans {read[0].name} and {plan.name} fly over different ground: their flights "
-                "cannot be combined"
+                f"plans {read[0].name} and {plan.name} state different ground in [terrain]: their "
+                "flights cannot be combined; leave [terrain] out of all plans but the first"
             )
     whole = _joined(read)
     names = [flight.name for flight in whole.flights]

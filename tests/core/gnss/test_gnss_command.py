@@ -245,7 +245,7 @@ class TestOtherFrames:
         assert gnss.frame_of_block(tmp_path)[0] is None
         text = 'name = "a"\ncrs = "EPSG:2154"\noffset = [1, 2.5, 3]\n'
         (tmp_path / "block.toml").write_text(text, encoding="utf-8")
-        crs, offset = gnss.frame_of_block(tmp_path / "images.csv")
+        crs, offset, _ = gnss.frame_of_block(tmp_path / "images.csv")
         assert crs == "EPSG:2154" and offset.tolist() == [1.0, 2.5, 3.0]
         for wrong in ("[1, 2]", "{}"):
             (tmp_path / "block.toml").write_text(f"offset = {wrong}\n", encoding="utf-8")

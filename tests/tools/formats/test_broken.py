@@ -11,7 +11,7 @@ from corridor.core.errors import InputError
 from corridor.interface import cli
 from corridor.tools.formats import prove, read_project
 from corridor.tools.formats.ground import read_gcp_list
-from corridor.tools.formats.programs import metashape
+from corridor.tools.formats.programs import metashape, nvm
 
 from .fuzzing import run
 
@@ -215,3 +215,19 @@ def test_a_photoscan_project_that_grows_beyond_measure_is_refused(tmp_path):
     assert path.stat().st_size < 100_000
     with pytest.raises(InputError, match=r"doc\.xml unpacks to more than 100 times its size"):
         metashape.read(path)
+
+
+@pytest.mark.parametrize("word", ["1e308", "1e20", "-1e300"])
+def test_a_pixel_beyond_all_pictures_is_refused_by_visualsfm(tmp_path, word):
+    """Found by the fuzzer: the size of the pictures is guessed from where their pixels lie."""
+    from .small_projects import write_all
+
+    path = next(write_all(tmp_path)["nvm"].rglob("*.nvm"))
+    lines = path.read_text().splitlines()
+    row = next(k for k, line in enumerate(lines) if len(line.split()) > 12)
+    words = lines[row].split(" ")
+    words[-2] = word
+    lines[row] = " ".join(words)
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError):
+        nvm.read(path)

@@ -83,7 +83,7 @@ def _run(options: argparse.Namespace) -> None:
     with _Iterations(options.verbose) as progress:
         block = corridor.read(options.block)
         if options.gis:
-            check_gis(block.crs)
+            check_gis(corridor.gnss.world_crs(block))
         adjustment = corridor.adjust(block, progress=progress, **keywords(options))
     adjustment.required = options.required
     if not adjustment.converged:

@@ -23,6 +23,8 @@ from pathlib import Path
 
 from corridor.core.command.options import announce_compilation, flag, number, option, warn, wrote
 
+# Positions that poses contradict by more are those of another place: they are not written.
+_FAR_M = 1000.0
 OPTIONS = {
     "track": option("file with the antenna's track", "TRACK", Path),
     "--images": option("when the images were taken", "IMAGES", Path, required=True),
@@ -76,9 +78,9 @@ def run(options: argparse.Namespace) -> None:
         if not options.photos.is_dir():
             raise InputError(f"{options.photos} is no folder; name the folder of the photographs")
         exposures = exposures.named([path.name for path in gnss.photographs_in(options.photos)])
-    crs, offset = gnss.frame_of_block(options.images)
+    crs, offset, about = gnss.frame_of_block(options.images)
     if options.crs is not None and options.crs != crs:
-        crs, offset = options.crs, (0.0, 0.0, 0.0)
+        crs, offset, about = options.crs, (0.0, 0.0, 0.0), None
     announce_compilation("ten seconds")
     found = gnss.antenna(
         track,
@@ -89,17 +91,22 @@ def run(options: argparse.Namespace) -> None:
         velocities=not options.no_velocities,
         crs=crs,
         offset=offset,
+        about=about,
         track_system=options.track_system,
         exposures_system=options.images_system,
     )
+    told, away = _doubt(options.images, found)
+    if away > _FAR_M:
+        print(found)
+        raise InputError(f"{told} Nothing was written.")
     written = found.save(options.output, figures.antenna(found))
     print(found)
-    warn(_doubt(options.images, found))
+    warn([told] if told else [])
     wrote(*written)
 
 
 def _doubt(images, found):
-    """What the poses in images.csv, where there are some, say against the positions found."""
+    """What poses in images.csv say against the positions found, and how far they lie, m."""
     import numpy as np
     import pandas as pd
 
@@ -107,14 +114,15 @@ def _doubt(images, found):
 
     path = images / "images.csv" if images.is_dir() else images
     if path.suffix.lower() != ".csv" or not path.is_file():
-        return
+        return "", 0.0
     table = pd.read_csv(path, dtype={"image": str}, encoding="utf-8-sig")
     if not {"image", "x", "y", "z"} <= set(table):
-        return
+        return "", 0.0
     posed = table.drop_duplicates("image").set_index("image").reindex(found.gnss["image"])
     known = posed[["x", "y", "z"]].apply(pd.to_numeric, errors="coerce").to_numpy(float)
     given = found.gnss[["x", "y", "z"]].to_numpy(float)
     names = ("the track", np.asarray(given), str(path.name), known)
     told = against(*names) or unlike(*names) or stray(*names[1:], list(found.gnss["image"]))
-    if told:
-        yield told
+    away = np.linalg.norm((names[1] - known)[:, :2], axis=1)
+    known = np.isfinite(away)
+    return told, float(np.median(away[known])) if told and known.any() else 0.0

@@ -129,7 +129,8 @@ def _estimated(xy, focal, r, seen, from_corner):
     if not len(xy):
         raise InputError("the project holds no observation; name a model with points")
     if not from_corner:
-        return tuple(int(2 * np.ceil(side + 1)) for side in np.abs(xy).max(axis=0))
+        # A pixel beyond all pictures makes a size that no camera has, which is refused then.
+        return tuple(int(2 * np.ceil(min(side, 1e6) + 1)) for side in np.abs(xy).max(axis=0))
     ideal = seen[:, :2] / np.where(seen[:, 2:] > 0, seen[:, 2:], np.nan)
     middle = (xy.min(axis=0) + xy.max(axis=0)) / 2
     for _ in range(20):

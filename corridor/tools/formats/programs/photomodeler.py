@@ -44,7 +44,8 @@ def _looks(path):
         widths = [len([float(word) for word in row.split()]) for row in rows[1:5]]
     except ValueError:
         return False
-    return widths == [4, 9, 10, 10]
+    # Some exports state no picture size.
+    return widths[1:] == [9, 10, 10] and widths[0] in (2, 4)
 
 
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:
@@ -59,8 +60,11 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     head, *rest = groups
     if len(head) < 5:
         raise InputError(f"{file.name}: the head is too short; export the project again")
-    words = head[1].words(4, "the line of the picture size")
-    size = [head[1].whole(word, "the picture size", 2) for word in words[2:]]
+    if len(head[1].text.split()) != 2 or size is None:
+        if len(head[1].text.split()) == 2:
+            raise head[1].wrong("the export states no picture size; give it with --size WxH")
+        words = head[1].words(4, "the line of the picture size")
+        size = [head[1].whole(word, "the picture size", 2) for word in words[2:]]
     common = head[3].numbers(head[3].text.split(), "the camera of the head")
     photos, rest = _photos(head[4], head[5:], rest, common)
     control, points, marks = _tables(file, rest)
@@ -77,8 +81,10 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         raise InputError(f"{file.name}: a mark names photo {unknown[0]}, which is not there")
     given = {number for number, *_ in control}
     seen = {True: [], False: []}
-    for photo, number, x, y in marks:
-        seen[number in given].append((str(number), row_of[photo], x - 0.5, y - 0.5))
+    for photo, number, x, y, *sigma in marks:
+        # One sigma for both axes; 0 is that of marks without one.
+        one = np.sqrt(np.mean(np.square(sigma)))
+        seen[number in given].append((str(number), row_of[photo], x - 0.5, y - 0.5, one))
     known = {str(number): values for number, *values in [*control, *points]}
     if control:
         notes.append(
@@ -102,18 +108,34 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
             np.where(sigma > 0, sigma, np.nan),
         ),
         notes=notes,
-    ).project(NAME, file)
+    ).project(NAME, file, rounding=_rounding([photo.printed for photo in photos]))
+
+
+def _rounding(printed: list[list[str]]) -> tuple[float, float]:
+    """Half a unit of the last digit of printed centres (m) and angles (rad)."""
+    # A number with an exponent has all the digits that it needs.
+    last = [
+        0.0 if "e" in word.lower() else 0.5 * 10.0 ** -len(word.partition(".")[2])
+        for words in printed
+        for word in words
+    ]
+    each = np.array(last).reshape(-1, 6)
+    return float(np.median(each[:, :3])), float(np.radians(np.median(each[:, 3:])))
 
 
 @dataclass
 class _Photo:
-    """One photograph: centre (3,); angles kappa, phi, omega; inner: its camera (10,)."""
+    """One photograph: centre (3,); angles kappa, phi, omega; inner: its camera (10,).
+
+    printed: the six numbers of its pose as the file has them.
+    """
 
     number: int
     name: str
     centre: np.ndarray
     angles: np.ndarray
     inner: np.ndarray
+    printed: list[str]
 
 
 def _groups(file) -> list[list[Line]]:
@@ -148,7 +170,8 @@ def _photos(head_line, first, rest, common):
         if len(common) == 10 and np.abs(inner - common).max() <= 0.00051:
             inner = common
         name = " ".join(name).replace("\\", "/").rpartition("/")[2]
-        photos.append(_Photo(number, name, values[:3], values[3:], inner))
+        printed = pose.text.split()[1:]
+        photos.append(_Photo(number, name, values[:3], values[3:], inner, printed))
         pending = camera[2:]
     if not photos:
         raise head_line.wrong("no photo follows the head; export the project again")
@@ -174,7 +197,7 @@ def _tables(file, rest):
         control, points = [], control
     if not marks:
         raise InputError(f"{file.name} holds no marks; export the project again")
-    return control, points, [row[:4] for row in marks]
+    return control, points, marks
 
 
 def _camera(name, inner, width, height, notes):

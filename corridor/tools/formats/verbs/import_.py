@@ -53,7 +53,19 @@ OPTIONS = {
     "--photos": option("photographs: time, GNSS, velocity, temperature"),
     "--track": option("the receiver's track, as for `corridor gnss`", "FILE", Path),
     "--ground": option("ground points, with their marks if it has them", "FILE", Path),
-    "--crs": option("system of the project's coordinates, as EPSG:32647", "CRS"),
+    "--crs": option(
+        "system of the block's coordinates, as EPSG:32647: a project that has a place on Earth is "
+        "converted to it, for any other it says what its coordinates are",
+        "CRS",
+    ),
+    "--ground-crs": option(
+        "system of the ground points of --ground, where the file does not say", "CRS"
+    ),
+    "--to-crs": option(
+        "adjust in a local frame (east, north, up: no grid scale, no curvature), and give results "
+        "in this system",
+        "CRS",
+    ),
     "--size": option(
         "picture size WxH, for formats that have none; photos: make larger pictures smaller, to "
         "so many PIXELS of the long side, which is quicker",
@@ -95,6 +107,8 @@ def run(options: argparse.Namespace) -> None:
             track=options.track,
             ground=options.ground,
             crs=options.crs,
+            ground_crs=options.ground_crs,
+            to_crs=options.to_crs,
             size=None if alone else options.size,
             long_side=options.size if alone else None,
             share=options.share,

@@ -1,4 +1,4 @@
-"""Agisoft Metashape and PhotoScan: camera XML, marker XML, and PhotoScan projects (.psz).
+"""Agisoft Metashape and PhotoScan: projects (.psx, .psz), camera XML and marker XML.
 
 Conventions, where they differ from ours: (0.5, 0.5) is the centre of the top-left pixel; cx, cy are
 counted from the image centre (in PhotoScan's older form, with fx and fy, from the corner); b1, b2
@@ -6,14 +6,15 @@ are in pixels and multiply the *distorted* ray. A camera's transform (4 x 4, row
 to chunk; the transform of the chunk, or of its component, goes on to the world: geocentric if the
 chunk has a geographic or projected system, local otherwise. Of the reference angles,
 M = Rz(-yaw) Rx(pitch) Ry(roll) takes the camera (x right, y forward, z up) to east, north, up;
-pitch 0 looks down.
+pitch 0 looks down. A camera of a rig has a master and no transform; its sensor states rotation R
+and location l in the master's frame, x_master = R x_slave + l.
 
 Source: Agisoft Metashape manual, appendix "Camera models"; the rest as found on real files.
 """
 
 from __future__ import annotations
 
-import zipfile
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,9 +22,9 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from corridor.core.errors import InputError
+from corridor.core.errors import InputError, some
 from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, known_crs
-from corridor.core.textfile import Xml, check_growth, missing, opening
+from corridor.core.textfile import Xml, opening
 from corridor.tools.formats.cameras import (
     Held,
     NoModel,
@@ -32,6 +33,7 @@ from corridor.tools.formats.cameras import (
     standing_for,
     where_known,
 )
+from corridor.tools.formats.programs.metashape.archive import Archive, read_ply
 from corridor.tools.formats.programs.metashape.writing import write as write
 from corridor.tools.formats.project import (
     Pieces,
@@ -43,7 +45,7 @@ from corridor.tools.formats.project import (
 )
 
 NAME = "metashape"
-TITLE = "Metashape camera and marker XML, PhotoScan project (.psz)"
+TITLE = "Metashape project (.psx, .psz), camera and marker XML"
 WRITES = ("metashape",)
 HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2"), pinhole=("b1", "b2"))
 LOSSES = {
@@ -54,18 +56,21 @@ LOSSES = {
 _FLIP = np.diag([1.0, -1.0, -1.0])
 _UNSCALED = "chunk units: no scale, no place in the world (not metres)"
 _EARTH_M = (6.2e6, 6.5e6)
-_PLY = {
-    "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8", "int": "<i4",
-    "int32": "<i4", "uint": "<u4", "uint32": "<u4", "uchar": "u1", "uint8": "u1", "char": "i1",
-    "short": "<i2", "ushort": "<u2",
-}  # fmt: skip
+# Settings of a chunk and the defaults of a block that they are: Metashape's accuracies.
+_ACCURACIES = {
+    "accuracy_tiepoints": "tie_px",
+    "accuracy_projections": "mark_px",
+    "accuracy_cameras": "gnss_m",
+    "accuracy_markers": "control_m",
+}
 
 
 def recognise(path: Path) -> bool:
-    """An XML file with a chunk, a .psz, or a folder with one of them."""
+    """An XML file with a chunk, a .psx or .psz, or a folder with one of them."""
     if path.is_file():
         return _looks(path)
-    return any(_looks(file) for end in ("*.psz", "*.xml") for file in sorted(path.glob(end)))
+    ends = ("*.psx", "*.psz", "*.xml")
+    return any(_looks(file) for end in ends for file in sorted(path.glob(end)))
 
 
 def _looks(path):
@@ -83,8 +88,10 @@ def _known_xml(path):
 class _Chunk:
     """What the XML files of one chunk say together.
 
-    Cameras by label and sensors by label or number: two exports may number them differently.
-    projections: marker number -> (camera label, element). sensor_of: camera label -> sensor.
+    Cameras by name and sensors by label or number: two exports may number them differently.
+    projections: marker number -> (camera name, element). sensor_of: camera name -> sensor.
+    masters: camera name -> name of the master in its rig. off: names of disabled cameras.
+    sigma: defaults of the block that the chunk states.
     """
 
     sensors: dict[str, Xml] = field(default_factory=dict)
@@ -92,13 +99,20 @@ class _Chunk:
     markers: dict[str, Xml] = field(default_factory=dict)
     projections: dict[str, list[tuple[str, Xml]]] = field(default_factory=dict)
     sensor_of: dict[str, str] = field(default_factory=dict)
+    masters: dict[str, str] = field(default_factory=dict)
+    off: set[str] = field(default_factory=set)
     components: dict[str, Xml] = field(default_factory=dict)
     transform: Xml | None = None
     crs: str | None = None
     marker_crs: str | None = None
+    sigma: dict[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
 
-    def add(self, element: Xml) -> None:
-        """What the chunk of one more file says; what is known already stays."""
+    def add(self, element: Xml) -> dict[str, str]:
+        """What the chunk of one more file says; what is known already stays.
+
+        Returns the names of its cameras by their numbers.
+        """
         here = {}
         for part in element.all("sensors/sensor"):
             number = part.get("id", "")
@@ -107,30 +121,33 @@ class _Chunk:
             known = self.sensors.get(key)
             if known is None or known.find("calibration") is None:
                 self.sensors[key] = part
-        for part in element.all("markers/marker"):
+        for part in element.all("markers/marker") + element.all("markers/group/marker"):
             if not part.get("id"):
                 raise part.wrong("a marker has no id; export the markers again")
-            self.markers.setdefault(part.get("id"), part)
-        labels = {}
+            if _is_on(part, "enabled"):
+                self.markers.setdefault(part.get("id"), part)
         # Cameras may stand in groups.
-        for part in element.all(".//camera"):
-            label, number = part.get("label"), part.get("id")
-            if label is None or number is None:
-                continue
-            if label in labels.values():
-                raise part.wrong(f"two cameras are labelled {label!r}; rename one")
-            labels[number] = label
-            known = self.cameras.get(label)
+        parts = [part for part in element.all(".//camera") if part.get("id") is not None]
+        parts = [part for part in parts if part.get("label") is not None]
+        names = _names_of(element, parts, self.notes)
+        for part in parts:
+            name = names[part.get("id")]
+            known = self.cameras.get(name)
             if known is None or len(part.element) > len(known.element):
-                self.cameras[label] = part
-                self.sensor_of[label] = here.get(part.get("sensor_id", ""), "")
+                self.cameras[name] = part
+                self.sensor_of[name] = here.get(part.get("sensor_id", ""), "")
+            master = part.get("master_id")
+            if master in names and master != part.get("id"):
+                self.masters[name] = names[master]
+            if not _is_on(part, "enabled"):
+                self.off.add(name)
         for part in element.all("components/component"):
             self.components.setdefault(part.get("id", ""), part)
         for part in element.all("frames/frame[1]/markers/marker"):
             self.projections.setdefault(
                 part.get("marker_id", ""),
                 [
-                    (labels.get(place.get("camera_id", ""), ""), place)
+                    (names.get(place.get("camera_id", ""), ""), place)
                     for place in part.all("location")
                 ],
             )
@@ -138,24 +155,91 @@ class _Chunk:
         for tag, name in (("reference", "crs"), ("marker_reference", "marker_crs")):
             text = (element.element.findtext(tag) or "").strip()
             setattr(self, name, text or getattr(self, name))
+        for part in element.all("settings/property"):
+            key = _ACCURACIES.get(part.get("name", ""))
+            value = part.number("value") if key else None
+            if value is not None and value > 0:
+                self.sigma.setdefault(key, value)
+        return names
+
+
+def _names_of(element: Xml, parts: list[Xml], notes: list[str]) -> dict[str, str]:
+    """Names of cameras by their numbers: their labels, where these are different.
+
+    Else the name of the group stands before them, or of the folder of the photograph, or a number.
+    """
+    names = {part.get("id", ""): part.get("label", "") for part in parts}
+    twice = sum(count > 1 for count in Counter(names.values()).values())
+    if not twice:
+        return names
+    groups = {
+        part.get("id"): group.get("label")
+        for group in element.all(".//group")
+        for part in group.all(".//camera")
+    }
+    folders = {
+        part.get("camera_id"): photo.get("path", "").replace("\\", "/").split("/")[-2:-1]
+        for part in element.all("frames/frame[1]/cameras/camera")
+        for photo in part.all("photo")[:1]
+    }
+    folders = {number: folder[0] for number, folder in folders.items() if folder}
+    for what, owner in (("group", groups), ("folder", folders)):
+        made = {n: f"{owner[n]}/{label}" if owner.get(n) else label for n, label in names.items()}
+        if len(set(made.values())) == len(made):
+            notes.append(
+                f"{twice} labels belong to several cameras: the name of its {what} was put before "
+                "the label of each"
+            )
+            return made
+    seen: Counter = Counter()
+    made = {}
+    for number, label in names.items():
+        seen[label] += 1
+        made[number] = label if seen[label] == 1 else f"{seen[label]}/{label}"
+    notes.append(
+        f"{twice} labels belong to several cameras, and neither groups nor folders tell them "
+        "apart: the second is called 2/LABEL; put the cameras of each flight into a group to give "
+        "them its name"
+    )
+    return made
 
 
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     """The project of a file or folder. Raises InputError naming file and line."""
-    if path.suffix.lower() == ".psx":
-        raise InputError(
-            f"{path.name}: a .psx project is not read; export its cameras and markers as XML "
-            "(File > Export), or save it as .psz"
-        )
     notes: list[str] = []
     warnings: list[str] = []
-    archives = [path] if path.is_file() else sorted(path.glob("*.psz"))
-    if archives and archives[0].suffix.lower() == ".psz":
-        path = archives[0]
-        chunk, cloud = _psz(path, notes)
+    projects = [path]
+    if path.is_dir():
+        projects = [*sorted(path.glob("*.psx")), *sorted(path.glob("*.psz")), path]
+    if projects[0].suffix.lower() in (".psz", ".psx"):
+        path = projects[0]
+        chunk, cloud = read_archive(path, notes)
     else:
         chunk, cloud = _together(path, notes, warnings), None
+    notes += dict.fromkeys(chunk.notes)
     return _project(chunk, cloud, path, notes, warnings)
+
+
+def read_archive(path: Path, notes: list[str]):
+    """The chunk of a .psx or .psz, and its points and their projections by camera, or None."""
+    with Archive(path) as archive:
+        element = chunk_of(archive.document(), notes)
+        element, members = archive.whole(element)
+        chunk = _Chunk()
+        names = chunk.add(element)
+        frame = element.find("frames/frame")
+        cloud = frame and (frame.find("point_cloud") or frame.find("tie_points"))
+        points = cloud and cloud.find("points")
+        if not points or not points.get("path"):
+            notes.append("the project has no tie points yet")
+            return chunk, None
+        places = read_ply(members, points)
+        found = {
+            names.get(part.get("camera_id", ""), ""): read_ply(members, part)
+            for part in cloud.all("projections")
+            if part.get("path")
+        }
+        return chunk, (places, found)
 
 
 def _together(path, notes, warnings):
@@ -166,7 +250,7 @@ def _together(path, notes, warnings):
     if path.is_dir():
         strange = [f.name for f in sorted(path.glob("*.xml")) if not _known_xml(f)]
         warnings += [f"{name} is no XML of Metashape that corridor knows" for name in strange]
-    parts = [_document(Xml.read(file), notes) for file in files]
+    parts = [chunk_of(Xml.read(file), notes) for file in files]
     parts.sort(key=lambda part: -len(part.all(".//camera/transform") + part.all(".//location")))
     chunk = _Chunk()
     known = _labels(parts[0])
@@ -186,13 +270,18 @@ def _labels(part):
     return {camera.get("label") for camera in part.all(".//camera") if camera.get("label")}
 
 
-def _document(root, notes):
+def chunk_of(root: Xml, notes: list[str]) -> Xml:
+    """The chunk of a document: the active one of several, else the first."""
     chunks = root.all("chunk") or root.all("chunks/chunk")
     if root.tag != "document" or not chunks:
         raise root.wrong("it is no Metashape document with a chunk; export it again")
+    active = root.find("chunks")
+    active = active and active.get("active_id")
+    chosen = next((chunk for chunk in chunks if active and chunk.get("id") == active), chunks[0])
     if len(chunks) > 1:
-        notes.append(f"{root.path.name} holds {len(chunks)} chunks; the first was read")
-    return chunks[0]
+        which = "the active one" if chosen.get("id") == active else "the first"
+        notes.append(f"{root.path.name} holds {len(chunks)} chunks; {which} was read")
+    return chosen
 
 
 # --- cameras ---------------------------------------------------------------------------------
@@ -299,20 +388,26 @@ def _is_local(crs):
 
 
 def _crs(text):
-    return None if _is_local(text) else known_crs(text).to_wkt()
+    return None if _is_local(text) else text if text == GEOGRAPHIC else known_crs(text).to_wkt()
 
 
 def _project(chunk, cloud, path, notes, warnings):
     cameras = where_known(chunk.sensors, lambda name: _camera(chunk.sensors[name], name, notes))
     labels = [label for label in chunk.cameras if chunk.sensor_of[label] in cameras]
+    off = [label for label in labels if label in chunk.off]
+    if off and len(off) < len(labels):
+        notes.append(f"{len(off)} disabled cameras were left out: {some(off, 5)}")
+        labels = [label for label in labels if label not in chunk.off]
+    _told_of_shutters(chunk, labels, warnings)
     if not labels:
         raise InputError(
             f"{path.name} holds no image of a frame camera; export the cameras of a chunk with "
             "frame cameras"
         )
     parts = [chunk.cameras[label] for label in labels]
+    _with_degrees(chunk, parts, notes)
     crs = _crs(chunk.crs)
-    centre, rotation, world = _poses(chunk, parts, notes)
+    centre, rotation, world = _poses(chunk, labels, notes)
     known = np.isfinite(centre).all(axis=1)
     measured = _Reference([part.find("reference") for part in parts])
     have = np.isfinite(measured.place).all(axis=1)
@@ -358,20 +453,71 @@ def _project(chunk, cloud, path, notes, warnings):
         gnss=_gnss(labels, reference, measured, have, notes),
         local=world.local,
         description=_UNSCALED if free else "",
+        sigma=chunk.sigma,
         notes=notes,
         warnings=warnings,
     ).project(NAME, path, placed=bool(placed))
 
 
-def _poses(chunk, parts, notes):
+def _told_of_shutters(chunk, labels, warnings):
+    """A sentence where Metashape has modelled a rolling shutter: its poses are not ours."""
+    for name in {chunk.sensor_of[label] for label in labels}:
+        said = [
+            part.get("value", part.element.text or "true")
+            for part in chunk.sensors[name].all(".//*")
+            if "rolling_shutter" in (part.get("name") or part.tag)
+        ]
+        if any(value.strip().lower() not in ("", "false", "0", "disabled") for value in said):
+            warnings.append(
+                f"sensor {name!r} has Metashape's rolling shutter compensation, which is not in "
+                "the file: poses are its poses without it; adjust with --effect rolling_shutter"
+            )
+
+
+def _with_degrees(chunk, parts, notes):
+    """The chunk's system where the file does not say it and the positions are plainly degrees."""
+    transform = chunk.transform
+    if chunk.crs is not None or transform is None or transform.find("translation") is None:
+        return
+    far = np.linalg.norm(transform.values("translation", 3))
+    place = _Reference([part.find("reference") for part in parts]).place
+    place = place[np.isfinite(place).all(axis=1)]
+    if _EARTH_M[0] < far < _EARTH_M[1] and len(place) and (np.abs(place[:, :2]) <= 180).all():
+        chunk.crs = GEOGRAPHIC
+        notes.append(
+            "the file states no system: measured positions were read as longitude, latitude and "
+            "height of WGS 84"
+        )
+
+
+def _transform(chunk, label):
+    """4 x 4, camera to chunk, of a camera or of its master and its place in the rig; None."""
+    part = chunk.cameras[label]
+    if part.find("transform") is not None:
+        return part, part.values("transform", 16).reshape(4, 4)
+    master = chunk.masters.get(label)
+    if master is None or chunk.cameras[master].find("transform") is None:
+        return part, None
+    sensor, place = chunk.sensors[chunk.sensor_of[label]], np.eye(4)
+    if sensor.find("rotation") is not None:
+        place[:3, :3] = sensor.values("rotation", 9).reshape(3, 3)
+    if sensor.find("location") is not None:
+        place[:3, 3] = sensor.values("location", 3)
+    part = chunk.cameras[master]
+    return part, part.values("transform", 16).reshape(4, 4) @ place
+
+
+def _poses(chunk, labels, notes):
     """Centres and rotations (world to camera) by the transforms, NaN without; their world."""
-    count = len(parts)
+    count, rigs = len(labels), 0
     centre, rotation = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
     scaled, far = True, []
-    for k, part in enumerate(parts):
-        if part.find("transform") is None:
+    for k, label in enumerate(labels):
+        # The component is that of the master.
+        part, matrix = _transform(chunk, label)
+        if matrix is None:
             continue
-        matrix = part.values("transform", 16).reshape(4, 4)
+        rigs += part is not chunk.cameras[label]
         own = chunk.components.get(part.get("component_id", ""))
         own = own.find("transform") if own is not None else None
         found = _similarity(own or chunk.transform)
@@ -381,14 +527,16 @@ def _poses(chunk, parts, notes):
         try:
             rotations_to_columns(matrix[:3, :3])
         except ValueError as error:
-            raise part.wrong(f"camera {part.get('label')!r}: {error}") from None
+            raise part.wrong(f"camera {label!r}: {error}") from None
         centre[k] = scale * turn @ matrix[:3, 3] + shift
         rotation[k] = (turn @ matrix[:3, :3]).T
+    if rigs:
+        notes.append(f"{rigs} cameras of a rig have the poses of their masters and of the rig")
     if far and len(far) < count:
         notes.append(f"{count - len(far)} of {count} cameras are not aligned")
     geocentric = bool(far) and not _is_local(chunk.crs) and scaled
     if geocentric and not all(_EARTH_M[0] < length < _EARTH_M[1] for length in far):
-        raise parts[0].wrong(
+        raise chunk.cameras[labels[0]].wrong(
             "the chunk's system is geographic or projected, but its transform is not "
             "geocentric; export the cameras again from Metashape"
         )
@@ -512,65 +660,7 @@ def _marks(chunk, labels, notes):
     return Views.of(rows, "marker projections")
 
 
-# --- PhotoScan's .psz ------------------------------------------------------------------------
-
-
-def _psz(path, notes):
-    """The chunk of an archive, and its points and their projections by camera, or None."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            element = _document(Xml.parse(_member(archive, "doc.xml"), path), notes)
-            chunk = _Chunk()
-            chunk.add(element)
-            label_of = {part.get("id"): part.get("label") for part in element.all(".//camera")}
-            cloud = element.find("frames/frame/point_cloud")
-            points = cloud and cloud.find("points")
-            if not points or not points.get("path"):
-                return chunk, None
-            places = _ply(archive, points)
-            found = {
-                label_of.get(part.get("camera_id"), ""): _ply(archive, part)
-                for part in cloud.all("projections")
-            }
-            return chunk, (places, found)
-    except FileNotFoundError as error:
-        raise missing(path, error) from error
-    except (zipfile.BadZipFile, KeyError, EOFError, NotImplementedError, OSError) as error:
-        raise InputError(
-            f"{path.name} is damaged or no PhotoScan archive ({error}); save the project again"
-        ) from None
-    except zipfile.zlib.error as error:
-        raise InputError(f"{path.name} is damaged ({error}); save the project again") from None
-
-
-def _member(archive, name):
-    """The bytes of a member. Raises InputError where it is packed beyond all measure."""
-    found = archive.getinfo(name)
-    # What its head says is the most that is unpacked.
-    check_growth(name, found.compress_size, found.file_size)
-    return archive.read(found)
-
-
-def _ply(archive, element):
-    """Vertices of the binary little endian PLY that an element names, as a structured array."""
-    name = element.get("path", "")
-    data = _member(archive, name)
-    end = data.find(b"end_header\n")
-    head = data[: max(end, 0)].decode("ascii", errors="replace").split("\n")
-    columns, count = [], None
-    for row in head:
-        words = row.split()
-        if words[:2] == ["element", "vertex"] and len(words) == 3 and words[2].isdecimal():
-            count = int(words[2])
-        elif words[:1] == ["property"] and len(words) == 3 and words[1] in _PLY:
-            columns.append((words[2], _PLY[words[1]]))
-    if end < 0 or count is None or "binary_little_endian" not in head[1:2][0]:
-        raise element.wrong(f"{name} is no binary PLY; save the project again")
-    kind = np.dtype(columns)
-    start = end + len(b"end_header\n")
-    if kind.itemsize == 0 or len(data) < start + count * kind.itemsize:
-        raise element.wrong(f"{name} is cut off; save the project again")
-    return np.frombuffer(data, kind, count, start)
+# --- tie points ------------------------------------------------------------------------------
 
 
 def _ties(places, found, labels, world, transform):

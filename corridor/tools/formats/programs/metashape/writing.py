@@ -10,10 +10,9 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.geometry import rotation_from_quaternion
-from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, convert
+from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, convert, local_of
 from corridor.core.textfile import add_xml, write_xml
 from corridor.tools.formats.cameras import in_the_middle
-from corridor.tools.formats.project import local_of
 from corridor.tools.formats.rows import camera_positions
 
 _WGS84 = (

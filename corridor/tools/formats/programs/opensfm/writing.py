@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
+from corridor.core.gnss import local_of
 from corridor.tools.formats.cameras import in_the_middle
 from corridor.tools.formats.columns import numbered, text_of, write_rows
-from corridor.tools.formats.project import local_of
 from corridor.tools.formats.rows import camera_positions, rows_of
 
 MAIN = "reconstruction.json"

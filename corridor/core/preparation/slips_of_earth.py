@@ -1,0 +1,82 @@
+"""What in a block contradicts where it says it lies on Earth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from corridor.core.block import Block
+from corridor.core.errors import InputError
+from corridor.core.gnss import grid_distortion, known_crs, local_of, outside_area
+
+# Beyond this share of the smallest sigma, the shape of the Earth is seen.
+_SEEN = 1.0
+
+
+def earth_doubts(block: Block) -> Iterator[str]:
+    """Sentences on the system of a block's coordinates, the gravest first."""
+    if not block.crs or block.crs.startswith("local"):
+        return
+    if local_of(block) is not None:
+        yield (
+            f"block.toml has crs = {block.crs!r} and a [local_frame]: coordinates are in one of "
+            "them; delete the other."
+        )
+        return
+    try:
+        system = known_crs(block.crs)
+    except InputError:
+        yield (
+            f"block.toml: crs = {block.crs!r} is no coordinate system: write the code of a "
+            "projected one, as EPSG:25832."
+        )
+        return
+    if system.is_geographic or system.is_geocentric:
+        what = "counts degrees" if system.is_geographic else "has no height axis"
+        yield (
+            f"block.toml: crs = {block.crs!r} {what}; a block is in metres with z up: name the "
+            "projected system its coordinates are in, as EPSG:25832."
+        )
+        return
+    tables = [block.numbers(table, *"xyz") for table in ("images", "gnss", "ground")]
+    places = next((xyz for xyz in tables if np.isfinite(xyz).all(axis=1).any()), None)
+    if places is None:
+        return
+    outside = outside_area(places + block.offset, block.crs)
+    if outside:
+        told = ""
+        if block.offset.any() and not outside_area(places, block.crs):
+            told = ": the coordinates are full ones, from which the offset was not subtracted"
+        yield f"block.toml: {outside}{told}."
+        return
+    yield from _grid(block)
+
+
+def _grid(block: Block) -> Iterator[str]:
+    try:
+        found = grid_distortion(block)
+    except InputError:
+        return
+    if found is None:
+        return
+    scale, curved = found
+    sigmas = [
+        np.median(sigma[sigma > 0])
+        for sigma in (block.gnss_sigma() if len(block.gnss) else np.zeros(0),
+                      block.ground_sigma() if len(block.ground) else np.zeros(0))
+        if (sigma > 0).any()
+    ]  # fmt: skip
+    if not sigmas or curved < _SEEN * min(sigmas):
+        return
+    yield (
+        f"Coordinates are those of the grid {block.crs}, which is no Cartesian frame: its scale is "
+        f"{1e6 * scale:+.0f} ppm in plan and none in height, which focal lengths take up, and the "
+        f"Earth curves below it: points are up to {_length(curved)} from their places after the "
+        "best similarity. `corridor import block BLOCK -o NEW --to-crs "
+        f"{block.crs}` brings the block into a local frame, and results out in {block.crs}."
+    )
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.2f} m" if metres >= 1 else f"{1000 * metres:.0f} mm"

@@ -1,0 +1,152 @@
+"""What an adjustment and a diagnosis say to the program that a project comes from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from corridor.core.block import Block
+from corridor.core.output import counted, millimetres
+
+# A value of distortion or arm below this many standard deviations may be zero (95 %).
+_SIGNIFICANT = 2.0
+# Without these nothing is projected: they are estimated wherever they can be.
+_ALWAYS = ("f", "cx", "cy")
+_RESIDUALS = {"tie": "tie points", "mark": "marks"}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings for another program.
+
+    free, hold: camera parameters that the block determines, and that may be zero. held: whether
+    the camera is a calibration. image: px of tie points and marks. positions: m horizontally and
+    in height, of camera positions. arms: flight -> antenna in the camera frame and sigmas, m.
+    without: control points to take out.
+    effects: what the program has to model, or gets corrected measurements for.
+    """
+
+    free: list[str]
+    hold: list[str]
+    held: bool
+    image: dict[str, float] = field(default_factory=dict)
+    positions: tuple[float, float] | None = None
+    arms: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+    without: list[str] = field(default_factory=list)
+    effects: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, adjustment: dict, found: dict | None, block: Block) -> Settings:
+        """Settings of adjustment.json and diagnosis.json."""
+        free, hold = {}, {}
+        for camera in adjustment["camera"].values():
+            for name, one in camera.items():
+                value, sigma = one["value"], one["sigma"]
+                if not sigma or value is None:
+                    continue
+                firm = name in _ALWAYS or abs(value) > _SIGNIFICANT * sigma
+                (free if firm else hold)[name] = True
+        named = [one for one in (found or {}).get("effects") or [] if one.get("class") == "named"]
+        observed = adjustment["observations"]
+        image = {
+            said: float(observed[kind]["rms"])
+            for kind, said in _RESIDUALS.items()
+            if observed.get(kind, {}).get("rms")
+        }
+        arms = {
+            flight: [(arm[axis]["value"], arm[axis]["sigma"]) for axis in "xyz"]
+            for flight, arm in adjustment["lever_arm"].items()
+            if all(arm[axis]["value"] is not None and arm[axis]["sigma"] for axis in "xyz")
+        }
+        return cls(
+            free=list(free),
+            hold=[name for name in hold if name not in free],
+            held=not free and not hold,
+            image=image,
+            positions=_positions(observed.get("gnss"), block),
+            arms=arms,
+            without=[str(one["point"]) for one in named if "point" in one],
+            effects=[one["slug"] for one in named if "point" not in one],
+        )
+
+    def sentences(self, form: str) -> list[str]:
+        """The settings in words, a line each."""
+        out = []
+        if self.held:
+            out.append("Hold the camera at the calibration of the project.")
+        elif self.free:
+            held = f"; hold {', '.join(self.hold)} at 0, which may be zero" if self.hold else ""
+            out.append(f"Free the camera parameters {', '.join(self.free)}{held}.")
+        if self.image:
+            told = ", ".join(f"{what} {value:.2f} px" for what, value in self.image.items())
+            out.append(f"Accuracy of image measurements: {told}.")
+        if self.positions is not None:
+            level, up = self.positions
+            out.append(
+                f"Accuracy of camera positions: {100 * level:.1f} cm horizontally, "
+                f"{100 * up:.1f} cm in height."
+            )
+        for flight, arm in self.arms.items():
+            if any(abs(value) > _SIGNIFICANT * sigma for value, sigma in arm):
+                where = "" if len(self.arms) == 1 else f" of flight {flight}"
+                told = ", ".join(f"{value:.3f} +- {sigma:.3f}" for value, sigma in arm)
+                out.append(
+                    f"Antenna{where}, seen from the camera (right, down, forward): {told} m; "
+                    "positions.csv is corrected for it."
+                )
+        if self.without:
+            out.append(f"Take out control {', '.join(self.without)}, or survey it again.")
+        if self.effects:
+            out.append(
+                f"Model {', '.join(self.effects)}, or use the measurements in take_back, from "
+                "which it is taken out."
+            )
+        return out
+
+
+def _positions(gnss: dict | None, block: Block) -> tuple[float, float] | None:
+    """Accuracy of positions, m: as large as stated, or as the residuals are."""
+    if not gnss or not gnss.get("rms") or not len(block.gnss):
+        return None
+    stated = [float(value) for value in _median(block)]
+    rms = [float(value or 0.0) for value in gnss["rms"]]
+    return max(max(stated[:2]), math.hypot(*rms[:2]) / math.sqrt(2)), max(stated[2], rms[2])
+
+
+def _median(block: Block):
+    import numpy as np
+
+    return np.median(block.gnss_sigma(), axis=0)
+
+
+def verdict_of(final: dict, found: dict | None, required: float | None) -> tuple[str, str]:
+    """Whether it is good enough, as a word and in sentences."""
+    if not final["converged"]:
+        return (
+            "failed",
+            "The block does not adjust, so its accuracy is not known: the reason stands below.",
+        )
+    rms = (final["check_points"].get("rms") or {}).get("3d")
+    rows = final["check_points"].get("rows") or []
+    said = _diagnosis_said(found)
+    if not rows or rms is None:
+        needed = "" if required is None else f", and {millimetres(required)} are required"
+        return "not known", (
+            f"Whether it is good enough is not known: there is no check point{needed}. {said}"
+        ).strip()
+    at = f"{millimetres(rms)} at {counted(len(rows), 'check point')} (3D RMS)"
+    if required is None:
+        return "not known", f"Off by {at}. {said}".strip()
+    if rms <= required:
+        return "good enough", (
+            f"Good enough: {at}, {millimetres(required)} are required. {said}"
+        ).strip()
+    return "not good enough", (
+        f"Not good enough: {at}, {millimetres(required)} are required. {said}"
+    ).strip()
+
+
+def _diagnosis_said(found: dict | None) -> str:
+    if found is None:
+        return "What is missing from its model was not asked."
+    return str(found.get("sentence") or "")

@@ -1,0 +1,316 @@
+"""Import, adjust, diagnose, and say on one page what came of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from corridor.core import __version__, registry
+from corridor.core import adjustment as least_squares
+from corridor.core.adjustment import Model
+from corridor.core.block import Block, read
+from corridor.core.brief import brief
+from corridor.core.errors import AdjustmentFailed, InputError, WorkFailed
+from corridor.core.gnss import known_crs, local_of
+from corridor.core.output import plain, whole_file, write_json
+from corridor.core.photographs import photographs_in
+from corridor.tools.check.advice import Settings, verdict_of
+from corridor.tools.check.report import page_of, text_of
+from corridor.tools.check.taking_back import TakenBack, take_back
+
+# What a folder of a check is known by, from its first second on.
+MARK = "check.state.json"
+RESULT = "check.json"
+_MOST_FILES = 20_000
+
+
+@brief
+@dataclass
+class Checked:
+    """What a check found.
+
+    verdict: `good enough`, `not good enough`, `not known` or `failed`. sentence: the answer in one
+    or two sentences. wrong: what is wrong, the gravest first. actions: what to do. settings: for
+    the program that the project comes from. taken_back: the files for it. imported: what the import
+    said. adjustment, diagnosis: contents of their JSON files, None where there is none.
+    """
+
+    project: str
+    form: str
+    folder: Path
+    verdict: str
+    sentence: str
+    wrong: list[str]
+    actions: list[str]
+    settings: list[str]
+    imported: list[str]
+    taken_back: TakenBack | None
+    adjustment: dict | None
+    diagnosis: dict | None
+    required: float | None
+    files: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        return text_of(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """check.json: finite numbers, texts or null."""
+        content = {
+            "project": self.project,
+            "format": self.form,
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "required": self.required,
+            "wrong": self.wrong,
+            "actions": self.actions,
+            "settings": self.settings,
+            "imported": self.imported,
+            "take_back": None if self.taken_back is None else asdict(self.taken_back),
+            "adjustment": _of(self.adjustment, "converged", "sigma0", "check_points", "camera"),
+            "diagnosis": _of(self.diagnosis, "verdict", "sentence", "effects", "gap"),
+            "files": self.files,
+        }
+        return plain(content)
+
+
+def _of(content: dict | None, *keys: str) -> dict | None:
+    return None if content is None else {key: content.get(key) for key in keys}
+
+
+def check_project(
+    project: str | os.PathLike,
+    output: str | os.PathLike,
+    *,
+    form: str = "auto",
+    required: float | None = None,
+    added: dict[str, Any] | None = None,
+    diagnose: bool = True,
+    threads: int = 1,
+    progress: Callable[[str], None] = lambda what: None,
+) -> Checked:
+    """Import a project, adjust and diagnose it, and write the answer into the folder `output`.
+
+    project: file or folder of a project of another program, a folder of photographs, or a block.
+    form: its format, where it is not told by the content. required: 3D RMS of check points that
+    is good enough, m. added: fields of `corridor.interchange.Additions`. diagnose: whether to ask
+    what is missing from the model, which takes most of the time.
+
+    Each stage (block/, adjusted/, missing/, take_back/) is written when it is whole, and is not
+    done again by the same call: after an interruption it goes on.
+    Raises InputError where the project cannot be read; WorkFailed where photographs do not become a
+    model. A block that does not adjust is an answer, too.
+    """
+    project, output = Path(project), Path(output)
+    if not project.exists():
+        raise InputError(f"{project} is not there; name the file or folder of a project")
+    stages = _Stages(output, _digest(project, form, added, required, diagnose))
+    form = _form(project, form)
+    imported = stages.get("imported")
+    if imported is None:
+        progress(f"importing {project}")
+        imported = _imported(project, form, output / "block", added or {}, progress)
+        stages.done("imported", imported)
+    block = read(output / "block")
+    adjustment = stages.get("adjusted")
+    if adjustment is None:
+        progress(f"adjusting {len(block.images)} images")
+        adjustment = _adjusted(block, output / "adjusted", required, threads, [])
+        stages.done("adjusted", adjustment)
+        if diagnose and adjustment["converged"]:
+            progress("diagnosing, which takes most of the time (--quick leaves it out)")
+    found = stages.get("diagnosed")
+    if found is None and diagnose and adjustment["converged"]:
+        found = _diagnosed(block, output / "missing", required, threads, progress)
+        stages.done("diagnosed", found)
+    best = stages.get("with_found")
+    slugs = _named(found)
+    if best is None and slugs:
+        progress(f"adjusting with {', '.join(slugs)}")
+        best = _adjusted(block, output / "adjusted_with_found", required, threads, slugs)
+        stages.done("with_found", best)
+    home = output / "adjusted"
+    if best is not None and best["converged"]:
+        home = output / "adjusted_with_found"
+    final = best if home.name != "adjusted" else adjustment
+    settings = Settings.of(final, found, block) if final["converged"] else None
+    taken = None
+    if final["converged"]:
+        taken = stages.get("taken")
+        taken = None if taken is None else TakenBack(**taken)
+        if taken is None:
+            progress("writing what to take back, and importing it again")
+            taken = take_back(home, output / "take_back", imported["form"], settings)
+            stages.done("taken", asdict(taken))
+    verdict, sentence = verdict_of(final, found, required)
+    wrong, actions = _told(final, found, imported, home)
+    checked = Checked(
+        project=str(project),
+        form=imported["form"],
+        folder=output,
+        verdict=verdict,
+        sentence=sentence,
+        wrong=wrong,
+        actions=actions,
+        settings=[] if settings is None else settings.sentences(imported["form"]),
+        imported=imported["notes"],
+        taken_back=taken,
+        adjustment=final,
+        diagnosis=found,
+        required=required,
+    )
+    checked.files = _write(checked, output)
+    return checked
+
+
+# --- stages ----------------------------------------------------------------------------------
+
+
+class _Stages:
+    """What is done already of the same check, in the folder itself."""
+
+    def __init__(self, folder: Path, digest: str):
+        self._file, self._of = folder / MARK, digest
+        try:
+            content = json.loads(self._file.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            content = {}
+        same = isinstance(content, dict) and content.get("of") == digest
+        self._done = content["done"] if same else {}
+        if not same:
+            self._keep()
+
+    def get(self, name: str) -> dict | None:
+        """What a stage left, None where it is not done."""
+        return self._done.get(name)
+
+    def done(self, name: str, content: dict) -> None:
+        """Keeps what a stage left."""
+        self._done[name] = plain(content)
+        self._keep()
+
+    def _keep(self) -> None:
+        with whole_file(self._file) as part:
+            write_json({"of": self._of, "done": self._done}, part)
+
+
+def _digest(project: Path, *asked) -> str:
+    """What the answer depends on: files of the project, what is asked, the version."""
+    digest = hashlib.sha256(repr((__version__, str(project.resolve()), asked)).encode())
+    beside = project.with_suffix(".files")
+    places = [project, *([beside] if beside.is_dir() else [])]
+    files = [
+        file
+        for place in places
+        for file in (sorted(place.rglob("*"))[:_MOST_FILES] if place.is_dir() else [place])
+        if file.is_file()
+    ]
+    for file in files:
+        status = file.stat()
+        digest.update(f"{file} {status.st_size} {status.st_mtime_ns}\n".encode())
+    return digest.hexdigest()
+
+
+def _form(project: Path, form: str) -> str:
+    """The format to ask for: photographs where nothing else is recognised and there are some."""
+    if form != "auto" or not project.is_dir():
+        return form
+    try:
+        registry.room("interchange").recognised(project)
+    except InputError:
+        if _has_photographs(project):
+            return "photos"
+        raise
+    return form
+
+
+def _has_photographs(folder: Path) -> bool:
+    try:
+        return bool(photographs_in(folder))
+    except InputError:
+        return False
+
+
+def _imported(project, form, folder, added, progress) -> dict:
+    formats = registry.room("interchange")
+    made = formats.import_project(project, form, folder, progress=progress, **added)
+    block, notes = made.block, [*made.project.warnings, *made.project.notes]
+    if block.crs is not None and known_crs(block.crs).is_projected and local_of(block) is None:
+        # A grid is no Cartesian frame: what it bends would be laid on the camera.
+        crs = block.crs
+        again = formats.import_project(folder, "block", folder, to_crs=crs)
+        notes += again.project.notes
+    return {"form": made.project.form, "notes": notes, "proof": str(made.proof)}
+
+
+def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[str]) -> dict:
+    calibrated = all(camera.calibrated for camera in block.cameras.values())
+    model = Model(camera="fixed" if calibrated else "fraser8", effects=effects)
+    try:
+        adjustment = least_squares.adjust(block, model=model, threads=threads)
+    except (AdjustmentFailed, InputError) as failed:
+        return {"converged": False, "warnings": [f"{failed}."]}
+    adjustment.required = required
+    if not adjustment.converged:
+        doubts = [*adjustment.doubts, *adjustment.start_misfit()]
+        return {"converged": False, "warnings": doubts}
+    adjustment.save(folder, registry.room("figures").of_adjustment)
+    report = registry.room("report").of_adjustment(adjustment)
+    return adjustment.to_dict() | {"opening": report.opening, "actions": list(report.actions)}
+
+
+def _diagnosed(block: Block, folder: Path, required, threads: int, progress) -> dict:
+    def say(step):
+        if "message" in step and step.get("done") in (None, step.get("of")):
+            progress(step["message"])
+
+    try:
+        diagnosis = registry.room("diagnosis").diagnose(block, threads=threads, progress=say)
+    except (WorkFailed, InputError) as failed:
+        return {"verdict": "failed", "sentence": f"No diagnosis was possible: {failed}."}
+    diagnosis.required = required
+    diagnosis.save(folder, threads=threads, progress=say)
+    return diagnosis.to_dict()
+
+
+def _named(found: dict | None) -> list[str]:
+    """Effects that are named, but for what is wrong with one ground point."""
+    effects = (found or {}).get("effects") or []
+    named = [one["slug"] for one in effects if one.get("class") == "named" and "point" not in one]
+    return list(dict.fromkeys(named))
+
+
+def _told(final: dict, found: dict | None, imported: dict, home: Path):
+    """What is wrong, and what to do."""
+    wrong = []
+    if found and found["verdict"] not in ("nothing", "failed"):
+        wrong.append(found["sentence"])
+    elif found:
+        wrong += [found["sentence"]] if found["verdict"] == "failed" else []
+    wrong += final.get("warnings") or []
+    actions = list((found or {}).get("actions") or []) or list(final.get("actions") or [])
+    put = {"BLOCK": str(home.parent / "block"), "OUT/": f"{home.parent}/missing/"}
+    for old, new in put.items():
+        actions = [action.replace(old, new) for action in actions]
+    return list(dict.fromkeys(wrong)), actions
+
+
+def _write(checked: Checked, folder: Path) -> list[str]:
+    """The page and the JSON file."""
+    pictures = []
+    for name in ("check_points.png", "residuals_along.png"):
+        home = folder / ("adjusted_with_found" if (folder / "adjusted_with_found").is_dir() else
+                         "adjusted")  # fmt: skip
+        if checked.verdict != "failed" and (home / name).is_file():
+            pictures.append((name.partition(".")[0].replace("_", " "), "", home / name))
+    shown = [(title, caption, path.read_bytes()) for title, caption, path in pictures]
+    with whole_file(folder / "report.html") as part:
+        part.write_text(page_of(checked, shown), encoding="utf-8", newline="\n")
+    with whole_file(folder / RESULT) as part:
+        write_json(checked.to_dict(), part)
+    taken = [] if checked.taken_back is None else checked.taken_back.files
+    return [str(folder / "report.html"), str(folder / RESULT), *taken]

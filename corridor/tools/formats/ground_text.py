@@ -1,0 +1,304 @@
+"""Ground points from plain text: a table with or without a header, as surveyors write it.
+
+Columns are known by the words of the header (Easting, Northing, Elevation, lat, lon, PNEZD ...);
+without a header they are name, x, y, z, then perhaps three standard deviations.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import unicodedata
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.block import ROLES, SIGMAS
+from corridor.core.errors import InputError, did_you_mean
+from corridor.core.gnss import GEOGRAPHIC
+from corridor.core.textfile import Line, filled
+from corridor.tools.formats.project import ground_table
+
+# What columns are called, without units, accents, blanks and case. Several words for one column
+# are those of receivers, of Metashape, Pix4D and OpenDroneMap, and of English and German tables.
+_WORDS = {
+    "point": "point name id label pt gcp pointid pointname marker no nr number nummer punkt "
+    "punktnummer pnr p pid station gcpname gcplabel pointnumber targetname target",
+    "x": "x e east easting eastings rechtswert ost est xeasting eastingx xe",
+    "y": "y n north northing northings hochwert nord ynorthing northingy yn",
+    "z": "z h height elevation elev el ele alt altitude hoehe u up zaltitude ellipsoidalheight "
+    "orthometricheight orthoheight heightellipsoidal hoehen zelevation",
+    "lon": "lon long lng longitude laenge xlongitude",
+    "lat": "lat latitude breite ylatitude",
+    "sx": "sx stdx sigmax sdx accx xaccuracy accuracyx xacc stde sde seast sigmae eastaccuracy xm "
+    "xstd xsigma stdeast",
+    "sy": "sy stdy sigmay sdy accy yaccuracy accuracyy yacc stdn sdn snorth sigman northaccuracy "
+    "ym ystd ysigma stdnorth",
+    "sz": "sz stdz sigmaz sdz accz zaccuracy accuracyz zacc stdu sdu sup sigmau verticalaccuracy "
+    "sv stdh sigmah zstd zsigma accuracyvertical vertacc stdup",
+    "sxy": "sxy xyaccuracy accuracyxy horizontalaccuracy accuracyhorizontal horzacc stdxy",
+    "sxyz": "sxyz accuracy sigma std xyzaccuracy",
+    "role": "role use",
+    # What a surveyor adds and no adjustment needs.
+    "": "description desc d code codes comment comments note notes remark remarks date time type "
+    "kind enabled feature photo",
+}
+_COLUMN = {word: column for column, words in _WORDS.items() for word in words.split()}
+_PLACE = ("x", "y", "z")
+_ROLE = {"gcp": "control", "controlpoint": "control", "checkpoint": "check", "3dgcp": "control"}
+_SEPARATORS = "\t;,"
+_LETTERS = {"P": "point", "N": "y", "E": "x", "Z": "z", "D": ""}
+
+
+@dataclass
+class Table:
+    """Ground points as a text has them.
+
+    table: as ground.csv. crs: EPSG:4979 where the header names latitude and longitude, else None.
+    headed: whether a header said which column is which. notes: sentences.
+    """
+
+    table: pd.DataFrame
+    crs: str | None = None
+    headed: bool = False
+    notes: list[str] = field(default_factory=list)
+
+
+def read_text(path: Path) -> Table:
+    """Ground points of a text: cells between tabs, semicolons, commas or blanks, quoted or not.
+
+    Comments begin with #; the header is the first line that is none. Raises InputError naming file
+    and line.
+    """
+    rows, header = [], None
+    found = list(filled(path, comment="#"))
+    # Metashape begins its header with a #.
+    commented = [line for line in filled(path) if line.text.lstrip().startswith("#")]
+    separator = _separator(found)
+    for line in found:
+        cells = _cells(line, separator)
+        if not rows and header is None and not _has_place(cells):
+            header = _header(line, cells)
+        else:
+            rows.append((line, cells))
+    if header is None:
+        header = next((made for line in commented if (made := _commented(line))), None)
+    if not rows:
+        raise InputError(f"{path.name} holds no ground point; write name, x, y, z a line")
+    notes: list[str] = []
+    headed = header is not None
+    if header is None:
+        header = _guessed(rows, separator, notes)
+    return _table(rows, header, headed, notes)
+
+
+# --- cells -----------------------------------------------------------------------------------
+
+
+def _separator(lines: list[Line]) -> str | None:
+    """The mark between the cells of all lines; None for blanks."""
+    for mark in _SEPARATORS:
+        if lines and all(mark in line.text for line in lines[-3:]):
+            return mark
+    return None
+
+
+def _cells(line: Line, separator: str | None) -> list[str]:
+    text = line.text.strip("\r\n")
+    if separator is None:
+        text = " ".join(text.split())
+    cells = next(csv.reader([text], delimiter=separator or " ", skipinitialspace=True))
+    cells = [cell.strip() for cell in cells]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _number(cell: str) -> float | None:
+    """The number of a cell, None where it is none; 467,312.1 with its comma, quoted, is one."""
+    if re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d*", cell):
+        cell = cell.replace(",", "")
+    try:
+        return float(cell) if "_" not in cell else None
+    except ValueError:
+        return None
+
+
+def _is_place_like(cell: str) -> bool:
+    return _number(cell) is not None or re.fullmatch(r"[+-]?\d+,\d+", cell) is not None
+
+
+def _has_place(cells: list[str]) -> bool:
+    """Whether a line has numbers at all, so that it is no header."""
+    return sum(map(_is_place_like, cells)) >= 2
+
+
+# --- which column is which -------------------------------------------------------------------
+
+
+def _word(cell: str) -> str:
+    """`Höhe [m]` as hoehe, `Accuracy_XY (m)` as accuracyxy."""
+    text = cell.lower()
+    for mark, plain in (("ö", "oe"), ("ä", "ae"), ("ü", "ue"), ("σ", "sigma"), ("ß", "ss")):
+        text = unicodedata.normalize("NFC", text).replace(mark, plain)
+    text = re.sub(r"\(.*?\)|\[.*?\]", "", text)
+    return re.sub(r"[^a-z0-9]", "", text)
+
+
+def _columns(cells: list[str]) -> list[str | None]:
+    """The columns that the words of a header name, None for a word that is not known."""
+    if len(cells) == 1 and re.fullmatch(r"[PNEZD]{4,5}", cells[0].upper()):
+        return [_LETTERS[letter] for letter in cells[0].upper()]
+    return [_COLUMN.get(_word(cell)) for cell in cells]
+
+
+def _is_whole(columns: list[str | None]) -> bool:
+    return {"x", "y", "z"} <= set(columns) or {"lat", "lon"} <= set(columns)
+
+
+def _commented(line: Line) -> list[str | None] | None:
+    """The columns of a commented line that names all of them, as Metashape writes its header."""
+    text = Line(line.path, line.at, line.text.strip().lstrip("#"))
+    columns = _columns(_cells(text, _separator([text])))
+    return columns if _is_whole(columns) else None
+
+
+def _header(line: Line, cells: list[str]) -> list[str | None]:
+    columns = _columns(cells)
+    named = [column for column in columns if column]
+    twice = next((column for column in named if named.count(column) > 1), None)
+    if twice:
+        raise line.wrong(
+            f"two columns of the header are {_shown(twice)}; keep one of them, or rename it"
+        )
+    if not _is_whole(columns):
+        unknown = [cell for cell, column in zip(cells, columns, strict=True) if column is None]
+        told = f" ({', '.join(unknown[:4])})" if unknown else ""
+        raise line.wrong(
+            f"the header does not name the coordinates{told}; name the columns point, x, y, z, or "
+            "Easting, Northing, Elevation, or lat, lon, height"
+        )
+    if "z" not in columns:
+        raise line.wrong("the header names no height; add a column z")
+    if not {"x", "y"} <= set(columns) and not {"lat", "lon"} <= set(columns):
+        raise line.wrong("the header names no x, y; add the column that is missing")
+    if "point" not in columns:
+        raise line.wrong("the header names no column of names; add one called point")
+    return columns
+
+
+def _shown(column: str) -> str:
+    return {"point": "names of points", "z": "heights"}.get(column, column)
+
+
+def _guessed(rows: list[tuple[Line, list[str]]], separator: str | None, notes: list[str]):
+    """Columns of a table without header, by its first row: names stand first, else last.
+
+    Between blanks a name may hold blanks: it is then as long as makes all names different.
+    """
+    line, cells = rows[0]
+    count = len(cells)
+    decimals = all("." not in cell for _, row in rows for cell in row[1:])
+    if separator == "," and count == 7 and decimals:
+        raise line.wrong(
+            "commas stand both between the cells and in the numbers; write numbers with a decimal "
+            "point, or semicolons between the cells"
+        )
+    if count < 4:
+        raise line.wrong(f"{count} cells where a name and x, y, z belong")
+    numeric = [_is_place_like(cell) for cell in cells]
+    if not numeric[-1] and all(numeric[:3]) and count == 4:
+        notes.append("names were read from the last column")
+        return ["x", "y", "z", "point"]
+    firsts = [row[0] for _, row in rows]
+    longest = max(len(row) for _, row in rows)
+    if separator is None and len(set(firsts)) < len(firsts) and longest > 4:
+        # Names of several words: the words before the coordinates belong to the name.
+        for more in (6, 3):
+            if all(len(row) > more and all(map(_is_place_like, row[-more:])) for _, row in rows):
+                names = {" ".join(row[:-more]) for _, row in rows}
+                if len(names) == len(rows):
+                    for _, row in rows:
+                        row[:-more] = [" ".join(row[:-more])]
+                    return ["point", *_PLACE, *SIGMAS][: more + 1]
+    columns: list[str | None] = ["point", *_PLACE]
+    if count >= 7 and all(numeric[4:7]) and all(0 <= (_number(c) or 0) < 10 for c in cells[4:7]):
+        notes.append("columns 5 to 7 were read as standard deviations, m")
+        columns += SIGMAS
+    return columns
+
+
+# --- the table -------------------------------------------------------------------------------
+
+
+def _table(rows, columns, headed, notes) -> Table:
+    at = {column: k for k, column in enumerate(columns) if column}
+    unused = [k + 1 for k, column in enumerate(columns) if column is None]
+    if headed and unused:
+        notes.append(f"columns {', '.join(map(str, unused))} of the header are not known: unused")
+    geographic = "lat" in at
+    keys = ("lon", "lat", "z") if geographic else _PLACE
+    sigma_keys = [key for key in (*SIGMAS, "sxy", "sxyz") if key in at]
+    names, places, sigmas, roles = [], [], [], []
+    for line, cells in rows:
+        needed = max(at[key] for key in (*keys, "point"))
+        if len(cells) <= needed:
+            raise line.wrong(
+                f"{len(cells)} cells where a name and {', '.join(keys)} belong; fill in what is "
+                "missing or delete the line"
+            )
+        name = cells[at["point"]]
+        if not name:
+            raise line.wrong("the point has no name; write it there")
+        if re.match(r"(?i)epsg:", name):
+            raise line.wrong(
+                "the coordinate system stands in a row; write it once, in the first line alone, or "
+                "give it with --ground-crs"
+            )
+        names.append(name)
+        places.append([_coordinate(line, cells[at[key]]) for key in keys])
+        sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}))
+        roles.append(_role(line, _cell(cells, at["role"])) if "role" in at else "control")
+    table = ground_table(names, np.array(places), np.array(sigmas), roles)
+    return Table(table, GEOGRAPHIC if geographic else None, headed, notes)
+
+
+def _cell(cells: list[str], k: int) -> str:
+    return cells[k] if k < len(cells) else ""
+
+
+def _coordinate(line: Line, cell: str) -> float:
+    value = _number(cell)
+    return value if value is not None and np.isfinite(value) else line.number(cell, "a coordinate")
+
+
+def _sigmas(line: Line, cells: dict[str, str]) -> list[float]:
+    """sx, sy, sz of a row, NaN where unknown."""
+    known = {}
+    for key, cell in cells.items():
+        value = line.number(cell, "a standard deviation") if cell else np.nan
+        known[key] = value if value > 0 else np.nan
+    every = known.get("sxyz", np.nan)
+    level = known.get("sxy", every)
+    return [known.get("sx", level), known.get("sy", level), known.get("sz", every)]
+
+
+def _role(line: Line, cell: str) -> str:
+    return role_of(cell) or _refused_role(line, cell)
+
+
+def role_of(text: str) -> str | None:
+    """The role that a text names, in any case; empty: control; None for a word that is not known.
+
+    CP alone is not taken: it stands for control point and for check point.
+    """
+    word = _word(text)
+    word = _ROLE.get(word, word)
+    return word if word in ROLES else "control" if not word else None
+
+
+def _refused_role(line: Line, cell: str):
+    near = did_you_mean(cell.lower(), ROLES)
+    raise line.wrong(f"role {cell!r} is unknown{near}; write one of {', '.join(ROLES)}")

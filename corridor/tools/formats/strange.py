@@ -1,0 +1,91 @@
+"""What a file is that is no project, and the way on: by its ending and its first characters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from corridor.core.errors import InputError
+from corridor.core.photographs import photographs_in
+from corridor.core.textfile import opening
+
+# Ending -> what it is and what to do. Sentences go on after `PATH is`.
+_ENDINGS = {
+    ".p4d": "a Pix4D project, whose results stand in the folder beside it: name its folder "
+    "1_initial/params, and export tie points as BINGO (Process > Output > Save Pix4D files)",
+    ".p4b": "a Pix4D archive: unpack it, and name the folder 1_initial/params",
+    ".rcproj": "a RealityCapture project: export a Bundler file or a COLMAP model from it, and "
+    "name that",
+    ".rsproj": "a RealityScan project: export a Bundler file or a COLMAP model from it, and name "
+    "that",
+    ".xlsx": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
+    ".xls": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
+    ".ods": "a spreadsheet: save the sheet as comma separated text (.csv), and name that",
+    ".sbet": "a POSPac trajectory in binary form: export it from POSPac as text",
+    ".out": "a file of a trajectory or of another program: of POSPac, export it as text",
+    ".pdf": "a report: name the project that it is of",
+    ".zip": "an archive: unpack it, and name the folder",
+    ".xmlz": "a packed BlocksExchange: unpack it like a .zip, and name the .xml in it",
+    ".las": "a point cloud: a project has photographs, their poses and measurements",
+    ".laz": "a point cloud: a project has photographs, their poses and measurements",
+    ".ply": "a point cloud: a project has photographs, their poses and measurements",
+    ".mg": "a Meshroom graph: name the sfm.json or cameras.sfm that its node StructureFromMotion "
+    "wrote (MeshroomCache/StructureFromMotion/.../)",
+    ".pos": "a receiver's track: give it with --track, beside a project",
+    ".mrk": "DJI's time marks: name the folder of the photographs, or the project",
+    ".obs": "raw data of a receiver (RINEX): process it first, with RTKLIB or the maker's program, "
+    "and give the track with --track",
+    ".nmea": "a receiver's NMEA log: its positions have no standard deviations; process the raw "
+    "data, and give the track with --track",
+}
+_MODEL = {"cameras": ".txt or .bin", "images": ".txt or .bin", "points3D": ".txt or .bin"}
+
+
+def strange(path: Path) -> str:
+    """What a file or folder is that is no project of a known format, and what to do; or empty."""
+    ending = path.suffix.lower()
+    if path.is_dir():
+        return _folder(path)
+    head = opening(path, 400)
+    if "RINEX VERSION" in head or (len(ending) == 4 and ending[1:3].isdecimal() and
+                                   ending[3] in "ondg"):  # fmt: skip
+        return _ENDINGS[".obs"]
+    if head.startswith(("$GP", "$GN")):
+        return _ENDINGS[".nmea"]
+    if "POSPAC" in head.upper() or "SBET" in head.upper():
+        return (
+            "a trajectory of POSPac: give it with --track where it is text with time and positions"
+        )
+    if ending in _ENDINGS:
+        return _ENDINGS[ending]
+    if ending in (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png"):
+        return "one photograph: name the folder of all of them, as `corridor import photos FOLDER`"
+    return ""
+
+
+def _folder(path: Path) -> str:
+    names = {file.name for file in path.iterdir() if file.is_file()}
+    for home in (path, path / "sparse", path / "sparse" / "0"):
+        inside = {file.name for file in home.iterdir()} if home.is_dir() else set()
+        there = [key for key in _MODEL if {f"{key}.txt", f"{key}.bin"} & inside]
+        lacks = [key for key in _MODEL if key not in there]
+        if len(there) >= 2 and lacks:
+            what = f"{lacks[0]}.bin or {lacks[0]}.txt"
+            return f"a COLMAP model in which {what} is missing; export the model again"
+    tables = [name for name in names if name.lower().endswith((".csv", ".txt"))]
+    try:
+        count = len(photographs_in(path))
+    except InputError:
+        count = 0
+    if count:
+        return (
+            f"a folder of {count} photographs and no project: `corridor import photos {path} -o "
+            "BLOCK` makes one from them"
+        )
+    if tables and any("reference" in name.lower() or "marker" in name.lower() for name in tables):
+        return (
+            "a folder of reference tables without a project: export the cameras of Metashape as "
+            "XML (File > Export > Export Cameras), or name its .psx"
+        )
+    endings = {Path(name).suffix.lower() for name in names}
+    known = next((end for end in _ENDINGS if end in endings), None)
+    return f"a folder with {known}: that is {_ENDINGS[known]}" if known else ""

@@ -1,0 +1,281 @@
+"""Ground points in every form in which surveyors write them, and forms that are refused."""
+
+import numpy as np
+import pytest
+
+from corridor.core.errors import InputError
+from corridor.core.gnss import Local, local_table, moved
+from corridor.tools.formats import Additions, add_ground, complete, read_gcp_list
+from corridor.tools.formats.ground import read_ground
+from corridor.tools.formats.ground_text import read_text, role_of
+from corridor.tools.formats.names import Names
+from corridor.tools.formats.project import Project
+
+from .conftest import exact_block
+
+PLACE = Local(49.012, 8.554, 0.0)
+UTM = "EPSG:25832"
+
+
+def placed(**changes):
+    """A project with a place on Earth: twelve images, marks of four ground points."""
+    block = exact_block(k1=-0.05)
+    block.extra["local_frame"] = local_table(PLACE)
+    return Project("made", None, block.select()).having(**changes)
+
+
+def surveyed(project, crs=UTM):
+    """Names and coordinates of its ground points in a system, without them."""
+    ground = project.block.ground
+    return list(ground["point"]), PLACE.to_crs(ground[["x", "y", "z"]].to_numpy(float), crs)
+
+
+def as_text(names, places, form, separator=","):
+    rows = [form[0]] if form[0] else []
+    for name, (e, n, h) in zip(names, places, strict=True):
+        rows.append(separator.join(form[1]).format(p=name, e=e, n=n, h=h))
+    return "\n".join(rows) + "\n"
+
+
+PENZ = ("{p}", "{e:.4f}", "{n:.4f}", "{h:.4f}")
+PNEZ = ("{p}", "{n:.4f}", "{e:.4f}", "{h:.4f}")
+FORMS = {
+    "plain": (("", PENZ), ","),
+    "semicolons": (("", PENZ), ";"),
+    "tabs": (("", PENZ), "\t"),
+    "blanks": (("", PENZ), " "),
+    "header x y z": (("name,x,y,z", PENZ), ","),
+    "northing first": (("Point,Northing,Easting,Elevation", PNEZ), ","),
+    "northing first, described": (
+        ("Pt;Northing [m];Easting [m];Elev. [m];Code", (*PNEZ, "target")), ";",
+    ),
+    "the letters of surveyors": (("PNEZD", (*PNEZ, "nail")), ","),
+    "German": (("Punktnummer;Rechtswert;Hochwert;Höhe", PENZ), ";"),
+    "Metashape": (("#Label,X/Easting,Y/Northing,Z/Altitude", PENZ), ","),
+    "names last": (("", (*PENZ[1:], "{p}")), ","),
+    "names last, with header": (("E,N,H,Name", (*PENZ[1:], "{p}")), ","),
+    "a comment before the header": (("# Leica GS18\nName,E,N,H", PENZ), ","),
+    "quoted": (('"Name","E","N","H"', ('"{p}"', '"{e:.4f}"', '"{n:.4f}"', '"{h:.4f}"')), ","),
+    "thousands": (("name;e;n;h", ("{p}", "{e:,.4f}", "{n:,.4f}", "{h:.4f}")), ";"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("form", "separator"), FORMS.values(), ids=FORMS)
+def test_every_form_gives_the_same_points(tmp_path, form, separator):
+    project = placed()
+    names, places = surveyed(project)
+    path = tmp_path / "points.csv"
+    path.write_text(as_text(names, places, form, separator), encoding="utf-8")
+    made = add_ground(project, path, crs=UTM).block.ground
+    assert list(made["point"]) == names
+    known = project.block.ground[["x", "y", "z"]].to_numpy(float)
+    # Printed to a tenth of a millimetre.
+    assert np.abs(made[["x", "y", "z"]].to_numpy(float) - known).max() < 2e-4
+
+
+def test_latitude_and_longitude_need_no_system(tmp_path):
+    project = placed()
+    names, places = surveyed(project, "EPSG:4979")
+    rows = [f"{n},{lat:.10f},{lon:.10f},{h:.4f}" for n, (lon, lat, h) in zip(names, places)]  # noqa: B905
+    path = tmp_path / "latlon.csv"
+    path.write_text("\n".join(["name,lat,lon,h", *rows]) + "\n")
+    made = add_ground(project, path).block.ground
+    known = project.block.ground[["x", "y", "z"]].to_numpy(float)
+    assert np.abs(made[["x", "y", "z"]].to_numpy(float) - known).max() < 2e-4
+
+
+WRONG = {
+    "northing first, unsaid": (("", PNEZ), UTM, "exchanged"),
+    "a grid without its name": (("", PENZ), None, "--ground-crs EPSG:25832"),
+    "northing first in a grid without its name": (("", PNEZ), None, "northing stands first"),
+    "a zone before the easting": (
+        ("", ("{p}", "32{e:.4f}", "{n:.4f}", "{h:.4f}")), UTM, "number of the zone",
+    ),
+    "another zone": (("", PENZ), "EPSG:25835", "m in plan|outside the area"),
+    "unknown words": (("name,alpha,beta,gamma", PENZ), UTM, "does not name the coordinates"),
+    "no height": (("name,easting,northing", PENZ[:3]), UTM, "does not name the coordinates"),
+    "two eastings": (("name,x,easting,z", PENZ), UTM, "two columns"),
+    "a system in each row": (("", ("EPSG:25832", *PENZ)), UTM, "write it once"),
+    "decimal commas between commas": (
+        ("", ("{p}", "{e:.0f},5", "{n:.0f},5", "{h:.0f},5")), UTM, "decimal point",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("form", "crs", "said"), WRONG.values(), ids=WRONG)
+def test_what_cannot_be_meant_is_refused_with_its_remedy(tmp_path, form, crs, said):
+    project = placed()
+    names, places = surveyed(project)
+    path = tmp_path / "points.csv"
+    path.write_text(as_text(names, places, form), encoding="utf-8")
+    with pytest.raises(InputError, match=said):
+        add_ground(project, path, crs=crs)
+
+
+@pytest.mark.parametrize("foot", [0.3048, 1200 / 3937], ids=["feet", "US survey feet"])
+def test_feet_are_known_by_their_ratio(tmp_path, foot):
+    project = placed()
+    names, places = surveyed(project)
+    path = tmp_path / "points.csv"
+    path.write_text(as_text(names, places / foot, ("", PENZ)))
+    with pytest.raises(InputError, match="feet"):
+        add_ground(project, path, crs=UTM)
+
+
+def test_heights_above_the_geoid_are_told_with_their_difference(tmp_path):
+    project = placed()
+    names, places = surveyed(project)
+    path = tmp_path / "points.csv"
+    path.write_text(as_text(names, places - [0, 0, 47.9], ("", PENZ)))
+    made = add_ground(project, path, crs=UTM)
+    assert any("47.9 m below" in told and "another height system" in told for told in made.notes)
+
+
+def test_points_far_away_are_noticed_without_marks(tmp_path):
+    project = placed(marks=exact_block().marks[:0])
+    names, places = surveyed(project, "EPSG:4979")
+    rows = [f"{n},{lon:.9f},{lat:.9f},{h:.3f}" for n, (lon, lat, h) in zip(names, places)]  # noqa: B905
+    path = tmp_path / "swapped.csv"
+    # Columns are named the wrong way round: 5,600 km away.
+    path.write_text("\n".join(["name,lat,lon,h", *rows]) + "\n")
+    with pytest.raises(InputError, match="latitude and longitude are exchanged"):
+        add_ground(project, path)
+
+
+def test_names_with_blanks_and_sigmas_and_roles_are_kept(tmp_path):
+    path = tmp_path / "g.txt"
+    path.write_text("GCP 1 10.0 20.0 1.0\nGCP 2 11.0 21.0 1.5\n")
+    assert list(read_text(path).table["point"]) == ["GCP 1", "GCP 2"]
+    path.write_text("Name,x,y,z,sx,sy,sz,role\nA,1.0,2.0,3.0,0.01,0.02,0.03,Check\n")
+    row = read_text(path).table.iloc[0]
+    assert row[["sx", "sy", "sz"]].tolist() == [0.01, 0.02, 0.03] and row["role"] == "check"
+    path.write_text("Name;E;N;H;Accuracy XY;Accuracy Z\nA;1.0;2.0;3.0;0.02;0.04\n")
+    assert read_text(path).table[["sx", "sy", "sz"]].iloc[0].tolist() == [0.02, 0.02, 0.04]
+    path.write_text("A 1.0 2.0 3.0 0.01 0.01 0.02\n")
+    assert read_text(path).table["sz"].tolist() == [0.02]
+
+
+@pytest.mark.parametrize(
+    ("text", "role"),
+    [("Control", "control"), ("CHECK", "check"), ("", "control"), ("check point", "check"),
+     ("GCP", "control"), ("unused ", "unused"), ("CP", None)],
+)  # fmt: skip
+def test_roles_in_any_case(text, role):
+    assert role_of(text) == role
+
+
+def gcp_list(project, head, change=lambda image: image, places=lambda xyz: xyz):
+    ground = project.block.ground.set_index("point")[["x", "y", "z"]]
+    rows = [head]
+    marks = project.block.marks.astype({"point": str, "image": str})
+    for point, image, x, y in marks[["point", "image", "x", "y"]].itertuples(index=False):
+        if point in ground.index:
+            xyz = PLACE.to_crs(ground.loc[[point]].to_numpy(float), UTM)
+            e, n, h = places(xyz)[0]
+            rows.append(f"{e:.4f} {n:.4f} {h:.4f} {x:.3f} {y:.3f} {change(image)} {point}")
+    return "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [str.lower, str.upper, lambda n: n.rpartition(".")[0], lambda n: f"DCIM/{n}",
+     lambda n: f"D:\\flight\\{n}", lambda n: n.replace(".JPG", ".jpeg")],
+    ids=["lower case", "upper case", "without ending", "folder", "folder of Windows", "ending"],
+)  # fmt: skip
+def test_names_of_images_that_differ_are_matched_and_told(tmp_path, change):
+    project = placed()
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(gcp_list(project, UTM, change))
+    bare = project.having(marks=project.block.marks[:0], ground=project.block.ground[:0])
+    made = add_ground(bare, path)
+    lost = project.block.marks["point"].isin(project.block.ground["point"]).sum()
+    assert len(made.block.marks) == lost
+    if change("IMG_0001.JPG") != "IMG_0001.JPG":
+        assert any("matched" in note for note in made.notes)
+
+
+def test_marks_of_other_images_are_never_dropped_in_silence(tmp_path):
+    project = placed()
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(gcp_list(project, UTM, lambda name: f"X{name}"))
+    with pytest.raises(InputError, match="correct the names"):
+        add_ground(project, path)
+    path.write_text(gcp_list(project, UTM, lambda n: "other.jpg" if n == "IMG_0000.JPG" else n))
+    made = add_ground(project, path)
+    assert any("left out: other.jpg" in told for told in made.warnings)
+
+
+def test_umlauts_of_macos_are_the_same_name():
+    names = Names(["S\u00fcd/DJI_0001.JPG", "Nord/DJI_0001.JPG"])
+    assert names.row("Su\u0308d/DJI_0001.JPG") == 0
+    assert names.row("DJI_0001.JPG") is None  # could be two
+
+
+@pytest.mark.parametrize(
+    "head",
+    [UTM, "# made by hand\n\nEPSG:25832", "epsg:25832", "WGS84 UTM 32N",
+     "+proj=utm +zone=32 +ellps=GRS80 +units=m +no_defs"],
+)  # fmt: skip
+def test_first_lines_of_gcp_lists_that_name_a_system(tmp_path, head):
+    project = placed()
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(gcp_list(project, head))
+    assert len(read_gcp_list(path).table) == len(project.block.ground)
+    assert read_ground(path, project.block).crs is not None
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [("WGS84", "EPSG:4326"), ("WGS84 longlat", "EPSG:4326"), ("local", "names no coordinate"),
+     ("EPSG:25832+7837", "de_bkg_gcg2016|ground points")],
+)  # fmt: skip
+def test_first_lines_that_name_none_say_what_to_write(tmp_path, head, said):
+    project = placed()
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(gcp_list(project, head))
+    with pytest.raises(InputError, match=said):
+        add_ground(project, path)
+
+
+def test_exchanged_axes_of_a_gcp_list_are_told_by_its_marks(tmp_path):
+    project = placed()
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(gcp_list(project, UTM, places=lambda xyz: xyz[:, [1, 0, 2]]))
+    with pytest.raises(InputError, match="exchanged"):
+        add_ground(project, path)
+
+
+# --- systems ---------------------------------------------------------------------------------
+
+
+def test_crs_converts_a_project_that_has_a_place():
+    project = complete(placed(), Additions(crs=UTM))
+    block = project.block
+    world = block.images[["x", "y", "z"]].to_numpy(float) + block.offset
+    known = PLACE.to_crs(placed().block.images[["x", "y", "z"]].to_numpy(float), UTM)
+    assert block.crs == UTM and "local_frame" not in block.extra
+    assert np.abs(world - known).max() < 1e-6
+    assert any("converted" in note for note in project.notes)
+
+
+def test_crs_never_labels_what_is_not_in_it():
+    project = placed()
+    project.block.extra.pop("local_frame")
+    with pytest.raises(InputError, match="coordinates are not in it"):
+        complete(project, Additions(crs=UTM))
+
+
+@pytest.mark.parametrize("crs", ["EPSG:25831", "EPSG:2154", "EPSG:25833", "EPSG:32632"])
+def test_there_and_back_again_changes_nothing(crs):
+    block = placed().block
+    back = moved(moved(block, crs), PLACE)
+    for table in ("images", "points", "ground"):
+        xyz = back.numbers(table, *"xyz") - block.numbers(table, *"xyz")
+        assert np.abs(xyz).max() < 1e-6
+    # Grids are conformal but for heights: axes stay perpendicular to the scale times the tilt.
+    assert np.abs(back.poses[:, 3:] - block.poses[:, 3:]).max() < 1e-6
+
+
+def test_a_system_in_feet_is_no_system_of_a_block():
+    with pytest.raises(InputError, match="foot"):
+        complete(placed(), Additions(crs="EPSG:2225"))
