@@ -190,7 +190,7 @@ def fit(epochs: Epochs, share: float | None) -> Model:
         unknown_velocity = epochs.velocity is not None and epochs.velocity_sigma is None
         axis = Axis(1.0, share or 0.0, 1.0, 0.1 if unknown_velocity else None)
         jerks = np.outer(np.full(n, 10.0), _OF_AXIS)
-        return Model((axis,) * 3, np.ones((n, 3)), jerks)
+        return Model((axis,) * 3, np.ones((n, 3)), jerks, unresolved=np.zeros(3))
     interval = float(np.median(np.diff(epochs.time)))
     search = _Search(epochs, share)
     found = search.run()
