@@ -17,19 +17,21 @@ from corridor.core import __version__ as __version__
 from corridor.core import registry
 
 # Public names that are called otherwise at home, where a folder bears the name.
-_AT_HOME = {"catalogue": "every_effect", "export": "export_project"}
+_AT_HOME = {"catalogue": "every_effect", "export": "export_project", "report_bug": "report"}
 _HOME = {
     "read": "block",
     "summary": "effects",
     "prepare": "preparation",
     "adjust": "adjustment",
     "diagnose": "diagnosis",
+    "check_project": "check",
     "batch": "campaign",
     "simulate": "simulation",
     "plan": "planning",
     "correct": "effects",
     "import_project": "formats",
     "export": "formats",
+    "report_bug": "faults",
     "catalogue": "effects",
     "Block": "block",
     "Camera": "camera",

@@ -37,6 +37,8 @@ from corridor.tools.batch import Campaign as Campaign
 from corridor.tools.batch import Row as Row
 from corridor.tools.change import Change as Change
 from corridor.tools.change.changing import Dated as Dated
+from corridor.tools.check import Checked as Checked
+from corridor.tools.faults import Fault as Fault
 from corridor.tools.formats import Additions as Additions
 from corridor.tools.formats import Exported as Exported
 from corridor.tools.formats import Imported as Imported
@@ -58,6 +60,8 @@ def adjust(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mappi
 
 def diagnose(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mapping[str, str] | None = ..., effects: str | Effect | Iterable[str | Effect] = ..., control: str | Iterable[str] | None = ..., check: str | Iterable[str] | None = ..., priors: Mapping[str, tuple[float, float]] | None = ..., lever_arm: str | None = ..., loss: str = ..., parameters: Settings = ..., motion: MotionScale | None = ..., *, only: str | Iterable[str] | None = ..., without: str | Iterable[str] = ..., level: float = ..., seed: int = ..., settings: Settings | None = ..., threads: int = ..., progress: Callable[[dict], None] | None = ..., max_iterations: int | None = ..., strict: bool = ..., model: Model | None = ..., asked: Question | None = ..., run: Run | None = ...) -> Diagnosis: ...
 
+def check_project(project: str | os.PathLike, output: str | os.PathLike, *, form: str = ..., required: float | None = ..., added: dict[str, Any] | None = ..., diagnose: bool = ..., threads: int = ..., progress: Callable[[str], None] = ...) -> Checked: ...
+
 def batch(verb: str, blocks: str | os.PathLike | Iterable[str | os.PathLike], output: str | os.PathLike, jobs: int | None = ..., cluster: str | None = ..., memory_gb: float | None = ..., progress: Callable[[Row, int, int], None] | None = ..., **options: Any) -> Campaign: ...
 
 def simulate(plan: Plan | str | os.PathLike, effects: Mapping[str, Mapping] | None = ..., seed: int = ..., *, noise: Noise | Mapping | str | None = ..., start: Start | Mapping | None = ..., progress: Callable[[str, float], None] | None = ...) -> Simulated: ...
@@ -69,6 +73,8 @@ def correct(block: Block | str | os.PathLike, effects: str | Iterable[str] | Map
 def import_project(path: str | Path, form: str, output: str | Path, added: Additions | None = ..., *, table_form: str = ..., force: bool = ..., progress: Callable[[str], None] = ..., **more: Any) -> Imported: ...
 
 def export(block: Block | str | Path, form: str, folder: str | Path, *, effects: Mapping[str, Mapping] | None = ..., corrected: bool = ..., lossy: bool = ..., progress: Callable[[str], None] = ...) -> Exported: ...
+
+def report_bug(block: Block | str | os.PathLike, command: str, output: str | os.PathLike, progress: Callable[[str], None] = ...) -> Fault: ...
 
 def catalogue() -> list[Effect]: ...
 

@@ -127,6 +127,7 @@ class TestAdjust:
             "check": [],
             "loss": "huber:2",
             "priors": {"camera.P1.f": (8190.0, 5.0), "gnss_bias.z": (0.0, 0.05)},
+            "motion": None,
             "lever_arm": "fixed",
             "parameters": {},
             "threads": 2,

@@ -82,7 +82,7 @@ def test_a_perfect_block_is_there_for_the_asking(plan, tmp_path, capsys):
 def test_noise_of_the_plan_goes_before(plan, capsys):
     plan.write_text(f"{PLAN}\n[noise]\ntie_px = 0.3\n", encoding="utf-8")
     assert main(["simulate", str(plan)]) == 0
-    assert "tie points 0.3 px, marks 0 px" in capsys.readouterr().out
+    assert "tie points 0.3 px, marks 0.5 px" in capsys.readouterr().out
 
 
 def test_without_an_output_it_says_that_nothing_was_written(plan, capsys):

@@ -17,7 +17,7 @@ DIKE = Path(__file__).parents[1] / "data_synthetic" / "dike"
 def test_every_command_has_a_function_or_a_room():
     """A verb of several functions is a room of its own name."""
     # Verb -> what stands for it where it cannot bear its name.
-    other = {"import": "import_project"}
+    other = {"import": "import_project", "check": "check_project", "report-bug": "report_bug"}
     for verb in registry.verbs():
         name = other.get(verb, verb)
         assert name in dir(corridor), verb

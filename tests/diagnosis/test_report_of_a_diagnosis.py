@@ -155,7 +155,7 @@ class TestJson:
         promised = "slug class log_evidence parameters cannot_be_told_apart_from"
         assert set(promised.split()) <= set(found)
         assert set(found["parameters"][0]) >= {"name", "value", "sigma", "unit"}
-        assert set(result["gap"]) == {"tie_px", "check_m", "check_sigmas", "gnss_m"}
+        assert set(result["gap"]) == {"tie_px", "check_m", "gnss_m"}
 
     def test_every_file_is_listed_and_there(self, saved):
         out, written = saved
@@ -268,7 +268,7 @@ def told(verdict, effects=(), unknown=(), check=(0.0195, 0.0041), tie=(0.279, 0.
     """The sentence of a diagnosis that was never made."""
     return sentence(
         SimpleNamespace(
-            verdict=verdict, block=None, level=0.01, alarms=[], untestable=[],
+            verdict=verdict, block=None, level=0.01, alarms=[], untestable=[], check_sigmas=None,
             findings=SimpleNamespace(effects=list(effects), unknown=list(unknown)),
             detection_limits=limits or {},
             gap={

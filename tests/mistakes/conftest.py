@@ -41,7 +41,14 @@ def places(sound, tmp_path):
     (tmp_path / "FULL" / "mine.txt").write_text("mine")
     (tmp_path / "TEXT").write_text("hello\n")
     cv2.imwrite(str(tmp_path / "PICTURE.png"), np.full((120, 160), 128, np.uint8))
-    plan = Path(__file__).parents[2] / "corridor" / "simulation" / "plans" / "thesis_50vt.toml"
+    plan = (
+        Path(__file__).parents[2]
+        / "corridor"
+        / "core"
+        / "simulation"
+        / "plans"
+        / "thesis_50vt.toml"
+    )
     here = {name: tmp_path / name for name in ("FULL", "EMPTY", "TEXT", "NOWHERE", "OUT")}
     return here | {
         "BLOCK": sound,

@@ -16,9 +16,6 @@ REFUSED = {
     "control of a negative standard deviation": (
         changed("ground", sx=-0.01), "row 2: sx = -0.01 is not a"
     ),
-    "a role in capitals": (
-        changed("ground", role=lambda c: c.str.capitalize()), "role 'Control' is unknown"
-    ),
     "a role of another program": (changed("ground", role="gcp"), "write one of control, check"),
     "names with blanks": (changed("ground", point=lambda c: c + " "), "has blanks around it"),
     "image names without suffix": (

@@ -225,7 +225,6 @@ VERBS = {
     "import": [
         ("import colmap NOWHERE -o OUT", 2, "NOWHERE"),
         ("import auto EMPTY -o OUT", 2, "EMPTY"),
-        ("import auto BLOCK -o OUT", 2, "is no project that corridor recognises"),
         ("import colmop EMPTY -o OUT", 2, "colmap"),
         ("import colmap EMPTY -o OUT", 2, "EMPTY"),
         ("import metashape TEXT -o OUT", 2, "TEXT"),

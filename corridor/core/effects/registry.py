@@ -17,7 +17,7 @@ from typing import TypeVar
 
 from corridor.core.block import Block, Summary, read
 from corridor.core.effects.contract import Effect, check_contract
-from corridor.core.errors import InputError, did_you_mean, some
+from corridor.core.errors import InputError, did_you_mean
 
 Kind = TypeVar("Kind", bound="Effect | type[Effect]")
 ENTRY_POINTS = "corridor.effects"
@@ -40,7 +40,7 @@ def find(name: str) -> Effect:
     known = _known()
     if slug not in known:
         near = did_you_mean(slug, known)
-        physical = some(slug for slug in sorted(known) if not known[slug].generic)
+        physical = ", ".join(slug for slug in sorted(known) if not known[slug].generic)
         raise InputError(
             f"effect {slug!r} is unknown{near}: `corridor effects` lists them all"
             + ("" if near else f", the physical ones are {physical}")

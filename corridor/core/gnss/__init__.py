@@ -34,7 +34,7 @@ from corridor.core.gnss.interpolation import (
 )
 from corridor.core.gnss.reading import read_exposures, read_track
 from corridor.core.gnss.slow_noise import SlowNoise
-from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, QUALITY, Track, with_quality
+from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track, check_quality
 
 __all__ = [
     "CORRELATION_S",
@@ -42,7 +42,6 @@ __all__ = [
     "GEOGRAPHIC",
     "MAX_SIGMA_M",
     "METHODS",
-    "QUALITY",
     "SLOW_SHARES",
     "Alignment",
     "Antenna",
@@ -73,7 +72,7 @@ __all__ = [
     "read_track",
     "segments",
     "to_local",
-    "with_quality",
+    "check_quality",
     "world_crs",
 ]
 

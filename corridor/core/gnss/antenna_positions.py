@@ -16,7 +16,7 @@ from corridor.core.gnss.coordinates import Local, convert, to_local
 from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.frames import FRAME, local_frame
 from corridor.core.gnss.interpolation import Interpolated, Interpolation, interpolate
-from corridor.core.gnss.track import GEOGRAPHIC, Track, with_quality
+from corridor.core.gnss.track import GEOGRAPHIC, Track, check_quality
 from corridor.core.options import options
 from corridor.core.output import whole_file, whole_files, write_picture
 
@@ -141,7 +141,7 @@ def antenna(
     Raises InputError for a track or times that do not fit; WorkFailed where no exposure is
     left.
     """
-    track = with_quality(track)
+    check_quality(track)
     alignment = align(track, exposures, track_system, exposures_system)
     local = to_local(track)
     times = exposures.table["time_s"].to_numpy(dtype=float) + alignment.offset_s

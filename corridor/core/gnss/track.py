@@ -1,7 +1,7 @@
 """The track of an antenna: positions at the receiver's epochs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,6 @@ from corridor.core.errors import InputError
 from corridor.core.gnss.time import clock
 
 POSITION = ["x", "y", "z"]
-# What positions of a kind are off by, m, whatever the receiver states: DGPS and float solutions by
-# decimetres, code positions and SBAS by metres (Takasu and Yasuda 2009; Misra and Enge 2011).
-_LEAST_M = {2: (0.3, 0.3, 0.6), 3: (1.0, 1.0, 2.0), 4: (0.5, 0.5, 1.0), 5: (3.0, 3.0, 6.0),
-            7: (3.0, 3.0, 6.0)}  # fmt: skip
-_FIX_M = (0.02, 0.02, 0.04)
-QUALITY = {1: "fix", 2: "float", 3: "sbas", 4: "dgps", 5: "single", 6: "ppp", 7: "dead reckoning"}
 GEOGRAPHIC = "EPSG:4979"
 GEOCENTRIC = "EPSG:4978"
 
@@ -35,7 +29,7 @@ class Track:
             geocentric or None); cxy, cyz, czx: covariances, m2; optional
         vx, vy, vz, svx, svy, svz: velocities and their standard deviations, m/s, axes as for sx;
             optional
-        quality: RTKLIB's number (QUALITY: 1 fix, 2 float, 5 single); optional
+        quality: RTKLIB's number (1 fix, 2 float, 3 SBAS, 4 DGPS, 5 single, 6 PPP); optional
         flight: text; optional
     day: "2022-11-06"; None where the file states no date (time_s is then as in the file)
     time_system: "GPST", "UTC", "JST", ...; None where the file does not say
@@ -89,41 +83,13 @@ class Track:
         return self.table[POSITION].to_numpy()
 
 
-def with_quality(track: Track) -> Track:
-    """The track whose epochs are believed no better than their kind of solution is.
-
-    A receiver states small standard deviations for float and single positions too, which are
-    those of its noise. Raises InputError where every epoch is a single position: metres, not
-    centimetres.
-    """
-    if "quality" not in track.table or not len(track.table):
-        return track
-    quality = track.table["quality"].to_numpy()
-    if (quality == 5).all():
+def check_quality(track: Track) -> None:
+    """Raises InputError where every epoch is a single position: metres, not centimetres."""
+    if "quality" in track.table and len(track.table) and (track.table["quality"] == 5).all():
         raise InputError(
-            f"{track.source.name}: all {len(quality)} epochs are single positions (quality 5), "
+            f"{track.source.name}: all {len(track.table)} epochs are single positions (quality 5), "
             "good to metres only; process the track again with a base station"
         )
-    least = np.array([_LEAST_M.get(kind, (0.0, 0.0, 0.0)) for kind in quality])
-    doubted = least.any(axis=1)
-    if not doubted.any():
-        return track
-    kinds = ", ".join(
-        f"{int((quality == kind).sum())} {QUALITY[kind]} (Q {kind:g}: at least "
-        f"{'/'.join(f'{sigma:g}' for sigma in sigmas)} m)"
-        for kind, sigmas in _LEAST_M.items()
-        if (quality == kind).any()
-    )
-    note = (
-        f"{track.source.name}: {int(doubted.sum())} of {len(quality)} epochs are no fixed solution "
-        f"and count by their kind: {kinds}"
-    )
-    names = ["sx", "sy", "sz"]
-    # A track without sigmas gets those of a fix where it is one: else its kinds say nothing.
-    stated = track.table.reindex(columns=names).to_numpy(float)
-    raised = np.fmax(np.where(np.isnan(stated), _FIX_M, stated), least)
-    table = track.table.assign(**dict(zip(names, raised.T, strict=True)))
-    return replace(track, table=table, notes=(*track.notes, note))
 
 
 def _in_order(

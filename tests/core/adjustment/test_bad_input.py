@@ -47,7 +47,7 @@ def refused(block, *words, **arguments):
     for word in words:
         assert word in sentence
     assert "\n" not in sentence
-    assert len(sentence) < 500
+    assert len(sentence) < 600
     return sentence
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from corridor.core.errors import InputError
-from corridor.core.gnss import read_track, with_quality
+from corridor.core.gnss import check_quality, read_track
 
 DATA = Path(__file__).parent / "data"
 REMEDIES = "add|correct|delete|export|fill|give|install|name|process|save|sort|take|use|write"
@@ -158,8 +158,8 @@ def test_a_track_of_single_positions_is_read_and_refused_for_use(tmp_path):
     (tmp_path / "x.pos").write_text(text)
     track = read_track(tmp_path / "x.pos")
     assert "single positions" in track.notes[0]
-    assert "all 8 epochs are single positions" in fault(with_quality, track)
-    with_quality(read_track(DATA / "llh.pos"))
+    assert "all 8 epochs are single positions" in fault(check_quality, track)
+    check_quality(read_track(DATA / "llh.pos"))
 
 
 def test_flights_may_follow_each_other_in_any_order(tmp_path):

@@ -1,14 +1,14 @@
 """Flight plans: what a file says is what the plan holds."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from corridor.core.errors import InputError
 from corridor.core.simulation import (
+    ORDINARY_NOISE,
     Flight,
-    Noise,
     Plan,
     Start,
     TiePoints,
@@ -92,7 +92,9 @@ def test_a_plan_holds_what_its_file_says(everything):
     assert (plan.terrain.relief_m, plan.terrain.level_m, plan.terrain.roughness_m) == (2, 120, 0.1)
     assert plan.tie_points == TiePoints(100, 20, 25, 1.5)
     assert (plan.ground.layout, plan.ground.offset_m, plan.ground.within_m) == ("spread", 9, 20)
-    assert plan.noise == Noise(tie_px=0.5, gnss_m=(0.01, 0.02, 0.03), rounding_px=1e-3)
+    # What a table [noise] does not name is ordinary noise.
+    named = {"tie_px": 0.5, "gnss_m": (0.01, 0.02, 0.03), "rounding_px": 1e-3}
+    assert plan.noise == replace(ORDINARY_NOISE, **named)
     assert plan.start == Start(centre_m=1.0, camera={"f": 50, "k1": 0.01})
     assert plan.effects == {"rolling_shutter": {"readout": 0.03}}
     first, second = plan.flights
@@ -123,7 +125,9 @@ def test_one_height_is_that_of_all_strips():
 def test_plans_joined_by_a_plus_are_flown_in_that_order_over_the_first_ones_ground():
     joined = read_plan("thesis_road+thesis_50vt")
     road, dike = read_plan("thesis_road"), read_plan("thesis_50vt")
-    assert joined.flights == road.flights + dike.flights
+    # A flight of another axis keeps its own.
+    own = [replace(flight, axis_m=dike.axis_m) for flight in dike.flights]
+    assert joined.flights == (*road.flights, *own)
     for key in ("axis_m", "terrain", "noise", "ground", "gnss"):
         assert getattr(joined, key) == getattr(road, key)
     assert road.source in joined.source and dike.source in joined.source

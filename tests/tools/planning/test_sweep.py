@@ -31,10 +31,10 @@ class TestFlightSets:
     def test_one_flight_is_one_set(self):
         assert len(flight_sets([plan_of(NADIR)])) == 1
 
-    def test_plans_over_other_ground_are_not_combined(self):
-        elsewhere = plan_of(OBLIQUE, axis_m=((0.0, 0.0), (120.0, 0.0)))
-        with pytest.raises(InputError, match="fly over different ground"):
-            flight_sets([plan_of(NADIR), elsewhere], combined=True)
+    def test_a_strip_across_keeps_its_own_axis(self):
+        across = plan_of(OBLIQUE, axis_m=((0.0, 0.0), (120.0, 0.0)))
+        both = flight_sets([plan_of(NADIR), across], combined=True)[-1]
+        assert both.flights[1].axis_m == ((0.0, 0.0), (120.0, 0.0))
 
     def test_more_flights_than_a_picture_holds_are_refused(self):
         from dataclasses import replace
