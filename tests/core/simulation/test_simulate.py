@@ -474,9 +474,9 @@ def test_a_matcher_ties_no_nadir_image_to_one_that_looks_far_ahead():
 
 
 def test_flights_too_unlike_for_one_density_of_points_are_refused():
-    """What 19 km see of points dense enough for 50 m took 12 GB."""
+    """What 19 km see of points dense enough for 15 m took 12 GB."""
     flights = (
-        Flight("low", 50.0, strips=2, offsets_m=(-12.0, 0.0), images=8, forward=0.8),
+        Flight("low", 15.0, strips=2, offsets_m=(-12.0, 0.0), images=8, forward=0.8),
         Flight("high", 19_000.0, strips=1, images=4, forward=0.8),
     )
     with pytest.raises(InputError, match="such different heights apart"):
