@@ -34,5 +34,6 @@ def flown(effects=None, noise=None, seed=1, calibrated=False, constants=None, **
 def believed(block, *effects, **options):
     """Adjusted with ten camera parameters, or none where the camera is calibrated."""
     calibrated = all(camera.calibrated for camera in block.cameras.values())
-    options = {"camera": "fixed" if calibrated else "fraser10"} | options
+    # As in a diagnosis: what contradicts the stated noise is not taken into it.
+    options = {"camera": "fixed" if calibrated else "fraser10", "weights": "stated"} | options
     return corridor.adjust(block, effects=effects, **options)

@@ -116,6 +116,7 @@ def test_check_points_choose_among_what_nothing_else_tells_apart():
     block = made()
     control = block.ground["role"] == "control"
     block.ground.loc[control, ["x", "y", "z"]] += [0.10, -0.06, 0.08]
+    block.ground["group"] = np.where(control, "old base", "new base")
     block.lever_arm_fixed = True
     result = diagnose(block)
     assert result.verdict == "ambiguous"

@@ -84,8 +84,18 @@ class Track:
 
 
 def check_quality(track: Track) -> None:
-    """Raises InputError where every epoch is a single position: metres, not centimetres."""
-    if "quality" in track.table and len(track.table) and (track.table["quality"] == 5).all():
+    """Raises InputError where a quality is none of RTKLIB's whole numbers, or every epoch is a
+    single position: metres, not centimetres."""
+    if "quality" not in track.table:
+        return
+    quality = track.table["quality"].to_numpy(float)
+    wrong = np.flatnonzero(np.isfinite(quality) & (quality != np.round(quality)))
+    if len(wrong):
+        raise InputError(
+            f"{track.source.name}, row {wrong[0] + 2}: quality {quality[wrong[0]]:g} is no whole "
+            "number; write RTKLIB's 1 fix, 2 float, 5 single"
+        )
+    if len(quality) and (quality == 5).all():
         raise InputError(
             f"{track.source.name}: all {len(track.table)} epochs are single positions (quality 5), "
             "good to metres only; process the track again with a base station"

@@ -280,7 +280,7 @@ def held_apart(points: PointChanges | None, scale: float) -> Iterator[Objection]
     if points is None or not points.held.any():
         return
     at = np.flatnonzero(np.repeat(points.held, 3))
-    shift = min(scale, 1.0) * points.shift.ravel()[at]
+    shift = min(scale, 1.0) / SLACK * points.shift.ravel()[at]
     found = congruency(shift, points.covariance[np.ix_(at, at)])
     if found.probability >= LEVEL:
         return

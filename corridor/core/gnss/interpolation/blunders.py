@@ -75,7 +75,8 @@ def _false(time, position, track, rows) -> dict[int, float]:
         if len(rows) < _FEWEST:
             break
         off, noise = _off_in_sigmas(time[rows], position[rows], stated[rows])
-        size = (off / noise).max(axis=1)
+        # Epochs on a line are off by nothing, beside no noise.
+        size = (off / np.maximum(noise, np.finfo(float).tiny)).max(axis=1)
         around = np.lib.stride_tricks.sliding_window_view(np.pad(size, 2 * _REACH), 4 * _REACH + 1)
         gone = []
         for k in np.flatnonzero((size > _OWN_SIGMAS) & (size >= around.max(axis=1))):
