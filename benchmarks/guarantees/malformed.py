@@ -467,8 +467,9 @@ def _told(text, there):
     """Sentences that warn, without their numbers."""
     lines = [line.strip() for line in text.replace(str(there), "").splitlines()]
     warned = (line for line in lines if re.match(r"!|warning:|note:|proof", line))
-    # What is printed of how much there is, is told with its numbers.
-    counts = {line for line in lines if re.search(r"\d+ images|^\d+ (pictures|points)", line)}
+    # What is printed of how much there is, and of epochs left out, is told with its numbers.
+    numbered = r"\d+ images|^\d+ (pictures|points)|left out of the track"
+    counts = {line for line in lines if re.search(numbered, line)}
     return sorted({re.sub(r"[-+]?\d[\d.,]*", "#", line) for line in warned} | counts)
 
 
