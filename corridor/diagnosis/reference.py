@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from corridor.core import adjustment
 from corridor.core.adjustment import (
     REFERENCE_CAMERA,
-    SEES_ARM_M,
     Adjustment,
     Model,
     Run,
-    arms_unseen,
     camera_of,
 )
 from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Effect
-from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.geometry import robust_scale
+from corridor.core.errors import AdjustmentFailed
 from corridor.diagnosis.noise.image import scale_of
 from corridor.diagnosis.settings import SETTINGS
 
@@ -38,7 +35,8 @@ class ReferenceModel:
     and cameras were left by an adjustment: the next one starts from there, its robust loss anew.
     astray: that one went far: what is added begins where the block states, not in its wrong valley.
     scale: of Student's t in stated standard deviations, as that adjustment's tie points have it.
-    run: how it is adjusted, in silence; max_iterations None: as the settings say.
+    left_out: a sentence on each kind of what it could not use. run: how it is adjusted, in silence;
+    max_iterations None: as the settings say.
     """
 
     block: Block
@@ -47,6 +45,7 @@ class ReferenceModel:
     begun: Block | None = None
     scale: float = 1.0
     astray: bool = False
+    left_out: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, block: Block, model: Model, run: Run | None = None) -> ReferenceModel:
@@ -77,23 +76,27 @@ class ReferenceModel:
             out[str(which)] = wish.prior
         return out
 
-    def _run(self, block: Block, model: Model, brief: bool) -> Adjustment:
-        """brief: shapes with a hundred parameters creep to an end that they need not reach.
+    def _refitted(self, block: Block, model: Model, brief: bool) -> Adjustment:
+        """By the solver alone: all adjustments that are compared are of the same observations.
 
-        They are given time where the cost still falls: what they start from is nowhere near.
+        brief: shapes with a hundred parameters creep to an end that they need not reach. They are
+        given time where the cost still falls: what they start from is nowhere near.
         """
         most = self.run.max_iterations or SETTINGS.iterations
         few = min(SETTINGS.iterations_of_shapes, most)
         for iterations in (few, most) if brief else (most,):
-            # What is held out must not take images with it: after the first the block is sound, or
-            # refused, and all adjustments are of the same observations.
-            strict = self.run.strict or self.begun is not None
-            run = Run(self.run.threads, max_iterations=iterations, strict=strict)
-            result = adjustment.adjust(block, model=model, run=run, weights="stated")
+            run = replace(self.run, max_iterations=iterations)
+            result = adjustment.refit(block, model, run)
             *_, before, last = (0.0, 0.0, *(step["cost"] for step in result.history))
             if result.converged or abs(before - last) < SETTINGS.creeping * last:
                 break
         return result
+
+    def _first(self, model: Model) -> Adjustment:
+        """By the verb, which decides what all others go by."""
+        most = self.run.max_iterations or SETTINGS.iterations
+        run = Run(self.run.threads, max_iterations=most, strict=self.run.strict)
+        return adjustment.adjust(self.block, model=model, run=run, weights="stated")
 
     def adjust(self, more: Iterable[Effect] = (), block: Block | None = None) -> Adjustment:
         """The robust adjustment with more effects.
@@ -102,8 +105,6 @@ class ReferenceModel:
         by the spread one would expect of them, and what can only be so large by that.
         """
         more = list(more)
-        if self.begun is None:
-            self._free_arm_that_is_seen()
         priors = self.priors_of(more)
         for effect in more:
             held = effect.stands_in_for or effect.generic or effect.group in ("image", "point")
@@ -125,48 +126,38 @@ class ReferenceModel:
             effects=[*self.effects, *more],
             loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
         )
-        result = self._run(block, model, any(effect.generic for effect in more))
+        first = self.begun is None
+        if first:
+            result = self._first(model)
+        else:
+            result = self._refitted(block, model, any(effect.generic for effect in more))
         # Warnings compare what comes out with what the block states, not with where it began.
         result.start = replace(result.start, cameras=self.block.cameras)
-        if self.begun is not None:
+        if not first:
             return result
         _refuse_astray(result)
-        self.astray = result.iterations > SETTINGS.usual_iterations
-        self.begun, self.scale = result.start_again, _scale(result)
-        # What the first one decided holds for all that are compared with it.
-        arm = "free" if result.problem.arms_free else "fixed"
-        self.model = replace(self.model, lever_arm=arm)
-        self.block = replace(
-            self.block,
-            tie_points=result.block.tie_points,
-            gnss=result.start.gnss,
-            extra=result.start.extra,
-        )
+        self._decided_by(result)
         result = self.adjust(more)
         _refuse_astray(result)
         return result
 
-    def _free_arm_that_is_seen(self) -> None:
-        """Free lever arms that nobody stated where the positions tell them.
-
-        An adjustment holds them where the stated standard deviations are too coarse to see them;
-        positions are often better than what an importer states. A candidate that is held by default
-        would be tested against a noise that its being held has made.
-        """
+    def _decided_by(self, result: Adjustment) -> None:
+        """What the first adjustment decided holds for all that are compared with it."""
+        self.astray = result.iterations > SETTINGS.usual_iterations
+        self.begun, self.scale = result.start_again, _scale(result)
+        arm = "free" if result.problem.arms_free else "fixed"
+        self.model = replace(self.model, lever_arm=arm)
+        images = set(result.problem.images.names)
+        self.left_out = [note for note in result.notes if "left out" in note]
         block = self.block
-        stated = block.lever_arm_fixed or block.lever_arm or self.model.lever_arm is not None
-        if stated or not len(block.gnss) or not arms_unseen(block):
-            return
-        model = replace(
-            self.model, lever_arm="free", loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}"
+        if len(images) < len(block.images):
+            block = block.select(images=[n for n in block.images["image"] if n in images])
+        self.block = replace(
+            block,
+            tie_points=result.block.tie_points,
+            gnss=result.start.gnss,
+            extra=result.start.extra,
         )
-        try:
-            found = self._run(block, model, False)
-        except (InputError, AdjustmentFailed):
-            return
-        left = found.residuals["gnss"][["vx", "vy"]].to_numpy()
-        if found.converged and robust_scale(left, axis=0).max() <= SEES_ARM_M:
-            self.model = replace(self.model, lever_arm="free")
 
 
 def _refuse_astray(result: Adjustment) -> None:

@@ -40,7 +40,6 @@ class NoiseModel:
         self.few = made is None or few_positions(made.equations.system)
         self._touches: dict[tuple, float] = {}
         self._found: dict[tuple, Likely] = {}
-        self._start: np.ndarray | None = None
         if self.few:
             return
         self.stated = stated_noise(made.equations.system)
@@ -81,7 +80,7 @@ class NoiseModel:
     def given(self, chosen: Mapping[int, Size]) -> tuple[GnssNoise | None, float]:
         """The noise of a model of groups n -> kappa, and the log probability of the data.
 
-        It is sought from the noise of the model without any, whatever was asked before.
+        It is sought from the noise of the largest part of that model for which it is known.
         """
         if self.few:
             return None, self.evidence.total(chosen)
@@ -97,11 +96,9 @@ class NoiseModel:
     def _likely(self, chosen: Mapping[int, Size]) -> Likely:
         key = tuple((n, np.asarray(chosen[n], dtype=float).tobytes()) for n in sorted(chosen))
         if key not in self._found:
-            if self._start is None:
-                self._start = estimate(self.equations, self.lens, self.arguments).x
-            self._found[key] = estimate(
-                self.equations, self._rows(chosen), self.arguments, self._start
-            )
+            parts = [one for one in self._found if {n for n, _ in one} <= set(chosen)]
+            near = self._found[max(parts, key=len)].x if parts else None
+            self._found[key] = estimate(self.equations, self._rows(chosen), self.arguments, near)
         return self._found[key]
 
     def _rows(self, chosen: Mapping[int, Size]):

@@ -261,9 +261,14 @@ class Evidence:
             number = len(whole.rows) - len(chosen)
             for k, n in enumerate(chosen):
                 if n in images:
-                    value, variance = whole.group(number + k)
-                    values[n], spreads[n] = value, np.diag(variance)
+                    values[n] = whole.values(number + k)
+                    spreads[n] = np.diag(whole.variances(number + k))
         return {n: values[n] for n in chosen}, {n: spreads[n] for n in chosen}
+
+    def of_each_image(self, chosen: Mapping[int, Size], n: int) -> np.ndarray:
+        """Values (p,) for each image of the n-th group of a model n -> kappa."""
+        whole = self.elimination(chosen)
+        return whole.values(len(whole.rows) - len(chosen) + list(chosen).index(n))
 
     def elimination(self, chosen: Mapping[int, Size]) -> Elimination:
         """The equations with groups n -> kappa, too, as rows."""
