@@ -20,8 +20,8 @@ from corridor.core.errors import InputError
 class Hidden:
     """One hidden effect.
 
-    values: (owner, parameter) -> number; the owner is a flight, an image, a control point, a survey,
-    or empty for the block. where: keys of `location` in diagnosis.json.
+    values: (owner, parameter) -> number; the owner is a flight, an image, a control point, or a
+    survey, empty for the block. where: keys of `location` in diagnosis.json.
     """
 
     slug: str

@@ -323,8 +323,13 @@ class Evidence:
     def _gain_of_images(self, chosen: Mapping[int, Size], n: int, phi: float) -> Gain:
         """What values for each image add to a model.
 
-        Sizes are asked upwards, from none, as long as they do not fall far behind the best.
+        Sizes are asked upwards, from none, as long as they do not fall far behind the best. Beside
+        other values for each image, which compete with them for the same residuals, they are asked
+        only where they add something without those.
         """
+        shared = self.of_core(chosen)
+        if len(shared) < len(chosen) and self._gain_of_images(shared, n, phi).evidence <= 0.0:
+            return Gain(-np.inf, 1.0, 0.0)
         group, (fit_without, cost_without) = self.groups[n], self.explained(chosen)
 
         def gain(size: float) -> tuple[float, float]:

@@ -51,7 +51,10 @@ class Inverse(NamedTuple):
         return np.concatenate([inner, self.edge.diagonal()])
 
     def between(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Entries (k,) of pairs of rows, of a block and what it meets, or of the border."""
+        """Entries (k,) of pairs of rows, of a block and what it meets, or of the border.
+
+        Of others what they owe to the border alone.
+        """
         inner = len(self.follows)
         rows = [self._moved(each) for each in (one, other)]
         out = ((rows[0] @ self.edge) * rows[1]).sum(axis=1)
@@ -62,7 +65,8 @@ class Inverse(NamedTuple):
             start = self.starts[k]
             mine = both[(first == k) & (second == k)]
             out[mine] += self.own[k][low[mine] - start, high[mine] - start]
-            mine = both[(first == k) & (second > k)]
+            met = high[both] < self.ends[k] + len(self.link[k])
+            mine = both[(first == k) & (second > k) & met]
             out[mine] += self.link[k][high[mine] - self.ends[k], low[mine] - start]
         return out
 
