@@ -10,6 +10,7 @@ import importlib
 import os
 import pkgutil
 import warnings
+from collections.abc import Iterable
 from copy import copy
 from functools import cache
 from importlib.metadata import entry_points
@@ -27,6 +28,21 @@ _registered: dict[str, Effect] = {}
 def every_effect() -> list[Effect]:
     """Every effect that is known, and its variants, by slug."""
     return [copy(effect) for _, effect in sorted(_known().items())]
+
+
+def believed_of(block: Block, given: Iterable[Effect] = ()) -> list[Effect]:
+    """Effects that the measurements of a block never come without, but for those that are given.
+
+    A table that block.toml calls calibrated (`[attitudes] calibrated = true`) comes without.
+    """
+    slugs = {effect.slug for effect in given}
+    tables = {slug: effect.needs[0].partition(".")[0] for slug, effect in _known().items()
+              if effect.believed and slug not in slugs}  # fmt: skip
+    return [
+        copy(_known()[slug])
+        for slug, table in sorted(tables.items())
+        if len(getattr(block, table)) and not block.extra.get(table, {}).get("calibrated")
+    ]
 
 
 def find(name: str) -> Effect:

@@ -226,6 +226,7 @@ class Noise:
     mark_px: float = 0.0
     gnss_m: float | tuple[float, float, float] = 0.0
     control_m: float | tuple[float, float, float] = 0.0
+    attitude_deg: float | tuple[float, float, float] = 0.0
     outliers: float = 0.0
     rounding_px: float = 0.0
     gnss_slow: float = 0.0
@@ -233,7 +234,7 @@ class Noise:
 
     def __post_init__(self):
         say = _Checker("noise", self)
-        say.at_least(0, "tie_px", "mark_px", "gnss_m", "control_m", "rounding_px")
+        say.at_least(0, "tie_px", "mark_px", "gnss_m", "control_m", "attitude_deg", "rounding_px")
         say.at_least(0, "outliers", "gnss_slow")
         for key in ("outliers", "gnss_slow"):
             if getattr(self, key) > 1:
@@ -264,7 +265,8 @@ class Plan:
     """Flights over a corridor, in the order in which they are flown.
 
     axis_m: positions [x, y] of the corridor's axis, its corners rounded by bend_radius_m.
-    gnss: whether antenna positions are measured. effects: `{slug: {parameter: value}}`.
+    gnss, attitudes: whether antenna positions, and the camera's attitudes, are measured.
+    effects: `{slug: {parameter: value}}`.
     effect: what an effect has to know of the block, `{slug: {name: value}}`: the tables
     [effect.SLUG], as in block.toml. cameras: of the plan's own, beside those of `cameras()`.
     Raises InputError, one sentence, for a plan that cannot be flown.
@@ -278,6 +280,7 @@ class Plan:
     tie_points: TiePoints = field(default_factory=TiePoints)
     ground: Ground = field(default_factory=Ground)
     gnss: bool = True
+    attitudes: bool = False
     noise: Noise = field(default_factory=Noise)
     start: Start = field(default_factory=Start)
     effects: Mapping[str, Mapping] = field(default_factory=dict)

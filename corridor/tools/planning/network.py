@@ -106,10 +106,10 @@ class Network:
     ):
         self.plan, self.seed = plan, seed
         for effect in model.effects:
-            if effect.place != "antenna":
+            if effect.place not in ("antenna", "attitude"):
                 raise InputError(
                     f"effect {effect.slug} acts on {effect.place}: the planner estimates those of "
-                    "the antenna; adjust simulated blocks for the others"
+                    "the antenna and of attitudes; adjust simulated blocks for the others"
                 )
         self.block, self.surveyed, self.unseen = _block_of(plan, surveyed, seed)
         model = replace(model, control=self.surveyed.names, check=None)
