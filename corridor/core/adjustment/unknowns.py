@@ -63,7 +63,8 @@ class Unknowns:
     Columns of an image (m, ...): >= 0 shared, -1 none, `is_per_image` its own; camera_column by
     interior parameter, slot_column by parameter of effects on camera, image and motion,
     antenna_column of effects on the antenna, attitude_column of those on attitudes, arm_column
-    (m, 3); ground_column (c, ...) of a control point. low, high (m,): whole panels that an image touches.
+    (m, 3); ground_column (c, ...) of a control point. low, high (m,): whole panels that an image
+    touches.
     """
 
     unknowns: list[Unknown]

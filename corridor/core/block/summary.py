@@ -221,7 +221,8 @@ def _columns(block) -> tuple[dict[str, float], list[str]]:
         for name in layout.optional:
             if block.has(f"{table}.{name}"):
                 known[f"{table}.{name}"] = float(frame[name].notna().mean())
-            elif name not in ("sigma", *SIGMAS):  # these have defaults
+            # These have defaults; attitudes have one of several forms.
+            elif name not in ("sigma", *SIGMAS) and table != "attitudes":
                 missing.append(f"{table}.{name}")
     if not block.has("camera.readout_s"):
         missing.append("camera.readout_s")

@@ -428,7 +428,7 @@ def _plan(name: str, table: dict) -> Plan:
             raise InputError(f"the plan has no key {key!r}: write {right}")
     if isinstance(table.get("noise"), dict) and table["noise"]:
         # What a plan with errors does not state is ordinary, for who flies it and who plans it.
-        ordinary = ("tie_px", "mark_px", "gnss_m", "control_m")
+        ordinary = ("tie_px", "mark_px", "gnss_m", "control_m", "attitude_deg")
         table["noise"] = {key: getattr(ORDINARY_NOISE, key) for key in ordinary} | table["noise"]
     flights = table.pop("flight", [])
     own = table.pop("camera", {})
@@ -539,5 +539,7 @@ class _Checker:
 
 
 # What a plan of the command is flown with that states none: ordinary images, RTK, a careful survey.
-ORDINARY_NOISE = Noise(tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), control_m=0.01)
+ORDINARY_NOISE = Noise(
+    tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), control_m=0.01, attitude_deg=0.5
+)
 CAMLIGHT = cameras()["camlight"]
