@@ -33,13 +33,13 @@ def verdict_sentence(change) -> str:
         return _unfit(change.objections)
     if change.verdict == "cover":
         return _cover(change.final.cover)
+    besides = "" if told is None or not any(told.shown) else _besides(told)
     if change.verdict == "moved":
-        besides = "" if told is None or not any(told.shown) else _besides(told)
         return _moved(change.final) + besides
     if change.verdict == "camera":
         return _camera(told, _size(change.compared))
     if change.verdict == "undecided":
-        return _undecided(told, _size(change.compared))
+        return _undecided(told, _size(change.compared)) + besides
     said = f"No change is significant at the level of {100 * change.asked.level:g} %"
     if surface is None:
         return f"{said}."

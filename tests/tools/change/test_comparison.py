@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from made import adjusted, flown
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 import corridor
 from benchmarks import change as benchmark
@@ -116,7 +117,8 @@ def halves(block, draw):
 def test_other_tie_points_of_the_same_ground_change_no_more_than_stated():
     """Twelve dikes at rest, seen at other points each time: roughness is all of it.
 
-    The surface errs on the safe side: its roughness is no less than that around.
+    One cell in twenty is beyond the level of detection of 95 %, or fewer. Cells of a draw depend
+    on each other, so the draws are the sample.
     """
     block = benchmark.dike(per_image=240)
     x, y = benchmark.middle(block)
@@ -135,7 +137,7 @@ def test_other_tie_points_of_the_same_ground_change_no_more_than_stated():
         beyond.append(np.mean(np.abs(surface.distance) > surface.detection))
     low, high = np.sqrt(chi2.ppf([0.0005, 0.9995], 12) / 12)
     assert low < np.sqrt(np.mean(np.square(volumes))) < high
-    assert np.mean(beyond) < 0.05
+    assert np.mean(beyond) < 0.05 + student.ppf(0.999, 11) * np.std(beyond, ddof=1) / np.sqrt(12)
 
 
 def matched(folder):
