@@ -242,7 +242,48 @@ print(
 )
 
 # %% [markdown]
-# ## 4. The weir: something that no catalogue holds
+# ## 4. The viaduct: the check points see nothing
+#
+# A third flight, early in the morning, on a single battery. Its check points are good to a
+# centimetre, and the residuals are those of the first two flights. Guess: is anything missing?
+
+# %%
+viaduct = corridor.read(sealed / "viaduct")
+viaduct_found = corridor.diagnose(viaduct, seed=seed)
+print(viaduct_found.sentence)
+
+# %%
+opened("viaduct", viaduct_found)
+
+# %% [markdown]
+# The camera became warmer by 15 degrees, and its image plane with it. Good check points do not
+# prove a good model: here the GNSS positions and the control hold the ground in place against the
+# camera. A flight with less control would have paid for it (chapter 3). What is uncertain in the
+# table is the scale: a change of scale with temperature is nearly a change of height with time.
+
+# %% [markdown]
+# ## 5. The quay: two witnesses, one of them wrong
+#
+# The control points came from the harbour's surveyor, the base station was our own. The check points
+# are off by eight centimetres. Who is wrong? Guess what a program can say, and what it cannot.
+
+# %%
+quay = corridor.read(sealed / "quay")
+quay_found = corridor.diagnose(quay, seed=seed)
+print(quay_found.sentence)
+
+# %%
+for effect in truth_of("quay"):
+    values = ", ".join(f"{p['name']} {1000 * p['value']:.0f}" for p in effect["parameters"])
+    print(f"hidden: {effect['slug']} {values} mm")
+
+# %% [markdown]
+# The GNSS and the control contradict each other by one vector, and that is all that the flight
+# knows. Which of the two is right is a question to a third witness: a point with published
+# coordinates, a second base station. A program that named one of them would have guessed.
+
+# %% [markdown]
+# ## 6. The weir: something that no catalogue holds
 #
 # Not everything has a name. Generic shapes compete beside the named effects: camera parameters that
 # follow time or temperature, motion of the ground. When one of them wins, the honest answer is
@@ -278,7 +319,7 @@ print(f"found: {unknown['where']}")
 # statistics stay outside.)
 
 # %% [markdown]
-# ## 5. Nothing missing is an answer too
+# ## 7. Nothing missing is an answer too
 #
 # The twin of the levee lacks nothing. Guess: what is the shortest readout that this flight would
 # have shown, a millisecond, ten? The smallest effect that would have been seen is what one wants to
@@ -301,7 +342,7 @@ pd.DataFrame(
 ).head(20)
 
 # %% [markdown]
-# ## 6. What a flight cannot tell apart
+# ## 8. What a flight cannot tell apart
 #
 # Two effects are alike where, after poses, points and camera have taken their share, one explains
 # what the other does. That is decided by the flight plan, before anything is measured. Four ways
@@ -397,7 +438,7 @@ pd.DataFrame(
 )  # fmt: skip
 
 # %% [markdown]
-# ## 7. A real flight: two causes named, two are not
+# ## 9. A real flight: two causes named, two are not
 #
 # Seventy-six photographs of a Phantom 4 over a small plot, flown to and fro, its position by an
 # ordinary GNSS, the speed of each exposure from the file's own header. Its camera is on a
@@ -483,7 +524,7 @@ picture
 # larger sigma for the same flight: it leaves out whole strips to see how the result wanders.)
 
 # %% [markdown]
-# ## 8. Your turn: hide something in a real flight
+# ## 10. Your turn: hide something in a real flight
 #
 # Eighty-eight photographs near Saraburi, two strips at 150 m, a camera with a *mechanical* shutter,
 # RTK positions, one control point and two check points. First as they are: what is missing there?
@@ -518,7 +559,7 @@ else:
 # %% tags=["nbval-ignore-output"]
 if saraburi is not None:
     lots = {
-        "focal_drift": {"rate": 0.03}, "clock_offset": {"offset": 0.2}, "gnss_drift": {"z": 1e-3},
+        "focal_drift": {"rate": 0.12}, "clock_offset": {"offset": 0.2}, "gnss_drift": {"z": 1e-3},
     }  # fmt: skip
     lot = list(lots)[int(np.random.default_rng([seed, 5]).integers(len(lots)))]
     settled = corridor.adjust(saraburi, camera="fraser8", loss="huber:2").block
