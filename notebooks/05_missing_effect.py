@@ -264,8 +264,9 @@ opened("viaduct", viaduct_found)
 # %% [markdown]
 # ## 5. The quay: two witnesses, one of them wrong
 #
-# The control points came from the harbour's surveyor, the base station was our own. The check points
-# are off by eight centimetres. Who is wrong? Guess what a program can say, and what it cannot.
+# The control points came from the harbour's surveyor, the base station was our own. The check
+# points are off by eight centimetres. Who is wrong? Guess what a program can say, and what it
+# cannot.
 
 # %%
 quay = corridor.read(sealed / "quay")
