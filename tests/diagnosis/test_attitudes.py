@@ -1,4 +1,4 @@
-"""What the diagnosis says of attitudes: their causes named with their look-alikes, none invented."""
+"""What the diagnosis says of attitudes: causes named with their look-alikes, none invented."""
 
 from dataclasses import replace
 from pathlib import Path
