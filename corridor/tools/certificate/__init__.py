@@ -5,10 +5,10 @@ made.save("out/dike")
 print(corridor.verify("out/dike/certificate.pdf", "data_synthetic/dike"))
 """
 
-from corridor.tools.certificate.certifying import Certificate, certify, forms
+from corridor.tools.certificate.certifying import Certificate, certify, form_names
 from corridor.tools.certificate.verifying import Verified, verify
 
-__all__ = ["Certificate", "Verified", "certify", "forms", "verify"]
+__all__ = ["Certificate", "Verified", "certify", "form_names", "verify"]
 
 
 def __dir__():

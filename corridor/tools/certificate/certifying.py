@@ -34,14 +34,14 @@ _NATURE = (
 _FORMS = Path(__file__).parent / "forms"
 
 
-def forms() -> list[str]:
+def form_names() -> list[str]:
     """The forms that there are: each a file in the folder `forms`."""
     return sorted(file.stem for file in _FORMS.glob("*.py") if file.stem != "__init__")
 
 
 def _form(name: str) -> ModuleType:
-    if name not in forms():
-        raise InputError(f"certificates have no form {name!r}: use {', '.join(forms())}")
+    if name not in form_names():
+        raise InputError(f"certificates have no form {name!r}: use {', '.join(form_names())}")
     return importlib.import_module(f"corridor.tools.certificate.forms.{name}")
 
 

@@ -4,7 +4,8 @@ The parts of DIN 18740 (photogrammetric products) name what has to be documented
 camera and its orientation; limits are those of the contract. This form states the figures: camera
 with its calibration, observations, sigma naught, standard deviations of the exterior orientation,
 residuals at control points and differences at check points. It judges none of them.
-Source of the figures: Luhmann et al. 2020, section 4.4 (bundle triangulation), Kraus 2007, 5.3.
+Source of the figures: Luhmann et al., "Close-range photogrammetry and 3D imaging", section 4.4
+(bundle triangulation); Kraus 2007, section 5.3.
 """
 
 from __future__ import annotations
