@@ -1,4 +1,4 @@
-"""Certificates: the standard's figures by hand, refusals, the same bytes, and every changed byte."""
+"""Certificates: figures by hand, refusals, the same bytes, and every changed byte noticed."""
 
 import shutil
 
@@ -76,9 +76,11 @@ class TestFigures:
 
     def test_the_full_form_states_what_authorities_ask_for(self, made):
         text = str(made["full"])
-        for title in ("Exterior orientation", "Correlations of the camera", "Reliability of control",
-                      "Variance components", "What was not tested", "Input files"):  # fmt: skip
-            assert title in text, title
+        titles = [
+            "Exterior orientation", "Correlations of the camera", "Reliability of control",
+            "Variance components", "What was not tested", "Input files",
+        ]  # fmt: skip
+        assert [title for title in titles if title not in text] == []
 
 
 class TestClaims:
