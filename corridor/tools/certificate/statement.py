@@ -13,7 +13,7 @@ import pandas as pd
 from corridor.core import registry
 from corridor.core.adjustment import Adjustment
 from corridor.core.block import Block
-from corridor.core.output import Table, counted, png
+from corridor.core.output import Table, counted, png, readable
 
 # Points of one kind that are listed; of more, the farthest off.
 MOST_LISTED = 40
@@ -76,7 +76,7 @@ class Subject:
             named = f"The coordinates are in a local frame (block.toml: local_frame = {local})"
         else:
             named = "No coordinate system is stated: coordinates are local"
-        shift = ", ".join(f"{value:g}" for value in block.offset)
+        shift = ", ".join(readable(value) for value in block.offset)
         moved = f", with the offset {shift} m to be added" if np.any(block.offset) else ""
         return (
             f"{named}{moved}. Heights are those of the ground points and antenna positions as "

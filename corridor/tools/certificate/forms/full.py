@@ -32,13 +32,7 @@ def statement(subject: Subject) -> Statement:
     if len(points):
         tables.append(accuracy.tables[0])
     tables.append(proof.tables[-1])
-    wrong = adjusted.reliability.wrong_control
-    named = [
-        f"Control point {row.point} is wrong in {row.axis} by {1e3 * row.error:.0f} +- "
-        f"{1e3 * row.sigma:.0f} mm."
-        for row in wrong.itertuples(index=False)
-    ]
-    doubts = list(dict.fromkeys([*proof.doubts, *named, *(accuracy.doubts if len(points) else [])]))
+    doubts = list(dict.fromkeys([*proof.doubts, *(accuracy.doubts if len(points) else [])]))
     caption = (
         "Standard deviations of the points, exact: in the datum of the block, and among themselves."
     )
