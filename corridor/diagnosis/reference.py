@@ -13,6 +13,7 @@ from corridor.core.adjustment import (
     Adjustment,
     Model,
     Run,
+    arms_unseen,
     camera_of,
 )
 from corridor.core.block import Block
@@ -24,6 +25,10 @@ from corridor.diagnosis.settings import SETTINGS
 
 # Step, in standard deviations, below which only weights are still on their way.
 CREEPING = 0.1
+# Damping, as a share of the diagonal, that shortens no step but along what nothing determines.
+HARDLY_DAMPED = 1e-6
+# Iterations over which the cost of one that has settled is compared.
+_LAST = 5
 
 
 @brief
@@ -78,19 +83,19 @@ class ReferenceModel:
             out[str(which)] = wish.prior
         return out
 
-    def _refitted(self, block: Block, model: Model, brief: bool) -> Adjustment:
+    def _refitted(self, block: Block, model: Model, brief: bool, near: bool) -> Adjustment:
         """By the solver alone: all adjustments that are compared are of the same observations.
 
-        brief: shapes with a hundred parameters creep to an end that they need not reach. They are
-        given time where the cost still falls: what they start from is nowhere near.
+        brief: few iterations are given, and more where the cost still falls.
         """
         most = self.run.max_iterations or SETTINGS.iterations
-        few = min(SETTINGS.iterations_of_shapes, most)
-        for iterations in (few, most) if brief else (most,):
+        few = SETTINGS.iterations_of_shapes if brief or near else SETTINGS.iterations_asked
+        for iterations in (min(few, most), most):
             run = replace(self.run, max_iterations=iterations)
-            result = adjustment.refit(block, model, run)
-            *_, before, last = (0.0, 0.0, *(step["cost"] for step in result.history))
-            if result.converged or abs(before - last) < SETTINGS.creeping * last:
+            result = adjustment.refit(block, model, run, near)
+            cost = [step["cost"] for step in result.history]
+            settled = SETTINGS.creeping if brief or near else SETTINGS.settled
+            if result.converged or cost[-min(_LAST, len(cost))] - cost[-1] < settled * cost[-1]:
                 break
         return result
 
@@ -100,9 +105,13 @@ class ReferenceModel:
         run = Run(self.run.threads, max_iterations=most, strict=self.run.strict)
         return adjustment.adjust(self.block, model=model, run=run, weights="stated")
 
-    def adjust(self, more: Iterable[Effect] = (), block: Block | None = None) -> Adjustment:
+    def adjust(
+        self, more: Iterable[Effect] = (), block: Block | None = None, near: bool = False
+    ) -> Adjustment:
         """The robust adjustment with more effects.
 
+        near: as a rival of what has been fitted: it begins beside that, and a few iterations tell.
+        Shapes with a hundred parameters creep to an end that they need not reach either.
         Effects that can do what a free camera can are held by a wide prior, those of single images
         by the spread one would expect of them, and what can only be so large by that.
         """
@@ -123,16 +132,19 @@ class ReferenceModel:
         if self.begun is not None and not (more and self.astray):
             near = self.begun
             block = replace(block, images=near.images, points=near.points, cameras=near.cameras)
+        first = self.begun is None
+        # Positions of metres are weighted by their scatter first, for which squares do.
+        coarse = first and arms_unseen(block)
         model = replace(
             self.model.with_priors(priors),
             effects=[*self.effects, *more],
-            loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
+            loss="squares" if coarse else f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
         )
-        first = self.begun is None
         if first:
             result = self._first(model)
         else:
-            result = self._refitted(block, model, any(effect.generic for effect in more))
+            near = near and not self.astray
+            result = self._refitted(block, model, any(effect.generic for effect in more), near)
         # Warnings compare what comes out with what the block states, not with where it began.
         result.start = replace(result.start, cameras=self.block.cameras)
         if not first:
@@ -165,10 +177,10 @@ class ReferenceModel:
 def _refuse_astray(result: Adjustment) -> None:
     """Raises AdjustmentFailed where the iterations are nowhere near their end.
 
-    The weights of a robust loss may creep for long, in small steps that need no damping.
+    The weights of a robust loss may creep for long, in small steps that need hardly any damping.
     """
     last = result.history[-1]
-    if result.converged or (last["damping"] == 0.0 and last["step"] < CREEPING):
+    if result.converged or (last["damping"] <= HARDLY_DAMPED and last["step"] < CREEPING):
         return
     raise AdjustmentFailed(
         f"the adjustment of {result.start.name} did not converge in {result.iterations} "

@@ -170,7 +170,7 @@ def refit(block: Block, model: Model, run: Run, near: bool = False) -> Adjustmen
 
     Every observation counts as it is stated: nothing is derived, weighted anew or left out, but for
     the size of errors of velocities that are unknowns, where the model does not state it.
-    near: the start is near the result, and a robust loss counts at once.
+    near: the start is near the result: a robust loss counts at once, and that size is as usual.
     Raises InputError and AdjustmentFailed as `adjust` does.
     """
     run = replace(run, strict=True)
@@ -179,7 +179,7 @@ def refit(block: Block, model: Model, run: Run, near: bool = False) -> Adjustmen
         return _once(part, model, run, near=near)
 
     found = once(block, model)
-    return found if model.motion else with_motion_as_seen(found, once)
+    return found if near or model.motion else with_motion_as_seen(found, once)
 
 
 def _with_ground_as_seen(
