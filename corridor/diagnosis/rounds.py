@@ -255,7 +255,8 @@ def _round(
     """A search beside the lens as it is beside what that search finds."""
     effects = course.candidates.effects
     e = equations(adjustment, effects, believed.priors_of(effects))
-    asked = _Asked(adjustment, e, model, course.impossible, course.draws)
+    noise = course.last.noise if course.rounds else None
+    asked = _Asked(adjustment, e, model, course.impossible, course.draws, noise)
     whole, shape = Evidence(Elimination(e, None).reduced()), lens_group(e)
     there = {whole.number[key]: _kappa(whole, key) for key in model if key in whole.number}
     lens = None if shape is None else lens_of(whole, shape, there)
@@ -276,7 +277,7 @@ class _Asked:
     """The equations of a round, and what they say with the GNSS as good as it says.
 
     model: keys of what has been adjusted. barred: keys of what is no explanation, and why; it
-    grows. draws: of the course, made once.
+    grows. draws: of the course, made once. noise: of the GNSS, as the round before has it.
     """
 
     adjustment: Adjustment
@@ -284,6 +285,7 @@ class _Asked:
     model: list[str]
     barred: dict[str, str]
     draws: list[np.ndarray]
+    noise: GnssNoise | None
 
     def search(self, lens: Lens | None, threshold: Threshold) -> Round:
         """What is found beside a lens."""
@@ -296,7 +298,7 @@ class _Asked:
             for group in e.groups
             if group.own is not None and len(group) > images and group.key not in model
         }
-        noises = NoiseModel(plain)
+        noises = NoiseModel(plain, self.noise)
         start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
         noise, _ = noises.given(start)
         evidence = self._evidence(noise, lens)

@@ -31,8 +31,8 @@ class NoiseModel:
     system, and what is in all models; arguments: what is known of the noise beforehand.
     """
 
-    def __init__(self, evidence: Evidence):
-        """evidence: of a system with the stated noise."""
+    def __init__(self, evidence: Evidence, near: GnssNoise | None = None):
+        """evidence: of a system with the stated noise. near: the noise of an earlier round."""
         self.evidence = evidence
         made = evidence.reduced.elimination
         self.equations = made.equations if made is not None else None
@@ -44,6 +44,7 @@ class NoiseModel:
             return
         self.stated = stated_noise(made.equations.system)
         self.arguments = Arguments(self.stated)
+        self._near = None if near is None else self.arguments.of(near)
         self._base = made.log_probability
 
     def touches(self, n: int) -> float:
@@ -97,7 +98,7 @@ class NoiseModel:
         key = tuple((n, np.asarray(chosen[n], dtype=float).tobytes()) for n in sorted(chosen))
         if key not in self._found:
             parts = [one for one in self._found if {n for n, _ in one} <= set(chosen)]
-            near = self._found[max(parts, key=len)].x if parts else None
+            near = self._found[max(parts, key=len)].x if parts else self._near
             self._found[key] = estimate(self.equations, self._rows(chosen), self.arguments, near)
         return self._found[key]
 
@@ -120,7 +121,7 @@ class NoiseModel:
         likely = estimate(
             self.equations, self._rows(chosen), self.arguments, self.arguments.of(noise)
         )
-        draws, length = self._near(likely, rng)
+        draws, length = self._drawn(likely, rng)
         log_weight, found = [], []
         for x, away in zip(draws, length, strict=True):
             made = Elimination(
@@ -149,7 +150,7 @@ class NoiseModel:
     def _rows_of_images(self, chosen: Mapping[int, Size]):
         return self._rows(self.evidence.of_images(chosen))
 
-    def _near(self, likely: Likely, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def _drawn(self, likely: Likely, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Arguments (draws, n) that are likely too, and -2 log of the density of each.
 
         From the normal distribution of the curvature, somewhat widened.

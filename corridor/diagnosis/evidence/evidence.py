@@ -244,26 +244,28 @@ class Evidence:
                 total += log_weight[np.argmin(np.abs(sizes - np.max(k)))]
         return float(total)
 
-    def solution(self, chosen: Mapping[int, Size]) -> tuple[dict, dict]:
+    def solution(self, chosen: Mapping[int, Size], each_image: bool = True) -> tuple[dict, dict]:
         """Of groups n -> kappa together the parameters (p,) of each, and their covariance (p, p).
 
+        each_image: those with values for each image, too.
         The covariance is that of independent residuals: see `honest`; of values for each image it
         has the diagonal alone. What the data say nothing about (a focal length common to all
         flights, where the camera is free) is zero.
         """
         core, images = self.of_core(chosen), self.of_images(chosen)
+        asked = chosen if each_image else core
         theta, covariance = self._of_core(chosen) if core else (np.zeros(0), np.zeros((0, 0)))
         spans = self.spans(core)
         values = {n: theta[at] for n, at in spans.items()}
         spreads = {n: covariance[at, at] for n, at in spans.items()}
-        if images:
+        if images and each_image:
             whole = self.elimination(chosen)
             number = len(whole.rows) - len(chosen)
             for k, n in enumerate(chosen):
                 if n in images:
                     values[n] = whole.values(number + k)
                     spreads[n] = np.diag(whole.variances(number + k))
-        return {n: values[n] for n in chosen}, {n: spreads[n] for n in chosen}
+        return {n: values[n] for n in asked}, {n: spreads[n] for n in asked}
 
     def of_each_image(self, chosen: Mapping[int, Size], n: int) -> np.ndarray:
         """Values (p,) for each image of the n-th group of a model n -> kappa."""

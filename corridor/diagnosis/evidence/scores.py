@@ -305,7 +305,7 @@ def _pooled(centre: float, spreads: Iterable[Spread]) -> float:
 def _estimate(evidence: Evidence, n: int, beside: dict[int, float]) -> np.ndarray:
     """Parameters (p,) of a group of the size at which a fit is judged, beside others n -> kappa."""
     rest = {k: kappa for k, kappa in beside.items() if k != n}
-    theta, _ = evidence.solution(rest | {n: SETTINGS.least_fit_size})
+    theta, _ = evidence.solution(rest | {n: SETTINGS.least_fit_size}, each_image=False)
     return theta[n]
 
 
