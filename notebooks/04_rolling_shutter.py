@@ -728,18 +728,18 @@ compare(ours, absent="not adjusted here: motions of 648 images take minutes a dr
 
 # %%
 values = {"rolling_shutter": {"readout": readout_s}}
-still = corridor.simulation.perfect_block(replace(n90, effects={}), seed)
-seen = corridor.effects.add(still, values)
-right = corridor.effects.correct(seen, values)
+unmoved = corridor.simulation.perfect_block(replace(n90, effects={}), seed)
+seen = corridor.effects.add(unmoved, values)
+mended = corridor.effects.correct(seen, values)
 lost = seen.copy()
 lost.tie_points[["x", "y"]] += (
-    seen.tie_points[["x", "y"]].to_numpy() - right.tie_points[["x", "y"]].to_numpy()
+    seen.tie_points[["x", "y"]].to_numpy() - mended.tie_points[["x", "y"]].to_numpy()
 )
-low = still.tie_points["y"].idxmax()
+low = unmoved.tie_points["y"].idxmax()
 pd.DataFrame(
     {
-        word: (block.tie_points.loc[low, ["x", "y"]] - still.tie_points.loc[low, ["x", "y"]])
-        for word, block in (("as read out", seen), ("corrected", right), ("sign lost", lost))
+        word: (block.tie_points.loc[low, ["x", "y"]] - unmoved.tie_points.loc[low, ["x", "y"]])
+        for word, block in (("as read out", seen), ("corrected", mended), ("sign lost", lost))
     }
 ).T.astype(float).round(2)
 
