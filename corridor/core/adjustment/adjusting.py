@@ -17,7 +17,7 @@ from corridor.core.adjustment.group_variances import with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
-from corridor.core.adjustment.model import Loss, Model
+from corridor.core.adjustment.model import Loss, Model, listed_effects
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.problem import Problem, State, make_problem
 from corridor.core.adjustment.result import Adjustment
@@ -123,7 +123,7 @@ def adjust(
         raise InputError(f"weights {weights!r} are unknown: use estimated or stated")
     prepared = prepare(read(block), velocities=bool(model.effects))
     block = prepared.block
-    check_needs(block, model.effects)
+    check_needs(block, listed_effects(model.effects))
     block, left_out = sound_part(block, model, run.strict)
     doubtful = doubts(block)
 
@@ -158,7 +158,11 @@ def adjust(
         # What looks wrong at first sight is the likelier cause.
         raise type(error)(f"{doubtful[0]} So: {error}") from None
     result.doubts = doubtful
-    for note in (*_used(prepared, model.effects), *reversed(left_out), *reversed(doubtful)):
+    for note in (
+        *_used(prepared, listed_effects(model.effects)),
+        *reversed(left_out),
+        *reversed(doubtful),
+    ):
         result.add_note(note)
     return result
 
@@ -167,12 +171,12 @@ def _with_ground_as_seen(
     block: Block, model: Model, whole: Callable[[Block], Adjustment], again: Callable
 ) -> tuple[Adjustment, list[str]]:
     """The block adjusted; where that fails, without ground points that are exchanged."""
-    failure = result = None
+    failure: InputError | AdjustmentFailed | None = None
     try:
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
         failure = error
-    if result is None or not result.converged:
+    if failure is not None or not result.converged:
         sound, notes = without_exchanged(block, model, lambda *bare: again(*bare).block)
         if notes:
             try:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment.model import EFFECT, Model, ParameterId
+from corridor.core.adjustment.model import EFFECT, Model, ParameterId, listed_effects
 from corridor.core.adjustment.observations import (
     Control,
     Gnss,
@@ -158,7 +158,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     names = block.ground["point"].to_numpy(dtype=object)
     asked = np.flatnonzero(roles == "control")
     # Whatever is wrong with the effects is said before the network is looked at.
-    effects = list(model.effects)
+    effects = list(listed_effects(model.effects))
     Stack(block, effects, list(names[asked]), as_given)
     beside = velocity_errors(block, effects)
     effects += beside

@@ -202,7 +202,7 @@ class Tables(Checked):
     @cached_property
     def statistics(self) -> dict[str, dict]:
         """`observations` as adjustment.json has them: rms in px, or three in metres."""
-        out = {}
+        out: dict[str, dict] = {}
         for kind, frame in self.residuals.items():
             out[kind] = {}
             if not len(frame):
@@ -299,7 +299,7 @@ class Tables(Checked):
                 out.append(found(which, getattr(row, name), sigma, "m", sigma > 0, begun))
         for slug, one in self.values.items():
             for k, parameter in enumerate(one.parameters):
-                for g in np.flatnonzero(np.isfinite(one.value[:, k])):
+                for g in np.flatnonzero(np.isfinite(one.value[:, k])).tolist():
                     group = "block" if one.kind == "block" else one.groups[g]
                     which = ParameterId(EFFECT, slug, parameter.name, group)
                     value, sigma = one.value[g, k], one.sigma[g, k]

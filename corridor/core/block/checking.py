@@ -142,7 +142,7 @@ def _names(block, table: str) -> None:
             continue
         column = frame[name]
         coded = isinstance(column.dtype, pd.CategoricalDtype)
-        codes = column.array.codes if coded else None
+        codes = column.array.codes if coded else np.zeros(0, int)
         values = arrow(column.dtype.categories if coded else column)
         if name in layout.needed:
             empty = codes < 0 if coded else pc.fill_null(pc.equal(values, ""), True)

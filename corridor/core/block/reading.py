@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -84,7 +84,8 @@ def row_numbers(path: Path, count: int) -> np.ndarray:
 def _coded(pieces: Iterable[pa.ChunkedArray]) -> pd.Series:
     """Categorical of the pieces of a dictionary-encoded column."""
     chunks = [chunk for piece in pieces for chunk in piece.chunks]
-    different, which = [], []
+    different: list[pa.Array] = []
+    which = []
     for chunk in chunks:
         # A row group in two chunks has one dictionary, and its names are looked up once.
         if not different or not chunk.dictionary.equals(different[-1]):
@@ -355,7 +356,7 @@ def _columns(file: ParquetFile, path: Path, layout: Layout) -> dict[str, pd.Seri
             if name not in read:
                 columns[name] = file.read(columns=[name])[name].to_pandas()
                 continue
-            parts = [job.result() for job in read.pop(name)]
+            parts: list[Any] = [job.result() for job in read.pop(name)]
             if name in layout.coded:
                 columns[name] = _coded(parts)
             elif name in NAMES:

@@ -55,7 +55,7 @@ def compiled(late: bool = False, **options) -> Callable:
     """
 
     def make(function: Callable) -> Dispatcher:
-        made = _cached(function, options)
+        made: Any = _cached(function, options)
         if isinstance(made._cache, NullCache):
             return made
         made._cache._cache_file._source_stamp = _stamp(function)
@@ -74,14 +74,14 @@ def _cached(function: Callable, options: dict) -> Dispatcher:
     """
     with suppress(RuntimeError):
         return njit(cache=True, **options)(function)
-    before = config.CACHE_DIR
+    before = config.CACHE_DIR  # type: ignore[attr-defined]
     try:
-        config.CACHE_DIR = _private_folder()
+        config.CACHE_DIR = _private_folder()  # type: ignore[attr-defined]
         return njit(cache=True, **options)(function)
     except (OSError, RuntimeError):
         return njit(**options)(function)
     finally:
-        config.CACHE_DIR = before
+        config.CACHE_DIR = before  # type: ignore[attr-defined]
 
 
 @cache
@@ -156,7 +156,7 @@ def meanwhile(code: str) -> Iterator[None]:
         _stop()
 
 
-def is_kept(kernel: Dispatcher) -> bool:
+def is_kept(kernel: Any) -> bool:
     """Whether any machine code of a kernel is in its cache, of this source."""
     return not isinstance(kernel._cache, NullCache) and bool(
         kernel._cache._cache_file._load_index()

@@ -145,12 +145,9 @@ def _pictures(block: Block) -> Iterator[str]:
         gone = 0
         # The rule is that none lies outside: then nobody asks which.
         if not beyond <= 0.0:
-            gone = sum(
-                np.count_nonzero(
-                    (x < -0.5) | (x > size[0] - 0.5) | (y < -0.5) | (y > size[1] - 0.5)
-                )
-                for x, y in parts
-            )
+            for x, y in parts:
+                outside = (x < -0.5) | (x > size[0] - 0.5) | (y < -0.5) | (y > size[1] - 0.5)
+                gone += int(np.count_nonzero(outside))
         shape = f"{camera.width} x {camera.height} px"
         if gone > _SHARE_OUTSIDE * count:
             seen = np.concatenate([np.stack(part, axis=1) for part in parts])

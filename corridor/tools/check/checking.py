@@ -19,7 +19,7 @@ from corridor.core.errors import AdjustmentFailed, InputError, WorkFailed
 from corridor.core.gnss import known_crs, local_of
 from corridor.core.output import plain, whole_file, write_json
 from corridor.core.photographs import photographs_in
-from corridor.tools.check.advice import Settings, verdict_of
+from corridor.tools.check.advice import ProgramSettings, verdict_of
 from corridor.tools.check.report import page_of, text_of
 from corridor.tools.check.taking_back import TakenBack, take_back
 
@@ -137,7 +137,7 @@ def check_project(
     if best is not None and best["converged"]:
         home = output / "adjusted_with_found"
     final = best if home.name != "adjusted" else adjustment
-    settings = Settings.of(final, found, block) if final["converged"] else None
+    settings = ProgramSettings.of(final, found, block) if final["converged"] else None
     taken = None
     if final["converged"]:
         taken = stages.get("taken")
