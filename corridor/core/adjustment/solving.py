@@ -68,7 +68,7 @@ def solve(
     normal: Normal,
     max_iterations: int = 50,
     tolerance: float = 5e-5,
-    progress: Callable[[dict], None] | None = None,
+    say: Callable[..., None] | None = None,
     near: bool = False,
     equations: bool = False,
 ) -> Solution:
@@ -88,22 +88,20 @@ def solve(
                 # One step of Newton finds what they look at, but for a little of the last step.
                 tolerance /= 10
             start = normal.problem.start
-            return _solve(normal, start, max_iterations, tolerance, progress, [], equations)
+            return _solve(normal, start, max_iterations, tolerance, say, [], equations)
         if near:
             start = normal.problem.start
-            return _solve(normal, start, max_iterations, 20 * tolerance, progress, [], equations)
+            return _solve(normal, start, max_iterations, 20 * tolerance, say, [], equations)
         loss, normal.loss = normal.loss, Loss()
-        first = _solve(normal, normal.problem.start, max_iterations, ROUGH, progress, [])
+        first = _solve(normal, normal.problem.start, max_iterations, ROUGH, say, [])
         normal.loss = loss
         # Reweighting creeps along a few weak points long after everything else is at rest.
         return _solve(
-            normal, first.state, max_iterations, 20 * tolerance, progress, first.history, equations
+            normal, first.state, max_iterations, 20 * tolerance, say, first.history, equations
         )
 
 
-def _solve(
-    normal, state, max_iterations, tolerance, progress, history, equations=False
-) -> Solution:
+def _solve(normal, state, max_iterations, tolerance, say, history, equations=False) -> Solution:
     p = normal.problem
     damping, release = FIRST_DAMPING, RELEASE
     normal.assemble(state, damping)
@@ -180,8 +178,8 @@ def _solve(
                 "accepted": accepted,
             }
             history.append(entry)
-            if progress:
-                progress(entry)
+            if say:
+                say("adjusting: iteration", iteration, result=entry)
             if accepted:
                 # Where a step has been refused, the next that keeps its promise proves nothing.
                 kept = cost - reached > PROMISED * 0.5 * (down + damping * square)

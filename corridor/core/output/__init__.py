@@ -42,6 +42,7 @@ from corridor.core.output.numbers import (
     times,
 )
 from corridor.core.output.pages import Report, numbered, page
+from corridor.core.output.progress import Progress, silent, telling
 from corridor.core.output.table import WIDTH, Link, Table
 from corridor.core.output.units import UnitTable, named_with_units, with_units
 
@@ -52,6 +53,7 @@ __all__ = [
     "Link",
     "UnitTable",
     "WIDTH",
+    "Progress",
     "Report",
     "Table",
     "check_folder",
@@ -79,7 +81,9 @@ __all__ = [
     "scaled",
     "short",
     "significant",
+    "silent",
     "sole",
+    "telling",
     "times",
     "whole_file",
     "whole_files",

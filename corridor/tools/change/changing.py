@@ -13,6 +13,7 @@ from corridor.core.adjustment import Adjustment, Model
 from corridor.core.block import Block, read
 from corridor.core.effects import find
 from corridor.core.errors import InputError
+from corridor.core.output import Progress, telling
 from corridor.core.simulation import Plan, read_plan, ready_made
 from corridor.tools.change.admission import (
     BOTH_FLIGHTS,
@@ -64,7 +65,7 @@ def change(
     model: Model | None = None,
     *,
     threads: int = 1,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     **options,
 ) -> Change:
     """What moved between two dates, what the camera explains of it, and how sure that is.
@@ -80,7 +81,7 @@ def change(
     given = (before, after)
     blocks = tuple(one.start if isinstance(one, Adjustment) else read(one) for one in given)
     check_blocks(*blocks)
-    run = _Run(model or Model(), asked, threads, progress or (lambda text: None), blocks)
+    run = _Run(model or Model(), asked, threads, telling(progress), blocks)
     # Laid together on what stands still, dates may have other coordinates.
     surveys = None if asked.datum == "stable" else Coordinates.of(*blocks)
     mistaken = [] if surveys is None else surveys.mistaken
@@ -178,7 +179,7 @@ class _Run:
     model: Model
     asked: Comparison
     threads: int
-    say: Callable[[str], None]
+    say: Callable[..., None]
     blocks: tuple[Block, Block]
     cores: Cores | None = None
     stable: list[str] | None = None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from corridor.core.block import Block
-from corridor.core.output import with_units
+from corridor.core.output import Progress, with_units
 from corridor.core.simulation import ORDINARY_NOISE, Noise, Plan
 from corridor.tools.planning.advising import advice, cheapest
 from corridor.tools.planning.detection import detectable
@@ -98,7 +98,7 @@ def plan(
     goals: float | Sequence[float] = (0.01, 0.03),
     combined: bool | None = None,
     detection: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     **options,
 ) -> Planned:
     """Expected accuracy of flights before they are flown, without and with ground control.
@@ -109,7 +109,7 @@ def plan(
     goals: accuracies that the advice is about, 3D RMS of check points, metres.
     combined: compare every combination of the flights; default: where one plan has two or three.
     detection: also where two flights like the advised ones would show which change of the ground.
-    progress: called with the flight sets done and all of them.
+    progress: called with a `Progress` for each flight set.
     options: of `planning.sweep` (jobs, cluster) and `planning.Planner` (camera, lever_arm, effects,
         priors, noise, carried, seed).
     A plan without a table [noise] is taken to be flown with ordinary noise, as `corridor simulate`

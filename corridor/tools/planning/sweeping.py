@@ -12,7 +12,7 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.core.output import with_units
+from corridor.core.output import Progress, telling, with_units
 from corridor.core.parallel import parallel
 from corridor.core.simulation import Plan, Terrain, read_plan
 from corridor.tools.planning.planner import Control, Planner, subset
@@ -80,7 +80,7 @@ def swept(
     place: str = "spread",
     jobs: int = 1,
     cluster: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     **options,
 ) -> tuple[pd.DataFrame, dict[str, Block]]:
     """The table of `sweep`, and by flight set a block of its images and surveyed points."""
@@ -96,7 +96,7 @@ def swept(
     for plan in read:
         grids.setdefault(plan.axis_m, []).append(plan)
     points = {axis: given or Surveyed.grid(_joined(group)) for axis, group in grids.items()}
-    rows: list[dict] = []
+    say, rows = telling(progress), list[dict]()
     flown: dict[str, Block] = {}
     with parallel(jobs, cluster) as share_out:
         found = share_out(
@@ -106,8 +106,7 @@ def swept(
         for done, (some, block) in enumerate(found, start=1):
             rows += some
             flown[read[done - 1].name] = block
-            if progress:
-                progress(done, len(read))
+            say("flight set", done, len(read))
     return with_units(pd.DataFrame(rows), {"m": _LENGTHS, "px": "sigma_f"}), flown
 
 

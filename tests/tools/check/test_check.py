@@ -75,11 +75,20 @@ def test_what_was_done_is_kept_and_the_same_call_goes_on(block, tmp_path, monkey
         with pytest.raises(KeyboardInterrupt):
             check_project(tmp_path / "block", tmp_path / "out", diagnose=False)
     assert (tmp_path / "out" / "adjusted" / "adjustment.json").is_file()
-    check_project(tmp_path / "block", tmp_path / "out", diagnose=False, progress=said.append)
+    check_project(
+        tmp_path / "block",
+        tmp_path / "out",
+        diagnose=False,
+        progress=lambda step: said.append(str(step)),
+    )
     assert not any(line.startswith(("importing", "adjusting")) for line in said)
     # Another question is another check.
     check_project(
-        tmp_path / "block", tmp_path / "out", diagnose=False, required=0.1, progress=said.append
+        tmp_path / "block",
+        tmp_path / "out",
+        diagnose=False,
+        required=0.1,
+        progress=lambda step: said.append(str(step)),
     )
     assert any(line.startswith("adjusting") for line in said)
 
