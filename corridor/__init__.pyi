@@ -36,16 +36,22 @@ from corridor.tools import readout as readout
 from corridor.tools import thermal as thermal
 from corridor.tools.batch import Campaign as Campaign
 from corridor.tools.change import Change as Change
+from corridor.tools.change import Comparison as Comparison
 from corridor.tools.change.changing import Dated as Dated
 from corridor.tools.check import Checked as Checked
 from corridor.tools.faults import Fault as Fault
 from corridor.tools.formats import Additions as Additions
 from corridor.tools.formats import Exported as Exported
 from corridor.tools.formats import Imported as Imported
+from corridor.tools.planning import Carried as Carried
+from corridor.tools.planning import GnssNoise as GnssNoise
 from corridor.tools.planning import Planned as Planned
+from corridor.tools.planning import Surveyed as Surveyed
 from corridor.tools.planning.planned import Control as Control
+from corridor.tools.planning.planner import Believed as Believed
 from pathlib import Path
 from typing import Any
+import numpy as np
 import os
 
 __version__: str
@@ -66,11 +72,11 @@ def batch(verb: str, blocks: str | os.PathLike | Iterable[str | os.PathLike], ou
 
 def simulate(plan: Plan | str | os.PathLike, effects: Mapping[str, Mapping] | None = ..., seed: int = ..., *, noise: Noise | Mapping | str | None = ..., start: Start | Mapping | None = ..., progress: Callable[[Progress], None] | None = ...) -> Simulated: ...
 
-def plan(plans: Plan | str | os.PathLike | Sequence[Plan | str], control: int | Sequence[Control] = ..., place: str = ..., goals: float | Sequence[float] = ..., combined: bool | None = ..., detection: bool = ..., progress: Callable[[Progress], None] | None = ..., **options: Any) -> Planned: ...
+def plan(plans: Plan | str | os.PathLike | Sequence[Plan | str], control: int | Sequence[Control] = ..., place: str = ..., goals: float | Sequence[float] = ..., combined: bool | None = ..., detection: bool = ..., progress: Callable[[Progress], None] | None = ..., *, camera: str | Mapping[str, str] | None = ..., lever_arm: str = ..., effects: Iterable[str | Effect] = ..., priors: Mapping[str, float] | None = ..., model: Model | None = ..., carried: Carried | None = ..., noise: GnssNoise | None = ..., surveyed: Surveyed | None = ..., seed: int = ..., jobs: int = ..., cluster: str | None = ..., believed: Believed | None = ...) -> Planned: ...
 
 def correct(block: Block | str | os.PathLike, effects: str | Iterable[str] | Mapping[str, Mapping | None], notes: Sequence[str] = ..., *, source: str | os.PathLike | None = ..., velocity: str | None = ..., turning: str = ...) -> Block: ...
 
-def import_project(path: str | Path, form: str, output: str | Path, added: Additions | None = ..., *, table_form: str = ..., force: bool = ..., progress: Callable[[Progress], None] | None = ..., **more: Any) -> Imported: ...
+def import_project(path: str | Path, form: str, output: str | Path, *, photos: Path | None = ..., track: Path | None = ..., ground: Path | None = ..., crs: str | None = ..., ground_crs: str | None = ..., to_crs: str | None = ..., size: tuple[int, int] | None = ..., track_system: str | None = ..., images_system: str | None = ..., long_side: int | None = ..., share: int = ..., table_form: str = ..., force: bool = ..., progress: Callable[[Progress], None] | None = ..., added: Additions | None = ...) -> Imported: ...
 
 def export(block: Block | str | Path, form: str, folder: str | Path, *, effects: Mapping[str, Mapping] | None = ..., corrected: bool = ..., lossy: bool = ..., progress: Callable[[Progress], None] | None = ...) -> Exported: ...
 
@@ -79,7 +85,7 @@ def report_bug(block: Block | str | os.PathLike, command: str, output: str | os.
 def catalogue() -> list[Effect]: ...
 
 class _Change:
-    def __call__(self, before: Dated, after: Dated, model: Model | None = ..., *, threads: int = ..., progress: Callable[[Progress], None] | None = ..., **options: Any) -> Change: ...
+    def __call__(self, before: Dated, after: Dated, model: Model | None = ..., *, common: str | Iterable[str] = ..., gnss_bias: float | Iterable[float] | None = ..., datum: str | None = ..., motion: str = ..., level: float = ..., surface: bool = ..., camera: bool = ..., together: bool = ..., stable: str | Iterable[str] | None = ..., same_camera: bool = ..., reject_gnss: bool = ..., largest: float = ..., spacing: float | None = ..., radius: float | None = ..., normal: str = ..., degree: int | None = ..., profile: np.ndarray | None = ..., polygons: Mapping[str, np.ndarray] | None = ..., rays: int = ..., same_ties: bool = ..., threads: int = ..., progress: Callable[[Progress], None] | None = ..., asked: Comparison | None = ...) -> Change: ...
     def __getattr__(self, name: str) -> Any: ...
 
 change: _Change

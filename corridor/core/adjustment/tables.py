@@ -58,6 +58,11 @@ class Tables(Checked):
         self.sigma0 = float(np.sqrt(2 * self.cost / self.redundancy)) if self.redundancy else 1.0
 
     @property
+    def sigma_naught(self) -> float:
+        """`sigma0` by the name that the report has for it."""
+        return self.sigma0
+
+    @property
     def stated_system(self) -> LinearSystem:
         """The equations at the result, every residual with its stated weight."""
         return LinearSystem(self.problem, self.state)

@@ -119,9 +119,7 @@ def _project(one, folder):
     size = tuple(known["size_px"]) if "size_px" in known else None
     path = folder / next(iter(one.files))
     formats = registry.room("formats")
-    made = formats.import_project(
-        path, known["form"], folder / "block", formats.Additions(size=size)
-    )
+    made = formats.import_project(path, known["form"], folder / "block", size=size)
     block = made.block
     _as_known(one, images=len(block.images), observations=len(block.tie_points))
     found = made.proof.main.rms

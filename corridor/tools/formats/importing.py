@@ -13,6 +13,7 @@ from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.geometry import GROSS, robust_scale
 from corridor.core.gnss import about_the_middle, in_metres, known_crs, local_of, moved, outside_area
+from corridor.core.options import options
 from corridor.core.output import Progress, Report, Table, png, silent, telling, whole_file
 from corridor.core.photographs import photographs_in, read_metadata
 from corridor.core.preparation import (
@@ -152,28 +153,28 @@ class Additions:
     share: int = 1
 
 
+@options(added=Additions)
 def import_project(
     path: str | Path,
     form: str,
     output: str | Path,
-    added: Additions | None = None,
     *,
+    added: Additions,
     table_form: str = "csv",
     force: bool = False,
     progress: Callable[[Progress], None] | None = None,
-    **more,
 ) -> Imported:
     """Import a project, prove it, and write the block folder `output`, whole or not at all.
 
-    form: auto, photos (from photographs alone), or a name of `format_names()`. added: what is added
-    to it; more: its fields, in place of it. table_form: csv or parquet. force: write although the
-    proof refuses.
+    form: auto, photos (from photographs alone), or a name of `format_names()`. photos to
+    share: what is added to it, of `Additions`; added: these as a whole. table_form: csv or parquet.
+    force: write although the proof refuses.
     Raises InputError: one sentence naming file, line and remedy.
     """
     if Path(output).exists() and not Path(output).is_dir():
         raise InputError(f"{output} is a file; name a folder to write to")
     say = telling(progress)
-    path, added = Path(path), added or Additions(**more)
+    path = Path(path)
     if form == "photos":
         cheaply = Cheaply(added.long_side, added.share)
         project = from_photographs(path, Path(output), say, cheaply, force)
