@@ -59,6 +59,7 @@ def compiled(late: bool = False, **options) -> Callable:
         if isinstance(made._cache, NullCache):
             return made
         made._cache._cache_file._source_stamp = _stamp(function)
+        made._cache.load_overload = _loadable(made._cache)
         if late:
             made._cache.load_overload = _patient(made._cache.load_overload)
         return made
@@ -161,6 +162,23 @@ def is_kept(kernel: Any) -> bool:
     return not isinstance(kernel._cache, NullCache) and bool(
         kernel._cache._cache_file._load_index()
     )
+
+
+def _loadable(kept: Any) -> Callable:
+    """`Cache.load_overload` that begins the cache anew where it names what cannot be imported.
+
+    The types of arguments are in it: a tuple of a notebook's, which no other program finds.
+    """
+    load = kept.load_overload
+
+    def loadable(signature, context):
+        try:
+            return load(signature, context)
+        except (ImportError, AttributeError):
+            kept._cache_file.flush()
+            return None
+
+    return loadable
 
 
 def _patient(load: Callable) -> Callable:
