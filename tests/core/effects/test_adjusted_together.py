@@ -190,8 +190,8 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
     """The gradient vanishes at the solution, and every sigma is that of the dense inverse.
 
     The step that is left is below what the solver promises (`SHARED_STEP`); sigmas agree to
-    rounding of the numeric Jacobian, also where the row of a point depends on what moves it. How effects on
-    the image change across the picture is known by steps of a pixel, a thousandth of it.
+    rounding of the numeric Jacobian, also where the row of a point depends on what moves it. How
+    effects on the image change across the picture is known by steps of a pixel, a thousandth of it.
     """
     block = flown(images=6, observations=24, control=4, check=2)
     values = at_scale(block, slugs)
