@@ -16,7 +16,7 @@ from strips import corridor_block
 
 import corridor
 from corridor.core.effects import LinearEffect, Parameter
-from corridor.core.output import sole
+from corridor.core.output import json_text, sole
 from corridor.core.simulation import add_noise
 from corridor.interface.cli import main
 from corridor.tools.batch.work import limited
@@ -155,7 +155,7 @@ def test_a_lock_is_one_s_alone_and_leaves_nothing(tmp_path, system, monkeypatch)
 @pytest.mark.skipif(sys.platform == "win32", reason="no signals")
 def test_a_lock_is_free_once_its_holder_was_killed(tmp_path):
     program = (
-        "import pathlib, sys, time; from corridor.core.output import sole\n"
+        "import pathlib, sys, time; from corridor.core.output import json_text, sole\n"
         "with sole(pathlib.Path(sys.argv[1])) as ours: print(ours, flush=True); time.sleep(60)"
     )
     command = [sys.executable, "-c", program, str(tmp_path / "lock")]
@@ -299,7 +299,7 @@ def test_a_diagnosis_of_many_is_that_of_one_and_says_what_was_typed(tmp_path):
     row = campaign.rows[0]
     assert (row.verdict, row.sigma0) == (diagnosis.verdict, diagnosis.after.sigma0)
     said = json.loads((tmp_path / "out/blocks/one/diagnosis.json").read_text(encoding="utf-8"))
-    assert said["gap"] == json.loads(corridor.report.json_text(diagnosis.gap))
+    assert said["gap"] == json.loads(json_text(diagnosis.gap))
     page = (tmp_path / "out/blocks/one/report.html").read_text(encoding="utf-8")
     assert f"corridor batch diagnose {tmp_path / 'one'} -o out" in page
 

@@ -205,7 +205,7 @@ def _told(before: Adjustment, found: Adjustment) -> list[str]:
             notes.append(
                 f"GNSS of flight {name}: residuals contradict the stated standard deviations; the "
                 f"positions count with {' and '.join(parts)}. Either these are too small, or the "
-                "model lacks something: `corridor diagnose` asks what."
+                "model lacks something: `corridor diagnose` finds out what."
             )
     return notes
 

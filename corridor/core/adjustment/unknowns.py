@@ -273,7 +273,7 @@ def started(
             continue
         cells = _cells_of(which, state, images, stack)
         if not cells:
-            raise InputError(f"parameter {which}: the model has none of that name")
+            raise InputError(f"parameter {which}: the model has no parameter of that name")
         for table, at in cells if wish.value is not None else ():
             table[at] = wish.value
     return state

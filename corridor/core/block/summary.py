@@ -281,8 +281,8 @@ def _notes(block, summary: Summary) -> list[str]:
     for count, one, many, what in (
         (
             len(summary.points_seen_once),
-            "tie point is seen in one image only and tells",
-            "tie points are seen in one image only and tell",
+            "tie point is seen in one image only and determines",
+            "tie points are seen in one image only and determine",
             "nothing",
         ),
         (int((used & (rays == 0)).sum()), *point, "not measured in any image"),

@@ -197,7 +197,7 @@ def check_contract(effect: Effect) -> None:
     """Refuse a class that cannot work, with a sentence on what it lacks."""
     name = type(effect).__name__
     if not isinstance(effect, Effect):
-        raise InputError(f"{name} is no effect: derive it from Effect or LinearEffect")
+        raise InputError(f"{name} is not an effect: derive it from Effect or LinearEffect")
     for text, example in (
         ("slug", '"lens_tilt"'),
         ("title", '"Lens that tilts with the temperature"'),
@@ -209,7 +209,8 @@ def check_contract(effect: Effect) -> None:
             raise InputError(f"effect {name} has no {text}: write {text} = {example} in the class")
     if not effect.slug.replace("_", "").isalnum() or effect.slug != effect.slug.lower():
         raise InputError(
-            f"effect {name}: slug = {effect.slug!r} is no name: lower case, digits and underscores"
+            f"effect {name}: slug = {effect.slug!r} is not a valid name: use lower case, digits "
+            "and underscores"
         )
     check_place(effect)
     if effect.group not in GROUPS:

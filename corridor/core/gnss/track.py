@@ -151,5 +151,5 @@ def _check_geographic(table: pd.DataFrame, rows: np.ndarray, path: Path) -> None
         k = int(np.argmax(wrong.to_numpy()))
         raise InputError(
             f"{path.name}, row {rows[k]}: latitude {table['y'].iloc[k]:g} and longitude "
-            f"{table['x'].iloc[k]:g} are no place on Earth; correct or delete the row"
+            f"{table['x'].iloc[k]:g} are not a place on Earth; correct or delete the row"
         )

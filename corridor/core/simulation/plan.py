@@ -105,7 +105,7 @@ class Flight:
         if not np.all(heights > 0):
             say.fail(f"height_m = {heights.min():g} is not above the ground: give metres above 0")
         if not np.all(heights < _HIGHEST_M):
-            say.fail(f"height_m = {heights.max():g} is no height of a drone: give metres")
+            say.fail(f"height_m = {heights.max():g} cannot be the height of a drone: give metres")
         if self.offsets_m is not None and len(self.offsets_m) != self.strips:
             say.fail(f"offsets_m gives {len(self.offsets_m)} offsets for {self.strips} strips")
         for offset in self.offsets_m or ():

@@ -28,7 +28,7 @@ class Parser(argparse.ArgumentParser):
             verb = _verb(self, sys.argv[1:] if args is None else args)
             word = rest[0].partition("=")[0]
             near = did_you_mean(word, verb._option_string_actions) if word[:1] == "-" else ""
-            what = "is no option here" if word[:1] == "-" else "is one word too many"
+            what = "is not an option here" if word[:1] == "-" else "is one word too many"
             verb.error(f"{word} {what}{near}")
         return found
 

@@ -54,7 +54,7 @@ CAPTIONS = {
         "along one, point at time, at the antenna or at the camera."
     ),
     "correlation_matrix": (
-        "Parameters that this block cannot tell apart: a full cell means that one can stand in "
+        "Parameters that this block cannot separate: a full cell means that one can stand in "
         "for the other."
     ),
     "first_look": "Images, points and coverage of the block after the adjustment.",
@@ -294,7 +294,9 @@ def steps(adjustment: Adjustment) -> list[str]:
     if beyond or missed or adjustment.sigma0 > _LARGE:
         why = "Check points are off by more than their standard deviations say" if beyond else ""
         why = why or ("It is not accurate enough" if missed else "The residuals are too large")
-        out.append(f"{why}: ask what is missing from the model, `corridor diagnose BLOCK -o OUT`")
+        out.append(
+            f"{why}: find what is missing from the model with `corridor diagnose BLOCK -o OUT`"
+        )
     if missed and not beyond:
         out.append(
             "The standard deviations say the same: more control, images or GNSS are needed; "

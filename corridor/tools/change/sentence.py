@@ -33,13 +33,13 @@ def verdict_sentence(change) -> str:
         return _unfit(change.objections)
     if change.verdict == "cover":
         return _cover(change.final.cover)
+    besides = "" if told is None or not any(told.shown) else _besides(told)
     if change.verdict == "moved":
-        besides = "" if told is None or not any(told.shown) else _besides(told)
         return _moved(change.final) + besides
     if change.verdict == "camera":
         return _camera(told, _size(change.compared))
     if change.verdict == "undecided":
-        return _undecided(told, _size(change.compared))
+        return _undecided(told, _size(change.compared)) + besides
     said = f"No change is significant at the level of {100 * change.asked.level:g} %"
     if surface is None:
         return f"{said}."
@@ -110,7 +110,7 @@ def _cover(found) -> str:
         f"{'sank' if patch.change < 0 else 'rose'} by "
         f"{millimetres(abs(patch.change), patch.sigma)} in the mean, while {found.points} marked "
         f"points in it stand still ({millimetres(found.still, found.sigma)}): vegetation, snow or "
-        "what was laid down or taken away."
+        "material that was added or removed."
     )
 
 

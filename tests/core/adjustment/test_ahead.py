@@ -17,7 +17,7 @@ import numpy as np
 from strips import corridor_block
 import corridor
 from corridor.core.engine import compiled
-from corridor.core.adjustment import ahead
+from corridor.core.adjustment import precompiling as ahead
 if {dies}:
     start = ahead.meanwhile
     ahead.meanwhile = lambda code: start("raise SystemExit(3)")

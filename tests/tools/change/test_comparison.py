@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from made import adjusted, flown
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 import corridor
 from benchmarks import change as benchmark
@@ -59,7 +60,7 @@ def test_dates_on_gnss_of_metres_are_laid_together_and_said_to_be():
     second.gnss["z"] += 2.0
     found = corridor.change(first, second, same_ties=True, camera=False, spacing=12.0)
     assert found.asked.datum == "stable" and found.verdict == "nothing"
-    assert "laid together on what stands still" in str(found)
+    assert "aligned on what stands still" in str(found)
     assert np.abs(found.surface.distance).max() < 0.05
 
 
@@ -116,7 +117,8 @@ def halves(block, draw):
 def test_other_tie_points_of_the_same_ground_change_no_more_than_stated():
     """Twelve dikes at rest, seen at other points each time: roughness is all of it.
 
-    The surface errs on the safe side: its roughness is no less than that around.
+    One cell in twenty is beyond the level of detection of 95 %, or fewer. Cells of a draw depend
+    on each other, so the draws are the sample.
     """
     block = benchmark.dike(per_image=240)
     x, y = benchmark.middle(block)
@@ -135,7 +137,7 @@ def test_other_tie_points_of_the_same_ground_change_no_more_than_stated():
         beyond.append(np.mean(np.abs(surface.distance) > surface.detection))
     low, high = np.sqrt(chi2.ppf([0.0005, 0.9995], 12) / 12)
     assert low < np.sqrt(np.mean(np.square(volumes))) < high
-    assert np.mean(beyond) < 0.05
+    assert np.mean(beyond) < 0.05 + student.ppf(0.999, 11) * np.std(beyond, ddof=1) / np.sqrt(12)
 
 
 def matched(folder):
@@ -168,6 +170,6 @@ def test_two_dates_in_one_block_are_those_of_two_blocks(tmp_path, capsys):
     given = ["change", str(both), "--no-camera", "--points-only", "--dates"]
     assert main([*given, "2023/,2024/"]) == 0
     assert "No change is significant" in capsys.readouterr().out
-    for wrong, said in (("2023/,2025/", "no image is called 2025/"), ("2023/", "no two dates")):
+    for wrong, said in (("2023/,2025/", "no image is called 2025/"), ("2023/", "not two dates")):
         assert main([*given, wrong]) == 2
         assert said in capsys.readouterr().err

@@ -222,7 +222,9 @@ def _by_quality(sigma: np.ndarray, quality: np.ndarray, notes: list[str]) -> np.
         mine = quality == q
         if not mine.any():
             continue
-        text = f"{int(mine.sum())} of {len(quality)} epochs are no fixes (quality {q}, {_NAMES[q]})"
+        text = (
+            f"{int(mine.sum())} of {len(quality)} epochs are not fixes (quality {q}, {_NAMES[q]})"
+        )
         usual = np.median(sigma[fixed], axis=0) if fixed.any() else np.full(3, np.inf)
         if (np.median(sigma[mine], axis=0) > _TOLD_APART * usual).any():
             notes.append(f"{text}: their sigmas are larger than those of fixes and are used")

@@ -59,7 +59,7 @@ OPTIONS = {
     "--control": option(
         "numbers of control points (default 0,1,3,5; may be repeated)",
         "N,N",
-        several(whole("count", 0), "are no numbers of control points: write 0,1,3"),
+        several(whole("count", 0), "are not numbers of control points: write 0,1,3"),
         action="extend",
         default=None,
     ),
@@ -71,7 +71,7 @@ OPTIONS = {
     "--goal": option(
         "accuracies that the advice is about, m (default 0.01,0.03; may be repeated)",
         "M,M",
-        several(number("is none", above=0.0), "are no accuracies in metres: write 0.01,0.03"),
+        several(number("is none", above=0.0), "are not accuracies in metres: write 0.01,0.03"),
         action="extend",
         default=None,
     ),
