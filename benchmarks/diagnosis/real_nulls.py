@@ -11,7 +11,8 @@ Source: Künsch 1989 (bootstrap of runs).
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 from corridor import Adjustment, Block
 
@@ -68,14 +69,19 @@ def _sources(system, run: int, rng) -> np.ndarray:
 
 
 def _moved(rows, pixels: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """Residuals (n, 2) px of the nearest place in each observation's source image."""
+    """Residuals (n, 2) px of near places in each observation's source image, each taken once.
+
+    One that is taken twice would be an error that two matches share.
+    """
     out = np.zeros_like(pixels)
     order = np.argsort(rows.image, kind="stable")
     ends = np.searchsorted(rows.image[order], np.arange(len(source) + 1))
     for n, other in enumerate(source):
         mine, theirs = order[ends[n] : ends[n + 1]], order[ends[other] : ends[other + 1]]
         theirs = theirs[rows.tie[theirs]]
-        if len(mine) and len(theirs):
-            _, near = cKDTree(rows.xy[theirs]).query(rows.xy[mine])
-            out[mine] = pixels[theirs[near]]
+        while len(mine) and len(theirs):
+            one, near = linear_sum_assignment(cdist(rows.xy[mine], rows.xy[theirs]))
+            out[mine[one]] = pixels[theirs[near]]
+            # Where there are more than the source has, the next round takes them again.
+            mine = np.delete(mine, one)
     return out

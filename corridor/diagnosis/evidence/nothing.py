@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from corridor.core.adjustment import Design, Sets
+from corridor.core.adjustment import Design, LinearSystem, Sets
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination
@@ -69,34 +69,36 @@ def null_scores(evidence: Evidence, draws: int, rng: np.random.Generator) -> np.
 
 
 def scores_by_run(elimination: Elimination) -> np.ndarray:
-    """What runs of images contribute to the scores of the core (c, runs).
-
-    Of the residuals that are left where all rows of the elimination have gone where they fit best.
-    """
+    """What runs of images contribute to the scores of the core (c, runs)."""
     e = elimination.equations
-    system = e.system
-    design = Design(system)
-    step = np.zeros((len(system.columns), 1))
+    design = Design(e.system)
+    step = np.zeros((len(e.system.columns), 1))
     step[elimination.at] = e.unit[elimination.at, None] * elimination.solve(elimination.here)
-    weight = 1.0 / e.scales.of_observation
-    whole = Sets([(np.nan_to_num(e.pixels) * weight[:, None]).ravel()],
-                 system.control.residual.reshape(-1, 1))  # fmt: skip
-    left, *_ = design.back(whole, step)
-    rows = system.image_rows
-    run = _runs(system)
+    left, *_ = design.back(residuals(elimination), step)
+    right = design.right(by_run(e.system, left))
+    return elimination.scores(right, np.zeros((len(e.residual), right.shape[1])))
+
+
+def residuals(elimination: Elimination) -> Sets:
+    """Pseudo-residuals of the images, in standard deviations, and residuals of the control, m."""
+    e = elimination.equations
+    image = np.nan_to_num(e.pixels) / e.scales.of_observation[:, None]
+    return Sets([image.ravel()], e.system.control.residual.reshape(-1, 1))
+
+
+def by_run(system: LinearSystem, errors: Sets) -> Sets:
+    """The errors of one set of measurements as a set for each run of images."""
+    rows, run = system.image_rows, runs(system)
     of_row = np.repeat(run[rows.image], 2)
     # An error of a control point counts where it is first seen.
     first = np.zeros(len(system.points.names), dtype=np.int64)
     first[rows.point[::-1]] = run[rows.image[::-1]]
     index = {name: n for n, name in enumerate(system.points.names)}
     of_control = np.array([first[index[name]] for name in system.control_names], dtype=np.int64)
-    runs = range(int(run.max()) + 1)
-    sets = Sets(
-        [np.where(of_row == n, left.image[0], 0.0) for n in runs],
-        np.where(np.repeat(of_control, 3)[:, None] == np.arange(len(runs)), left.control, 0.0),
-    )
-    right = design.right(sets)
-    return elimination.scores(right, np.zeros((len(e.residual), len(runs))))
+    numbers = np.arange(int(run.max()) + 1)
+    mine = np.repeat(of_control, 3)[:, None] == numbers
+    image = [np.where(of_row == n, errors.image[0], 0.0) for n in numbers]
+    return Sets(image, np.where(mine, errors.control, 0.0))
 
 
 def of_antenna(elimination: Elimination, draws: int, rng: np.random.Generator) -> np.ndarray:
@@ -112,7 +114,7 @@ def of_antenna(elimination: Elimination, draws: int, rng: np.random.Generator) -
     return elimination.scores(np.zeros((len(e.system.columns), draws)), moved, priors)
 
 
-def _runs(system) -> np.ndarray:
+def runs(system: LinearSystem) -> np.ndarray:
     """Number (images,) of the run of each image: neighbours in time, of one flight."""
     images = system.images
     time = np.where(np.isfinite(images.time), images.time, system.image_order)

@@ -302,6 +302,13 @@ class Elimination:
         g = e.core_without + heavy.T @ self._residual - (half.T @ self._half)[:, 0]
         return M, g
 
+    def step(self, right: np.ndarray) -> np.ndarray:
+        """Step (columns, k) of all that is a row, of what is said of the columns (columns, k)."""
+        out = np.zeros_like(right)
+        unit = self.equations.unit[self.at, None]
+        out[self.at] = unit * self.solve(unit * right[self.at])
+        return out
+
     def scores(
         self, right: np.ndarray, antenna: np.ndarray, priors: np.ndarray | float = 0.0
     ) -> np.ndarray:
