@@ -235,8 +235,9 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
         del normal  # as large as the equations
         if datum is not None:
             system = at(solution.state)
-            if datum.null_space.shape[1] == 7:
-                system = at(helmert_onto(problem, solution.state, problem.start))
+            turned = not len(problem.attitude_image)
+            if datum.null_space.shape[1] == (7 if turned else 4):
+                system = at(helmert_onto(problem, solution.state, problem.start, turned))
             datum = free_network(system)
         if datum is not None:
             system = replace(system, held=datum.held)

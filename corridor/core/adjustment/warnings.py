@@ -337,8 +337,9 @@ def _outliers(a, missed):
     for kind, what, remedy in (
         ("gnss", "GNSS position", reject),
         ("control", "control point", ""),
+        ("attitude", "attitude", ""),
     ):
-        found = a.statistics[kind]
+        found = a.statistics.get(kind)
         if found and found["outliers"]:
             frame = a.residuals[kind]
             names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()

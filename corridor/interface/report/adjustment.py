@@ -60,7 +60,8 @@ CAPTIONS = {
     "first_look": "Images, points and coverage of the block after the adjustment.",
 }
 
-_KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control"}
+_KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control",
+          "attitude": "attitudes"}  # fmt: skip
 _UNITS = {"f": "px", "cx": "px", "cy": "px"}
 _DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["s_dx", "s_dy", "s_dz"]
 _STRONG = 0.95
@@ -106,6 +107,7 @@ def save_adjustment(
     pictures: Mapping[str, Any] | Callable[[Adjustment], Mapping[str, Any]] | None = None,
     captions: Mapping[str, str] | None = None,
     gis: bool = False,
+    beside: Mapping[str, bytes] | None = None,
 ) -> list[Path]:
     """Writes an adjustment into `folder`, whole or not at all; returns the paths, sorted.
 
@@ -115,6 +117,7 @@ def save_adjustment(
     pictures: matplotlib figures by name, or what makes them: `corridor.figures.of_adjustment`.
     captions: one sentence for each, for the page.
     gis: also adjustment.gpkg (points, check vectors, cameras, footprints) and adjustment.las.
+    beside: further files by their names, a certificate say.
     An earlier result in `folder` is replaced; what else lies there stays. Raises InputError where
     `folder` is a file, or holds something but no earlier result; with gis, where the extra is
     missing.
@@ -136,6 +139,8 @@ def save_adjustment(
         (part / "report.html").write_text(page, encoding="utf-8", newline="\n")
         for name, table in _files(adjustment).items():
             write_csv(table, part / name)
+        for name, content in (beside or {}).items():
+            (part / name).write_bytes(content)
         if gis:
             adjustment.write_gis(part / "adjustment")
         written.result()
@@ -337,7 +342,7 @@ def _observations(adjustment: Adjustment) -> Table:
         if not found.get("count"):
             continue
         counts = (f"{found['count']:,}", f"{found['outliers']:,}")
-        rows.append((_KINDS[kind], *counts, _rms(found["rms"]), fixed(found["sigma0"], 3)))
+        rows.append((_KINDS[kind], *counts, _rms(kind, found["rms"]), fixed(found["sigma0"], 3)))
         if found.get("gross"):
             gross.append(f"{found['gross']:,} of {_KINDS[kind]}")
     notes = [
@@ -399,10 +404,12 @@ def _reliability(adjustment: Adjustment) -> Table | None:
     return Table("Reliability", header, tuple(rows), "lrrrrr", notes)
 
 
-def _rms(rms) -> str:
-    """One number in px an axis, or three in metres."""
+def _rms(kind: str, rms) -> str:
+    """One number in px an axis, or three in metres or degrees."""
     if np.ndim(rms) == 0:
         return f"{fixed(rms, 3)} px an axis"
+    if kind == "attitude":
+        return "  ".join(fixed(value, 3) for value in rms) + " degrees (roll, pitch, yaw)"
     digits = metre_digits(rms)
     return "  ".join(fixed(value, digits) for value in rms) + " m (x, y, z)"
 
