@@ -148,16 +148,14 @@ def _suspected(d: Diagnosed) -> str:
 
 
 def _nothing(d: Diagnosed) -> str:
-    text = (
-        "Nothing is missing from the model that this flight could show "
-        f"(all tests together: {_chance(d.p_nothing)})."
-    )
-    if d.p_nothing < d.level:
-        text += " But all tests together say that something is, and none of them says what."
+    text = "Nothing is missing from the model that this flight could show."
     text += _off(d)
     limits = seen_best(d)
     if limits:
         text += f" Would have been seen: {'; '.join(limits)}."
+    text += f" All tests together: {_chance(d.p_nothing)} if nothing is missing."
+    if d.p_nothing < d.level:
+        text += " So something is, and no test says what."
     for alarm in d.alarms[:1]:
         text += f" But the image noise is uneven: {alarm['where']}."
     return text
