@@ -61,6 +61,10 @@ class Settings:
     log_prior_per_image: float = -1.0
     log_prior_ground: float = -0.7
 
+    # --- halves
+    # Chance of an alarm of two halves in a sound block.
+    halves_level: float = 0.01
+
     # --- clusters of residuals
     # Images of a run, and places of the picture (columns, rows) whose residuals hang together.
     run_of_images: int = 10
