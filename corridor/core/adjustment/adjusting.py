@@ -30,7 +30,7 @@ from corridor.core.adjustment.variance_components import (
     without_false_fixes,
     without_unseen_arms,
 )
-from corridor.core.block import Block, read
+from corridor.core.block import Block, read, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.options import options
@@ -200,6 +200,7 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
     began = time.perf_counter()
     start, notes = block, []
     spare = int(_SPARE * len(block.images)) if spare is None else spare
+    block = with_rigid_poses(block)
     if _incomplete(block):
         block = complete(block, run.say)
     problem, loss = make_problem(block, model), Loss.parse(model.loss)

@@ -5,6 +5,14 @@ from corridor.core.block.block import Block, is_block, read
 from corridor.core.block.corners import corner_rays, footprints
 from corridor.core.block.reading import place, read_columns, row_numbers
 from corridor.core.block.record import forget_correction, record_correction, taken_out
+from corridor.core.block.rigs import (
+    EXPOSURE,
+    exposures_of,
+    members_of,
+    mountings_of,
+    relative,
+    with_rigid_poses,
+)
 from corridor.core.block.summary import Summary
 from corridor.core.block.tables import (
     LAYOUTS,
@@ -21,6 +29,7 @@ from corridor.core.block.tables import (
 )
 
 __all__ = [
+    "EXPOSURE",
     "LAYOUTS",
     "POSE",
     "QUATERNION",
@@ -32,17 +41,22 @@ __all__ = [
     "Layout",
     "Summary",
     "corner_rays",
+    "exposures_of",
     "footprints",
     "forget_correction",
     "frugal",
     "is_among",
     "is_block",
     "level_axes",
+    "members_of",
+    "mountings_of",
     "place",
     "places",
     "read",
     "read_columns",
     "record_correction",
+    "relative",
     "row_numbers",
     "taken_out",
+    "with_rigid_poses",
 ]

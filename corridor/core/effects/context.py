@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import Block
+from corridor.core.block import Block, exposures_of, members_of
 from corridor.core.effects.gyroscope import RATES, Gyroscope
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_quaternion
 
 # Who may share a set of values.
-GROUPS = ("block", "camera", "flight", "image", "point", "survey")
+GROUPS = ("block", "camera", "flight", "image", "point", "survey", "member")
 
 
 @dataclass
@@ -27,6 +27,8 @@ class Images:
     images.csv states, which stays. ground: mean height of the points, m; elevation: of z = 0
     above the sea, m. constants: of the block, by effect, as [effect.SLUG] of block.toml says.
     survey: from where each ground point was surveyed, by its name; survey_names: all of these.
+    member (m,): which of member_names, the cameras of rigs but for the bases, took an image
+    together with others; -1: none of them.
     """
 
     names: np.ndarray
@@ -54,6 +56,8 @@ class Images:
     constants: dict = field(default_factory=dict)
     survey: dict[str, str] = field(default_factory=dict)
     survey_names: list[str] = field(default_factory=list)
+    member: np.ndarray | None = None
+    member_names: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, block: Block) -> Images:
@@ -69,6 +73,12 @@ class Images:
         def columns(*names: str) -> np.ndarray:
             return np.stack([block.column("images", name) for name in names], axis=-1)
 
+        members = list(members_of(block))
+        member = np.full(len(table), -1, dtype=np.int64)
+        if members:
+            together = exposures_of(block).member
+            taken = table["camera"].to_numpy(object)[together]
+            member[together] = pd.Index(members).get_indexer(taken)
         centre = columns("x", "y", "z")
         rotation = rotation_from_quaternion(columns("qw", "qx", "qy", "qz"))
         return cls(
@@ -95,6 +105,8 @@ class Images:
             record=np.arange(len(table)),
             constants=block.constants,
             survey=dict(zip(block.ground["point"], block.ground_groups, strict=True)),
+            member=member,
+            member_names=members,
             survey_names=list(dict.fromkeys(block.ground_groups)),
             gyroscope=Gyroscope(block)
             if set(RATES) <= set(block.rates) and len(block.rates)
@@ -279,6 +291,7 @@ def group_of_image(images: Images, kind: str) -> np.ndarray:
         "camera": images.camera,
         "flight": images.flight,
         "image": np.arange(count),
+        "member": np.full(count, -1) if images.member is None else images.member,
     }[kind]
 
 
@@ -296,4 +309,5 @@ def group_names(images: Images, kind: str, points: list[str] = ()) -> list[str]:
         "image": list(images.names),
         "point": list(points),
         "survey": images.survey_names,
+        "member": images.member_names,
     }[kind]

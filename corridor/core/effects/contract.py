@@ -176,6 +176,17 @@ class Effect(ABC):
         """
         return None
 
+    def priors(self, block: Block) -> dict[tuple[str, str], tuple[float, float]]:
+        """What the block knows beforehand: (parameter, group) -> value and standard deviation."""
+        return {}
+
+    def restated(self, block: Block, values: np.ndarray) -> Block:
+        """The adjusted block with values (groups, parameters) in its statements, not beside them.
+
+        By default it states nothing of them.
+        """
+        return block
+
     def doubts(self, block: Block, found: pd.DataFrame) -> list[str]:
         """Sentences on values that no such effect has, or that contradict what the block states.
 

@@ -36,12 +36,11 @@ def believed_of(block: Block, given: Iterable[Effect] = ()) -> list[Effect]:
     A table that block.toml calls calibrated (`[attitudes] calibrated = true`) comes without.
     """
     slugs = {effect.slug for effect in given}
-    tables = {slug: effect.needs[0].partition(".")[0] for slug, effect in _known().items()
-              if effect.believed and slug not in slugs}  # fmt: skip
     return [
-        copy(_known()[slug])
-        for slug, table in sorted(tables.items())
-        if len(getattr(block, table)) and not block.extra.get(table, {}).get("calibrated")
+        copy(effect)
+        for slug, effect in sorted(_known().items())
+        if effect.believed and slug not in slugs and block.has(effect.needs[0])
+        and not block.extra.get(effect.needs[0].partition(".")[0], {}).get("calibrated")
     ]
 
 
