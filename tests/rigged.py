@@ -1,4 +1,4 @@
-"""Flights of a head of three cameras, made by code of its own: matrix exponentials and a pinhole."""
+"""Flights of a head of three cameras by code of its own: matrix exponentials and a pinhole."""
 
 import numpy as np
 import pandas as pd
@@ -8,7 +8,10 @@ from corridor.core.block import Block
 from corridor.core.camera import Camera
 
 # Nadir, and two that look to the sides; t (m, base frame) and turn (rad) from the base to each.
-HEAD = {"left": ([-0.12, 0.02, 0.03], [0.02, -0.6, 0.01]), "right": ([0.13, 0.01, 0.02], [0.0, 0.6, 0.03])}
+HEAD = {
+    "left": ([-0.12, 0.02, 0.03], [0.02, -0.6, 0.01]),
+    "right": ([0.13, 0.01, 0.02], [0.0, 0.6, 0.03]),
+}
 SIZE, F = (1200, 800), 1500.0
 
 
@@ -19,16 +22,16 @@ def exp(vector):
 
 
 def quaternion(rotation):
-    """qw, qx, qy, qz of a rotation less than a half turn from a level camera's, by its traces."""
-    w = np.sqrt(max(1 + np.trace(rotation), 0)) / 2
-    if w > 1e-3:
-        x, y, z = (rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0],
-                   rotation[1, 0] - rotation[0, 1])  # fmt: skip
-        return np.array([w, x / (4 * w), y / (4 * w), z / (4 * w)])
-    value, vector = np.linalg.eigh(
-        rotation + rotation.T
-    )  # a half turn: its axis is where the matrix leaves vectors
-    return np.array([0.0, *vector[:, -1]])
+    """qw, qx, qy, qz: the largest column of 4 q q', which the matrix holds (Bar-Itzhack 2000)."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    outer = np.array([
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1 - a - e + i],
+    ])  # fmt: skip
+    column = outer[:, np.argmax(np.diag(outer))]
+    return column / np.linalg.norm(column)
 
 
 def mounting(camera, head=HEAD):
@@ -42,7 +45,9 @@ def rig_table(head=HEAD, stated=True, **sigmas):
     members = {}
     for camera in head:
         t, m = mounting(camera, head)
-        members[camera] = {"xyz": t.tolist(), "quaternion": quaternion(m).tolist()} if stated else {}
+        members[camera] = (
+            {"xyz": t.tolist(), "quaternion": quaternion(m).tolist()} if stated else {}
+        )
         members[camera] |= sigmas
     return {"HEAD": {"base": "nadir", "member": members}}
 
@@ -74,7 +79,9 @@ def rigged_block(exposures=10, strips=2, head=HEAD, gnss=True, points=900, seed=
     images = pd.DataFrame(rows, columns=columns)
     reach = 9.0 * per
     xyz = np.column_stack([
-        rng.uniform(-70, reach + 70, points), rng.uniform(-90, 110, points), rng.normal(0, 4, points)
+        rng.uniform(-70, reach + 70, points),
+        rng.uniform(-90, 110, points),
+        rng.normal(0, 4, points),
     ])  # fmt: skip
     names = np.array([f"P{k:04d}" for k in range(points)], dtype=object)
     names[:12] = [f"G{k:02d}" for k in range(12)]

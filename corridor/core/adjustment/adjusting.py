@@ -12,7 +12,7 @@ import pandas as pd
 
 from corridor.core.adjustment.blunders import without_exchanged
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.datum import explain, free_network, helmert_onto
+from corridor.core.adjustment.datum import explain, free_network, helmert_onto, open_motions
 from corridor.core.adjustment.group_variances import with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
@@ -236,9 +236,8 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
         del normal  # as large as the equations
         if datum is not None:
             system = at(solution.state)
-            turned = not len(problem.attitude_image)
-            if datum.null_space.shape[1] == (7 if turned else 4):
-                system = at(helmert_onto(problem, solution.state, problem.start, turned))
+            if datum.null_space.shape[1] >= open_motions(problem).sum():
+                system = at(helmert_onto(problem, solution.state, problem.start))
             datum = free_network(system)
         if datum is not None:
             system = replace(system, held=datum.held)

@@ -393,7 +393,7 @@ class LinearSystem:
 
     @cached_property
     def posed(self) -> Rows:
-        """The attitudes, and behind them two rows for each pair of a rig: place, m, and turn, rad."""
+        """The attitudes, and behind them two rows a pair of a rig: place, m, and turn, rad."""
         p, rows = self.problem, self.attitude
         k = len(p.rig_image)
         if not k:

@@ -200,9 +200,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     free, settings = model.free(block), model.settings_of(block)
     for effect in effects:
         for (name, group), prior in effect.priors(block).items():
-            wish = settings.setdefault(
-                ParameterId(EFFECT, effect.slug, name, group), Setting()
-            )
+            wish = settings.setdefault(ParameterId(EFFECT, effect.slug, name, group), Setting())
             wish.prior = wish.prior or prior
     measured = {"antenna": gnss.gnss_image, "attitude": attitudes.attitude_image}
     wanted = Wanted(free, arms_free, measured, list(names[control.control_rows]), model.held)

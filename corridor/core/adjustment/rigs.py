@@ -66,9 +66,7 @@ def rig_rows(p: Rigs, state: State) -> RigRows:
     i, j = p.rig_image.T
     one, other = state.rotation[i], state.rotation[j]
     away = np.einsum("nij,nj->ni", one, state.centre[j] - state.centre[i])
-    turn = vector_from_rotation(
-        other @ one.transpose(0, 2, 1) @ p.rig_rotation.transpose(0, 2, 1)
-    )
+    turn = vector_from_rotation(other @ one.transpose(0, 2, 1) @ p.rig_rotation.transpose(0, 2, 1))
     first, second = np.zeros((len(i), 6, 6)), np.zeros((len(i), 6, 6))
     first[:, :3, :3], first[:, :3, 3:] = -one, -skew(away)
     second[:, :3, :3] = one

@@ -148,9 +148,11 @@ def mountings_of(block) -> dict[str, Mounting]:
                 rotation = rotation_from_quaternion(np.array(table["quaternion"], float))
             else:
                 place, rotation = _seen(block, name, rig["base"], camera)
-            sigma = [np.broadcast_to(np.asarray(table.get(key, np.inf), float), 3) * unit
-                     for key, unit in (("sigma_m", 1.0), ("sigma_deg", np.radians(1.0)))]  # fmt: skip
-            found[camera] = Mounting(name, place, rotation, np.concatenate(sigma))
+            sigma = np.concatenate([
+                np.broadcast_to(np.asarray(table.get(key, np.inf), float), 3) * unit
+                for key, unit in (("sigma_m", 1.0), ("sigma_deg", np.radians(1.0)))
+            ])  # fmt: skip
+            found[camera] = Mounting(name, place, rotation, sigma)
     return found
 
 

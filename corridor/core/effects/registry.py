@@ -31,16 +31,12 @@ def every_effect() -> list[Effect]:
 
 
 def believed_of(block: Block, given: Iterable[Effect] = ()) -> list[Effect]:
-    """Effects that the measurements of a block never come without, but for those that are given.
-
-    A table that block.toml calls calibrated (`[attitudes] calibrated = true`) comes without.
-    """
+    """Effects that the measurements of a block come with, but for those that are given."""
     slugs = {effect.slug for effect in given}
     return [
         copy(effect)
         for slug, effect in sorted(_known().items())
-        if effect.believed and slug not in slugs and block.has(effect.needs[0])
-        and not block.extra.get(effect.needs[0].partition(".")[0], {}).get("calibrated")
+        if slug not in slugs and effect.believed(block)
     ]
 
 

@@ -213,7 +213,7 @@ def check_needs(block: Block, effects: list[Effect]) -> None:
                 )
             if table == "rig":
                 raise InputError(
-                    f"block.toml has no rig.{column} of which images.csv names the exposures, which "
+                    f"block.toml has no rig.{column} whose exposures images.csv names, which "
                     f"effect {effect.slug} needs: add [rig.NAME] and a column exposure, or leave "
                     "the effect out"
                 )

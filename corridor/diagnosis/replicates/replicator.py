@@ -257,7 +257,9 @@ class Replicator:
         self.system = replace(system, loss=_loss(adjustment)).minimised(20, TOLERANCE, near=False)
         left, state = self.system.residuals(), self.system.state
         check = state.points[self.check_points] - self.measured.check
-        self.fit = Fit(state, left.pixels, left.gnss, left.control, check, self.system.posed.residual)
+        self.fit = Fit(
+            state, left.pixels, left.gnss, left.control, check, self.system.posed.residual
+        )
         self.fits = LinearFits(
             self.system, self.measured, self.fit, self.sigma, self.held_out, self.check_points
         )

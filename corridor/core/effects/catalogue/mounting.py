@@ -29,12 +29,15 @@ class Mounting(LinearEffect):
     group = "member"
     needs = ("rig.member",)
     row_degree = 0
-    believed = True
     revealed_by = "tie points that members share, in one exposure or the next"
     unobservable_when = (
         "members see nothing that another one sees; the shift along the axis is the focal length "
         "over flat ground"
     )
+
+    def believed(self, block):
+        """Wherever cameras hang together, unless every mounting is known exactly."""
+        return block.has("rig.member") and any(m.sigma.any() for m in mountings_of(block).values())
 
     def parameters(self, block):
         # What a drawing of the head and a plumb line leave.
