@@ -7,6 +7,7 @@ from corridor.core.block.reading import place, read_columns, row_numbers
 from corridor.core.block.record import forget_correction, record_correction, taken_out
 from corridor.core.block.rigs import (
     EXPOSURE,
+    Mounting,
     exposures_of,
     members_of,
     mountings_of,
@@ -39,6 +40,7 @@ __all__ = [
     "VELOCITY",
     "Block",
     "Layout",
+    "Mounting",
     "Summary",
     "corner_rays",
     "exposures_of",

@@ -143,9 +143,10 @@ def mountings_of(block) -> dict[str, Mounting]:
     for name, rig in rigs_of(block).items():
         found[rig["base"]] = Mounting(name, np.zeros(3), np.eye(3), np.zeros(6))
         for camera, table in rig["member"].items():
-            if "xyz" in table:
-                place = np.array(table["xyz"], float)
-                rotation = rotation_from_quaternion(np.array(table["quaternion"], float))
+            if "xyz" in table or not hasattr(block, "images"):
+                place = np.array(table.get("xyz", [np.nan] * 3), float)
+                turned = np.array(table.get("quaternion", [np.nan] * 4), float)
+                rotation = rotation_from_quaternion(turned)
             else:
                 place, rotation = _seen(block, name, rig["base"], camera)
             sigma = np.concatenate([
