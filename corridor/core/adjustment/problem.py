@@ -198,10 +198,12 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
     free, settings = model.free(block), model.settings_of(block)
+    asked_for = [which for which, wish in settings.items() if wish.prior]
     for effect in effects:
         for (name, group), prior in effect.priors(block).items():
-            wish = settings.setdefault(ParameterId(EFFECT, effect.slug, name, group), Setting())
-            wish.prior = wish.prior or prior
+            which = ParameterId(EFFECT, effect.slug, name, group)
+            if not any(other.means(which) for other in asked_for):
+                settings.setdefault(which, Setting()).prior = prior
     measured = {"antenna": gnss.gnss_image, "attitude": attitudes.attitude_image}
     wanted = Wanted(free, arms_free, measured, list(names[control.control_rows]), model.held)
     unknowns = unknowns_of(images, stack, wanted)
