@@ -30,11 +30,13 @@ from corridor.diagnosis import Diagnosis as Diagnosis
 from corridor.diagnosis import Settings as Settings
 from corridor.diagnosis.rounds import Question as Question
 from corridor.interface import figures as figures
+from corridor.tools import certificate as certificate
 from corridor.tools import data as data
 from corridor.tools import readout as readout
 from corridor.tools import thermal as thermal
 from corridor.tools.batch import Campaign as Campaign
 from corridor.tools.batch import Row as Row
+from corridor.tools.certificate import Verified as Verified
 from corridor.tools.change import Change as Change
 from corridor.tools.change.changing import Dated as Dated
 from corridor.tools.check import Checked as Checked
@@ -60,7 +62,7 @@ def adjust(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mappi
 
 def diagnose(block: Block | str | os.PathLike, camera: str | Iterable[str] | Mapping[str, str] | None = ..., effects: str | Effect | Iterable[str | Effect] = ..., control: str | Iterable[str] | None = ..., check: str | Iterable[str] | None = ..., priors: Mapping[str, tuple[float, float]] | None = ..., lever_arm: str | None = ..., loss: str = ..., parameters: Settings = ..., motion: MotionScale | None = ..., *, only: str | Iterable[str] | None = ..., without: str | Iterable[str] = ..., level: float = ..., seed: int = ..., settings: Settings | None = ..., threads: int = ..., progress: Callable[[dict], None] | None = ..., max_iterations: int | None = ..., strict: bool = ..., model: Model | None = ..., asked: Question | None = ..., run: Run | None = ...) -> Diagnosis: ...
 
-def check_project(project: str | os.PathLike, output: str | os.PathLike, *, form: str = ..., required: float | None = ..., added: dict[str, Any] | None = ..., diagnose: bool = ..., threads: int = ..., progress: Callable[[str], None] = ...) -> Checked: ...
+def check_project(project: str | os.PathLike, output: str | os.PathLike, *, form: str = ..., required: float | None = ..., added: dict[str, Any] | None = ..., diagnose: bool = ..., certificate: str | None = ..., threads: int = ..., progress: Callable[[str], None] = ...) -> Checked: ...
 
 def batch(verb: str, blocks: str | os.PathLike | Iterable[str | os.PathLike], output: str | os.PathLike, jobs: int | None = ..., cluster: str | None = ..., memory_gb: float | None = ..., progress: Callable[[Row, int, int], None] | None = ..., **options: Any) -> Campaign: ...
 
@@ -75,6 +77,8 @@ def import_project(path: str | Path, form: str, output: str | Path, added: Addit
 def export(block: Block | str | Path, form: str, folder: str | Path, *, effects: Mapping[str, Mapping] | None = ..., corrected: bool = ..., lossy: bool = ..., progress: Callable[[str], None] = ...) -> Exported: ...
 
 def report_bug(block: Block | str | os.PathLike, command: str, output: str | os.PathLike, progress: Callable[[str], None] = ...) -> Fault: ...
+
+def verify(certificate: str | os.PathLike, block: str | os.PathLike) -> Verified: ...
 
 def catalogue() -> list[Effect]: ...
 

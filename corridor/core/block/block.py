@@ -486,6 +486,12 @@ def read(folder: str | os.PathLike | Block) -> Block:
     return block
 
 
+def files_of(folder: Path) -> list[Path]:
+    """The files of a block folder that are read, by name; whether they can be read or not."""
+    known = [FILE, *(f"{table}.{kind}" for table in LAYOUTS for kind in ("csv", "parquet"))]
+    return sorted(folder / name for name in known if (folder / name).is_file())
+
+
 def is_block(folder: Path) -> bool:
     """Whether a folder is that of a block."""
     return (folder / FILE).is_file()

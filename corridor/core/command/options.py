@@ -12,6 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from corridor.core import registry
+
 # So many files are named one by one; what somebody is to read is named last.
 _MOST_FILES = 6
 _REPORT = "report.html"
@@ -114,6 +116,14 @@ def flag(text: str, **more) -> dict:
     return {"help": text, "action": "store_true", **more}
 
 
+def _form(text: str) -> str:
+    """A form of certificates, as the tool that makes them knows them."""
+    known = registry.room("certificate").form_names()
+    if text not in known:
+        raise argparse.ArgumentTypeError(f"{text!r} is no form: use {', '.join(known)}")
+    return text
+
+
 _POINTS = {"metavar": "ID,ID", "action": "extend", "type": names("point")}
 SHARED = {
     "block": option("folder of the block", "BLOCK", Path),
@@ -166,6 +176,11 @@ SHARED = {
     "--gis": flag(
         "also a GeoPackage of points, check vectors, cameras and footprints, and points as LAS "
         "(needs the extra `gis`)"
+    ),
+    "--certificate": option(
+        "also a certificate in this form, as HTML and PDF: what was computed, from which files",
+        "FORM",
+        _form,
     ),
     "--photos": option("folder of the photographs", "FOLDER", Path),
     "--crs": option("system of the coordinates, as EPSG:2154", "CODE"),

@@ -41,7 +41,8 @@ from corridor.core.output.numbers import (
     significant,
     times,
 )
-from corridor.core.output.pages import Report, numbered, page
+from corridor.core.output.pages import Report, numbered, page, page_with
+from corridor.core.output.paper import embedded, pdf, taken_from
 from corridor.core.output.table import WIDTH, Link, Table
 from corridor.core.output.units import UnitTable, named_with_units, with_units
 
@@ -59,6 +60,7 @@ __all__ = [
     "check_writable",
     "coefficient",
     "counted",
+    "embedded",
     "file_lines",
     "files_in",
     "fixed",
@@ -72,6 +74,8 @@ __all__ = [
     "nice",
     "numbered",
     "page",
+    "page_with",
+    "pdf",
     "plain",
     "png",
     "readable",
@@ -80,6 +84,7 @@ __all__ = [
     "short",
     "significant",
     "sole",
+    "taken_from",
     "times",
     "whole_file",
     "whole_files",

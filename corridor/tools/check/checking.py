@@ -90,6 +90,7 @@ def check_project(
     required: float | None = None,
     added: dict[str, Any] | None = None,
     diagnose: bool = True,
+    certificate: str | None = None,
     threads: int = 1,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Checked:
@@ -99,6 +100,8 @@ def check_project(
     form: its format, where it is not told by the content. required: 3D RMS of check points that
     is good enough, m. added: fields of `corridor.interchange.Additions`. diagnose: whether to ask
     what is missing from the model, which takes most of the time.
+    certificate: form of a certificate of OUT/block, adjusted with what was found; see
+    `corridor.certificate`.
 
     Each stage (block/, adjusted/, missing/, take_back/) is written when it is whole, and is not
     done again by the same call: after an interruption it goes on.
@@ -108,7 +111,7 @@ def check_project(
     project, output = Path(project), Path(output)
     if not project.exists():
         raise InputError(f"{project} is not there; name the file or folder of a project")
-    stages = _Stages(output, _digest(project, form, added, required, diagnose))
+    stages = _Stages(output, _digest(project, form, added, required, diagnose, certificate))
     form = _form(project, form)
     imported = stages.get("imported")
     if imported is None:
@@ -146,6 +149,15 @@ def check_project(
             progress("writing what to take back, and importing it again")
             taken = take_back(home, output / "take_back", imported["form"], settings)
             stages.done("taken", asdict(taken))
+    if certificate is not None and final["converged"] and stages.get("certified") is None:
+        progress("adjusting once more for the certificate")
+        slugs = slugs if home.name != "adjusted" else []
+        made = registry.room("certificate").certify(
+            output / "block", certificate, model=_model(block, slugs), required=required,
+            threads=threads,
+        )  # fmt: skip
+        stages.done("certified", {"files": [str(path) for path in made.save(output)]})
+    certified = (stages.get("certified") or {"files": []})["files"]
     verdict, sentence = verdict_of(final, found, required)
     wrong, actions = _told(final, found, imported, home)
     checked = Checked(
@@ -163,7 +175,7 @@ def check_project(
         diagnosis=found,
         required=required,
     )
-    checked.files = _write(checked, output)
+    checked.files = _write(checked, output, certified)
     return checked
 
 
@@ -247,11 +259,14 @@ def _imported(project, form, folder, added, progress) -> dict:
     return {"form": made.project.form, "notes": notes, "proof": str(made.proof)}
 
 
-def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[str]) -> dict:
+def _model(block: Block, effects: list[str]) -> Model:
     calibrated = all(camera.calibrated for camera in block.cameras.values())
-    model = Model(camera="fixed" if calibrated else "fraser8", effects=effects)
+    return Model(camera="fixed" if calibrated else "fraser8", effects=effects)
+
+
+def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[str]) -> dict:
     try:
-        adjustment = least_squares.adjust(block, model=model, threads=threads)
+        adjustment = least_squares.adjust(block, model=_model(block, effects), threads=threads)
     except (AdjustmentFailed, InputError) as failed:
         return {"converged": False, "warnings": [f"{failed}."]}
     adjustment.required = required
@@ -299,7 +314,7 @@ def _told(final: dict, found: dict | None, imported: dict, home: Path):
     return list(dict.fromkeys(wrong)), actions
 
 
-def _write(checked: Checked, folder: Path) -> list[str]:
+def _write(checked: Checked, folder: Path, beside: list[str]) -> list[str]:
     """The page and the JSON file."""
     pictures = []
     for name in ("check_points.png", "residuals_along.png"):
@@ -313,4 +328,4 @@ def _write(checked: Checked, folder: Path) -> list[str]:
     with whole_file(folder / RESULT) as part:
         write_json(checked.to_dict(), part)
     taken = [] if checked.taken_back is None else checked.taken_back.files
-    return [str(folder / "report.html"), str(folder / RESULT), *taken]
+    return [str(folder / "report.html"), str(folder / RESULT), *beside, *taken]
