@@ -13,7 +13,7 @@ from corridor.core.adjustment.measured_poses import residuals
 from corridor.core.adjustment.normal import Loss, Normal, moved_state, shared_values
 from corridor.core.adjustment.problem import make_problem
 from corridor.core.adjustment.rigs import rig_rows
-from corridor.core.adjustment.solving import AT_REST
+from corridor.core.adjustment.solving import SHARED_STEP
 from corridor.core.effects import add, every_effect, predict
 from corridor.core.effects.forward import gather
 from corridor.core.geometry import vector_from_rotation
@@ -234,10 +234,11 @@ def each():
 def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slugs):
     """The gradient vanishes at the solution, and every sigma is that of the dense inverse.
 
-    The step that is left is below what the solver promises (`AT_REST`); sigmas agree to rounding
-    of the numeric Jacobian, also where the row of a point depends on what moves it. How effects on
-    the image change across the picture is known by steps of a pixel, a thousandth of it. That a
-    shift in the camera's frame, here of centimetres at 60 m, turns with the image is left out.
+    The step that is left is below what the solver promises (`SHARED_STEP`); sigmas agree to
+    rounding of the numeric Jacobian, also where the row of a point depends on what moves it. How
+    effects on the image change across the picture is known by steps of a pixel, a thousandth of it.
+    That a shift in the camera's frame, here of centimetres at 60 m, turns with the image is left
+    out.
     """
     block = flown(slugs, images=6, observations=24, control=4, check=2)
     values = at_scale(block, slugs)
@@ -258,7 +259,7 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
     step = dense.inverse @ dense.gradient
     sloping = any(effect.place == "image" for effect in chosen)
     shifted = any(effect.believed(block) for effect in chosen) and slugs[0] in OF_RIGS
-    assert np.abs(step / dense.sigma).max() < (2 if shifted else 1) * AT_REST
+    assert np.abs(step / dense.sigma).max() < (2 if shifted else 1) * SHARED_STEP
     ours = np.concatenate(
         [
             np.sqrt(np.einsum("nii->ni", found.covariance.each_pose)).ravel(),
