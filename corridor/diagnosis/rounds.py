@@ -211,7 +211,7 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
     gone = [
         effect
         for effect in chosen.effects
-        if effect.place == "motion" and (at_once or (effect.group == "image" and not moving))
+        if effect.during_readout and (at_once or (effect.group == "image" and not moving))
     ]
     if not gone:
         return []
