@@ -7,7 +7,7 @@ project.block.write("block")
 
 from corridor.core.photographs import Metadata as Photograph
 from corridor.core.photographs import read_metadata as read_photograph
-from corridor.tools.formats.control import add_ground
+from corridor.tools.formats.control import add_ground, ground_seen
 from corridor.tools.formats.exporting import (
     Exported,
     export_names,
@@ -36,6 +36,7 @@ __all__ = [
     "export_names",
     "export_project",
     "format_names",
+    "ground_seen",
     "import_project",
     "prove",
     "read_adjusted",

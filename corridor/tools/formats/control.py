@@ -41,6 +41,7 @@ _MEETS, _BETTER = 0.005, 0.2
 # are good to 3 m in plan and 6 m in height.
 _SIGMAS, _LEAST_M = 4.0, 10.0
 _LEAST_POINTS, _MOST_TRIED = 3, 2000
+_MOST_PX = 100_000  # no picture is so large
 
 
 class Seen(NamedTuple):
@@ -158,7 +159,7 @@ def _factors(block: Block, photos: Mapping[int, Metadata]) -> list[float]:
 
 def _missed(block: Block) -> float:
     """By how many pixels rays of marks miss each other, median; infinite where none meet."""
-    missed = _seen(block).missed_px
+    missed = ground_seen(block).missed_px
     inside = _outside(block) < 0.5
     return float(np.median(missed)) if len(missed) and inside else np.inf
 
@@ -172,8 +173,8 @@ def _outside(block: Block) -> float:
     return float(((xy < -0.5) | (xy > limit)).any(axis=1).mean()) if len(xy) else 0.0
 
 
-def _seen(block: Block) -> Seen:
-    """The ground points where the rays of their marks meet."""
+def ground_seen(block: Block) -> Seen:
+    """Control and check points where the rays of their marks meet by the block's own poses."""
     rows = rows_of(block, complete=False)
     rows = rows.only(np.isfinite(rows.centre).all(axis=1)[rows.image])
     table = block.ground[block.ground["role"] != "unused"]
@@ -201,7 +202,7 @@ def _seen(block: Block) -> Seen:
 
 def _placed(project: Project, name: str) -> Project:
     """A free reconstruction turned, scaled and shifted onto ground control."""
-    seen = _seen(project.block)
+    seen = ground_seen(project.block)
     found = _robust(seen)
     if found is None:
         return project.having(
@@ -287,7 +288,7 @@ def _in_one_height_system(project: Project, name: str) -> Project:
 
     Raises InputError, with both numbers, where control lies somewhere else altogether.
     """
-    block, seen = project.block, _seen(project.block)
+    block, seen = project.block, ground_seen(project.block)
     if not len(seen.names):
         return project
     off = seen.given - seen.met
@@ -370,7 +371,7 @@ def marks_refused(project: Project) -> str | None:
     off, limit = _in_pixels(block), _limit(block)
     if off <= limit:
         return None
-    told = f"{off:,.0f} px" if np.isfinite(off) else "behind the cameras"
+    told = f"{off:,.0f} px" if off < _MOST_PX else "far outside the pictures or behind the cameras"
     return (
         f"the marks lie {told} (median) from where ground points and poses put them, in pictures "
         f"of {limit:.0f} px: ground points and poses are not in one system; check the coordinate "

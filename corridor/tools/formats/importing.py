@@ -164,6 +164,7 @@ def import_project(
     *,
     table_form: str = "csv",
     force: bool = False,
+    unadjusted: bool = False,
     progress: Callable[[str], None] = _silent,
     **more,
 ) -> Imported:
@@ -171,7 +172,8 @@ def import_project(
 
     form: auto, photos (from photographs alone), or a name of `format_names()`. added: what is added
     to it; more: its fields, in place of it. table_form: csv or parquet. force: write although the
-    proof refuses.
+    proof refuses. unadjusted: write also where the residuals are large and no usual mistake of
+    convention explains them, as of a project before its adjustment: that adjustment is the proof.
     Raises InputError: one sentence naming file, line and remedy.
     """
     if Path(output).exists() and not Path(output).is_dir():
@@ -201,14 +203,17 @@ def import_project(
         refused = marks_refused(project)
         if refused and not (force or project.own):
             raise InputError(f"{refused}; --force writes the block as it is")
-        demand(proof, force or project.own)
+        demand(proof, force or project.own or (unadjusted and not proof.explained))
     except InputError as error:
-        said = "".join(f"{sentence}. " for sentence in project.warnings)
-        raise InputError(f"{path}: {said}{error}") from None
+        said = "".join(f"; {sentence}" for sentence in project.warnings)
+        raise InputError(f"{path}: {error}{said}") from None
     if added.to_crs is not None:
         project = in_local_frame(project, added.to_crs)
     if project.own:
         pass
+    elif proof.verdict == "refused" and not force:
+        told = f"by the poses of the project itself the points do not reproject ({proof.main})"
+        project = project.having(warnings=[told])
     elif proof.verdict == "refused":
         project = project.having(warnings=[f"written with --force although {proof.refusal()}"])
     elif proof.verdict == "unproved":

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
 from corridor.core.errors import InputError
 from corridor.core.photographs import photographs_in
 from corridor.core.textfile import opening
+from corridor.tools.formats.ground import is_gcp_list
 
 # Ending -> what it is and what to do. Sentences go on after `PATH is`.
 _ENDINGS = {
@@ -37,6 +39,8 @@ _ENDINGS = {
     ".nmea": "a receiver's NMEA log: its positions have no standard deviations; process the raw "
     "data, and give the track with --track",
 }
+_GROUND = "a list of ground points: name the project, and give the list with --ground"
+_MOST_FILES = 2000  # of a folder are looked at
 _MODEL = {"cameras": ".txt or .bin", "images": ".txt or .bin", "points3D": ".txt or .bin"}
 
 
@@ -55,6 +59,8 @@ def strange(path: Path) -> str:
         return (
             "a trajectory of POSPac: give it with --track where it is text with time and positions"
         )
+    if is_gcp_list(head):
+        return _GROUND
     if ending in _ENDINGS:
         return _ENDINGS[ending]
     if ending in (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png"):
@@ -63,7 +69,8 @@ def strange(path: Path) -> str:
 
 
 def _folder(path: Path) -> str:
-    names = {file.name for file in path.iterdir() if file.is_file()}
+    inside = [file for file in islice(path.rglob("*"), _MOST_FILES) if file.is_file()]
+    names = {file.name for file in inside}
     for home in (path, path / "sparse", path / "sparse" / "0"):
         inside = {file.name for file in home.iterdir()} if home.is_dir() else set()
         there = [key for key in _MODEL if {f"{key}.txt", f"{key}.bin"} & inside]
@@ -86,6 +93,9 @@ def _folder(path: Path) -> str:
             "a folder of reference tables without a project: export the cameras of Metashape as "
             "XML (File > Export > Export Cameras), or name its .psx"
         )
+    texts = sorted(file for file in inside if file.suffix.lower() in (".csv", ".txt"))
+    if any(is_gcp_list(opening(file, 400)) for file in texts[:20]):
+        return f"a folder with {_GROUND}"
     endings = {Path(name).suffix.lower() for name in names}
     known = next((end for end in _ENDINGS if end in endings), None)
     return f"a folder with {known}: that is {_ENDINGS[known]}" if known else ""

@@ -40,7 +40,7 @@ def test_a_block_gets_an_answer_and_files(block, tmp_path):
     block.write(tmp_path / "block")
     checked = check_project(tmp_path / "block", tmp_path / "out", required=0.2, diagnose=False)
     assert checked.verdict == "good enough" and "Good enough" in checked.sentence
-    assert any(line.startswith("Free the camera parameters f") for line in checked.settings)
+    assert any(line.startswith("Free the parameters of the camera: f") for line in checked.settings)
     content = json.loads((tmp_path / "out" / "check.json").read_text())
     assert content["verdict"] == "good enough" and content["take_back"]["files"]
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
