@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from corridor.core.block import Block
 from corridor.core.errors import some
 from corridor.core.output import counted, millimetres, significant
@@ -88,8 +90,8 @@ class Settings:
         if self.positions is not None:
             level, up = self.positions
             out.append(
-                f"Accuracy of camera positions: {100 * level:.1f} cm horizontally, "
-                f"{100 * up:.1f} cm in height."
+                f"Accuracy of camera positions: {millimetres(level)} horizontally, "
+                f"{millimetres(up)} in height."
             )
         for flight, arm in self.arms.items():
             if any(abs(value) > _SIGNIFICANT * sigma for value, sigma in arm):
@@ -110,18 +112,15 @@ class Settings:
 
 
 def _positions(gnss: dict | None, block: Block) -> tuple[float, float] | None:
-    """Accuracy of positions, m: as large as stated, or as the residuals are."""
+    """Accuracy of positions, m: the residuals, and what the block states where that is more."""
     if not gnss or not gnss.get("rms") or not len(block.gnss):
         return None
-    stated = [float(value) for value in _median(block)]
     rms = [float(value or 0.0) for value in gnss["rms"]]
-    return max(max(stated[:2]), math.hypot(*rms[:2]) / math.sqrt(2)), max(stated[2], rms[2])
-
-
-def _median(block: Block):
-    import numpy as np
-
-    return np.median(block.gnss_sigma(), axis=0)
+    level, up = math.hypot(*rms[:2]) / math.sqrt(2), rms[2]
+    if {"sx", "sy", "sz"} <= set(block.gnss):
+        stated = [float(value) for value in np.nanmedian(block.gnss_sigma(), axis=0)]
+        level, up = max(*stated[:2], level), max(stated[2], up)
+    return level, up
 
 
 def verdict_of(final: dict, found: dict | None, required: float | None) -> tuple[str, str]:

@@ -18,7 +18,7 @@ from corridor.core.adjustment import Model
 from corridor.core.block import Block, read
 from corridor.core.brief import brief
 from corridor.core.errors import AdjustmentFailed, InputError, WorkFailed
-from corridor.core.gnss import known_crs, local_of
+from corridor.core.gnss import known_crs, local_of, world_crs
 from corridor.core.output import counted, millimetres, plain, whole_file, write_json
 from corridor.core.photographs import photographs_in
 from corridor.tools.check.advice import Settings, verdict_of
@@ -226,20 +226,12 @@ def _form(project: Path, form: str) -> str:
     """The format to ask for: photographs where nothing else is recognised and there are some."""
     if form != "auto" or not project.is_dir():
         return form
+    if registry.room("interchange").candidates(project):
+        return form
     try:
-        registry.room("interchange").recognised(project)
+        return "photos" if photographs_in(project) else form
     except InputError:
-        if _has_photographs(project):
-            return "photos"
-        raise
-    return form
-
-
-def _has_photographs(folder: Path) -> bool:
-    try:
-        return bool(photographs_in(folder))
-    except InputError:
-        return False
+        return form
 
 
 def _imported(project, form, folder, added, progress) -> dict:
@@ -259,7 +251,7 @@ def _imported(project, form, folder, added, progress) -> dict:
             "points or marks), so there is nothing to adjust; name a file that has them, or the "
             f"folder of the photographs{told}"
         )
-    if block.crs is not None and known_crs(block.crs).is_projected and local_of(block) is None:
+    if _in_grid(block):
         # A grid is no Cartesian frame: what it bends would be laid on the camera.
         crs = block.crs
         again = formats.import_project(folder, "block", folder, to_crs=crs)
@@ -270,6 +262,16 @@ def _imported(project, form, folder, added, progress) -> dict:
         "warnings": made.project.warnings,
         "proof": str(made.proof),
     }
+
+
+def _in_grid(block: Block) -> bool:
+    """Whether coordinates are those of a grid; a crs that nobody knows is none, and is told."""
+    if local_of(block) is not None or world_crs(block) is None:
+        return False
+    try:
+        return bool(known_crs(block.crs).is_projected)
+    except InputError:
+        return False
 
 
 def _adjusted_somehow(block: Block, folder: Path, required, threads: int) -> dict:

@@ -16,9 +16,10 @@ from corridor.tools.formats.exporting import (
 )
 from corridor.tools.formats.ground import read_gcp_list
 from corridor.tools.formats.importing import Additions, Imported, complete, import_project
+from corridor.tools.formats.programs import candidates
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.proof import Proof, Residuals, demand, prove
-from corridor.tools.formats.reading import format_names, read_project, recognised
+from corridor.tools.formats.reading import format_names, read_project
 from corridor.tools.formats.rows import camera_positions
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "Residuals",
     "add_ground",
     "camera_positions",
+    "candidates",
     "complete",
     "demand",
     "export_names",
@@ -43,5 +45,4 @@ __all__ = [
     "read_gcp_list",
     "read_photograph",
     "read_project",
-    "recognised",
 ]

@@ -1,23 +1,23 @@
-"""Image coordinates as PATB and BINGO have them, with poses, as text: a folder with convention.toml.
+"""Image coordinates of PATB and BINGO, with poses, as text: a folder with convention.toml.
 
 Such text states neither unit, origin nor angles: the file convention.toml beside it does.
 
 [measurements]
-file = "image.dat"          # an image and its camera or focal length; point x y lines; -99
+file = "image.dat"          # an image and its camera or focal length; lines of point x y; -99
 unit = "mm"                 # mm, um or px
-origin = "principal point"  # or "centre" or "corner" of the picture, or "pixel" (middle of the first)
+origin = "principal point"  # or "centre", "corner", "pixel" (middle of the first) of the picture
 y = "up"                    # or "down"
 [poses]
 file = "poses.txt"          # image, x, y, z, then three angles or nine numbers a line
-angles = "omega phi kappa"  # or "phi omega kappa"; "matrix to ground", "matrix to image" (row by row)
+angles = "omega phi kappa"  # or "phi omega kappa", "matrix to ground", "matrix to image"
 unit = "deg"                # deg, gon or rad
 crs = "EPSG:32647"          # optional
 [camera.NAME]               # as in block.toml (f in px; pixel_um where the unit is mm or um)
 images = "X*"               # which images it took, where there are several cameras
 
-The first angle turns first: R = Rx(omega) Ry(phi) Rz(kappa), or Ry(phi) Rx(omega) Rz(kappa), from the
-image (x right, y up, z back) to the ground. Measurements are as measured: with distortion. Control
-comes with --ground: measurements of its points become marks.
+The first angle turns first: R = Rx(omega) Ry(phi) Rz(kappa), or Ry(phi) Rx(omega) Rz(kappa), from
+the image (x right, y up, z back) to the ground; matrices are written row by row. Measurements are
+as measured, with distortion. Control comes with --ground: measurements of its points become marks.
 
 Source: angles and frames, Kraus 2007; layout of the image coordinates as real
 Pix4D exports for BINGO have it. What a file means is proved by reprojection.
@@ -42,7 +42,7 @@ from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Pieces, Project, Views
 
 NAME = "bingo"
-TITLE = "PATB or BINGO text, with convention.toml"
+TITLE = "PATB or BINGO text with convention.toml"
 
 CONVENTION = "convention.toml"
 END = "-99"
