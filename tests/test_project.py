@@ -65,7 +65,9 @@ def _all(extras):
 
 def test_the_conda_recipe_asks_for_what_the_project_asks_for():
     text = (ROOT / "conda" / "meta.yaml").read_text(encoding="utf-8")
-    listed = re.findall(r"^    - ([\w-]+) ?([<>=0-9.,]*)$", text[text.index("  run:") :], re.MULTILINE)
+    listed = re.findall(
+        r"^    - ([\w-]+) ?([<>=0-9.,]*)$", text[text.index("  run:") :], re.MULTILINE
+    )
     recipe = dict(listed)
     # Other names of the same there; the headless build of OpenCV is a pip matter.
     names = {"matplotlib": "matplotlib-base", "opencv-python-headless": "py-opencv"}

@@ -32,7 +32,9 @@ def main() -> int:
                 continue
             found = judged(one, world, Path(folder) / "out")
             count, bad = count + 1, bad + bool(found.fault)
-            print(f"{one.number:>5}  {'BAD  ' + found.fault if found.fault else 'good'}  {one.words}")
+            print(
+                f"{one.number:>5}  {'BAD  ' + found.fault if found.fault else 'good'}  {one.words}"
+            )
             if options.show or found.fault:
                 print("\n".join(f"         {line}" for line in found.text.splitlines()[-14:]))
     print(f"{count} tries, {bad} bad")

@@ -114,9 +114,7 @@ def flight(plan: Path) -> Block:
     block = Block(
         **{
             name: getattr(block, name)
-            for name in (
-                "name cameras images tie_points marks points ground gnss sigma".split()
-            )
+            for name in ("name cameras images tie_points marks points ground gnss sigma".split())
         }
     )
     block.extra["local_frame"] = local_table(PLACE)
@@ -279,7 +277,9 @@ def _metashape(home: Path) -> None:
     other("shutter", lambda t: t.replace("<calibration ", shutter + "<calibration ", 1))
     more = "<k4>0.001</k4><p3>0.01</p3><b1>0.4</b1><b2>-0.2</b2></calibration>"
     other("more_terms", lambda t: t.replace("</calibration>", more))
-    other("disabled", lambda t: t.replace('label="DJI_0003.JPG"', 'label="DJI_0003.JPG" enabled="0"'))
+    other(
+        "disabled", lambda t: t.replace('label="DJI_0003.JPG"', 'label="DJI_0003.JPG" enabled="0"')
+    )
     other("labels", lambda t: t.replace('label="DJI_0002.JPG"', 'label="DJI_0001.JPG"'))
     other("compound", lambda t: t.replace(system, "<reference>EPSG:25832+7837"))
     placed = re.search(r"<transform>\s*<rotation>.*?</transform>", text, re.DOTALL)
@@ -343,12 +343,21 @@ def _ground(home: Path, block: Block, grid: Block) -> None:
     table("pnez_head.csv", "Point,Northing,Easting,Elevation",
           lambda n, x, y, z: f"{n},{y:.3f},{x:.3f},{z:.3f}")  # fmt: skip
     table("decimal_comma.csv", "", lambda n, x, y, z: f"{n};{comma(x)};{comma(y)};{comma(z)}")
-    table("latin1.csv", "", lambda n, x, y, z: f"Süd {n};{x:.3f};{y:.3f};{z:.3f}\r", encoding="latin-1")
+    table(
+        "latin1.csv",
+        "",
+        lambda n, x, y, z: f"Süd {n};{x:.3f};{y:.3f};{z:.3f}\r",
+        encoding="latin-1",
+    )
     table("tab_comma.txt", "", lambda n, x, y, z: f"{n}\t{comma(x)}\t{comma(y)}\t{comma(z)}")
     table("bom.csv", "", lambda n, x, y, z: f"Paßpunkt {n} Süd;{x:.3f};{y:.3f};{z:.3f}",
           encoding="utf-8-sig")  # fmt: skip
     table("blank_names.txt", "", lambda n, x, y, z: f"GCP {n[3:]} {x:.3f} {y:.3f} {z:.3f}")
-    table("duplicate.csv", "", lambda n, x, y, z: f"{n if n != 'GCP2' else 'GCP1'},{x:.3f},{y:.3f},{z:.3f}")
+    table(
+        "duplicate.csv",
+        "",
+        lambda n, x, y, z: f"{n if n != 'GCP2' else 'GCP1'},{x:.3f},{y:.3f},{z:.3f}",
+    )
     table("name_last_head.csv", "E,N,H,Name", lambda n, x, y, z: f"{x:.3f},{y:.3f},{z:.3f},{n}")
     table("name_last.csv", "", lambda n, x, y, z: f"{x:.3f},{y:.3f},{z:.3f},{n}")
     table("zone.csv", "", lambda n, x, y, z: f"{n},32{x:.3f},{y:.3f},{z:.3f}")
@@ -361,9 +370,18 @@ def _ground(home: Path, block: Block, grid: Block) -> None:
     table("roles.csv", "point,x,y,z,sx,sy,sz,role",
           lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f},0.01,0.01,0.02,control")  # fmt: skip
     table("capitals.csv", "Point,X,Y,Z", lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f}")
-    table("comments.csv", "# GNSS, May 2024\n#\nPoint,E,N,H", lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f}")
+    table(
+        "comments.csv",
+        "# GNSS, May 2024\n#\nPoint,E,N,H",
+        lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f}",
+    )
     table("latlon.csv", "", lambda n, x, y, z: f"{n},{y:.8f},{x:.8f},{z:.3f}", degrees)
-    table("latlon_head.csv", "name,lat,lon,height", lambda n, x, y, z: f"{n},{y:.8f},{x:.8f},{z:.3f}", degrees)
+    table(
+        "latlon_head.csv",
+        "name,lat,lon,height",
+        lambda n, x, y, z: f"{n},{y:.8f},{x:.8f},{z:.3f}",
+        degrees,
+    )
     _gcp_lists(home, grid, utm, degrees, names)
 
 
@@ -377,7 +395,15 @@ def _gcp_lists(home, grid, utm, degrees, names) -> None:
         rows = [head]
         for k, picture, x, y in marks:
             e, n, h = places[k]
-            words = [f"{e:.8f}", f"{n:.8f}", f"{h:.4f}", f"{x:.2f}", f"{y:.2f}", image(picture), names[k]]
+            words = [
+                f"{e:.8f}",
+                f"{n:.8f}",
+                f"{h:.4f}",
+                f"{x:.2f}",
+                f"{y:.2f}",
+                image(picture),
+                names[k],
+            ]
             rows.append(blank.join(words))
         _text(home / "ground" / name, *rows)
 
@@ -460,13 +486,17 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
     shutil.copy(folder / "rover.24O", folder / "rinex.pos")
     _text(folder / "log.nmea", "$GPGGA,082000.00,4900.6,N,00833.0,E,4,18,0.7,160.1,M,47.9,M,,*5C")
     _text(folder / "pospac.txt", "POSPac MMS 8.4 Export", "TIME, EASTING, NORTHING")
-    _text(folder / "comma.csv", "time_s;x;y;z", *[f"{t:.1f};1,0;2,0;3,0".replace(".", ",") for t in time[:9]])
-    table = ["time_s,x,y,z,quality"]
-    table += [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f},1" for t, (x, y, z) in zip(time, place, strict=True)]
-    _text(folder / "track.csv", *table)
-    utm = grid.offset + np.column_stack(
-        [np.interp(time, at, axis) for axis in grid.poses[:, :3].T]
+    _text(
+        folder / "comma.csv",
+        "time_s;x;y;z",
+        *[f"{t:.1f};1,0;2,0;3,0".replace(".", ",") for t in time[:9]],
     )
+    table = ["time_s,x,y,z,quality"]
+    table += [
+        f"{t:.3f},{x:.4f},{y:.4f},{z:.4f},1" for t, (x, y, z) in zip(time, place, strict=True)
+    ]
+    _text(folder / "track.csv", *table)
+    utm = grid.offset + np.column_stack([np.interp(time, at, axis) for axis in grid.poses[:, :3].T])
     table = ["time_s,x,y,z,quality"]
     table += [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f},1" for t, (x, y, z) in zip(time, utm, strict=True)]
     _text(folder / "utm.csv", *table)
@@ -497,7 +527,9 @@ def _photographs(home: Path, block: Block) -> None:
     picture = np.full((792, 1056), 128, np.uint8)
     start = datetime(1980, 1, 6) + timedelta(weeks=WEEK)
 
-    def folder_of(name, zone=None, decimals=True, skip=(), marks=True, media=False, local_s=-LEAP_S):
+    def folder_of(
+        name, zone=None, decimals=True, skip=(), marks=True, media=False, local_s=-LEAP_S
+    ):
         folder = home / name
         for k, (image, t) in enumerate(
             block.images[["image", "time_s"]].itertuples(index=False), start=1

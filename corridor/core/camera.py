@@ -82,7 +82,7 @@ class Camera:
         """
         if not isinstance(table, Mapping):
             raise InputError(
-                f"camera.{name} = {table!r} is no camera: give it a name, as [camera.P1], with "
+                f"camera.{name} = {table!r} is not a camera: give it a name, as [camera.P1], with "
                 "width, height and f below"
             )
         table = dict(table)

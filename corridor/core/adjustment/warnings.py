@@ -385,6 +385,6 @@ def _insignificant(a):
                 f"none of its {len(mine)} values reaches" if len(mine) > 1 else "it stays below"
             )
             yield (
-                f"Effect {slug} is not shown by this block: {values} two sigmas (largest "
+                f"This block does not show the effect {slug}: {values} two sigmas (largest "
                 f"{share.max():.1f}). Without it everything else is determined better."
             )

@@ -94,7 +94,7 @@ class Antenna:
             raise InputError(f"{path} is not a .csv; name the table to write, as gnss.csv")
         if path.exists() and not _is_ours(path):
             raise InputError(
-                f"{path} is there and is no gnss.csv (image, x, y, z), so it is not replaced; "
+                f"{path} is there and is not a gnss.csv (image, x, y, z), so it is not replaced; "
                 "name another file"
             )
         if picture is None:

@@ -42,7 +42,8 @@ class Local:
             object.__setattr__(self, name, float(getattr(self, name)))
         if not (abs(self.lat_deg) <= 90 and abs(self.lon_deg) <= 360 and abs(self.height) < 1e5):
             raise InputError(
-                f"{self.lat_deg:g}, {self.lon_deg:g}, {self.height:g} is no place on Earth; give "
+                f"{self.lat_deg:g}, {self.lon_deg:g}, {self.height:g} is not a place on Earth; "
+                "give "
                 "latitude, longitude (degrees) and height (m)"
             )
 
@@ -212,7 +213,7 @@ def outside_area(points: np.ndarray, crs: str) -> str:
     shown = f"x = {x:.10g}, y = {y:.10g} {{}} the area of use of {named}"
     lon, lat = _lon_lat(x, y, system)
     if not (np.isfinite([lon, lat]).all() and abs(lat) <= 90 and abs(lon) <= 360):
-        return shown.format("are no coordinates in")
+        return shown.format("are not coordinates in")
     area = system.area_of_use
     if area is None:
         return ""
@@ -258,7 +259,7 @@ def known_crs(name: str) -> pyproj.CRS:
         return pyproj.CRS.from_user_input(name)
     except pyproj.exceptions.CRSError:
         raise InputError(
-            f"{name[:60]!r} is no coordinate system that is known; give a code, as EPSG:32647"
+            f"{name[:60]!r} is not a known coordinate system; give a code, as EPSG:32647"
         ) from None
 
 

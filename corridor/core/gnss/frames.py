@@ -47,7 +47,8 @@ def local_frame(table: object) -> Local | None:
         return Local(*map(float, place))
     except (AttributeError, KeyError, TypeError, ValueError):
         raise InputError(
-            f"block.toml: [{FRAME}] is no place on Earth; write lat_deg, lon_deg and height there, "
+            f"block.toml: [{FRAME}] is not a place on Earth; write lat_deg, lon_deg and height "
+            "there, "
             "numbers in degrees and metres"
         ) from None
 

@@ -66,7 +66,9 @@ def rates_from_gyro(
     if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
         raise InputError("the axes of a gyroscope are a 3 x 3 rotation to the camera's axes")
     if np.linalg.det(turn) < 0:
-        raise InputError("the axes of a gyroscope are right-handed: a mirror image is no rotation")
+        raise InputError(
+            "the axes of a gyroscope are right-handed: a mirror image is not a rotation"
+        )
     needed = ("image", "after_first_row_s", "gyro_x", "gyro_y", "gyro_z")
     lacking = [name for name in needed if name not in gyro]
     if lacking:

@@ -28,7 +28,7 @@ def earth_doubts(block: Block) -> Iterator[str]:
         system = known_crs(block.crs)
     except InputError:
         yield (
-            f"block.toml: crs = {block.crs!r} is no coordinate system: write the code of a "
+            f"block.toml: crs = {block.crs!r} is not a coordinate system: write the code of a "
             "projected one, as EPSG:25832."
         )
         return
@@ -70,8 +70,10 @@ def _grid(block: Block) -> Iterator[str]:
     if not sigmas or curved < _SEEN * min(sigmas):
         return
     yield (
-        f"Coordinates are those of the grid {block.crs}, which is no Cartesian frame: its scale is "
-        f"{1e6 * scale:+.0f} ppm in plan and none in height, which focal lengths take up, and the "
+        f"Coordinates are those of the grid {block.crs}, which is not a Cartesian frame: its "
+        "scale is "
+        f"{1e6 * scale:+.0f} ppm horizontally and 0 in height, which focal lengths take up, and "
+        "the "
         f"Earth curves below it: points are up to {_length(curved)} from their places after the "
         "best similarity. `corridor import block BLOCK -o NEW --to-crs "
         f"{block.crs}` brings the block into a local frame, and results out in {block.crs}."

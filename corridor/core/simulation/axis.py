@@ -33,7 +33,8 @@ class Axis:
             raise InputError("the axis of a corridor has a position twice: leave one out")
         if np.abs(points).max() > _FARTHEST:
             raise InputError(
-                f"axis_m holds {np.abs(points).max():g}, which is no place on Earth: give metres "
+                f"axis_m holds {np.abs(points).max():g}, which is not a place on Earth: give "
+                "metres "
                 "of a map grid"
             )
         heading = np.arctan2(legs[:, 1], legs[:, 0])

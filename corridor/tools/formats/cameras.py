@@ -72,7 +72,7 @@ def camera_from(
     for side in (width, height):
         if not 2 <= side < 1_000_000 or side != int(side):
             raise InputError(
-                f"camera {name}: {side!r} is no picture size in pixels; export the project again"
+                f"camera {name}: {side!r} is not a picture size in pixels; export the project again"
             )
     table = {"width": width, "height": height, "f": f, "cx": cx, "cy": cy, **more}
     return Camera.from_table(name, {key: float(value) for key, value in table.items()})

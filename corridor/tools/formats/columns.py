@@ -207,7 +207,9 @@ def points_with_views(
     table.expect(enough, "a point has 7 or more")
     counted = table.whole[first + ahead]
     if not counted.all():
-        raise table.wrong(int(seers[np.argmin(counted)]), "the number of views is no whole number")
+        raise table.wrong(
+            int(seers[np.argmin(counted)]), "the number of views is not a whole number"
+        )
     seen = table.values[first + ahead]
     enough[seers] = table.counts[seers] == ahead + 1 + 4 * seen
     table.expect(enough, "each view needs 4 and their number is promised")

@@ -303,7 +303,8 @@ def _in_one_height_system(project: Project, name: str) -> Project:
     what = "positions of the photographs" if len(block.gnss) else "images"
     if far[:2].any() or len(seen.names) < 2:
         raise InputError(
-            f"{name}: its points lie {plan:,.1f} m in plan and {up:+,.1f} m in height from where "
+            f"{name}: its points lie {plan:,.1f} m horizontally and {up:+,.1f} m vertically "
+            "from where "
             f"the marks in the pictures see them (median of {len(seen.names)}), so the {what} and "
             "the ground points are not in one system; check --crs, the order of the coordinates "
             "and the names of the points"

@@ -84,7 +84,8 @@ def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
         if np.abs(singular[row] - 1).max() <= 1e-3:
             row = int(np.argmax(np.linalg.det(rotation) < 0))
         raise ValueError(
-            f"the rotation of image {row + 1} of {len(rotation)} is none: its rows are no "
+            f"the rotation of image {row + 1} of {len(rotation)} is not a rotation: its rows "
+            "are not "
             "perpendicular unit vectors, right-handed"
         )
     return quaternion_from_rotation(u @ vt)

@@ -83,7 +83,8 @@ def _found(path: Path) -> tuple[str, Path, list[str]]:
         if named:
             raise InputError(f"{path} is {named}")
         raise InputError(
-            f"{path} is no project that corridor recognises ({known}); name the exported file or "
+            f"{path} is not a project that corridor recognises ({known}); name the exported "
+            "file or "
             "folder, and its format in place of auto"
         )
     if len({place for _, place in found}) > 1:

@@ -129,7 +129,7 @@ def test_a_height_system_whose_geoid_is_missing_is_refused_not_ignored(crs, monk
 
 
 def test_an_unknown_crs_is_refused():
-    with pytest.raises(InputError, match=r"'EPSG:99' is no coordinate system that is known"):
+    with pytest.raises(InputError, match=r"'EPSG:99' is not a known coordinate system"):
         convert(somewhere(), "EPSG:4979", "EPSG:99")
 
 

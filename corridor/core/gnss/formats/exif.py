@@ -76,6 +76,6 @@ def _taken(file: Path) -> Taken:
         )
     if taken.day is None:
         raise InputError(
-            f"{file.name}: {taken.text!r} in its EXIF is no date; give the times in a file"
+            f"{file.name}: {taken.text!r} in its EXIF is not a date; give the times in a file"
         )
     return taken

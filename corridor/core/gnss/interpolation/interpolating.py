@@ -222,7 +222,9 @@ def _by_quality(sigma: np.ndarray, quality: np.ndarray, notes: list[str]) -> np.
         mine = quality == q
         if not mine.any():
             continue
-        text = f"{int(mine.sum())} of {len(quality)} epochs are no fixes (quality {q}, {_NAMES[q]})"
+        text = (
+            f"{int(mine.sum())} of {len(quality)} epochs are not fixes (quality {q}, {_NAMES[q]})"
+        )
         usual = np.median(sigma[fixed], axis=0) if fixed.any() else np.full(3, np.inf)
         if (np.median(sigma[mine], axis=0) > _TOLD_APART * usual).any():
             notes.append(f"{text}: their sigmas are larger than those of fixes and are used")
@@ -389,11 +391,13 @@ def _of_noise(found, stated, slow_share):
         where = f"piece {row.segment + 1}, {row.group}"
         if not stated:
             notes.append(
-                f"{where}: the track states no sigmas; its scatter says {1000 * row.sigma_m:.1f} mm"
+                f"{where}: the track states no standard deviations; its scatter gives "
+                f"{1000 * row.sigma_m:.1f} mm"
             )
         if slow_share is None and row.slow >= 0.5:
             notes.append(
-                f"{where}: {100 * row.slow:.0f} % of the stated variance is taken as slow: "
+                f"{where}: {100 * row.slow:.0f} % of the stated variance is taken as correlated "
+                "in time: "
                 "neighbouring epochs share it, and more epochs do not make it smaller"
             )
     return notes

@@ -137,7 +137,7 @@ def _convention(path: Path) -> dict:
 def _camera_of(image: str, patterns: dict[str, str]) -> str:
     found = [name for name, pattern in patterns.items() if fnmatchcase(image, pattern)]
     if len(found) != 1:
-        which = f"are {' and '.join(found)}" if found else "is none"
+        which = f"are {' and '.join(found)}" if found else "is not named"
         raise InputError(
             f"{CONVENTION}: the camera of image {image} {which}; give each [camera.NAME] its "
             'images = "PATTERN"'

@@ -157,13 +157,13 @@ def _photos(head_line, first, rest, common):
         head, pose, _ = pending
         number, *name = head.text.split()
         if not name:
-            raise head.wrong("this is no photo; export it again")
+            raise head.wrong("this is not a photo; export it again")
         number = head.whole(number, "a photo number")
         values = pose.values(7, f"the pose of photo {number}")[1:]
         camera, *rest = rest
         if len(camera) < 2:
             raise camera[0].wrong(
-                f"this is no camera of photo {number}; the file is cut off or out of step"
+                f"this is not a camera of photo {number}; the file is cut off or out of step"
             )
         inner = camera[0].values(11, f"the camera of photo {number}")[1:]
         # The head prints the same camera with more digits.

@@ -292,5 +292,5 @@ def _bingo_head(line: Line, stems: dict[str, int]) -> tuple[int | None, float]:
         )
     width = line.number(sides[1], "the width in mm")
     if width <= 0:
-        raise line.wrong(f"the width {width:g} mm is none")
+        raise line.wrong(f"the width is {width:g} mm; write the width of the picture in mm")
     return stems.get(name.strip()), width

@@ -245,7 +245,7 @@ class TextFile:
         found = values.reshape(-1, 3)
         ids = found[:, 2]
         if ((ids != np.floor(ids)) | (ids < -1)).any():
-            raise line.wrong("a point id is no whole number; the numbers are out of step")
+            raise line.wrong("a point id is not a whole number; the numbers are out of step")
         # Old versions write the largest unsigned number for "no point".
         return found[:, :2], np.where(ids >= _EXACT, -1, ids).astype(np.int64)
 
@@ -260,7 +260,7 @@ class TextFile:
         ids = table.values[table.starts]
         good = table.whole[table.starts] & (ids < _EXACT)
         if not good.all():
-            raise table.wrong(int(np.argmin(good)), "POINT3D_ID is no whole number that can be")
+            raise table.wrong(int(np.argmin(good)), "POINT3D_ID is not a possible whole number")
         places = table.values[table.starts[:, None] + np.arange(1, 4)]
         tracked = int((table.counts - len(POINT)).sum()) // 2
         return ids.astype(np.int64), places, tracked or None

@@ -253,7 +253,9 @@ def _together(path, notes, warnings):
         raise InputError(f"{path} holds no Metashape XML; name the exported file")
     if path.is_dir():
         strange = [f.name for f in sorted(path.glob("*.xml")) if not _known_xml(f)]
-        warnings += [f"{name} is no XML of Metashape that corridor knows" for name in strange]
+        warnings += [
+            f"{name} is not an XML file of Metashape that corridor knows" for name in strange
+        ]
     parts = [chunk_of(Xml.read(file), notes) for file in files]
     parts.sort(key=lambda part: -len(part.all(".//camera/transform") + part.all(".//location")))
     chunk = _Chunk()
@@ -278,7 +280,7 @@ def chunk_of(root: Xml, notes: list[str]) -> Xml:
     """The chunk of a document: the active one of several, else the first."""
     chunks = root.all("chunk") or root.all("chunks/chunk")
     if root.tag != "document" or not chunks:
-        raise root.wrong("it is no Metashape document with a chunk; export it again")
+        raise root.wrong("it is not a Metashape document with a chunk; export it again")
     active = root.find("chunks")
     active = active and active.get("active_id")
     chosen = next((chunk for chunk in chunks if active and chunk.get("id") == active), chunks[0])

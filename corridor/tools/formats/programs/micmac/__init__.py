@@ -204,7 +204,8 @@ def _camera_to_world(matrix, root):
         rotations_to_columns(matrix)
     except ValueError:
         raise root.wrong(
-            "the matrix is no rotation (its lines are not perpendicular unit vectors); export the "
+            "the matrix is not a rotation (its lines are not perpendicular unit vectors); "
+            "export the "
             "orientation again"
         ) from None
     return matrix
@@ -248,7 +249,7 @@ def _calibration(path: Path, notes: list[str]) -> Camera:
     point = element.values("PP", 2)
     focal = element.value("F")
     if not focal > 0:
-        raise root.wrong(f"F = {focal:g} is no focal length; export it again")
+        raise root.wrong(f"F = {focal:g} is not a focal length; export it again")
     bent = _Distortion.of(element.all("CalibDistortion"), point)
     start = camera_from(path.stem, *element.values("SzIm", 2), focal, *point)
     if backwards and (bent.radial or any(bent.extra)):
