@@ -14,7 +14,7 @@ TRIES = (
     Try("2a", "--version", 0, r"\d+\.\d+"),
     Try("2b", "--help", 0, "check"),
     Try("3", "data list", 0, "licen"),
-    Try("4", "data fetch dike -o {o}/d1", 0, "SOURCE"),
+    Try("4", "data fetch dike -o {o}/d1", 0, "Wrote"),
     Try("5", "data fetch nonsense -o {o}/d1", 2, "dike"),
     Try("6", "data fetch", 2, "which set"),
     Try("10a", "effects", 0, "rolling_shutter"),

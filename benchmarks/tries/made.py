@@ -156,7 +156,8 @@ def _blocks(home: Path, block: Block, grid: Block) -> None:
     middle = np.round(np.median(full.poses[:, :3], axis=0) / 100) * 100 * [1, 1, 0]
     full.offset = np.zeros(3)
     full.write(home / "full_offset")
-    _edit(home / "full_offset" / "block.toml", f"name = ", f"offset = {middle.tolist()}\nname = ")
+    stated = f"offset = {middle.tolist()}"
+    _edit(home / "full_offset" / "block.toml", "offset = [0.0, 0.0, 0.0]", stated)
     near = grid.copy()
     for table in ("images", "points", "ground", "gnss"):
         near.put(table, "xyz", near.numbers(table, *"xyz") - middle)

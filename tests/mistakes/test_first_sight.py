@@ -90,7 +90,7 @@ AT_FIRST_SIGHT = {
         lambda folder: (folder / "tie_points.csv").rename(folder / "tiepoints.csv"),
         r"tiepoints.csv is not read: a block has tie_points.csv",
     ),
-    "a crs that is none": (more('crs = "UTM32"', first=True), "is no coordinate system"),
+    "a crs that is none": (more('crs = "UTM32"', first=True), "is not a coordinate system"),
     "a crs in degrees": (more('crs = "EPSG:4326"', first=True), "counts degrees"),
     "a geocentric crs": (more('crs = "EPSG:4978"', first=True), "has no height axis"),
 }

@@ -133,9 +133,9 @@ def _ground_again(path: Path, block: Block, formats) -> str:
             getattr(one, table).astype(dict.fromkeys(keys, str)).set_index(keys)[columns]
             for one in (block, again)
         )
-        both = mine.join(theirs, rsuffix="_again", how="inner").to_numpy(float)
+        both = mine.index.intersection(theirs.index)
         if len(both):
-            off = _largest(both[:, : len(columns)] - both[:, len(columns) :])
+            off = _largest((mine.loc[both] - theirs.loc[both]).to_numpy(float))
             what = counted(len(both), "point" if table == "ground" else "mark")
             told.append(f"{what}, {_same(off, unit)}")
     return ", ".join(told)

@@ -110,7 +110,7 @@ class TestWhatItWrites:
         table["time_s"] = np.random.default_rng(1).permutation(table["time_s"])
         table.to_csv(block / "images.csv", index=False)
         assert run(block) == 0
-        assert "each another way" in " ".join(capsys.readouterr().err.split())
+        assert "each in a different direction" in " ".join(capsys.readouterr().err.split())
 
     def test_a_time_between_its_neighbours_that_is_wrong_is_told(self, block, flight, capsys):
         table = pd.read_csv(block / "images.csv")

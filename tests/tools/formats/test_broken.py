@@ -185,7 +185,7 @@ def test_a_number_that_cannot_be_is_refused_naming_its_file(tmp_path):
         read_project(homes["metashape"])
     cameras = homes["opensfm"] / "reconstruction.json"
     cameras.write_text(re.sub(r'"width": *', r"\g<0>0.5", cameras.read_text(), count=1))
-    with pytest.raises(InputError, match="opensfm.*is no picture size"):
+    with pytest.raises(InputError, match="opensfm.*is not a picture size"):
         read_project(homes["opensfm"])
     text = re.sub('sxyz="[^"]*"', 'sxyz="0.01/0.01/inf"', whole)
     assert "inf" in text
