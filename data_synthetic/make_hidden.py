@@ -55,6 +55,8 @@ def stories() -> dict[str, tuple[Case, int]]:
     return {
         "levee": (single("rolling_shutter", calibrated=True, air=CALM, **size), 3),
         "towpath": (together("rolling_shutter", "lever_arm", **size), 4),
+        "viaduct": (single("thermal", **size), 6),
+        "quay": (single("control_datum", **size), 7),
         "weir": (single("local_bump", **size), 5),
     }
 

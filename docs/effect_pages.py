@@ -11,6 +11,7 @@ import pandas as pd
 
 import corridor
 from corridor.core.effects import Values, add, every_effect, predict
+from corridor.core.geometry import vector_from_rotation
 from corridor.core.simulation import ORDINARY_NOISE
 from corridor.interface.figures import error_maps, image_shift
 
@@ -21,6 +22,7 @@ WHERE = {
     "image": "the image point",
     "motion": "the camera during the readout of a picture",
     "antenna": "the antenna positions of GNSS",
+    "attitude": "the measured attitudes",
     "ground": "the given coordinates of control points",
 }
 
@@ -130,6 +132,15 @@ def pictures(effect, block, values, folder):
         words = ", ".join(f"{one:.0f}" for one in size)
         out += [
             f"In the pictures nothing moves. The antenna moves by {words} mm in x, y, z (RMS).",
+            "",
+        ]
+    elif not np.array_equal(moved.attitude, still.attitude):
+        turn = moved.attitude @ still.attitude.transpose(0, 2, 1)
+        size = np.degrees(np.sqrt(np.mean(vector_from_rotation(turn) ** 2, axis=0)))
+        words = ", ".join(f"{one:.2f}" for one in size)
+        out += [
+            "In the pictures nothing moves. The measured attitudes turn by "
+            f"{words} degrees about x, y, z of the camera (RMS).",
             "",
         ]
     else:

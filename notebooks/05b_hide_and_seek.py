@@ -107,7 +107,7 @@ diagnosed.picture("what was hidden (down), and what was said (across)", counts)
 # %% [markdown]
 # No name, by far: what is weak is missed, and no flight got a wrong one. A late clock is missed at
 # every level, fifty milliseconds included. The drone turns with each strip here, and a free lever
-# arm takes the clock's place (chapter 5, section 5). A drift of the focal length may be reported as
+# arm takes the clock's place (chapter 5, section 8). A drift of the focal length may be reported as
 # a set of effects that this flight cannot separate. Rates on real noise stand at the top of chapter
 # 5: fifteen small flights of a game are no measure of the program.
 #

@@ -60,7 +60,7 @@ OPTIONS = {
     "--cluster": {},
     "--level": option(
         "of a false name (default 0.01)",
-        of=number("is no probability between 0 and 1", above=0.0, below=1.0),
+        of=number("is not a probability between 0 and 1", above=0.0, below=1.0),
     ),
     "--without-baselines": flag("leave out what others would say"),
     "--again": flag("diagnose blocks anew that are done already"),

@@ -192,7 +192,7 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
                 for at, text in enumerate(texts, start=passed + 1):
                     line = Line(path, at, text.rstrip("\n"))
                     if "\0" in text:
-                        raise line.wrong("this is not a text file; name one")
+                        raise line.wrong("this is not text; give a text")
                     yield line
     except UnicodeError:
         raise Line(path, at + 1, "").wrong(

@@ -19,7 +19,7 @@ from corridor.core.adjustment import (
 )
 from corridor.core.block import Block
 from corridor.core.brief import brief
-from corridor.core.effects import Effect
+from corridor.core.effects import Effect, believed_of
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import robust_scale
 from corridor.diagnosis.noise.image import scale_of
@@ -52,7 +52,9 @@ class ReferenceModel:
     def of(cls, block: Block, model: Model, run: Run | None = None) -> ReferenceModel:
         """The believed model with the camera of a diagnosis where it has no other."""
         camera = camera_of(block, REFERENCE_CAMERA) if model.camera is None else model.camera
-        return cls(block, replace(model, camera=camera), replace(run or Run(), progress=None))
+        effects = [*model.effects, *believed_of(block, model.effects)]
+        model = replace(model, camera=camera, effects=effects)
+        return cls(block, model, replace(run or Run(), progress=None))
 
     @property
     def effects(self) -> list[Effect]:

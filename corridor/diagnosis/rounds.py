@@ -127,7 +127,9 @@ class Question:
 
     def __post_init__(self):
         if not 0.0 < self.level < 1.0:
-            raise InputError(f"level {self.level} is no probability: use a number between 0 and 1")
+            raise InputError(
+                f"level {self.level} is not a probability: use a number between 0 and 1"
+            )
 
 
 def course_of(
@@ -203,7 +205,7 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
             "tested."
         ]
     return [
-        f"Nothing in the block tells how the camera moves while rows are read: {names} are not "
+        f"Nothing in the block states how the camera moves while rows are read: {names} are not "
         "tested, and what differs from row to row has no name. Velocities in images.csv, or "
         "readout_s in block.toml, would give it one."
     ]

@@ -88,7 +88,7 @@ class TestPage:
             "Measured beside simulated", "What was found", "Data that the fit has not used",
             "Where", "Evidence of all candidates", "The smallest effect that would have been seen",
             "To test more, add", "Check points before and after", "Known physics",
-            "The model that was believed in", "How to make this page again",
+            "The assumed model", "How to make this page again",
         ],
     )  # fmt: skip
     def test_it_holds_what_a_reader_needs(self, saved, heading):
@@ -96,7 +96,7 @@ class TestPage:
 
     def test_a_heading_without_anything_below_it_is_left_out(self, saved):
         page = (saved[0] / "report.html").read_text(encoding="utf-8")
-        assert "What would tell look-alikes apart" not in page
+        assert "What would separate causes that look alike" not in page
 
     def test_the_command_and_the_versions_are_there(self, saved):
         page = (saved[0] / "report.html").read_text(encoding="utf-8")
@@ -318,7 +318,7 @@ class TestSentence:
         text = told("ambiguous", [one])
         assert text.startswith("Either the camera's rolling shutter (readout 24.80 +- 0.50 ms) or ")
         assert find("affine_distortion").called in text
-        assert "this flight cannot tell them apart. What would: strips flown across." in text
+        assert "this flight cannot separate them. What would: strips flown across." in text
 
     def test_values_of_flights_stand_together(self):
         flights = [
@@ -345,7 +345,7 @@ class TestSentence:
         assert "does not help" in told("unknown", unknown=[useless])
         assert "nothing was added" in told("unknown", unknown=[impossible])
         alike = replace(one, alike=["gnss_bias"])
-        assert "check points tell them apart" in told("unknown", unknown=[alike])
+        assert "check points separate them" in told("unknown", unknown=[alike])
 
     def test_a_suspicion_is_not_a_finding(self):
         text = told("suspected", [shutter("suspected")])

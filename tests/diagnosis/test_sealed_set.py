@@ -30,7 +30,7 @@ def again(make, tmp_path_factory):
     return make.write(folder, make.stories())
 
 
-@pytest.mark.parametrize("name", [*NAMES, "levee", "towpath", "weir"])
+@pytest.mark.parametrize("name", [*NAMES, "levee", "towpath", "viaduct", "quay", "weir"])
 def test_the_script_makes_the_shipped_blocks(make, again, name):
     """Within one unit of the last digit, which another processor may round the other way."""
     home = SEALED if name in NAMES else STORIES

@@ -55,8 +55,8 @@ class Run:
 
     threads: 1 or 2. progress: called with a dictionary: after each iteration iteration, cost,
     damping, step and accepted; else message. max_iterations: None: as many as is usual. strict:
-    refuse wild cells, points that one image alone shows or that fall into a camera, and images with
-    fewer than three points, which are left out and named in `warnings` otherwise.
+    refuse cells that cannot be true, points that one image alone shows or that fall into a camera,
+    and images with fewer than three points, which are left out and named in `warnings` otherwise.
     """
 
     threads: int = 1
@@ -99,8 +99,8 @@ def adjust(
     threads: 1 or 2. max_iterations: 100 if none is given.
     progress: called with a dictionary: after each iteration iteration, cost, damping, step and
         accepted; while start values are made, message.
-    strict: refuse wild cells, points that one image alone shows, and images with fewer than three
-        points, which are left out and named in `warnings` otherwise.
+    strict: refuse cells that cannot be true, points that one image alone shows, and images with
+        fewer than three points, which are left out and named in `warnings` otherwise.
     run: a `Run` in place of threads, max_iterations, progress and strict.
     reject_gnss: leave out antenna positions whose residual is beyond five sigmas (false fixes,
         which no smoother of the track can see), a block of them too, and adjust again, until none
@@ -235,8 +235,9 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
         del normal  # as large as the equations
         if datum is not None:
             system = at(solution.state)
-            if datum.null_space.shape[1] == 7:
-                system = at(helmert_onto(problem, solution.state, problem.start))
+            turned = not len(problem.attitude_image)
+            if datum.null_space.shape[1] == (7 if turned else 4):
+                system = at(helmert_onto(problem, solution.state, problem.start, turned))
             datum = free_network(system)
         if datum is not None:
             system = replace(system, held=datum.held)

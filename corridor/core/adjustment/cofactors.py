@@ -20,21 +20,21 @@ from scipy.sparse import csr_array
 
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.design import Design
-from corridor.core.adjustment.normal import Normal
+from corridor.core.adjustment.measured_poses import pose_rows
 
 # Sums that are solved for together: a hundred columns as long as the unknowns.
 _TOGETHER = 96
 
 
-def of_antennas(covariance: Covariance) -> np.ndarray:
-    """R (k, 3, 3) of the antenna positions, each with itself."""
+def of_antennas(covariance: Covariance, kind: str = "gnss") -> np.ndarray:
+    """R (k, 3, 3) of the antenna positions, or attitudes, each with itself."""
     system = covariance.system
     p = system.problem
-    if not len(p.gnss_image):
+    if not len(p.measured(kind)):
         return np.zeros((0, 3, 3))
-    _, own, shared = Normal(p, system.loss).antenna_rows(system.state, system.images)
-    root = np.sqrt(p.gnss_weight)[:, :, None]
-    own, shared, image = own * root, shared * root, p.gnss_image
+    rows = pose_rows(kind, p, system.state, system.images)
+    root = np.sqrt(rows.weight)[:, :, None]
+    own, shared, image = rows.own * root, rows.shared * root, rows.image
     used = np.flatnonzero(shared.any(axis=(0, 1)))
     shared = shared[:, :, used]
     at = image[:, None] * p.d + np.arange(p.d)

@@ -111,6 +111,7 @@ def undetermined(p: Problem, words: list[str]) -> str:
     for count, thing, place, loose in (
         (len(p.control_rows), "control point", "ground", []),
         (len(p.gnss_image), "GNSS position", "antenna", ["free lever arms"] * p.arms_free),
+        (len(p.attitude_image), "attitude", "attitude", []),
     ):
         loose = [*loose, *(f"effect {member.effect.slug}" for member in p.stack.at(place))]
         if count:
@@ -184,10 +185,11 @@ def typical_depth(state: State) -> float:
     return float(np.median(np.linalg.norm(state.centre - middle, axis=1)))
 
 
-def helmert_onto(p: Problem, state: State, start: State) -> State:
-    """A free network turned, moved and scaled as a whole onto its start poses."""
+def helmert_onto(p: Problem, state: State, start: State, turned: bool = True) -> State:
+    """A free network moved, scaled and, unless attitudes hold it, turned onto its start poses."""
+    kept = np.diag([1.0] * 3 + [float(turned)] * 3 + [1.0])
     for _ in range(20):
-        poses = motions(state, 6)
+        poses = motions(state, 6) @ kept
         weight = np.ones((p.image_count, 6))
         weight[:, 3:] = typical_depth(state) ** 2
         turn = np.einsum("nij,nkj->nik", start.rotation, state.rotation)
@@ -201,7 +203,7 @@ def helmert_onto(p: Problem, state: State, start: State) -> State:
         )
         away = np.concatenate([start.centre - state.centre, small], axis=1)
         heavy = weight.reshape(-1, 1) * poses
-        step = np.linalg.solve(poses.T @ heavy, heavy.T @ away.ravel())
+        step = np.linalg.lstsq(poses.T @ heavy, heavy.T @ away.ravel())[0]
         state = moved(state, step)
         if np.max(np.abs(poses @ step)) < 1e-12 * max(typical_depth(state), 1.0):
             break

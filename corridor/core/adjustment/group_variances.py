@@ -20,6 +20,7 @@ from scipy.special import chdtr, chdtrc, chdtri
 
 from corridor.core.adjustment.cofactors import of_antennas
 from corridor.core.adjustment.model import Model
+from corridor.core.adjustment.problem import POSE_KINDS
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.block import Block
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -29,6 +30,7 @@ from corridor.core.output import counted
 Again = Callable[..., Adjustment]
 _PLAN, _HEIGHT = slice(0, 2), slice(2, 3)
 AXES = {"plan": _PLAN, "height": _HEIGHT}
+_TURNS = {"roll and pitch": _PLAN, "yaw": _HEIGHT}
 # A group contradicts what is stated where chance does so once in a thousand, and its factor, which
 # small faults of any model raise, is beyond two.
 RARE, FACTOR = 1e-3, 2.0
@@ -47,21 +49,25 @@ _SILENT = 1e3
 def components(adjustment: Adjustment) -> pd.DataFrame:
     """A row for each group of observations and what its residuals say of its sigmas.
 
-    Columns: kind (tie, mark, gnss, control), part (plan, height; empty: all), flight (of gnss),
-    count of numbers, redundancy, sigma0 = sqrt(v'Pv / r), and p, the probability of one so far
-    from 1 on either side where all is as stated.
+    Columns: kind (tie, mark, gnss, control, attitude), part (plan, height; of attitudes roll and
+    pitch, yaw; empty: all), flight (of gnss and attitude), count of numbers, redundancy, sigma0 =
+    sqrt(v'Pv / r), and p, the probability of one so far from 1 on either side where all is as
+    stated.
 
     Redundancies are exact, those of tie points what the others leave (priors among them).
     """
     rows, taken = [], 0.0
     reliability = adjustment.reliability
-    for kind, table in (("gnss", reliability.gnss), ("control", reliability.control)):
-        flights = _flights(adjustment) if kind == "gnss" else np.full(len(table) // 3, "", object)
+    for kind in ("gnss", "control", "attitude"):
+        table = getattr(reliability, kind)
+        of_flights = kind in POSE_KINDS
+        flights = np.full(len(table) // 3, "", object)
+        flights = _flights(adjustment, kind) if of_flights else flights
         share = table["redundancy"].to_numpy().reshape(-1, 3)
         square = (table["w"].fillna(0.0) ** 2 * table["redundancy"]).to_numpy().reshape(-1, 3)
         for flight in dict.fromkeys(flights.tolist()):
             mine = flights == flight
-            for part, axes in AXES.items():
+            for part, axes in (_TURNS if kind == "attitude" else AXES).items():
                 r, q = share[mine, axes].sum(), square[mine, axes].sum()
                 rows.append((kind, part, flight, square[mine, axes].size, r, q))
                 taken += r
@@ -87,11 +93,11 @@ def _image_square(adjustment: Adjustment, kind: str) -> float:
     return 2 * found["count"] * found["sigma0"] ** 2 if found else 0.0
 
 
-def _flights(adjustment: Adjustment) -> np.ndarray:
-    """Name of the flight (k,) of each antenna position."""
+def _flights(adjustment: Adjustment, kind: str = "gnss") -> np.ndarray:
+    """Name of the flight (k,) of each antenna position, or attitude."""
     p = adjustment.problem
     names = np.array(p.images.flight_names, dtype=object)
-    return names[p.images.flight[p.gnss_image]]
+    return names[p.images.flight[p.measured(kind)]]
 
 
 # --- antenna positions that contradict what is stated --------------------------------------------
@@ -205,7 +211,7 @@ def _told(before: Adjustment, found: Adjustment) -> list[str]:
             notes.append(
                 f"GNSS of flight {name}: residuals contradict the stated standard deviations; the "
                 f"positions count with {' and '.join(parts)}. Either these are too small, or the "
-                "model lacks something: `corridor diagnose` asks what."
+                "model lacks something: `corridor diagnose` finds out what."
             )
     return notes
 

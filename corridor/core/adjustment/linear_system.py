@@ -22,16 +22,17 @@ import numpy as np
 from scipy.sparse import block_array, coo_array, csc_array, csr_array
 
 from corridor.core.adjustment.matrix import Bordered
+from corridor.core.adjustment.measured_poses import pose_rows, residuals
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM
 from corridor.core.adjustment.normal import Loss, Normal, moved_state
-from corridor.core.adjustment.problem import Problem, with_effects
+from corridor.core.adjustment.problem import POSE_KINDS, Problem, with_effects
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.unknowns import State, Unknown
 from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Context, Effect, Images, Parameter, Stack, Values
 from corridor.core.engine.threads import one_thread
-from corridor.core.geometry import helmert_motions
+from corridor.core.geometry import helmert_motions, rotation_from_vector
 
 POSE = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -96,13 +97,14 @@ class Columns:
 class Residuals:
     """Measured minus modelled.
 
-    pixels (n, 2) px, NaN behind a camera; gnss (k, 3), control (c, 3) m. behind: how many image
-    points lie behind their camera.
+    pixels (n, 2) px, NaN behind a camera; gnss (k, 3), control (c, 3) m; attitude (k, 3) rad, about
+    level axes. behind: how many image points lie behind their camera.
     """
 
     pixels: np.ndarray
     gnss: np.ndarray
     control: np.ndarray
+    attitude: np.ndarray
     behind: int = 0
 
 
@@ -211,18 +213,25 @@ class LinearSystem:
         gnss: np.ndarray | None = None,
         control: np.ndarray | None = None,
         prior: np.ndarray | None = None,
+        attitude: np.ndarray | None = None,
     ) -> LinearSystem:
         """The system of other measurements of the same things; None leaves them.
 
         xy (n, 2), px, and sigma (n,), infinite where a row shall not count, as in `image_rows`;
-        gnss (k, 3), control (c, 3), m; prior (q,): expected values of what images share.
+        gnss (k, 3), control (c, 3), m; prior (q,): expected values of what images share; attitude
+        (k, 3): rad, by which the measured are turned further, about level axes.
         """
+        if attitude is not None:
+            p = self.problem
+            turn = np.einsum("nji,nj->ni", p.attitude_level, attitude)
+            attitude = rotation_from_vector(-turn) @ p.attitude_given
         given = {
             "xy": xy,
             "weight": None if sigma is None else 1.0 / sigma,
             "gnss_given": gnss,
             "control_given": control,
             "prior_value": prior,
+            "attitude_given": attitude,
         }
         given = {name: value for name, value in given.items() if value is not None}
         return replace(self, problem=replace(self.problem, **given))
@@ -252,7 +261,7 @@ class LinearSystem:
         for beside in self._beside:
             slug = beside.effect.slug
             parameters[slug] = beside.parameters
-            numbers = np.arange(at, at + beside.jacobian.shape[1])
+            numbers = np.arange(at, at + beside.size)
             at += len(numbers)
             if beside.effect.group == "image":
                 of_image[slug] = numbers.reshape(m, -1)
@@ -358,31 +367,46 @@ class LinearSystem:
         """Measured minus modelled, effects that are only tested among the modelled."""
         normal = Normal(self.problem, self.loss, self.threads, self.storage)
         pixels, behind = normal.residuals(self.state)
-        gnss = np.zeros((0, 3))
-        if len(self.problem.gnss_image):
-            predicted = normal.antenna(self.state, self.images)[0]
-            gnss = self.problem.gnss_given - predicted - self._moved_beside()
-        return Residuals(pixels, gnss, normal.view(self.state).control_residual, behind)
+        p, images = self.problem, self.images
+        gnss, attitude = (
+            residuals(kind, p, self.state, images) if len(p.measured(kind)) else np.zeros((0, 3))
+            for kind in POSE_KINDS
+        )
+        if len(gnss):
+            gnss = gnss - self._moved_beside()
+        return Residuals(pixels, gnss, normal.view(self.state).control_residual, attitude, behind)
 
     @cached_property
     def gnss(self) -> Rows:
         """The antenna positions."""
+        rows = self._measured("gnss", [beside.jacobian for beside in self._beside])
+        if not len(rows.image):
+            return rows
+        return replace(rows, residual=rows.residual - self._moved_beside())
+
+    @cached_property
+    def attitude(self) -> Rows:
+        """The attitudes, rad, about level axes; given: zero, what `measuring` turns them by."""
+        beside = [csr_array((3 * len(self.problem.attitude_image), b.size)) for b in self._beside]
+        return self._measured("attitude", beside)
+
+    def _measured(self, kind: str, beside: list[csr_array]) -> Rows:
+        """Rows of a kind of measured poses; beside: their derivatives by tested effects."""
         p = self.problem
-        m, d, k = p.image_count, p.d, len(p.gnss_image)
-        image, sigma = p.gnss_image, p.gnss_weight**-0.5
-        names = p.images.names[image]
+        image, sigma = p.measured(kind), p.weight_of(kind) ** -0.5
+        m, d, k = p.image_count, p.d, len(image)
+        names, given = p.images.names[image], p.gnss_given if kind == "gnss" else np.zeros((k, 3))
         if not k:
             empty = csr_array((0, len(self.columns)))
-            return Rows(names, p.gnss_given, np.zeros((0, 3)), sigma, empty, image)
-        predicted, own, shared = Normal(p, self.loss).antenna_rows(self.state, self.images)
-        column = np.broadcast_to((image[:, None] * d + np.arange(d))[:, None], own.shape)
-        row = np.broadcast_to(np.arange(3 * k).reshape(k, 3, 1), own.shape)
-        poses = csr_array((own.ravel(), (row.ravel(), column.ravel())), shape=(3 * k, m * d))
-        parts = [poses, csr_array(shared.reshape(3 * k, -1)), *(b.jacobian for b in self._beside)]
-        residual = p.gnss_given - predicted - self._moved_beside()
+            return Rows(names, given, np.zeros((0, 3)), sigma, empty, image)
+        found = pose_rows(kind, p, self.state, self.images)
+        column = np.broadcast_to((image[:, None] * d + np.arange(d))[:, None], found.own.shape)
+        row = np.broadcast_to(np.arange(3 * k).reshape(k, 3, 1), found.own.shape)
+        poses = csr_array((found.own.ravel(), (row.ravel(), column.ravel())), shape=(3 * k, m * d))
+        parts = [poses, csr_array(found.shared.reshape(3 * k, -1)), *beside]
         jacobian = csr_array(block_array([parts]))
         jacobian.eliminate_zeros()
-        return Rows(names, p.gnss_given, residual, sigma, jacobian, image)
+        return Rows(names, given, found.residual, sigma, jacobian, image)
 
     @cached_property
     def control(self) -> Rows:
@@ -624,6 +648,11 @@ class _Beside:
     jacobian: csr_array
     shared: list[Unknown]
     moved: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """How many columns."""
+        return self.jacobian.shape[1]
 
 
 def motions(state: State, d: int) -> np.ndarray:

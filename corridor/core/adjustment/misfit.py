@@ -8,7 +8,7 @@ from corridor.core.adjustment.linear_system import LinearSystem
 
 _NAMED = 3
 # What a drone's log misses: single-point GNSS, and attitudes of half a degree.
-_LOG_M, _LOG_PX = 10.0, 50.0
+_LOG_M, _LOG_PX, _LOG_DEG = 10.0, 50.0, 10.0
 
 
 def misfit(system: LinearSystem, far: bool = False) -> list[str]:
@@ -25,6 +25,14 @@ def misfit(system: LinearSystem, far: bool = False) -> list[str]:
         # A ground point that is its own start value says nothing.
         if metres.any() and (not far or np.median(np.linalg.norm(metres, axis=1)) > _LOG_M):
             out.append(_metres(what, names, metres))
+    turned = np.degrees(np.linalg.norm(left.attitude, axis=1))
+    if len(turned) and (not far or np.median(turned) > _LOG_DEG):
+        names = p.images.names[p.attitude_image]
+        worst = ", ".join(f"{names[k]} {turned[k]:.1f}" for k in np.argsort(-turned)[:_NAMED])
+        out.append(
+            f"Attitudes differ from the start values by {np.median(turned):.1f} degrees (median), "
+            f"most at {worst}."
+        )
     length = np.linalg.norm(left.pixels, axis=1)
     if far and np.nanmedian(length) < _LOG_PX:
         return out

@@ -9,9 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from corridor.core.adjustment.matrix import Band, Bordered, Sparse
+from corridor.core.adjustment.measured_poses import antenna, pose_rows, residuals
 from corridor.core.adjustment.model import Loss
 from corridor.core.adjustment.partition import Pieces
-from corridor.core.adjustment.problem import Problem, State
+from corridor.core.adjustment.problem import POSE_KINDS, Problem, State
 from corridor.core.adjustment.unknowns import is_per_image, per_image_code
 from corridor.core.camera import INTERIOR, radials_in_use
 from corridor.core.effects import ROW_REACH, Context, Images
@@ -323,9 +324,10 @@ class Normal:
         view = self.view(state)
         cost, behind = self._converge(view, near)[1]
         cost += float(np.sum(p.control_weight * view.control_residual**2))
-        if len(p.gnss_image):
-            predicted, *_ = self.antenna(state, view.images)
-            cost += float(np.sum(p.gnss_weight * (p.gnss_given - predicted) ** 2))
+        for kind in POSE_KINDS:
+            if len(p.measured(kind)):
+                left = residuals(kind, p, state, view.images)
+                cost += float(np.sum(p.weight_of(kind) * left**2))
         shared, own = self.from_priors(state)
         cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.per_image_prior[1] * own**2))
         return 0.5 * float(cost), int(behind)
@@ -435,7 +437,7 @@ class Normal:
             self.shared_reference = shared[:, 1].sum(axis=0)[:q]
         cost, behind, self.weak = totals.sum(axis=0)
         cost += float(np.sum(p.control_weight * view.control_residual**2))
-        cost += self._add_gnss(state, view.images, matrix)
+        cost += sum(self._add_poses(kind, state, view.images, matrix) for kind in POSE_KINDS)
         cost += self._add_priors(state, matrix)
         self.cost, self.behind = 0.5 * cost, int(behind)
         if not matrix:
@@ -452,81 +454,26 @@ class Normal:
             self.blocks.add_diagonal(pinned)
 
     def antenna(self, state: State, images: Images):
-        """Predicted antenna (k, 3), m, and its derivatives.
+        """Predicted antenna and its derivatives; see `measured_poses.antenna`."""
+        return antenna(self.problem, state, images)
 
-        By centre and rotation of the image (k, 3, 6), by the effects (k, 3, parameters) and by
-        the lever arm (k, 3, 3).
-        """
+    def _add_poses(self, kind: str, state: State, images: Images, matrix: bool) -> float:
+        """Add what is measured of poses directly, `gnss` or `attitude`; twice its cost."""
         p = self.problem
-        image = p.gnss_image
-
-        def shift_at(centre, rotation):
-            moved = Context(images.with_poses(centre, rotation), image)
-            return p.stack.evaluate("antenna", moved, state.effects)
-
-        shift, d_antenna = shift_at(state.centre, state.rotation)
-        to_world = state.rotation[image].transpose(0, 2, 1)
-        arm = state.arms[images.flight[image]]
-        predicted = state.centre[image] + np.einsum("nij,nj->ni", to_world, arm) + shift
-        d_pose = np.zeros((len(image), 3, 6))
-        d_pose[:, :, :3] = np.eye(3)
-        d_pose[:, :, 3:] = to_world @ _cross(arm)
-        if p.stack.at("antenna"):
-            # An effect states its derivative by its own values only; images are few.
-            for k, h in enumerate([1e-3] * 3 + [1e-5] * 3):
-                for sign in (1.0, -1.0):
-                    centre, rotation = state.centre.copy(), state.rotation
-                    if k < 3:
-                        centre[:, k] += sign * h
-                    else:
-                        rotation = rotation_from_vector(sign * h * np.eye(3)[k - 3]) @ rotation
-                    d_pose[:, :, k] += sign * shift_at(centre, rotation)[0] / (2 * h)
-        return predicted, d_pose, d_antenna, to_world
-
-    def antenna_rows(
-        self, state: State, images: Images
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Predicted antenna (k, 3), m, and its derivatives by the unknowns.
-
-        By those of the image itself (k, 3, d) and by those that images share (k, 3, q).
-        """
-        p = self.problem
-        image = p.gnss_image
-        predicted, d_pose, d_antenna, to_world = self.antenna(state, images)
-        own = np.zeros((len(image), 3, p.d))
-        own[:, :, :6] = d_pose
-        shared = np.zeros((len(image), 3, p.shared_count))
-        rows = np.arange(len(image))
-        for source, columns in (
-            (d_antenna, p.antenna_column[image]),
-            (to_world, p.arm_column[image]),
-        ):
-            for k in range(columns.shape[1]):
-                column = columns[:, k]
-                inside = column >= 0
-                shared[rows[inside], :, column[inside]] += source[inside, :, k]
-                mine = is_per_image(column)
-                own[rows[mine], :, per_image_code(column[mine])] += source[mine, :, k]
-        return predicted, own, shared
-
-    def _add_gnss(self, state: State, images, matrix: bool) -> float:
-        p = self.problem
-        if not len(p.gnss_image):
+        if not len(p.measured(kind)):
             return 0.0
-        image = p.gnss_image
-        predicted, own, shared = self.antenna_rows(state, images)
-        # Cameras and most effects do not move the antenna.
-        used = np.flatnonzero(shared.any(axis=(0, 1)))
-        shared = shared[:, :, used]
-        residual = p.gnss_given - predicted
-        weight = p.gnss_weight
+        rows = pose_rows(kind, p, state, images)
+        image, residual, weight = rows.image, rows.residual, rows.weight
+        # Cameras and most effects move none of them.
+        used = np.flatnonzero(rows.shared.any(axis=(0, 1)))
+        shared = rows.shared[:, :, used]
         # `einsum` takes three times as long over as many small products.
-        weighted = (own * weight[:, :, None]).transpose(0, 2, 1)
+        weighted = (rows.own * weight[:, :, None]).transpose(0, 2, 1)
         heavy = (shared * weight[:, :, None]).reshape(weight.size, len(used))
         self.gradient[image] += (weighted @ residual[:, :, None])[:, :, 0]
         self.shared_gradient[used] += heavy.T @ residual.ravel()
         if matrix:
-            blocks = weighted @ own
+            blocks = weighted @ rows.own
             self.blocks.add_blocks(image, blocks)
             self.reference[image] += np.einsum("nii->ni", blocks)
             self.cross[image[:, None, None], np.arange(p.d)[:, None], used] += weighted @ shared
@@ -657,13 +604,6 @@ def _farthest(pixels: np.ndarray, before: np.ndarray) -> float:
     """
     with np.errstate(invalid="ignore"):
         return float(np.fmax.reduce(np.abs(pixels - before), axis=None, initial=0.0))
-
-
-def _cross(vector: np.ndarray) -> np.ndarray:
-    """[v]x (n, 3, 3)."""
-    out = np.zeros((len(vector), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -vector[:, 2], vector[:, 1], -vector[:, 0]
-    return out - out.transpose(0, 2, 1)
 
 
 def _band_costs_more(p: Problem) -> bool:

@@ -14,7 +14,7 @@ from corridor.core.adjustment.ordering import (
     pixels_of_rows,
     sorted_rows,
 )
-from corridor.core.block import Block, is_among
+from corridor.core.block import Block, is_among, level_axes
 from corridor.core.effects import Images
 from corridor.core.errors import InputError
 
@@ -66,6 +66,17 @@ class Gnss:
     gnss_image: np.ndarray
     gnss_given: np.ndarray
     gnss_weight: np.ndarray
+
+
+@dataclass
+class Attitudes:
+    """Known attitudes: image (k,), rotation world to camera (k, 3, 3), and what turns residuals in
+    the camera frame into those about level axes (k, 3, 3), of weight (k, 3), 1/rad^2."""
+
+    attitude_image: np.ndarray
+    attitude_given: np.ndarray
+    attitude_level: np.ndarray
+    attitude_weight: np.ndarray
 
 
 def _starts_of_marks(block: Block) -> np.ndarray:
@@ -172,6 +183,16 @@ def gnss_of(block: Block, rank: np.ndarray) -> Gnss:
     known = np.isfinite(given).all(axis=1)
     image = rank[block.image_rows("gnss")]
     return Gnss(image[known], given[known], block.gnss_sigma()[known] ** -2.0)
+
+
+def attitudes_of(block: Block, rank: np.ndarray) -> Attitudes:
+    """The attitudes of a block. rank (m,): position of each row of images.csv."""
+    given = block.attitude_rotations
+    known = np.isfinite(given).all(axis=(1, 2))
+    given = given[known]
+    image = rank[block.image_rows("attitudes")[known]]
+    weight = block.attitude_sigma()[known] ** -2.0
+    return Attitudes(image, given, level_axes(given) @ given.transpose(0, 2, 1), weight)
 
 
 def _weights(block: Block, row: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +10,11 @@ import pandas as pd
 
 from corridor.core.adjustment.model import EFFECT, Model, ParameterId
 from corridor.core.adjustment.observations import (
+    Attitudes,
     Control,
     Gnss,
     Network,
+    attitudes_of,
     control_of,
     gnss_of,
     network_of,
@@ -31,14 +33,25 @@ from corridor.core.adjustment.unknowns import (
 )
 from corridor.core.block import Block
 from corridor.core.brief import brief
-from corridor.core.effects import Effect, EffectValues, Images, Stack, Values, stated_lever_arms
+from corridor.core.effects import (
+    Effect,
+    EffectValues,
+    Images,
+    Stack,
+    Values,
+    believed_of,
+    stated_lever_arms,
+)
 from corridor.core.engine.panels import PANEL
 from corridor.core.options import made
+
+# What may be measured of poses directly.
+POSE_KINDS = ("gnss", "attitude")
 
 
 @brief
 @dataclass
-class Problem(Network, Control, Gnss, Unknowns, Priors):
+class Problem(Network, Control, Gnss, Attitudes, Unknowns, Priors):
     """Everything that stays the same from one iteration to the next.
 
     images: in the order of the problem. roles: of the rows of ground.csv, as asked for. free:
@@ -63,6 +76,14 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
     def image_count(self) -> int:
         return len(self.order)
 
+    def measured(self, kind: str) -> np.ndarray:
+        """Images (k,) of which a kind of `POSE_KINDS` is measured."""
+        return getattr(self, f"{kind}_image")
+
+    def weight_of(self, kind: str) -> np.ndarray:
+        """Weights (k, 3) of a kind of `POSE_KINDS`."""
+        return getattr(self, f"{kind}_weight")
+
     @property
     def shared_count(self) -> int:
         """How many unknowns images share."""
@@ -79,7 +100,7 @@ class Problem(Network, Control, Gnss, Unknowns, Priors):
         return (
             2 * len(self.img)
             + 3 * len(self.control_rows)
-            + 3 * len(self.gnss_image)
+            + 3 * sum(len(self.measured(kind)) for kind in POSE_KINDS)
             + int(np.count_nonzero(self.prior_weight))
             + int(np.count_nonzero(self.per_image_prior[1]))
         )
@@ -158,7 +179,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     names = block.ground["point"].to_numpy(dtype=object)
     asked = np.flatnonzero(roles == "control")
     # Whatever is wrong with the effects is said before the network is looked at.
-    effects = list(model.effects)
+    effects = [*model.effects, *believed_of(block, model.effects)]
     Stack(block, effects, list(names[asked]), as_given)
     beside = velocity_errors(block, effects)
     effects += beside
@@ -166,13 +187,14 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     images = images.reordered(network.order)
     rank = np.empty_like(network.order)
     rank[network.order] = np.arange(len(rank))
-    gnss = gnss_of(block, rank)
+    gnss, attitudes = gnss_of(block, rank), attitudes_of(block, rank)
     control, notes = control_of(block, network, asked)
     stack = Stack(block, effects, list(names[control.control_rows]), as_given)
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
     free, settings = model.free(block), model.settings_of(block)
-    wanted = Wanted(free, arms_free, gnss.gnss_image, list(names[control.control_rows]), model.held)
+    measured = {"antenna": gnss.gnss_image, "attitude": attitudes.attitude_image}
+    wanted = Wanted(free, arms_free, measured, list(names[control.control_rows]), model.held)
     unknowns = unknowns_of(images, stack, wanted)
     own = per_image_names(stack, unknowns.per_image_unknowns)
     priors = priors_of(unknowns.unknowns, own, settings, len(rank))
@@ -197,6 +219,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
         **vars(network),
         **vars(control),
         **vars(gnss),
+        **vars(attitudes),
         **vars(unknowns),
         **vars(priors),
         block=block,
@@ -206,21 +229,22 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
         stack=stack,
         free=free,
         arms_free=arms_free,
-        idle=_idle(stack, unknowns, gnss, priors, len(rank)),
+        idle=_idle(stack, unknowns, measured, priors, len(rank)),
         start=started(state, images, stack, settings),
         notes=notes,
         beside=tuple(effect.slug for effect in beside),
     )
 
 
-def _idle(stack: Stack, unknowns: Unknowns, gnss: Gnss, priors: Priors, count: int) -> np.ndarray:
+def _idle(
+    stack: Stack, unknowns: Unknowns, measured: Mapping, priors: Priors, count: int
+) -> np.ndarray:
     """(k, 2) image and unknown: one without GNSS has nothing to say on its own antenna."""
-    silent = np.setdiff1d(np.arange(count), gnss.gnss_image)
+    silent = {place: np.setdiff1d(np.arange(count), some) for place, some in measured.items()}
     idle = [
         (image, 6 + n)
         for n, (slug, _) in enumerate(unknowns.per_image_unknowns)
-        if stack.members[slug].effect.place == "antenna"
-        for image in silent
+        for image in silent.get(stack.members[slug].effect.place, ())
         if not priors.per_image_prior[1, image, n]
     ]
     return np.array(idle, dtype=np.int64).reshape(-1, 2)
@@ -238,7 +262,8 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     here = [effect for effect in tested if effect.place != "antenna"]
     control = list(p.block.ground["point"].to_numpy(dtype=object)[p.control_rows])
     stack = Stack(p.block, [*kept, *here], control)
-    wanted = Wanted(p.free, p.arms_free, p.gnss_image, control, p.model.held)
+    measured = {"antenna": p.gnss_image, "attitude": p.attitude_image}
+    wanted = Wanted(p.free, p.arms_free, measured, control, p.model.held)
     unknowns = unknowns_of(p.images, stack, wanted)
     given = zip(p.unknowns, p.prior_value, p.prior_weight, strict=True)
     priors = {(u.kind, u.owner, u.label): prior for u, *prior in given}

@@ -60,6 +60,14 @@ class Reliability:
         return _table("image", self._of.residuals["gnss"], share, "m")
 
     @cached_property
+    def attitude(self) -> pd.DataFrame:
+        """Attitudes: image, axis (x, y, z: the heading, to its right, down) and the columns above,
+        in degrees."""
+        share = of_antennas(self._of.covariance, "attitude")
+        residuals = self._of.residuals["attitude" if len(share) else "gnss"][: len(share)]
+        return _table("image", residuals, share, "deg")
+
+    @cached_property
     def marks(self) -> pd.DataFrame:
         """Marks of ground points: point, image, axis and the columns above, in px."""
         p, residuals = self._of.problem, self._of.residuals["mark"]
@@ -92,9 +100,12 @@ class Reliability:
         """A row for each kind: count of numbers, redundancy together, its mean and least,
         largest w, and the median and largest least error."""
         rows, taken = {}, 0.0
-        tables = (("control", self.control), ("gnss", self.gnss), ("mark", self.marks))
+        tables = (
+            ("control", self.control), ("gnss", self.gnss), ("attitude", self.attitude),
+            ("mark", self.marks),
+        )  # fmt: skip
         for kind, table in tables:
-            unit = "px" if kind == "mark" else "m"
+            unit = {"mark": "px", "attitude": "deg"}.get(kind, "m")
             if not len(table):
                 continue
             share = table["redundancy"]
@@ -178,7 +189,8 @@ class Reliability:
 
     def to_frame(self) -> pd.DataFrame:
         """All tables in one, with the column `kind` before them; metres, marks in px."""
-        tables = {kind: getattr(self, kind) for kind in ("control", "check", "gnss", "marks")}
+        kinds = ("control", "check", "gnss", "attitude", "marks")
+        tables = {kind: getattr(self, kind) for kind in kinds}
         parts = [pd.DataFrame(t).assign(kind=kind) for kind, t in tables.items() if len(t)]
         if not parts:
             return pd.DataFrame(columns=["kind"])

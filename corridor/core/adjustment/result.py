@@ -109,5 +109,5 @@ def not_converged(adjustment: Adjustment) -> AdjustmentFailed:
     return AdjustmentFailed(
         f"the adjustment of {adjustment.start.name} did not converge in {adjustment.iterations} "
         "iterations, so there is no result and nothing was written: check the axes, units and "
-        "names of what lies farthest off above, or allow more with --iterations"
+        "names of what is listed above as farthest off, or allow more with --iterations"
     )

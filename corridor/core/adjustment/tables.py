@@ -133,7 +133,8 @@ class Tables(Checked):
 
     @cached_property
     def residuals(self) -> dict[str, pd.DataFrame]:
-        """Measured minus modelled, by kind: `tie`, `mark` (px), `gnss`, `control` (m)."""
+        """Measured minus modelled, by kind: `tie`, `mark` (px), `gnss`, `control` (m), and
+        `attitude` where there is any (degrees, about the heading, to its right, and down)."""
         p = self.problem
         left = self.system.residuals()
         v = np.empty((2, len(p.block.tie_points) + len(p.block.marks)))
@@ -186,9 +187,13 @@ class Tables(Checked):
                 frame = frame[known].reset_index(drop=True)
             out[kind] = with_units(frame, {"px": "x y vx vy sigma"})
         names = p.images.names[p.gnss_image]
-        out["gnss"] = _metres(names, "image", p.gnss_given, left.gnss, p.gnss_weight)
+        out["gnss"] = _threes(names, "image", p.gnss_given, left.gnss, p.gnss_weight)
+        if len(p.attitude_image):
+            names = p.images.names[p.attitude_image]
+            degrees, weight = np.degrees(left.attitude), p.attitude_weight / np.degrees(1.0) ** 2
+            out["attitude"] = _threes(names, "image", None, degrees, weight, "deg")
         names = self.system.control_names
-        out["control"] = _metres(names, "point", p.control_given, left.control, p.control_weight)
+        out["control"] = _threes(names, "point", p.control_given, left.control, p.control_weight)
         return out
 
     @cached_property
@@ -209,7 +214,7 @@ class Tables(Checked):
             out[kind] = {}
             if not len(frame):
                 continue
-            if kind in ("gnss", "control"):
+            if kind in ("gnss", "control", "attitude"):
                 v = frame[["vx", "vy", "vz"]].to_numpy()
                 s = frame[["sx", "sy", "sz"]].to_numpy()
                 out[kind] = {
@@ -500,14 +505,15 @@ def _weights(loss, length: np.ndarray) -> np.ndarray:
     return 1.0 / (1.0 + (length / loss.width) ** 2)
 
 
-def _metres(names, key: str, given, residual, weight) -> pd.DataFrame:
-    """Table of residuals in metres; outliers are beyond five sigmas, or five usual ones."""
+def _threes(names, key: str, given, residual, weight, unit: str = "m") -> pd.DataFrame:
+    """Table of residuals in metres or degrees; outliers are beyond five sigmas, or five usual."""
     sigma = 1.0 / np.sqrt(weight) if len(weight) else np.zeros((0, 3))
     frame = pd.DataFrame({key: list(names)})
-    frame[["x", "y", "z"]] = given
+    if given is not None:
+        frame[["x", "y", "z"]] = given
     frame[["vx", "vy", "vz"]] = residual
     frame[["sx", "sy", "sz"]] = sigma
     scaled = np.abs(residual) / sigma
     usual = robust_scale(scaled, least=1e-6) if len(scaled) > 6 else 1.0
     frame["outlier"] = is_outlier(scaled, usual).any(axis=1)
-    return with_units(frame, {"m": "x y z vx vy vz sx sy sz"})
+    return with_units(frame, {unit: "x y z vx vy vz sx sy sz"})

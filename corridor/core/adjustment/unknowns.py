@@ -62,8 +62,9 @@ class Unknowns:
     per_image_unknowns: (slug, parameter) of the unknowns 6.. of an image, which are d in all.
     Columns of an image (m, ...): >= 0 shared, -1 none, `is_per_image` its own; camera_column by
     interior parameter, slot_column by parameter of effects on camera, image and motion,
-    antenna_column of effects on the antenna, arm_column (m, 3); ground_column (c, ...) of a
-    control point. low, high (m,): whole panels that an image touches.
+    antenna_column of effects on the antenna, attitude_column of those on attitudes, arm_column
+    (m, 3); ground_column (c, ...) of a control point. low, high (m,): whole panels that an image
+    touches.
     """
 
     unknowns: list[Unknown]
@@ -74,6 +75,7 @@ class Unknowns:
     low: np.ndarray
     high: np.ndarray
     antenna_column: np.ndarray
+    attitude_column: np.ndarray
     arm_column: np.ndarray
     ground_column: np.ndarray
 
@@ -94,14 +96,14 @@ class Priors:
 class Wanted:
     """What is to be estimated beside poses, points and effects.
 
-    free: interior parameters of each camera. arms_free: the lever arms. gnss_image (k,): images
-    with a position. controls: names of the control points. held: parameters of effects and lever
-    arms that are not to vary.
+    free: interior parameters of each camera. arms_free: the lever arms. measured: images (k,) with
+    a position, place `antenna`, or an attitude. controls: names of the control points. held:
+    parameters of effects and lever arms that are not to vary.
     """
 
     free: Mapping[str, tuple[str, ...]]
     arms_free: bool
-    gnss_image: np.ndarray
+    measured: Mapping[str, np.ndarray]
     controls: list[str]
     held: list[ParameterId]
 
@@ -115,8 +117,8 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
     shared: list[Unknown] = []
     own: list[tuple[str, int]] = []
     count = len(images.names)
-    in_gnss = np.zeros(count, dtype=bool)
-    in_gnss[wanted.gnss_image] = True
+    among = {place: np.isin(np.arange(count), some) for place, some in wanted.measured.items()}
+    in_gnss = among["antenna"]
     camera_column = _camera_columns(images, wanted.free, shared)
 
     def effects(places: tuple[str, ...], rows: np.ndarray | list[str]) -> np.ndarray:
@@ -131,6 +133,7 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
 
     slot_column = effects(("camera", "image", "motion"), np.ones(count, bool))
     antenna_column = effects(("antenna",), in_gnss)
+    attitude_column = effects(("attitude",), among["attitude"])
     ground_column = effects(("ground",), wanted.controls)
     arm_column = np.full((count, 3), -1)
     if wanted.arms_free:
@@ -153,6 +156,7 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
         low=np.where(high > 0, low // PANEL * PANEL, 0),
         high=-(-high // PANEL) * PANEL,
         antenna_column=antenna_column,
+        attitude_column=attitude_column,
         arm_column=arm_column,
         ground_column=ground_column,
     )
@@ -273,7 +277,7 @@ def started(
             continue
         cells = _cells_of(which, state, images, stack)
         if not cells:
-            raise InputError(f"parameter {which}: the model has none of that name")
+            raise InputError(f"parameter {which}: the model has no parameter of that name")
         for table, at in cells if wish.value is not None else ():
             table[at] = wish.value
     return state

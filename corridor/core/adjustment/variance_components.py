@@ -284,7 +284,8 @@ def without_unseen_arms(result: Adjustment, again: Again) -> Adjustment:
         return result
     found.add_note(
         f"The lever arm is held at {'what block.toml states' if result.start.lever_arm else '0'}: "
-        f"this flight tells it to {sigma:.1f} m only; --lever-arm free estimates it all the same."
+        f"this flight determines it to {sigma:.1f} m only; --lever-arm free estimates it all the "
+        "same."
     )
     return found
 

@@ -259,7 +259,7 @@ def _priors(a):
                 f"{one.name} comes to {one.value:.5g} +- {one.sigma:.2g}{unit}, {off:.1f} sigmas "
                 f"from what is stated beforehand, {value:.5g} +- {sigma:.2g}{unit}: either that is "
                 "wrong, or the model lacks something that this parameter takes up; hold it and "
-                "look at the residuals, or ask `corridor diagnose`."
+                "look at the residuals, or run `corridor diagnose`."
             )
 
 
@@ -273,7 +273,7 @@ def _pixels(a):
         yield (
             f"Camera {camera} has {values}: the pixels of sensors are square to less than "
             f"{100 * SQUARE:g} %. It takes up what the model lacks (a rolling shutter at one "
-            "speed, say), or the flight does not tell it: `--camera fraser8` holds it."
+            "speed, say), or the flight does not determine it: `--camera fraser8` holds it."
         )
 
 
@@ -356,8 +356,9 @@ def _outliers(a, missed):
     for kind, what, remedy in (
         ("gnss", "GNSS position", reject),
         ("control", "control point", ""),
+        ("attitude", "attitude", ""),
     ):
-        found = a.statistics[kind]
+        found = a.statistics.get(kind)
         if found and found["outliers"]:
             frame = a.residuals[kind]
             names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()

@@ -1,5 +1,6 @@
 """The block: one flight, or several, as plain tables. Read, check, select, write, summarise."""
 
+from corridor.core.block.attitudes import level_axes
 from corridor.core.block.block import Block, is_block, read
 from corridor.core.block.corners import corner_rays, footprints
 from corridor.core.block.reading import place, read_columns, row_numbers
@@ -36,6 +37,7 @@ __all__ = [
     "frugal",
     "is_among",
     "is_block",
+    "level_axes",
     "place",
     "places",
     "read",

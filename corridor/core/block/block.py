@@ -13,10 +13,12 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.block import checking, writing
+from corridor.core.block.attitudes import put_rotations, rotations
 from corridor.core.block.reading import place, read_table
 from corridor.core.block.settings import FILE, SIGMA, read_settings
 from corridor.core.block.summary import Summary, summarise
 from corridor.core.block.tables import (
+    ANGLE_SIGMAS,
     LAYOUTS,
     POSE,
     SIGMAS,
@@ -45,7 +47,8 @@ class Block:
     `point` and `image` of tie_points and marks are Categorical; the codes of `image` are rows of
     `images`, as long as every image is known there.
 
-    sigma: "tie_px", "mark_px" (px), "gnss_m", "control_m" (3 numbers, m), defaults filled in.
+    sigma: "tie_px", "mark_px" (px), "gnss_m", "control_m" (3 numbers, m), "attitude_deg" (3
+    numbers), defaults filled in.
     lever_arm: metres in the camera frame for each flight, or "default".
     offset: (3,) metres, world = coordinates + offset.
     extra: keys of block.toml that the package does not know; passed on.
@@ -62,6 +65,7 @@ class Block:
     marks: pd.DataFrame = None  # type: ignore[assignment]
     ground: pd.DataFrame = None  # type: ignore[assignment]
     gnss: pd.DataFrame = None  # type: ignore[assignment]
+    attitudes: pd.DataFrame = None  # type: ignore[assignment]
     rates: pd.DataFrame = None  # type: ignore[assignment]
     track: pd.DataFrame = None  # type: ignore[assignment]
     sigma: dict = field(default_factory=dict)
@@ -157,6 +161,18 @@ class Block:
     def poses(self) -> np.ndarray:
         """(images, 7): x, y, z and qw, qx, qy, qz of images.csv, NaN where unknown."""
         return np.ascontiguousarray(self.numbers("images", *POSE))
+
+    @property
+    def attitude_rotations(self) -> np.ndarray:
+        """(n, 3, 3) world to camera, of the rows of attitudes.csv, NaN where unknown.
+
+        Raises InputError where block.toml does not say of what they are.
+        """
+        return rotations(self)
+
+    def put_attitudes(self, turned: np.ndarray) -> None:
+        """Write rotations (n, 3, 3), world to camera, in the form that attitudes.csv has."""
+        put_rotations(self, turned)
 
     @property
     def constants(self) -> dict[str, dict]:
@@ -266,6 +282,11 @@ class Block:
         """(n, 3) m of the antenna positions, the default of block.toml where none is given."""
         return self._filled("gnss", SIGMAS, "gnss_m")
 
+    def attitude_sigma(self) -> np.ndarray:
+        """(n, 3) rad of the attitudes, the default of block.toml where none is given; about level
+        axes: of the heading, to the right of it, the vertical."""
+        return np.radians(self._filled("attitudes", ANGLE_SIGMAS, "attitude_deg"))
+
     def ground_sigma(self) -> np.ndarray:
         """(n, 3) m of the ground points, the default of block.toml where none is given.
 
@@ -342,7 +363,7 @@ class Block:
             points = _chosen(points, known, "point")
 
         kept: dict = {"images": self.images[chosen]}
-        for table in ("tie_points", "marks", "gnss"):
+        for table in ("tie_points", "marks", "gnss", "attitudes"):
             kept[table] = getattr(self, table)[chosen[self.image_rows(table)]]
         for table in point_tables:
             frame = kept.get(table, getattr(self, table))

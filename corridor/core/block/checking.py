@@ -11,8 +11,10 @@ import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 
+from corridor.core.block.attitudes import check_attitudes
 from corridor.core.block.settings import FILE, SIGMA
 from corridor.core.block.tables import (
+    ANGLE_SIGMAS,
     LAYOUTS,
     NAMES,
     POSE,
@@ -59,8 +61,11 @@ def check(block, observed: bool = True) -> None:
     _whole(block, "points", ("x", "y", "z"), "the position")
     unknown, roles = ~is_among(block.ground["role"], list(ROLES)), ", ".join(ROLES)
     _refuse(block, "ground", unknown, "role {role!r} is unknown", f"write one of {roles}")
-    _known_images(block, "gnss")
-    _once(block, "gnss", "image")
+    for table in ("gnss", "attitudes"):
+        _known_images(block, table)
+        _once(block, table, "image")
+    if len(block.attitudes):
+        _whole(block, "attitudes", check_attitudes(block), "the attitude")
     if "image" in block.rates:
         _known_images(block, "rates")
     # Time goes on, in any order of the rows.
@@ -172,7 +177,7 @@ def _numbers(block, table: str) -> None:
         if name in layout.needed and name not in layout.empty:
             remedy = "write a number or delete the row"
             _refuse(block, table, np.isnan(values), f"{name} is empty", remedy)
-        if name == "sigma" or name in SIGMAS:
+        if name == "sigma" or name in SIGMAS + ANGLE_SIGMAS:
             fault = f"{name} = {{{name}:g}} is not a standard deviation"
             remedy = "write a positive number or leave the cell empty"
             # Ground points may be exact: 0.

@@ -12,7 +12,11 @@ from corridor.core.errors import InputError
 from corridor.core.textfile import is_number
 
 FILE = "block.toml"
-SIGMA = {"tie_px": 1.0, "mark_px": 0.5, "gnss_m": (0.02, 0.02, 0.04), "control_m": (0.01,) * 3}
+# An attitude: what the log of a drone misses (half a degree, as `misfit` has it).
+SIGMA = {
+    "tie_px": 1.0, "mark_px": 0.5, "gnss_m": (0.02, 0.02, 0.04), "control_m": (0.01,) * 3,
+    "attitude_deg": (0.5,) * 3,
+}  # fmt: skip
 _TEXTS = ("name", "description", "source", "licence", "crs")
 
 

@@ -104,6 +104,7 @@ class Summary:
             ("tie points", count["tie_points"], ties, True),
             ("ground points", count["ground_points"], ground, count["marks"]),
             ("GNSS positions", count["gnss"], "antenna at exposure", False),
+            ("attitudes", count["attitudes"], "camera or body at exposure", False),
             ("GNSS track", count["track"], "epochs of the receiver", False),
             ("angular rates", count["rates"], "epochs of the gyroscope", False),
         ]
@@ -220,7 +221,8 @@ def _columns(block) -> tuple[dict[str, float], list[str]]:
         for name in layout.optional:
             if block.has(f"{table}.{name}"):
                 known[f"{table}.{name}"] = float(frame[name].notna().mean())
-            elif name not in ("sigma", *SIGMAS):  # these have defaults
+            # These have defaults; attitudes have one of several forms.
+            elif name not in ("sigma", *SIGMAS) and table != "attitudes":
                 missing.append(f"{table}.{name}")
     if not block.has("camera.readout_s"):
         missing.append("camera.readout_s")
@@ -240,7 +242,7 @@ def _counts(block, tie_points: int, posed: int, start: pd.DataFrame) -> dict[str
         "marks": len(block.marks),
         "ground_points": len(block.ground),
         **{role: int((block.ground["role"] == role).sum()) for role in ROLES},
-        **{table: len(getattr(block, table)) for table in ("gnss", "track", "rates")},
+        **{table: len(getattr(block, table)) for table in ("gnss", "attitudes", "track", "rates")},
     }
 
 
@@ -281,8 +283,8 @@ def _notes(block, summary: Summary) -> list[str]:
     for count, one, many, what in (
         (
             len(summary.points_seen_once),
-            "tie point is seen in one image only and tells",
-            "tie points are seen in one image only and tell",
+            "tie point is seen in one image only and determines",
+            "tie points are seen in one image only and determine",
             "nothing",
         ),
         (int((used & (rays == 0)).sum()), *point, "not measured in any image"),

@@ -26,8 +26,8 @@ def table(camera: str, effect: str, prior: str, threads: int = 1) -> dict[str, d
         "--iterations": {},
         "--required": {},
         "--strict": flag(
-            "refuse wild cells, points seen in one image only, images with fewer than 3 points "
-            "(default: leave them out and say so)"
+            "refuse cells that cannot be true, points seen in one image only, images with fewer "
+            "than 3 points (default: leave them out and say so)"
         ),
     }
 

@@ -143,7 +143,7 @@ SHARED = {
         "3D accuracy of check points that is good enough, metres: the report then says whether "
         "it is",
         "M",
-        number("is no accuracy in metres above 0", above=0.0),
+        number("is not an accuracy in metres above 0", above=0.0),
     ),
     "--seed": option("of everything drawn (default 0)", "N", whole("seed", 0), default=0),
     "--jobs": option("processes (default 1)", "N", whole("number of processes", 1), default=1),

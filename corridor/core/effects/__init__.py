@@ -26,7 +26,14 @@ from corridor.core.effects.forward import (
     stated_lever_arms,
     take_out,
 )
-from corridor.core.effects.registry import every_effect, find, forget, register, summary
+from corridor.core.effects.registry import (
+    believed_of,
+    every_effect,
+    find,
+    forget,
+    register,
+    summary,
+)
 from corridor.core.effects.stack import ROW_REACH, Arrays, Member, Stack, check_needs
 from corridor.core.effects.testable import Candidates, candidates
 from corridor.core.effects.values import EffectValues, Values, effect_of, parse_word
@@ -62,6 +69,7 @@ __all__ = [
     "add",
     "along_both",
     "along_each",
+    "believed_of",
     "every_effect",
     "candidates",
     "check_needs",

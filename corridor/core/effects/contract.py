@@ -20,7 +20,9 @@ from corridor.core.effects.context import GROUPS, Context
 from corridor.core.errors import InputError, did_you_mean
 
 # Shape of one row's shift, by place.
-PLACES = {"camera": len(INTERIOR), "image": 2, "motion": 6, "antenna": 3, "ground": 3}
+PLACES = {
+    "camera": len(INTERIOR), "image": 2, "motion": 6, "antenna": 3, "attitude": 3, "ground": 3,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,8 @@ class Effect(ABC):
     datum: the constant error that all positions of its place and group share.
     sees_points: of the place image: it looks at the object point and the pose, not at the pixel.
     row_degree: of the place motion: degree of the polynomial in the row that holds the shift.
+    believed: part of every model whose block has the table that it needs first, but where
+    block.toml calls that table calibrated.
     stands_in_for: camera parameters that have to be held, or the effect to have a prior: it can
     move what they move.
     revealed_by, unobservable_when: the data that show it, and the flight that hides it, for people.
@@ -107,6 +111,7 @@ class Effect(ABC):
     datum: bool = False
     sees_points: bool = False
     refines: str = ""
+    believed: bool = False
     row_degree: int = 1
     stands_in_for: tuple[str, ...] = ()
     revealed_by: str = ""
@@ -140,7 +145,8 @@ class Effect(ABC):
 
         values: (rows, parameters), the values of each row's own group.
         Returns (rows, dimension) in the unit of the place (camera: `INTERIOR`; image: px; motion:
-        centre m and rotation of the camera rad, in the camera frame; antenna, ground: m), and
+        centre m and rotation of the camera rad, in the camera frame; antenna, ground: m;
+        attitude: turn of the measured frame against the camera, rad, in the camera frame), and
         its derivative (rows, dimension, parameters) by the values of the row's group.
         """
 
@@ -197,7 +203,7 @@ def check_contract(effect: Effect) -> None:
     """Refuse a class that cannot work, with a sentence on what it lacks."""
     name = type(effect).__name__
     if not isinstance(effect, Effect):
-        raise InputError(f"{name} is no effect: derive it from Effect or LinearEffect")
+        raise InputError(f"{name} is not an effect: derive it from Effect or LinearEffect")
     for text, example in (
         ("slug", '"lens_tilt"'),
         ("title", '"Lens that tilts with the temperature"'),
@@ -209,7 +215,8 @@ def check_contract(effect: Effect) -> None:
             raise InputError(f"effect {name} has no {text}: write {text} = {example} in the class")
     if not effect.slug.replace("_", "").isalnum() or effect.slug != effect.slug.lower():
         raise InputError(
-            f"effect {name}: slug = {effect.slug!r} is no name: lower case, digits and underscores"
+            f"effect {name}: slug = {effect.slug!r} is not a valid name: use lower case, digits "
+            "and underscores"
         )
     check_place(effect)
     if effect.group not in GROUPS:

@@ -24,13 +24,14 @@ class Prediction:
     """Modelled observations, row for row of the block's tables.
 
     tie, mark: (n, 2) px, NaN where the point is not in front of the camera; gnss: (n, 3) antenna,
-    m; control: (n, 3) coordinates as they would be given, m, for the rows of ground.csv with the
-    role control.
+    m; attitude: (n, 3, 3) world to camera; control: (n, 3) coordinates as they would be given, m,
+    for the rows of ground.csv with the role control.
     """
 
     tie: np.ndarray
     mark: np.ndarray
     gnss: np.ndarray
+    attitude: np.ndarray
     control: np.ndarray
 
 
@@ -61,6 +62,7 @@ def _predict(block: Block, images: Images, stack: Stack, values: Arrays) -> Pred
         tie=_seen(block, "tie_points", images, stack, values),
         mark=_seen(block, "marks", images, stack, values),
         gnss=_antenna(block, images, stack, values),
+        attitude=_attitude(block, images, stack, values),
         control=_given(block, stack, values, images),
     )
 
@@ -102,6 +104,13 @@ def _antenna(block, images, stack, values):
     arm = stated_lever_arms(block)[images.flight[image]]
     to_world = images.rotation[image].transpose(0, 2, 1)
     return images.centre[image] + np.einsum("nij,nj->ni", to_world, arm) + shift
+
+
+def _attitude(block, images, stack, values):
+    image = block.image_rows("attitudes")
+    shift, _ = stack.evaluate("attitude", Context(images, image), values)
+    turned = images.rotation[image]
+    return rotation_from_vector(-shift) @ turned if shift.any() else turned
 
 
 def stated_lever_arms(block: Block) -> np.ndarray:
@@ -150,6 +159,10 @@ def _moved(block: Block, values: Mapping, sign: float) -> Block:
         rows = getattr(out, table)
         if len(rows) and np.nanmax(np.abs(difference), initial=0.0) > 0:
             rows[columns] = rows[columns].to_numpy(float) + np.nan_to_num(difference)
+    turn = there.attitude @ here.attitude.transpose(0, 2, 1)
+    if stack.at("attitude") and len(turn):
+        turn = turn if sign > 0 else turn.transpose(0, 2, 1)
+        out.put_attitudes(turn @ out.attitude_rotations)
     if stack.at("ground") and len(block.ground):
         names, stated = block.ground["point"].tolist(), block.numbers("ground", *"xyz")
         moved = stated

@@ -33,7 +33,7 @@ class Gyroscope:
         if len(short):
             row = int(order[self.first[short[0]]])
             raise InputError(
-                f"{block.where('rates', row)}: one epoch alone tells of no turn: give the rates "
+                f"{block.where('rates', row)}: one epoch alone shows no rotation: give the rates "
                 "before and after each exposure, at least two epochs"
             )
         # Records one after the other on one axis, so that one search finds the epoch of any row.

@@ -10,6 +10,7 @@ import importlib
 import os
 import pkgutil
 import warnings
+from collections.abc import Iterable
 from copy import copy
 from functools import cache
 from importlib.metadata import entry_points
@@ -29,6 +30,21 @@ def every_effect() -> list[Effect]:
     return [copy(effect) for _, effect in sorted(_known().items())]
 
 
+def believed_of(block: Block, given: Iterable[Effect] = ()) -> list[Effect]:
+    """Effects that the measurements of a block never come without, but for those that are given.
+
+    A table that block.toml calls calibrated (`[attitudes] calibrated = true`) comes without.
+    """
+    slugs = {effect.slug for effect in given}
+    tables = {slug: effect.needs[0].partition(".")[0] for slug, effect in _known().items()
+              if effect.believed and slug not in slugs}  # fmt: skip
+    return [
+        copy(_known()[slug])
+        for slug, table in sorted(tables.items())
+        if len(getattr(block, table)) and not block.extra.get(table, {}).get("calibrated")
+    ]
+
+
 def find(name: str) -> Effect:
     """The effect with a slug; `slug@flight` asks for one set of values a flight.
 
@@ -40,7 +56,9 @@ def find(name: str) -> Effect:
     known = _known()
     if slug not in known:
         near = did_you_mean(slug, known)
-        physical = ", ".join(slug for slug in sorted(known) if not known[slug].generic)
+        physical = ", ".join(
+            slug for slug, one in sorted(known.items()) if not (one.generic or one.refines)
+        )
         raise InputError(
             f"effect {slug!r} is unknown{near}: `corridor effects` lists them all"
             + ("" if near else f", the physical ones are {physical}")

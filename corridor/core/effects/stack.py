@@ -170,7 +170,7 @@ class Stack:
         name = context.images.names[context.image[bad[0]]] if context.image is not None else bad[0]
         if not effect.needs:
             raise AdjustmentFailed(
-                f"effect {effect.slug} is no number at image {name}: points lie far outside "
+                f"effect {effect.slug} is not a number at image {name}: points lie far outside "
                 "their picture, so poses, camera or image coordinates are wrong (y pointing up?)"
             )
         raise InputError(

@@ -17,11 +17,17 @@ from corridor.core.geometry.robust import (
     robust_scale_of_lengths,
 )
 from corridor.core.geometry.rotations import (
+    angles_from_rotation,
     nearest_rotation,
     quaternion_from_rotation,
+    right_jacobian,
+    roll_pitch_yaw_from_rotation,
     rotation_from_angles,
     rotation_from_quaternion,
+    rotation_from_roll_pitch_yaw,
     rotation_from_vector,
+    skew,
+    vector_from_rotation,
 )
 from corridor.core.geometry.vectors import cross, dot, few_sines, left_jacobian, rotated, sines
 
@@ -32,6 +38,7 @@ __all__ = [
     "UNUSABLE",
     "Rays",
     "Similarity",
+    "angles_from_rotation",
     "by_contrasts",
     "closed_pose",
     "cross",
@@ -48,12 +55,17 @@ __all__ = [
     "quaternion_from_rotation",
     "refine_poses",
     "relative_width",
+    "right_jacobian",
     "robust_scale",
     "robust_scale_of_lengths",
+    "roll_pitch_yaw_from_rotation",
     "rotated",
     "rotation_from_angles",
     "rotation_from_quaternion",
+    "rotation_from_roll_pitch_yaw",
     "rotation_from_vector",
     "similarity",
     "sines",
+    "skew",
+    "vector_from_rotation",
 ]

@@ -59,7 +59,7 @@ def similarity(
         )
     weights = np.ones(len(source)) if weights is None else np.array(weights, dtype=float)
     if weights.shape != (len(source),) or not np.all(weights >= 0):
-        raise InputError("a similarity needs one weight for each point, none of them negative")
+        raise InputError("a similarity needs one weight for each point, and none may be negative")
     used = np.isfinite(source).all(1) & np.isfinite(target).all(1) & (weights > 0)
     if used.sum() < 3:
         raise InputError(

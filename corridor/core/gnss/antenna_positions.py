@@ -160,8 +160,8 @@ def antenna(
         why = made.table["why"].value_counts()
         coarse = f"; {_of_resolution(exposures, made)}" if exposures.resolution_s else ""
         raise WorkFailed(
-            f"none of the {len(times)} exposures got a position ({why.index[0]}: {why.iloc[0]})"
-            f"{coarse}"
+            f"no position was found for any of the {len(times)} exposures ({why.index[0]}: "
+            f"{why.iloc[0]}){coarse}"
         )
     points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset, about)
     gnss = pd.DataFrame({"image": names.to_numpy()[good]})

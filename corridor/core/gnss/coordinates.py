@@ -43,8 +43,7 @@ class Local:
         if not (abs(self.lat_deg) <= 90 and abs(self.lon_deg) <= 360 and abs(self.height) < 1e5):
             raise InputError(
                 f"{self.lat_deg:g}, {self.lon_deg:g}, {self.height:g} is not a place on Earth; "
-                "give "
-                "latitude, longitude (degrees) and height (m)"
+                "give latitude, longitude (degrees) and height (m)"
             )
 
     @classmethod

@@ -48,8 +48,7 @@ def local_frame(table: object) -> Local | None:
     except (AttributeError, KeyError, TypeError, ValueError):
         raise InputError(
             f"block.toml: [{FRAME}] is not a place on Earth; write lat_deg, lon_deg and height "
-            "there, "
-            "numbers in degrees and metres"
+            "there, numbers in degrees and metres"
         ) from None
 
 

@@ -67,8 +67,8 @@ def check_gis(crs: str | None, packages: Iterable[str] = ("pyogrio", "laspy")) -
         CRS.from_user_input(crs)
     except CRSError:
         raise InputError(
-            f"block.toml: crs = {crs!r} is no system that is known; write it as EPSG:2154, or "
-            "leave it out"
+            f"block.toml: crs = {crs!r} is not a known coordinate system; write it as EPSG:2154, "
+            "or leave it out"
         ) from None
 
 

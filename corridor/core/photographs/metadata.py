@@ -96,7 +96,7 @@ class Metadata:
 def photographs_in(folder: Path) -> list[Path]:
     """Photographs of a folder and the folders in it, in order. Raises InputError without any."""
     if not folder.is_dir():
-        raise InputError(f"{folder} is no folder; name the folder of the photographs")
+        raise InputError(f"{folder} is not a folder; name the folder of the photographs")
     found = sorted(
         file
         for file in folder.rglob("*")

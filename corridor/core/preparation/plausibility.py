@@ -338,8 +338,8 @@ def unlike(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     if away <= _UNLIKE * wide:
         return ""
     return (
-        f"{file} and {other} put the images {away:.1f} m (median) apart horizontally, each in a "
-        "different direction, "
+        f"{file} and {other} put the images {away:.1f} m (median) apart horizontally, each in "
+        "another direction, "
         f"in a flight that is {2 * wide:.0f} m wide: do names, times and columns belong together?"
     )
 

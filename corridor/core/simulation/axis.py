@@ -34,8 +34,7 @@ class Axis:
         if np.abs(points).max() > _FARTHEST:
             raise InputError(
                 f"axis_m holds {np.abs(points).max():g}, which is not a place on Earth: give "
-                "metres "
-                "of a map grid"
+                "metres of a map grid"
             )
         heading = np.arctan2(legs[:, 1], legs[:, 0])
         turn = (np.diff(heading) + np.pi) % (2 * np.pi) - np.pi

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from corridor.core.block import Block
+from corridor.core.block import Block, level_axes
 from corridor.core.errors import InputError
+from corridor.core.geometry import rotation_from_vector
 from corridor.core.gnss import SlowNoise
 from corridor.core.options import options
 from corridor.core.simulation.plan import Noise
@@ -16,6 +17,8 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     """A copy of the block with Gaussian errors on its measurements.
 
     tie_px, mark_px: standard deviation of an image coordinate, pixels.
+    attitude_deg: of a turn about the heading, the horizontal to its right and the vertical,
+    degrees, one number or three.
     gnss_m, control_m: of an antenna position and of a surveyed ground point (control and check
     points alike), metres, one number or three (x, y, z).
     outliers: share of the tie observations that are moved by 5 to 50 px in any direction on top;
@@ -30,8 +33,9 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     """
     gnss = np.broadcast_to(np.asarray(noise.gnss_m, dtype=float), 3)
     control = np.broadcast_to(np.asarray(noise.control_m, dtype=float), 3)
+    attitude = np.broadcast_to(np.asarray(noise.attitude_deg, dtype=float), 3)
     block = block.copy()
-    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(6)]
+    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(7)]
 
     def shake(table: str, columns: str, sigma: float | np.ndarray, rng) -> None:
         if len(getattr(block, table)):
@@ -45,6 +49,11 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
         slow = np.sqrt(noise.gnss_slow) * gnss * _slow(block, noise.gnss_slow_s, draw[5])
         block.put("gnss", "xyz", block.numbers("gnss", *"xyz") + slow)
     shake("ground", "xyz", control, draw[3])
+    if len(block.attitudes) and attitude.any():
+        turned = block.attitude_rotations
+        level = np.radians(attitude) * draw[6].standard_normal((len(turned), 3))
+        turn = np.einsum("nij,nkj,nk->ni", turned, level_axes(turned), level)
+        block.put_attitudes(rotation_from_vector(-turn) @ turned)
     if noise.outliers:
         _displace(block, noise.outliers, draw[4])
     if noise.rounding_px:
@@ -56,7 +65,7 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     for key, sigma in (("tie_px", noise.tie_px), ("mark_px", noise.mark_px)):
         if sigma > 0:
             block.sigma[key] = float(sigma)
-    for key, three in (("gnss_m", gnss), ("control_m", control)):
+    for key, three in (("gnss_m", gnss), ("control_m", control), ("attitude_deg", attitude)):
         if np.all(three > 0):
             block.sigma[key] = three.copy()
     return block

@@ -105,7 +105,7 @@ class Flight:
         if not np.all(heights > 0):
             say.fail(f"height_m = {heights.min():g} is not above the ground: give metres above 0")
         if not np.all(heights < _HIGHEST_M):
-            say.fail(f"height_m = {heights.max():g} is no height of a drone: give metres")
+            say.fail(f"height_m = {heights.max():g} cannot be the height of a drone: give metres")
         if self.offsets_m is not None and len(self.offsets_m) != self.strips:
             say.fail(f"offsets_m gives {len(self.offsets_m)} offsets for {self.strips} strips")
         for offset in self.offsets_m or ():
@@ -226,6 +226,7 @@ class Noise:
     mark_px: float = 0.0
     gnss_m: float | tuple[float, float, float] = 0.0
     control_m: float | tuple[float, float, float] = 0.0
+    attitude_deg: float | tuple[float, float, float] = 0.0
     outliers: float = 0.0
     rounding_px: float = 0.0
     gnss_slow: float = 0.0
@@ -233,7 +234,7 @@ class Noise:
 
     def __post_init__(self):
         say = _Checker("noise", self)
-        say.at_least(0, "tie_px", "mark_px", "gnss_m", "control_m", "rounding_px")
+        say.at_least(0, "tie_px", "mark_px", "gnss_m", "control_m", "attitude_deg", "rounding_px")
         say.at_least(0, "outliers", "gnss_slow")
         for key in ("outliers", "gnss_slow"):
             if getattr(self, key) > 1:
@@ -264,7 +265,8 @@ class Plan:
     """Flights over a corridor, in the order in which they are flown.
 
     axis_m: positions [x, y] of the corridor's axis, its corners rounded by bend_radius_m.
-    gnss: whether antenna positions are measured. effects: `{slug: {parameter: value}}`.
+    gnss, attitudes: whether antenna positions, and the camera's attitudes, are measured.
+    effects: `{slug: {parameter: value}}`.
     effect: what an effect has to know of the block, `{slug: {name: value}}`: the tables
     [effect.SLUG], as in block.toml. cameras: of the plan's own, beside those of `cameras()`.
     Raises InputError, one sentence, for a plan that cannot be flown.
@@ -278,6 +280,7 @@ class Plan:
     tie_points: TiePoints = field(default_factory=TiePoints)
     ground: Ground = field(default_factory=Ground)
     gnss: bool = True
+    attitudes: bool = False
     noise: Noise = field(default_factory=Noise)
     start: Start = field(default_factory=Start)
     effects: Mapping[str, Mapping] = field(default_factory=dict)
@@ -425,7 +428,7 @@ def _plan(name: str, table: dict) -> Plan:
             raise InputError(f"the plan has no key {key!r}: write {right}")
     if isinstance(table.get("noise"), dict) and table["noise"]:
         # What a plan with errors does not state is ordinary, for who flies it and who plans it.
-        ordinary = ("tie_px", "mark_px", "gnss_m", "control_m")
+        ordinary = ("tie_px", "mark_px", "gnss_m", "control_m", "attitude_deg")
         table["noise"] = {key: getattr(ORDINARY_NOISE, key) for key in ordinary} | table["noise"]
     flights = table.pop("flight", [])
     own = table.pop("camera", {})
@@ -536,5 +539,7 @@ class _Checker:
 
 
 # What a plan of the command is flown with that states none: ordinary images, RTK, a careful survey.
-ORDINARY_NOISE = Noise(tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), control_m=0.01)
+ORDINARY_NOISE = Noise(
+    tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), control_m=0.01, attitude_deg=0.5
+)
 CAMLIGHT = cameras()["camlight"]

@@ -185,6 +185,7 @@ def perfect_block(
         ),
         extra=_constants(plan),
         gnss=pd.DataFrame({"image": image_name, **_xyz(flown.antenna)})[: images * plan.gnss],
+        attitudes=flown.table[["image", *QUATERNION]][: images * plan.attitudes],
         # One weight for all image points, as long as no noise says otherwise.
         sigma={"tie_px": 0.5, "mark_px": 0.5},
         lever_arm={f.name: (*f.lever_arm_m,) for f in plan.flights} if plan.gnss else {},
@@ -350,6 +351,9 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
             {"point": ["G"], **dict.fromkeys("xyz", zero[:1]), "role": ["control"]}
         ),
         gnss=pd.DataFrame({key: pose[key] for key in ("image", *"xyz")})[: len(names) * plan.gnss],
+        attitudes=pd.DataFrame({key: pose[key] for key in ("image", *QUATERNION)})[
+            : len(names) * plan.attitudes
+        ],
         extra=_constants(plan),
     )
     catalogue.predict(sketch, tried)

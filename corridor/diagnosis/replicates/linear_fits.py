@@ -31,6 +31,7 @@ class Measured(NamedTuple):
     """Everything measured, in the order of the problem; px and m.
 
     prior: value of the priors of shared unknowns. check: given coordinates of the check points.
+    attitude: what the measured attitudes are turned by, rad.
     """
 
     xy: np.ndarray
@@ -38,6 +39,7 @@ class Measured(NamedTuple):
     control: np.ndarray
     prior: np.ndarray
     check: np.ndarray
+    attitude: np.ndarray
 
 
 class LinearFits:
@@ -71,8 +73,10 @@ class LinearFits:
         self._system = system = replace(system.measuring(sigma=sigma), loss=Loss())
         self._design = Design(system, kept=True, followed=check_points)
         self._weight = np.repeat(1.0 / sigma, 2)
-        gnss = system.gnss
-        self._gnss, self._gnss_weight = gnss.jacobian, gnss.sigma.reshape(-1, 1) ** -2.0
+        self._poses = [
+            (rows.jacobian, rows.sigma.reshape(-1, 1) ** -2.0)
+            for rows in (system.gnss, system.attitude)
+        ]
 
     def __call__(self, drawn: Iterable[Measured]) -> list[Fit]:
         """The fit to each of several sets of measurements; its state is that of the one."""
@@ -88,7 +92,10 @@ class LinearFits:
             )
         k = len(image)
         others = Measured(None, *(np.stack(each, axis=1) for each in zip(*others, strict=True)))
-        gnss = others.gnss + fit.gnss.reshape(-1, 1)
+        poses = [
+            others.gnss + fit.gnss.reshape(-1, 1),
+            others.attitude + fit.attitude.reshape(-1, 1),
+        ]
         sets = Sets(image, others.control + fit.control.reshape(-1, 1), self._counted)
         columns = self._system.columns
         weight = columns.prior_weight[:, None]
@@ -97,10 +104,12 @@ class LinearFits:
         check = fit.check.reshape(-1, 1) - others.check
         for _ in range(MOST):
             right = self._design.right(sets) + prior
-            right += self._gnss.T @ (self._gnss_weight * gnss)
+            for (by, size), left in zip(self._poses, poses, strict=True):
+                right += by.T @ (size * left)
             step = self._system.solve(right)
             sets, moved, square = self._design.back(sets, step)
-            gnss, prior = gnss - self._gnss @ step, prior - weight * step
+            poses = [left - by @ step for (by, _), left in zip(self._poses, poses, strict=True)]
+            prior = prior - weight * step
             check = check + moved.reshape(-1, k)
             length = square / self._system.problem.unknown_count
             if self._loss.kind == LOSSES["squares"] or length.max() < SMALL**2:
@@ -112,7 +121,7 @@ class LinearFits:
         return [
             Fit(fit.state, image[n].reshape(-1, 2), *(one[:, n].reshape(-1, 3) for one in small))
             for n in range(k)
-            for small in [(gnss, sets.control, check)]
+            for small in [(poses[0], sets.control, check, poses[1])]
         ]
 
     def _counted(self, rows: slice, image: np.ndarray) -> None:

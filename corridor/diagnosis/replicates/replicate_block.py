@@ -47,6 +47,11 @@ def counterpart(
     if len(drawn.gnss):
         known = np.flatnonzero(np.isfinite(block.gnss[["x", "y", "z"]].to_numpy(float)).all(axis=1))
         block.gnss.loc[block.gnss.index[known], ["x", "y", "z"]] = drawn.gnss
+    if len(drawn.attitude):
+        turned = block.attitude_rotations
+        given = system.measuring(attitude=drawn.attitude).problem.attitude_given
+        turned[np.isfinite(turned).all(axis=(1, 2))] = given
+        block.put_attitudes(turned)
     for rows, values in (
         (system.control_rows, drawn.control),
         (replicator.check_rows, drawn.check),
@@ -83,7 +88,7 @@ def _with_effects(block: Block, replicator: Replicator, effects: Mapping[str, Ma
         for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
     }
     moved = add(there, effects)
-    for table in ("tie_points", "marks", "gnss", "ground"):
+    for table in ("tie_points", "marks", "gnss", "ground", "attitudes"):
         setattr(block, table, getattr(moved, table))
     return block
 

@@ -249,6 +249,7 @@ class Replicator:
             system.control.given,
             system.columns.shared_prior,
             given[self.check_rows],
+            system.attitude.given,
         )
         self.check_sigma = system.block.ground_sigma()[self.check_rows]
         self.series: list[Series] = series_of(system)
@@ -256,7 +257,7 @@ class Replicator:
         self.system = replace(system, loss=_loss(adjustment)).minimised(20, TOLERANCE, near=False)
         left, state = self.system.residuals(), self.system.state
         check = state.points[self.check_points] - self.measured.check
-        self.fit = Fit(state, left.pixels, left.gnss, left.control, check)
+        self.fit = Fit(state, left.pixels, left.gnss, left.control, check, left.attitude)
         self.fits = LinearFits(
             self.system, self.measured, self.fit, self.sigma, self.held_out, self.check_points
         )
@@ -315,13 +316,14 @@ class Replicator:
             drawn.gnss - given.gnss + fit.gnss,
             drawn.control - given.control + fit.control,
             fit.state.points[self.check_points] - drawn.check,
+            drawn.attitude - given.attitude + fit.attitude,
         )
 
     def draw(self, rng: np.random.Generator, noise: EstimatedNoise | None = None) -> Measured:
         """All measurements anew: what the believed model says, and noise."""
         noise = noise or self.noise
         fit, given = self.fit, self.measured
-        tie, mark, gnss, control, check, prior = rng.spawn(6)
+        tie, mark, gnss, control, check, prior, attitude = rng.spawn(7)
         xy = np.empty_like(fit.pixels)
         xy[self.is_tie] = noise.draw_tie(int(self.is_tie.sum()), tie)
         marks = ~self.is_tie
@@ -347,6 +349,9 @@ class Replicator:
             prior=value,
             check=fit.state.points[self.check_points]
             + of_check * check.standard_normal(of_check.shape),
+            attitude=given.attitude
+            - fit.attitude
+            + self.system.attitude.sigma * attitude.standard_normal(fit.attitude.shape),
         )
 
 

@@ -81,7 +81,7 @@ def _is_firm(d: Diagnosed, slug: str, firm: set[str]) -> bool:
 
 
 def _told_apart(d: Diagnosed) -> list[str]:
-    """What would tell look-alikes apart."""
+    """What would separate causes that look alike."""
     known, out = effects_by_slug(), {}
     for one in d.findings.effects:
         if one.kind == "ambiguous" and one.separate:

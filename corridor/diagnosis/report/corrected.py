@@ -32,9 +32,10 @@ def corrected(block: Block, adjustment: Adjustment, slugs: Iterable[str]) -> Blo
     if not values:
         return out
     there = adjustment.block.copy()
-    for table in _MEASURED:
+    for table in (*_MEASURED, "attitudes"):
         setattr(there, table, getattr(out, table).copy())
     moved = take_out(there, values)
+    out.attitudes = moved.attitudes
     for table, columns in _MEASURED.items():
         setattr(out, table, getattr(out, table).assign(**getattr(moved, table)[columns]))
     if len(out.track) and not np.array_equal(

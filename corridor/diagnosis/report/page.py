@@ -74,20 +74,20 @@ ANSWER = (
     Section(
         "Data that the fit has not used",
         ("gap",),
-        "Image points held out and check points have no say in the adjustment. <em>Noise alone"
+        "Image points held out and check points are not used in the adjustment. <em>Noise alone"
         "</em> is what the simulated counterparts show, in which nothing is missing; <em>closed"
         "</em> is the share of the excess variance above it that is gone. <em>Before</em> is the "
         "model that was believed in, with ten camera parameters unless told otherwise, adjusted "
         "so that wild measurements hardly count; a plain adjustment takes eight and "
         "lets all count unless told otherwise, so its check points may differ from these.",
     ),
-    Section("What would tell look-alikes apart", ("separating",)),
+    Section("What would separate causes that look alike", ("separating",)),
 )
 EVIDENCE = (
     Section(
         "Measured beside simulated",
         ("bands", "measured_beside_simulated"),
-        "The block was simulated again and again from the model that was believed in, with noise "
+        "The block was simulated again and again from the assumed model, with noise "
         "as large as its residuals show, and fitted each time. Where the measured curve (dark) "
         "leaves the grey band, the model cannot have produced what was measured; what sticks out "
         "has to shrink when the missing effect is added.",
@@ -114,7 +114,7 @@ LAST = (
     Section("To test more, add", ("untestable",)),
     Section("Noise that is not the same everywhere", ("variance",)),
     Section("Known physics", ("physics",)),
-    Section("The model that was believed in", ("believed",)),
+    Section("The assumed model", ("believed",)),
     Section("The rounds of the search", ("rounds",)),
     Section("What was written beside this page", ("written",)),
     Section("How to make this page again", ("command", "versions")),

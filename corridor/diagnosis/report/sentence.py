@@ -61,9 +61,7 @@ def _named(d: Diagnosed) -> str:
 
 def _ambiguous(d: Diagnosed) -> str:
     first, *others = _ambiguities(d)
-    text = (
-        f"Either {_either(d, first)} is missing from the model; this flight cannot tell them apart"
-    )
+    text = f"Either {_either(d, first)} is missing from the model; this flight cannot separate them"
     text += f". What would: {first[0].separate}." if first[0].separate else "."
     more = [alike for alike in others if alike[0].slug not in first[0].alternatives]
     if more:
@@ -82,7 +80,7 @@ def _unknown(d: Diagnosed) -> str:
         return listed((known[slug].called for slug in slugs), "or")
 
     if names := called("alike"):
-        text += f" The fit alone takes {names} as well; check points tell them apart."
+        text += f" The fit alone takes {names} as well; check points separate them."
     if names := called("parts"):
         text += f" It overlaps with {names}, which would explain a part of it only."
     text += "".join(_looks_like(d))

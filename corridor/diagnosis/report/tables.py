@@ -345,7 +345,7 @@ def physics(d: Diagnosed) -> pd.DataFrame:
     for slug, mine in d.detection_limits.items():
         scales = {p.name: p.scale for p in known[slug].parameters(d.block)}
         if slug not in relevant and all(v is None or v > scales[k] for k, v in mine.items()):
-            relevant[slug] = "hardly visible in this flight"
+            relevant[slug] = "this flight hardly shows it"
     rows = [
         (
             upper(known[slug].called), why, known[slug].unobservable_when or DASH,
@@ -357,7 +357,7 @@ def physics(d: Diagnosed) -> pd.DataFrame:
 
 
 def believed(d: Diagnosed) -> pd.DataFrame:
-    """The model that was believed in, as adjusted."""
+    """The assumed model, as adjusted."""
     rows, system = [], d.before.system
     for name, free in system.free.items():
         rows.append((f"camera {name}", f"free: {', '.join(free)}" if len(free) else "held"))

@@ -97,6 +97,8 @@ def _files(table: str, names: list[str]) -> str:
         return f"{listed(names)} in [camera.NAME] of block.toml"
     if table == "gnss":
         return "antenna positions (gnss.csv, or track.csv and time_s in images.csv)"
+    if table == "attitudes":
+        return "attitudes of the camera (attitudes.csv)"
     if table == "ground":
         return "control points (role control in ground.csv, measured in marks.csv)"
     every = " for every image" if table == "images" else ""

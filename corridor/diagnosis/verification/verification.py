@@ -55,7 +55,7 @@ class Verification:
             self.used.remove(key)
             self.notes.append(
                 f"{key} explains what was measured, but strips are predicted no better with what "
-                "the other strips say of it: it is not taken for sure, and not added."
+                "the other strips say of it: it is not certain, and not added."
             )
         self._believed, self._course, self._last = believed, course, course.last
         self._groups = course.last.evidence.groups
@@ -165,7 +165,7 @@ class Verification:
             self._go_on(*misfit[best][1:])
         if abs(better) > SETTINGS.check_odds:
             self.notes.append(
-                "The fit cannot tell which control points are wrong "
+                "The fit cannot decide which control points are wrong "
                 f"({listed_points(groups, [wrong.found])}, or {told}); check points tell, so their "
                 "error afterwards is no longer independent."
             )
@@ -245,7 +245,7 @@ class Verification:
             if bare is None or Cost.of(bare, self._now, self._rows).counts:
                 continue
             self.notes.append(
-                f"Residuals hang together as in {effect.called} ({one.where}); it neither moves "
+                f"Residuals are correlated as in {effect.called} ({one.where}); it neither moves "
                 "the ground nor predicts data that no fit has used clearly better, and is no "
                 "finding."
             )

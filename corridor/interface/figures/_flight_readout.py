@@ -24,7 +24,9 @@ def flight_readout(found, published: tuple[float, float, str] | None) -> Figure:
     tall = max(_ROW * len(rows), 2.4)
     value, sigma = rounded(1000 * found.readout, 1000 * found.sigma)
     said = f"{value} \u00b1 {sigma} ms, first to last of {found.rows} rows"
-    title = f"Readout time {said}" if found.told else "This flight does not tell the readout time"
+    title = (
+        f"Readout time {said}" if found.told else "This flight does not determine the readout time"
+    )
     turns = ", turns from rates.csv" if found.turns else ""
     note = f"velocities {found.motion.source}{turns}; bars are one sigma"
     note = note if found.told else f"the adjustment says {said}; {note}"

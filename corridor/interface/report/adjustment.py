@@ -55,13 +55,14 @@ CAPTIONS = {
         "along one, point at time, at the antenna or at the camera."
     ),
     "correlation_matrix": (
-        "Parameters that this block cannot tell apart: a full cell means that one can stand in "
+        "Parameters that this block cannot separate: a full cell means that one can stand in "
         "for the other."
     ),
     "first_look": "Images, points and coverage of the block after the adjustment.",
 }
 
-_KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control"}
+_KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control",
+          "attitude": "attitudes"}  # fmt: skip
 _UNITS = {"f": "px", "cx": "px", "cy": "px"}
 _DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["s_dx", "s_dy", "s_dz"]
 _STRONG = 0.95
@@ -295,7 +296,9 @@ def steps(adjustment: Adjustment) -> list[str]:
     if beyond or missed or adjustment.sigma0 > _LARGE:
         why = "Check points are off by more than their standard deviations say" if beyond else ""
         why = why or ("It is not accurate enough" if missed else "The residuals are too large")
-        out.append(f"{why}: ask what is missing from the model, `corridor diagnose BLOCK -o OUT`")
+        out.append(
+            f"{why}: find what is missing from the model with `corridor diagnose BLOCK -o OUT`"
+        )
     if missed and not beyond:
         out.append(
             "The standard deviations say the same: more control, images or GNSS are needed; "
@@ -336,7 +339,7 @@ def _observations(adjustment: Adjustment) -> Table:
         if not found.get("count"):
             continue
         counts = (f"{found['count']:,}", f"{found['outliers']:,}")
-        rows.append((_KINDS[kind], *counts, _rms(found["rms"]), fixed(found["sigma0"], 3)))
+        rows.append((_KINDS[kind], *counts, _rms(kind, found["rms"]), fixed(found["sigma0"], 3)))
         if found.get("gross"):
             gross.append(f"{found['gross']:,} of {_KINDS[kind]}")
     notes = [
@@ -398,10 +401,12 @@ def _reliability(adjustment: Adjustment) -> Table | None:
     return Table("Reliability", header, tuple(rows), "lrrrrr", notes)
 
 
-def _rms(rms) -> str:
-    """One number in px an axis, or three in metres."""
+def _rms(kind: str, rms) -> str:
+    """One number in px an axis, or three in metres or degrees."""
     if np.ndim(rms) == 0:
         return f"{fixed(rms, 3)} px an axis"
+    if kind == "attitude":
+        return "  ".join(fixed(value, 3) for value in rms) + " degrees (roll, pitch, yaw)"
     digits = metre_digits(rms)
     return "  ".join(fixed(value, digits) for value in rms) + " m (x, y, z)"
 

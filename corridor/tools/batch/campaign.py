@@ -30,7 +30,7 @@ TABLE, PAGE = "batch.csv", "report.html"
 _DONE = {"adjust": "adjusted", "diagnose": "diagnosed"}
 _MEANING = {
     IN_DOUBT: "check points or residuals are larger than their standard deviations say",
-    NOT_TESTED: "no check point tells how far off it is",
+    NOT_TESTED: "no check point shows how far off it is",
     NOT_RUN: "the same command goes on with it",
 }
 _RMS = ("check_rms_xy_m", "check_rms_z_m", "check_rms_3d_m")

@@ -292,6 +292,6 @@ def held_apart(points: PointChanges | None, scale: float) -> Iterator[Objection]
         "one of the two flights",
         f"{counted(len(rows), 'control point')} with the same coordinates at both dates come out "
         f"at two places ({points.names[rows[worst]]} most, by {fixed(by, 0)} mm)",
-        "Ask `corridor diagnose` of each date what its model lacks. If control itself moved "
-        "between the dates, survey it again, or give it the role check.",
+        "Run `corridor diagnose` on each date to find what its model lacks. If control itself "
+        "moved between the dates, survey it again, or give it the role check.",
     )

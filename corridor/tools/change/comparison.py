@@ -86,7 +86,7 @@ class Comparison:
         if self.motion not in MOTIONS:
             raise InputError(f"motion {self.motion!r} is unknown: use one of {', '.join(MOTIONS)}")
         if not 0 < self.level < 1:
-            raise InputError(f"level {self.level} is no probability between 0 and 1")
+            raise InputError(f"level {self.level} is not a probability between 0 and 1")
         if self.degree is not None and self.degree not in DEGREES:
             raise InputError(
                 f"a surface of degree {self.degree} is unknown: use 0 (the mean), 1 (a plane) or 2"
@@ -132,7 +132,7 @@ def read_line(path: str | os.PathLike) -> np.ndarray:
     if len(wrong):
         raise InputError(f"{path}, row {wrong[0] + 2}: x and y have to be numbers")
     if len(corners) < 2:
-        raise InputError(f"{path}: {len(corners)} corners are no line; give two or more")
+        raise InputError(f"{path}: {len(corners)} corners do not make a line; give two or more")
     return corners
 
 
@@ -164,7 +164,7 @@ def _date(block: Block, name: str) -> date | None:
         return date.fromisoformat(str(given)[:10])
     except ValueError:
         raise InputError(
-            f"block.toml of {name}: date = {given!r} is no date; write it as 2024-05-31"
+            f"block.toml of {name}: date = {given!r} is not a date; write it as 2024-05-31"
         ) from None
 
 
@@ -177,7 +177,7 @@ def check_datum(before: Adjustment, after: Adjustment, datum: str) -> None:
         both = len(free) == 2
         raise InputError(
             f"{' and '.join(free)} {'have' if both else 'has'} neither control nor GNSS and so no "
-            "datum: give control points or GNSS, or lay both together on what stands still "
+            "datum: give control points or GNSS, or align both on what stands still "
             "(--datum stable --motion similarity)"
         )
 

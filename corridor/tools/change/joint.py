@@ -200,7 +200,8 @@ def common_errors(
     for kind in kinds:
         if kind not in KINDS:
             raise InputError(
-                f"{kind!r} is no error that epochs share: use some of {', '.join(KINDS)}, or none"
+                f"{kind!r} is not an error that epochs can share: use some of "
+                f"{', '.join(KINDS)}, or none"
             )
     out = []
     if len(epochs) == 2 and "control" in kinds:

@@ -278,7 +278,7 @@ def _datum(change) -> list[str]:
         laying = None if surface is None else surface.laying
         carried = "" if laying is None else f" ({100 * laying.stable.mean():.0f} % of the surface)"
         out.append(
-            f"Both dates are laid together on what stands still{carried} by a "
+            f"Both dates are aligned on what stands still{carried} by a "
             f"{asked.motion} motion: a motion of the whole block cannot be seen."
         )
         if laying is not None and laying.scale >= 1.05:

@@ -110,7 +110,7 @@ def _cover(found) -> str:
         f"{'sank' if patch.change < 0 else 'rose'} by "
         f"{millimetres(abs(patch.change), patch.sigma)} in the mean, while {found.points} marked "
         f"points in it stand still ({millimetres(found.still, found.sigma)}): vegetation, snow or "
-        "what was laid down or taken away."
+        "material that was added or removed."
     )
 
 

@@ -96,7 +96,7 @@ def dates_of(block: Block, folders: Iterable[str]) -> tuple[Block, Block]:
     """
     folders = tuple(folders)
     if len(folders) != 2:
-        raise InputError(f"{len(folders)} folders of photographs are no two dates: name both")
+        raise InputError(f"{len(folders)} folders of photographs are not two dates: name both")
     out = []
     for folder in folders:
         images = [name for name in block.images["image"].astype(str) if name.startswith(folder)]

@@ -323,7 +323,7 @@ def _in_one_height_system(project: Project, name: str) -> Project:
     moved = moved.having(gnss=gnss, notes=[text[0].lower() + text[1:].rstrip(".")])
     after = _in_pixels(moved.block)
     plan_witness = Witness(
-        "the same points in plan", AGREES, f"{plan:.1f} m beside the positions' own error"
+        "the same points horizontally", AGREES, f"{plan:.1f} m beside the positions' own error"
     )
     marks = Witness(
         "marks", AGREES if after < _limit(block) else CONTRADICTS, f"{after:.1f} px afterwards"

@@ -105,7 +105,7 @@ class Imported:
                 "Adjust it with its delay: `corridor adjust "
                 f"{self.output} --effect clock_offset -o OUT`."
             )
-        actions.append(f"Ask what its model lacks: `corridor diagnose {self.output} -o OUT`.")
+        actions.append(f"Find what its model lacks: `corridor diagnose {self.output} -o OUT`.")
         if not len(block.ground):
             actions.append(
                 "For accuracy on the ground, measure control and add it: `--ground FILE`."

@@ -171,7 +171,8 @@ def _with_lost_named(project, place, names, photos, force):
         said += f"; features and matches are kept in {place}, the same command goes on from there"
     if len(joined) < _REFUSED * len(names) and not force:
         raise WorkFailed(
-            f"only {len(joined)} of {len(names)} photographs make one model, which is not a block. "
+            f"only {len(joined)} of {len(names)} photographs make one model, which is not enough "
+            "for a block. "
             f"{said[0].upper()}{said[1:]}; --force writes the block of those that are joined"
         )
     return replace(project.having(warnings=[said]), lost=lost)

@@ -549,9 +549,7 @@ def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, str, list[str]]
             "and 6 m in height were assumed where no RTK flag says better"
         )
     for flag, many in sorted((f, n) for f, n in poor.items() if n):
-        what = (
-            "a float solution" if 32 <= flag <= 49 else _STATUS.get(flag, "which is not an RTK fix")
-        )
+        what = "a float solution" if 32 <= flag <= 49 else _STATUS.get(flag, "which is not a fix")
         notes.append(
             f"{many} of {len(rows)} positions have RtkFlag {flag}, {what}: they count as good to "
             f"{_ASSUMED[34 if 32 <= flag <= 49 else 16][0]:g} m horizontally, whatever they state"

@@ -83,9 +83,8 @@ def _found(path: Path) -> tuple[str, Path, list[str]]:
         if named:
             raise InputError(f"{path} is {named}")
         raise InputError(
-            f"{path} is not a project that corridor recognises ({known}); name the exported "
-            "file or "
-            "folder, and its format in place of auto"
+            f"{path} is not a project that corridor recognises ({known}); name the exported file "
+            "or folder, and its format in place of auto"
         )
     if len({place for _, place in found}) > 1:
         places = "; ".join(f"{name}: {place}" for name, place in found[:6])

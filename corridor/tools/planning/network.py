@@ -106,10 +106,10 @@ class Network:
     ):
         self.plan, self.seed = plan, seed
         for effect in model.effects:
-            if effect.place != "antenna":
+            if effect.place not in ("antenna", "attitude"):
                 raise InputError(
                     f"effect {effect.slug} acts on {effect.place}: the planner estimates those of "
-                    "the antenna; adjust simulated blocks for the others"
+                    "the antenna and of attitudes; adjust simulated blocks for the others"
                 )
         self.block, self.surveyed, self.unseen = _block_of(plan, surveyed, seed)
         model = replace(model, control=self.surveyed.names, check=None)
@@ -225,7 +225,7 @@ class Network:
             moved = step.any(axis=1)
             axis = int(np.argmax(np.abs(step[moved][0]))) if moved.any() else 0
             alike = np.array_equal(step, moved[:, None] * np.eye(3)[axis])
-            if unknown.kind == "effect" and len(step) and alike:
+            if unknown.kind == "effect" and moved.any() and alike:
                 found[column] = axis, np.unique(self.gnss_flight[moved])
         return found
 
@@ -288,7 +288,7 @@ def _block_of(plan: Plan, surveyed: Surveyed, seed: int) -> tuple[Block, Surveye
     block = without_control(plan, seed)
     stated = {key: value for key, value in asdict(plan.noise).items() if key in _SIGMAS}
     block.sigma |= {
-        key: np.broadcast_to(np.asarray(value, float), 3).copy() if key.endswith("_m") else value
+        key: value if key.endswith("_px") else np.broadcast_to(np.asarray(value, float), 3).copy()
         for key, value in stated.items()
         if np.all(np.asarray(value) > 0)
     }
@@ -322,7 +322,7 @@ def _block_of(plan: Plan, surveyed: Surveyed, seed: int) -> tuple[Block, Surveye
     return block, shown, [surveyed.names[k] for k in np.flatnonzero(~twice)]
 
 
-_SIGMAS = ("tie_px", "mark_px", "gnss_m", "control_m")
+_SIGMAS = ("tie_px", "mark_px", "gnss_m", "control_m", "attitude_deg")
 
 
 def _loosely_known(block: Block) -> Block:

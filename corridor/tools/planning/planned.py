@@ -138,6 +138,8 @@ def _sigmas(sets: Sequence[Plan], flown: dict[str, Block]) -> str:
         sigma = flown[one.name].sigma
         three = {key: "/".join(f"{v:g}" for v in sigma[f"{key}_m"]) for key in ("gnss", "control")}
         gnss = f"GNSS {three['gnss']} m" if one.gnss else "no GNSS"
+        if one.attitudes:
+            gnss += f", attitudes {'/'.join(f'{v:g}' for v in sigma['attitude_deg'])} degrees"
         words = (
             f"image points {sigma['tie_px']:g} px, marks {sigma['mark_px']:g} px, {gnss}, "
             f"control {three['control']} m (x/y/z)"

@@ -259,7 +259,7 @@ def _position(given) -> tuple[float, float]:
     except (TypeError, ValueError):
         station = across = np.nan
     if not np.isfinite([station, across]).all():
-        raise InputError(f"{given!r} is no point: give a name or (station, across)")
+        raise InputError(f"{given!r} is not a point: give a name or (station, across)")
     return station, across
 
 

@@ -62,7 +62,7 @@ def report_of(planned) -> Report:
     made = [
         _control(planned),
         _of(table, _ACCURACY, "Expected errors", (accuracy, planned.sigmas)),
-        _of(table, _KNOWN, "What the flights can tell apart", (known,)),
+        _of(table, _KNOWN, "What the flights can separate", (known,)),
     ]
     if planned.detection is not None:
         made.append(registry.room("change").detection_table(planned.detection))

@@ -77,7 +77,7 @@ def readout_from_flight(
     sigma = honest(found.sigma, by_strips, free)
     counsel = None
     if advise:
-        say("looking for photographs that would tell", 0.9)
+        say("looking for photographs that would help", 0.9)
         counsel = advice(adjustment, motion, found.readout, unstated, sigma / found.sigma)
     camera = block.cameras[name]
     size = camera.width, camera.height

@@ -36,7 +36,7 @@ def save_flight(found: FlightReadout, folder: str | os.PathLike) -> list[Path]:
     caption = (
         "Left: the readout time by the whole flight (thick bar: the honest sigma), without each "
         "strip, with eight camera parameters, and as published. Right: where the images were taken "
-        "and how fast the drone flew; circles: where four more photographs would tell most."
+        "and how fast the drone flew; circles: where four more photographs would help most."
     )
     page = report_of(found).page([("Readout time from the flight", caption, picture)])
     files = (_RESULT[found.told], _PAGE, PICTURE)

@@ -20,7 +20,8 @@ PUBLISHED_SHARE = 0.07
 CONTRADICTS = 3.0
 _GYROSCOPE_SCALE = (
     "A gyroscope that shows all turns too large by some share makes the readout time too short by "
-    "as much, as far as turns tell it: strips do not show that, and the sigma leaves it out."
+    "as much, as far as rotations determine it: strips do not show that, and the sigma leaves it "
+    "out."
 )
 
 
@@ -166,7 +167,7 @@ def report_of(found: FlightReadout) -> Report:
             said = f"The flight shows no rolling shutter: {value}, at most {most:.2g} (two sigma)."
         opening = f"{said} {why}"
     else:
-        opening = f"This flight does not tell the readout time. {why}"
+        opening = f"This flight does not determine the readout time. {why}"
         warnings = list(found.reasons)
     return Report(
         f"Readout time of camera {found.camera} from a flight",

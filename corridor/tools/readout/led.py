@@ -92,7 +92,9 @@ def measure_led(
         )
     warnings = []
     if row_direction is None:
-        warnings.append("a LED tells the axis of the rows, not in which direction they are read")
+        warnings.append(
+            "a LED shows the axis of the rows, not the direction in which they are read"
+        )
     if stripes < 10:
         warnings.append(f"{stripes:.1f} stripes: with ten or more the result is better")
     if _broken(light if axis == "y" else light.T, cycles):

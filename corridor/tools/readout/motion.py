@@ -136,8 +136,8 @@ def on_one_clock(block: Block) -> tuple[Block, list[str]]:
     block = block.copy()
     block.rates = block.rates.iloc[:0]
     return block, [
-        f"The images have time stamps of {step:g} s, which do not tell where in rates.csv they "
-        "were taken: the turns of the camera are left out."
+        f"The images have time stamps of {step:g} s, which do not say where in rates.csv they "
+        "were taken: the rotations of the camera are left out."
     ]
 
 

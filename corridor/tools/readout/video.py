@@ -304,7 +304,8 @@ def _which_spoke(waves, angles, name):
             "ambiguous: mark one spoke or the tyre, or film more frames a second"
         )
     return angles + extra[slowest] * frames, (
-        "no mark tells the spokes of the film apart: the slowest of the possible speeds was taken",
+        "no mark distinguishes the spokes of the film: the slowest of the possible speeds was "
+        "taken",
     )
 
 

@@ -96,7 +96,7 @@ def read_maps(path: str | os.PathLike) -> Maps:
             TypeError, AttributeError, MemoryError) as error:  # fmt: skip
         if isinstance(error, InputError):
             raise
-        reason = getattr(error, "strerror", None) or "it is no .npz of plain arrays"
+        reason = getattr(error, "strerror", None) or "it is not a .npz file of plain arrays"
         raise InputError(
             f"{path} cannot be read as maps ({reason}): give a file that `corridor thermal map` "
             "wrote"

@@ -172,7 +172,7 @@ def test_a_system_that_nobody_knows_is_said_before_the_work(folder, tmp_path, ca
     words = ["adjust", str(tmp_path / "block"), "-o", str(tmp_path / "out"), "--gis"]
     assert main(words) == 2
     last = capsys.readouterr().err.splitlines()[-1]
-    assert "crs = 'EPSG:999999' is no system that is known" in last
+    assert "crs = 'EPSG:999999' is not a known coordinate system" in last
 
 
 @pytest.mark.slow

@@ -24,7 +24,9 @@ from corridor.core.simulation import add_noise
 
 FOLDER = Path(inspect.getfile(Effect)).parent / "catalogue"
 # Small enough that nothing hides in the noise, and that GNSS and control hold the block.
-NOISE = {"tie_px": 0.05, "mark_px": 0.05, "gnss_m": 0.002, "control_m": 0.002}
+NOISE = {
+    "tie_px": 0.05, "mark_px": 0.05, "gnss_m": 0.002, "control_m": 0.002, "attitude_deg": 0.002,
+}  # fmt: skip
 
 
 def flown(**options):
@@ -45,6 +47,9 @@ def flown(**options):
     block.images["temperature_c"] = 25 + 10 * np.sin(np.arange(20.0))
     # The plain lies at 0 m: half of the points are under water.
     block.extra["effect"] = {"water_refraction": {"level": 1.0}}
+    # Measured by an IMU whose boresight is known: no effect comes with its attitudes.
+    block.extra["attitudes"] = {"calibrated": True}
+    block.attitudes = block.images[["image", "qw", "qx", "qy", "qz"]].copy()
     block.check()
     return block
 
@@ -113,7 +118,7 @@ def chosen(effect, drone, here, aeroplane):
     there = predict(drone, {effect.slug: drawn(effect, drone)})
     signal = sum(
         np.sum((vars(there)[kind] - vars(here)[kind]) ** 2) / NOISE[noise] ** 2
-        for kind, noise in zip(("tie", "mark", "gnss", "control"), NOISE, strict=True)
+        for kind, noise in zip(("tie", "mark", "gnss", "control", "attitude"), NOISE, strict=True)
     )
     return drone if signal > 20**2 else aeroplane
 
@@ -134,6 +139,8 @@ def context_of(effect, block):
         return Context(images, np.arange(len(images.names)))
     if effect.place == "antenna":
         return Context(images, block.image_rows("gnss"))
+    if effect.place == "attitude":
+        return Context(images, block.image_rows("attitudes"))
     if effect.place == "ground":
         control = block.ground[block.ground["role"] == "control"]
         given = control[["x", "y", "z"]].to_numpy(float)
@@ -280,7 +287,7 @@ class TestEveryEffect:
         assert (effect.group == "point") <= (effect.place == "ground")
         for need in effect.needs:
             table, _, column = need.partition(".")
-            tables = ("images", "gnss", "rates", "track", "ground", "camera", "effect")
+            tables = ("images", "gnss", "attitudes", "rates", "track", "ground", "camera", "effect")
             assert table in tables and column
         assert find(effect.slug).slug == effect.slug
         assert set(effect.stands_in_for) <= set(INTERIOR)
@@ -311,6 +318,7 @@ def same_tables(a, b, tolerance):
         ("marks", ["x", "y"]),
         ("gnss", ["x", "y", "z"]),
         ("ground", ["x", "y", "z"]),
+        ("attitudes", ["qw", "qx", "qy", "qz"]),
     ):
         one, other = (getattr(block, table)[columns].to_numpy(float) for block in (a, b))
         if np.abs(one - other).max() > tolerance:

@@ -156,7 +156,7 @@ class TestOneThatIsNone:
             register(type("Broken", (Ripple,), changes))
 
     def test_so_is_a_class_that_is_no_effect(self):
-        with pytest.raises(corridor.InputError, match="Plain is no effect: derive it"):
+        with pytest.raises(corridor.InputError, match="Plain is not an effect: derive it"):
             register(type("Plain", (), {"slug": "plain"}))
 
     @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ SPOILT = {
     "no such latitude": (
         "llh.pos",
         lambda text: text.replace("45.830120300", "145.83012030"),
-        ["llh.pos, row 9", "no place on Earth"],
+        ["llh.pos, row 9", "not a place on Earth"],
     ),
     "no such day": (
         "llh.pos",

@@ -18,7 +18,7 @@ WRONG = {
     "negative overlap": (FLIGHT + "forward = -0.1", "forward = -0.1 cannot be flown"),
     "negative height": ("[[flight]]\nheight_m = -50", "height_m = -50 is not above the ground"),
     "no height above ground": ("[[flight]]\nheight_m = [50, 0, 50]", "height_m = 0 is not above"),
-    "a height in space": ("[[flight]]\nheight_m = 1e300", "is no height of a drone"),
+    "a height in space": ("[[flight]]\nheight_m = 1e300", "cannot be the height of a drone"),
     "below the crest": ("[[flight]]\nheight_m = 2", "sees nothing: its lowest strip"),
     "a jitter down to the ground": (
         FLIGHT + "position_jitter_m = 20",
@@ -96,7 +96,7 @@ WRONG = {
     "an axis of one point": ("axis_m = [[0, 0]]\n" + FLIGHT, "two or more positions"),
     "an axis that leaves the Earth": (
         "axis_m = [[1e20, 0], [0, 0]]\n" + FLIGHT,
-        "no place on Earth",
+        "not a place on Earth",
     ),
     "an axis that stands still": ("axis_m = [[0, 0], [0, 0]]\n" + FLIGHT, "a position twice"),
     "an axis in space": ("axis_m = [[0, 0, 0], [0, 9, 0]]\n" + FLIGHT, "3 values, 2 are needed"),

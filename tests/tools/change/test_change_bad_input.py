@@ -54,7 +54,7 @@ def nothing(first, second):
         (another_system, [], "crs of BEFORE is EPSG:32631, of AFTER EPSG:2154"),
         (another_offset, [], "offset of BEFORE is .* one offset"),
         (swapped_dates, [], "exchange the two blocks"),
-        (no_date, [], "'last summer' is no date"),
+        (no_date, [], "'last summer' is not a date"),
         (another_place, [], "the epochs do not overlap"),
         (exchanged_names, [], "lies .* m apart in the two epochs .*different points"),
         (no_datum, [], "AFTER has neither control nor GNSS and so no datum"),
@@ -67,8 +67,8 @@ def nothing(first, second):
             "tie points of both dates within 0.1 m",
         ),
         (nothing, ["--together", "--stable", "P77", "--points-only"], "P77 is to stand still"),
-        (nothing, ["--common", "weather"], "'weather' is no error that epochs share"),
-        (nothing, ["--level", "2"], "no probability"),
+        (nothing, ["--common", "weather"], "'weather' is not an error that epochs can share"),
+        (nothing, ["--level", "2"], "not a probability"),
         (nothing, ["--datum", "loose"], "'loose'"),
     ],
     ids=lambda value: value.__name__ if callable(value) else None,
@@ -98,7 +98,7 @@ def test_the_command_says_one_sentence_and_writes_nothing(
     [
         ({"datum": "loose"}, "datum 'loose' is unknown"),
         ({"motion": "shear"}, "motion 'shear' is unknown"),
-        ({"level": 2.0}, "no probability"),
+        ({"level": 2.0}, "not a probability"),
     ],
 )
 def test_an_option_that_says_nothing(option, match):

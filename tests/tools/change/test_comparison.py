@@ -60,7 +60,7 @@ def test_dates_on_gnss_of_metres_are_laid_together_and_said_to_be():
     second.gnss["z"] += 2.0
     found = corridor.change(first, second, same_ties=True, camera=False, spacing=12.0)
     assert found.asked.datum == "stable" and found.verdict == "nothing"
-    assert "laid together on what stands still" in str(found)
+    assert "aligned on what stands still" in str(found)
     assert np.abs(found.surface.distance).max() < 0.05
 
 
@@ -170,6 +170,6 @@ def test_two_dates_in_one_block_are_those_of_two_blocks(tmp_path, capsys):
     given = ["change", str(both), "--no-camera", "--points-only", "--dates"]
     assert main([*given, "2023/,2024/"]) == 0
     assert "No change is significant" in capsys.readouterr().out
-    for wrong, said in (("2023/,2025/", "no image is called 2025/"), ("2023/", "no two dates")):
+    for wrong, said in (("2023/,2025/", "no image is called 2025/"), ("2023/", "not two dates")):
         assert main([*given, wrong]) == 2
         assert said in capsys.readouterr().err

@@ -82,5 +82,5 @@ def test_what_common_control_does_follows_from_moving_it():
 
 def test_unknown_kind_of_common_error_is_refused():
     one = adjusted(10)
-    with pytest.raises(InputError, match="'weather' is no error that epochs share"):
+    with pytest.raises(InputError, match="'weather' is not an error that epochs can share"):
         _ = joint(one, one, common=("weather",)).errors

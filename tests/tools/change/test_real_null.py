@@ -107,7 +107,7 @@ def test_dates_on_gnss_of_metres_are_laid_together_and_nothing_moved(five_strips
     found = corridor.change(*five_strips, model=model, **options)
     assert found.asked.datum == "stable" and found.verdict == "nothing"
     assert not found.surface.moved.any()
-    assert "laid together on what stands still" in str(found)
+    assert "aligned on what stands still" in str(found)
 
 
 @pytest.mark.parametrize("depth", [0.02, 0.05])

@@ -298,7 +298,7 @@ def test_a_damaged_file_of_ground_points_ends_in_a_sentence(flown, tmp_path, cap
         arguments = ["import", "auto", str(home / "model"), "-o", str(tmp_path / "block")]
         assert cli.main([*arguments, "--ground", str(tmp_path / name)]) == 2
         said = capsys.readouterr().err.strip().splitlines()[-1]
-        assert said.startswith("error: ") and (name in said or "no place on Earth" in said)
+        assert said.startswith("error: ") and (name in said or "not a place on Earth" in said)
 
 
 def test_djis_time_marks_in_the_folder_are_taken_for_times_and_positions(real_data, tmp_path):

@@ -12,7 +12,7 @@ class CameraByTime(CameraCurve):
     called = "a camera that changes with time"
     needs = ("images.time_s",)
     revealed_by = "flights of many minutes, with GNSS or control"
-    unobservable_when = "GNSS and control are too weak to tell the camera from its poses"
+    unobservable_when = "GNSS and control are too weak to separate the camera from its poses"
 
     def quantity(self, images):
         """Time, s."""

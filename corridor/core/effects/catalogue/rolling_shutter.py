@@ -113,13 +113,13 @@ def readout_doubts(block, found):
         if row.value < -2 * row.sigma:
             out.append(
                 f"A readout of {value} is negative: the rows run the other way (row_direction in "
-                "block.toml), or this is no measurement, because speed and flight direction vary "
-                "too little in the pictures."
+                "block.toml), or this value is not reliable, because speed and flight direction "
+                "vary too little in the pictures."
             )
         elif known and row.sigma > 0 and off > max(_FAR_SIGMAS * row.sigma, _FAR_SHARE * known):
             out.append(
                 f"A readout of {value} was estimated where block.toml states {1000 * known:.1f} "
-                "ms: the velocities are wrong, the flight does not tell the readout, or the camera "
-                "was in another mode."
+                "ms: the velocities are wrong, the flight does not determine the readout, or the "
+                "camera was in another mode."
             )
     return out

@@ -153,7 +153,7 @@ def _layout(header: str, separator: str) -> tuple[dict[str, tuple[int, int, str]
 def _stamp(rows: TextRows, k: int) -> tuple[str, float]:
     """Day and seconds of it of a row."""
     if len(rows.fields[k]) < 2:
-        raise rows.wrong(k, "there is no position; delete the row")
+        raise rows.wrong(k, "the position is missing; delete the row")
     first, second = rows.fields[k][:2]
     date, seconds = _DATE.fullmatch(first), seconds_of_clock(second)
     if date and seconds is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,8 @@ import numpy as np
 class Fit:
     """One adjustment: its state and residuals, measured minus modelled, in the problem's order.
 
-    pixels (n, 2) px, gnss (k, 3) m, control (c, 3) m; check (c, 3): adjusted minus given, m.
+    pixels (n, 2) px, gnss (k, 3) m, control (c, 3) m; check (c, 3): adjusted minus given, m;
+    attitude (a, 3) rad.
     """
 
     state: object
@@ -21,6 +22,7 @@ class Fit:
     gnss: np.ndarray
     control: np.ndarray
     check: np.ndarray
+    attitude: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, eq=False)

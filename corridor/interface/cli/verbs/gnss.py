@@ -76,7 +76,9 @@ def run(options: argparse.Namespace) -> None:
     exposures = gnss.read_exposures(options.images)
     if options.photos is not None:
         if not options.photos.is_dir():
-            raise InputError(f"{options.photos} is no folder; name the folder of the photographs")
+            raise InputError(
+                f"{options.photos} is not a folder; name the folder of the photographs"
+            )
         exposures = exposures.named([path.name for path in gnss.photographs_in(options.photos)])
     crs, offset, about = gnss.frame_of_block(options.images)
     if options.crs is not None and options.crs != crs:

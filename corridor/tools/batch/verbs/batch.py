@@ -56,7 +56,7 @@ _SHARED_OUT = {
         "memory that each worker may use; a block that needs more fails (default: its share of "
         "the machine)",
         "GB",
-        number("is no memory in GB above 0", above=0.0),
+        number("is not a memory size in GB above 0", above=0.0),
     ),
 }
 _VERBS = {

@@ -72,7 +72,7 @@ OPTIONS = _model.table(
         ),
     ),
     "--datum": option(
-        "as control and GNSS of each date state it, or laid together on what stands still "
+        "as control and GNSS of each date state it, or aligned on what stands still "
         "(default: stated; stable where a date hangs on GNSS of metres alone)",
         choices=("stated", "stable"),
     ),
@@ -104,9 +104,9 @@ OPTIONS = _model.table(
     "--largest-motion": option("of a named point, m; beyond it the name is wrong (default 5)", "M",
                                _POSITIVE, default=5.0),
     "--points-only": flag("named points, no surface"),
-    "--no-camera": flag("do not ask what effects of the camera explain"),
+    "--no-camera": flag("leave out the test of what effects of the camera explain"),
     "--level": option("false discovery rate, and level of the global tests (default 0.01)", "P",
-                      number("is no probability between 0 and 1", above=0.0, below=1.0),
+                      number("is not a probability between 0 and 1", above=0.0, below=1.0),
                       default=0.01),
 }  # fmt: skip
 

@@ -39,7 +39,9 @@ OPTIONS = {
     "--ground": option("ground points, with their marks if it has them", "FILE", Path),
     "--crs": option("system of the project's coordinates, where it does not say", "CRS"),
     "--ground-crs": option("system of the ground points, where the file does not say", "CRS"),
-    "--quick": flag("do not ask what is missing from the model, which takes most of the time"),
+    "--quick": flag(
+        "leave out the search for what is missing from the model, which takes most of the time"
+    ),
     "--threads": {"default": min(2, os.cpu_count() or 1)},
     "--json": option("also write the answer as JSON: a file, or - for standard output", "FILE"),
 }

@@ -163,7 +163,7 @@ def _photos(head_line, first, rest, common):
         camera, *rest = rest
         if len(camera) < 2:
             raise camera[0].wrong(
-                f"this is not a camera of photo {number}; the file is cut off or out of step"
+                f"this is not the camera of photo {number}; the file is cut off or out of step"
             )
         inner = camera[0].values(11, f"the camera of photo {number}")[1:]
         # The head prints the same camera with more digits.

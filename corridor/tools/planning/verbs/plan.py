@@ -59,7 +59,7 @@ OPTIONS = {
     "--control": option(
         "numbers of control points (default 0,1,3,5; may be repeated)",
         "N,N",
-        several(whole("count", 0), "are no numbers of control points: write 0,1,3"),
+        several(whole("count", 0), "are not numbers of control points: write 0,1,3"),
         action="extend",
         default=None,
     ),

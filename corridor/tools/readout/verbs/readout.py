@@ -225,7 +225,7 @@ def _flight(room, options):
     print(found)
     wrote(*written)
     if not found.told:
-        raise ReadoutFailed(f"this flight does not tell the readout time. {found.reasons[0]}")
+        raise ReadoutFailed(f"this flight does not determine the readout time. {found.reasons[0]}")
 
 
 def _block(options):

@@ -260,7 +260,7 @@ class TextFile:
         ids = table.values[table.starts]
         good = table.whole[table.starts] & (ids < _EXACT)
         if not good.all():
-            raise table.wrong(int(np.argmin(good)), "POINT3D_ID is not a possible whole number")
+            raise table.wrong(int(np.argmin(good)), "POINT3D_ID is not a whole number that can be")
         places = table.values[table.starts[:, None] + np.arange(1, 4)]
         tracked = int((table.counts - len(POINT)).sum()) // 2
         return ids.astype(np.int64), places, tracked or None

@@ -253,9 +253,7 @@ def _together(path, notes, warnings):
         raise InputError(f"{path} holds no Metashape XML; name the exported file")
     if path.is_dir():
         strange = [f.name for f in sorted(path.glob("*.xml")) if not _known_xml(f)]
-        warnings += [
-            f"{name} is not an XML file of Metashape that corridor knows" for name in strange
-        ]
+        warnings += [f"{name} is not a Metashape XML that corridor can read" for name in strange]
     parts = [chunk_of(Xml.read(file), notes) for file in files]
     parts.sort(key=lambda part: -len(part.all(".//camera/transform") + part.all(".//location")))
     chunk = _Chunk()

@@ -143,7 +143,7 @@ def read_ply(members: Members, element: Xml) -> np.ndarray:
         elif words[:1] == ["property"] and len(words) == 3 and words[1] in _PLY:
             columns.append((words[2], _PLY[words[1]]))
     if end < 0 or count is None or "binary_little_endian" not in head[1:2][0]:
-        raise element.wrong(f"{name} is not a binary PLY file; save the project again")
+        raise element.wrong(f"{name} is not a binary PLY; save the project again")
     kind = np.dtype(columns)
     start = end + len(b"end_header\n")
     if kind.itemsize == 0 or len(data) < start + count * kind.itemsize:

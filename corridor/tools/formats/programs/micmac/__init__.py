@@ -204,9 +204,8 @@ def _camera_to_world(matrix, root):
         rotations_to_columns(matrix)
     except ValueError:
         raise root.wrong(
-            "the matrix is not a rotation (its lines are not perpendicular unit vectors); "
-            "export the "
-            "orientation again"
+            "the matrix is not a rotation (its lines are not perpendicular unit vectors); export "
+            "the orientation again"
         ) from None
     return matrix
 

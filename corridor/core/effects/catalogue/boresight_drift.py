@@ -1,0 +1,27 @@
+"""The boresight drifts with time: the mount settles, or the attitude's own zero walks.
+
+Source: Skaloud and Lichti 2006 (stability of the boresight), linear in time.
+"""
+
+import numpy as np
+
+from corridor.core.effects.contract import LinearEffect, Parameter
+
+
+class BoresightDrift(LinearEffect):
+    slug = "boresight_drift"
+    title = "Boresight that drifts with time, in each flight"
+    called = "a drift of the measured attitudes against the camera"
+    place = "attitude"
+    group = "flight"
+    needs = ("attitudes.image", "images.time_s")
+    revealed_by = "attitudes of a long flight, strips both ways, with control or GNSS"
+    unobservable_when = "the flight is short: the turn stays below the noise of the attitudes"
+
+    def parameters(self, block):
+        # A degree in the twenty minutes of a battery; rad/s about the camera's axes.
+        return [Parameter(axis, "rad/s", scale=np.radians(1.0) / 1200) for axis in "xyz"]
+
+    def derivative(self, context):
+        """A turn about the camera's axes that grows with the time t from the middle: r t."""
+        return np.eye(3) * context.time[:, None, None]
