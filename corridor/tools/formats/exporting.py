@@ -121,6 +121,11 @@ def export_project(
         exported = _to_held_cameras(exported, target, unheld, corrected, sentences)
     if to_crs is not None:
         in_metres(to_crs)
+        if not getattr(target, "GRIDS", True):
+            raise InputError(
+                f"coordinates of {form} are east, north, up about a point that its files name, "
+                "never those of a grid; leave --to-crs out"
+            )
         exported = near_origin(moved(exported, to_crs))
         sentences.append(f"coordinates are in {to_crs}")
     sentences += [

@@ -199,7 +199,7 @@ def test_twenty_kilometres_in_utm_are_good_in_the_local_frame_and_named_in_the_g
     flat.lever_arm = {"F1": (0.10, -0.05, 0.35)}
     grid = moved(flat, "EPSG:25832")
     grid.write(tmp_path / "grid")
-    assert any("no Cartesian frame" in told and "curves" in told for told in doubts(grid))
+    assert any("not a Cartesian frame" in told and "curves" in told for told in doubts(grid))
     import_project(tmp_path / "grid", "block", tmp_path / "local", Additions(to_crs="EPSG:25832"))
     # A free focal length, or a free lever arm, takes up the scale of the grid.
     local, plain = (
