@@ -48,7 +48,9 @@ from corridor.core.output.numbers import (
     significant,
     times,
 )
-from corridor.core.output.pages import Report, numbered, page
+from corridor.core.output.pages import Report, numbered, page, page_with
+from corridor.core.output.paper import embedded, pdf, taken_from
+from corridor.core.output.progress import Progress, silent, telling
 from corridor.core.output.table import WIDTH, Link, Table
 from corridor.core.output.units import UnitTable, named_with_units, with_units
 
@@ -59,6 +61,7 @@ __all__ = [
     "Link",
     "UnitTable",
     "WIDTH",
+    "Progress",
     "Report",
     "Table",
     "check_folder",
@@ -66,6 +69,7 @@ __all__ = [
     "check_writable",
     "coefficient",
     "counted",
+    "embedded",
     "file_lines",
     "files_in",
     "fixed",
@@ -80,6 +84,8 @@ __all__ = [
     "numbered",
     "on_north_grid",
     "page",
+    "page_with",
+    "pdf",
     "plain",
     "png",
     "readable",
@@ -87,7 +93,10 @@ __all__ = [
     "scaled",
     "short",
     "significant",
+    "silent",
     "sole",
+    "taken_from",
+    "telling",
     "times",
     "whole_file",
     "whole_files",

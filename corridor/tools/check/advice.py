@@ -19,7 +19,7 @@ _RESIDUALS = {"tie": "tie points", "mark": "marks"}
 
 
 @dataclass(frozen=True)
-class Settings:
+class ProgramSettings:
     """Settings for another program.
 
     cameras: camera -> parameters that the block determines, and those that may be zero; both empty
@@ -37,7 +37,7 @@ class Settings:
     effects: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, adjustment: dict, found: dict | None, block: Block) -> Settings:
+    def of(cls, adjustment: dict, found: dict | None, block: Block) -> ProgramSettings:
         """Settings of adjustment.json and diagnosis.json."""
         cameras: dict[str, tuple[list[str], list[str]]] = {}
         for camera, parameters in adjustment["camera"].items():

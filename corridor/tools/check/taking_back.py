@@ -16,7 +16,7 @@ from corridor.core.effects import take_out
 from corridor.core.errors import InputError
 from corridor.core.gnss import in_world, known_crs, world_crs
 from corridor.core.output import counted, whole_folder, write_csv
-from corridor.tools.check.advice import Settings
+from corridor.tools.check.advice import ProgramSettings
 
 MARK = "settings.txt"
 _DIGITS = 12  # a northing to a hundredth of a millimetre
@@ -38,7 +38,7 @@ class TakenBack:
     sentences: list[str] = field(default_factory=list)
 
 
-def take_back(result: Path, folder: Path, form: str, settings: Settings) -> TakenBack:
+def take_back(result: Path, folder: Path, form: str, settings: ProgramSettings) -> TakenBack:
     """Writes what to take back of a result of `corridor adjust`, and imports it again.
 
     settings.txt; camera.toml; positions.csv (camera positions by GNSS, corrected for the antenna,
@@ -141,7 +141,7 @@ def _ground_again(path: Path, block: Block, formats) -> str:
     return ", ".join(told)
 
 
-def _write_settings(folder: Path, settings: Settings, form: str) -> None:
+def _write_settings(folder: Path, settings: ProgramSettings, form: str) -> None:
     lines = [f"Settings for {form}, from corridor check", "", *settings.sentences(form)]
     (folder / MARK).write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 

@@ -15,7 +15,7 @@ from corridor.core.preparation import doubts
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
 from corridor.tools import formats as interchange
 from corridor.tools.check import check_project, checking
-from corridor.tools.check.advice import Settings
+from corridor.tools.check.advice import ProgramSettings
 from corridor.tools.check.taking_back import proved, take_back
 from corridor.tools.formats import (
     Additions,
@@ -91,11 +91,20 @@ def test_what_was_done_is_kept_and_the_same_call_goes_on(block, tmp_path, monkey
         with pytest.raises(KeyboardInterrupt):
             check_project(tmp_path / "block", tmp_path / "out", diagnose=False)
     assert (tmp_path / "out" / "adjusted" / "adjustment.json").is_file()
-    check_project(tmp_path / "block", tmp_path / "out", diagnose=False, progress=said.append)
+    check_project(
+        tmp_path / "block",
+        tmp_path / "out",
+        diagnose=False,
+        progress=lambda step: said.append(str(step)),
+    )
     assert not any(line.startswith(("importing", "adjusting")) for line in said)
     # Another question is another check.
     check_project(
-        tmp_path / "block", tmp_path / "out", diagnose=False, required=0.1, progress=said.append
+        tmp_path / "block",
+        tmp_path / "out",
+        diagnose=False,
+        required=0.1,
+        progress=lambda step: said.append(str(step)),
     )
     assert any(line.startswith("adjusting") for line in said)
 
@@ -140,7 +149,7 @@ def test_marks_are_taken_back_without_the_effect_that_was_found(block, tmp_path)
     skewed = _with_shutter()
     adjusted = adjust(skewed, effects=["rolling_shutter"])
     adjusted.save(tmp_path / "adjusted")
-    settings = Settings.of(adjusted.to_dict(), None, skewed)
+    settings = ProgramSettings.of(adjusted.to_dict(), None, skewed)
     take_back(tmp_path / "adjusted", tmp_path / "back", "block", settings)
     marks = pd.read_csv(tmp_path / "back" / "marks.csv", dtype={"point": str})
     keys = ["point", "image"]
@@ -200,7 +209,9 @@ def test_twenty_kilometres_in_utm_are_good_in_the_local_frame_and_named_in_the_g
     grid = moved(flat, "EPSG:25832")
     grid.write(tmp_path / "grid")
     assert any("not a Cartesian frame" in told and "curves" in told for told in doubts(grid))
-    import_project(tmp_path / "grid", "block", tmp_path / "local", Additions(to_crs="EPSG:25832"))
+    import_project(
+        tmp_path / "grid", "block", tmp_path / "local", added=Additions(to_crs="EPSG:25832")
+    )
     # A free focal length, or a free lever arm, takes up the scale of the grid.
     local, plain = (
         adjust(read(tmp_path / name), camera="fixed", lever_arm="fixed")

@@ -104,7 +104,7 @@ def test_measured_control_becomes_marks(block, tmp_path):
     folder = written(block, tmp_path / "text", CONVENTIONS[0])
     block.ground[["point", "x", "y", "z"]].to_csv(tmp_path / "control.csv", index=False)
     added = Additions(ground=tmp_path / "control.csv")
-    made = import_project(folder, "auto", tmp_path / "block", added)
+    made = import_project(folder, "auto", tmp_path / "block", added=added)
     assert len(made.block.marks) == len(block.marks) and len(made.block.ground) == 4
 
 
