@@ -40,6 +40,12 @@ _MOST_FILES = 20_000
 # A self-calibration that works knows f to some 0.01 to 0.1 %, and the value in a project is of one:
 # where the images of this block leave f more open than this, the project knows more than they do.
 _MOST_OF_F = 0.005
+# What a diagnosis takes on two processors: 15 s at 60,000 observations, 64 s at 333,000 and 254 s at
+# 1.7 million (benchmarks/diagnosis_speed.py).
+_START_S, _S_PER_MILLION = 8.0, 160.0
+# Where a free camera does not adjust, holding it is an answer only if the residuals are about what
+# is stated: beyond three times that, something else is wrong, which the start values tell.
+_FITS = 3.0
 
 
 @brief
@@ -138,7 +144,7 @@ def check_project(
         adjustment = _adjusted_somehow(block, output / "adjusted", required, threads)
         stages.done("adjusted", adjustment)
         if diagnose and adjustment["converged"]:
-            say("diagnosing, which takes most of the time (--quick leaves it out)")
+            say(f"diagnosing: {_about(block)}; --quick leaves it out")
     held = adjustment.get("held", False)
     found = stages.get("diagnosed")
     if found is None and diagnose and adjustment["converged"]:
@@ -283,6 +289,13 @@ def _imported(project, form, folder, added, progress) -> dict:
     }
 
 
+def _about(block: Block) -> str:
+    """How long a diagnosis takes, in words."""
+    seconds = _START_S + _S_PER_MILLION * 1e-6 * (len(block.tie_points) + len(block.marks))
+    long = f"{seconds / 60:.0f} minutes" if seconds > 90 else f"{seconds:.0f} s"
+    return f"about {long} on two idle processors, more on busy ones"
+
+
 def _in_grid(block: Block) -> bool:
     """Whether coordinates are those of a grid; a crs that nobody knows is none, and is told."""
     if local_of(block) is not None or world_crs(block) is None:
@@ -300,7 +313,7 @@ def _adjusted_somehow(block: Block, folder: Path, required, threads: int) -> dic
     if not told or all(camera.calibrated for camera in block.cameras.values()):
         return free | _by_own_poses(block, free)
     held = _adjusted(block, folder, required, threads, held=True)
-    if not held["converged"]:
+    if not held["converged"] or not (free["converged"] or held["sigma0"] < _FITS):
         return free | _by_own_poses(block, free)
     remark = f"{told}: it is held at the calibration of the project."
     return held | {"held": True, "warnings": [remark, *held["warnings"]]}

@@ -188,6 +188,10 @@ def import_project(
             size = picture_size(added.photos)
         say(f"reading {path}")
         project = read_project(path, form, size)
+    beside = None if added.ground is not None else _list_beside(path)
+    if beside is not None:
+        told = f"{beside} lies beside the project and was not read: give it with --ground"
+        project = project.having(warnings=[told])
     project = complete(project, added, say)
     if form == "photos":
         if bent(project.block) and _can_start(path, added):
@@ -224,6 +228,13 @@ def import_project(
     if form == "photos" and is_whole(project, Path(output)) and not bent(project.block):
         forget(Path(output))
     return Imported(project, proof, Path(output))
+
+
+def _list_beside(path: Path) -> Path | None:
+    """OpenDroneMap's list of ground points in the folder of a project, or in the one above."""
+    home = path if path.is_dir() else path.parent
+    places = [home, home / "opensfm", *([home.parent] if home.name == "opensfm" else [])]
+    return next((file for one in places if (file := one / "gcp_list.txt").is_file()), None)
 
 
 def _with_tie_sigma(project: Project) -> Project:

@@ -148,7 +148,9 @@ def _coded(codes, names):
     if not names.is_unique:
         where = names.duplicated()
         # Whoever reads the project says which file is at fault (`blaming`).
-        raise ValueError(f"two images or points are named {names[where][0]!r}")
+        raise InputError(
+            f"two images or points are named {names[where][0]!r}; give each a name of its own"
+        )
     return pd.Categorical.from_codes(np.asarray(codes, dtype=np.int32), names)
 
 

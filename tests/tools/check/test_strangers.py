@@ -101,6 +101,16 @@ def test_a_project_before_its_adjustment_is_adjusted(adjusted, tmp_path):
     assert any("by the poses of the project itself" in told.lower() for told in checked.wrong)
 
 
+def test_a_camera_is_not_held_to_cover_another_mistake(tmp_path):
+    """Marks of pictures made smaller: held or free, no result is given, and the mistake is told."""
+    block = survey(control=6)
+    block.marks = block.marks.assign(x=0.6 * block.marks["x"], y=0.6 * block.marks["y"])
+    block.write(tmp_path / "block")
+    checked = check_project(tmp_path / "block", tmp_path / "out", diagnose=False)
+    assert checked.verdict == "failed", checked.sentence
+    assert any("smaller" in told or "pictures of" in told for told in checked.wrong)
+
+
 def test_a_mistake_of_convention_is_still_refused(adjusted, tmp_path):
     """A rotation vector of the other sign is the transposed rotation."""
     export_project(adjusted, "opensfm", tmp_path / "project", corrected=True)
