@@ -93,7 +93,11 @@ def add_ground(
     if not (len(block.ground) and len(block.marks)):
         return project
     free = not project.placed and local_of(block) is None
-    project = (_placed if free else _in_one_height_system)(project, path.name)
+    if free:
+        project = _placed(project, path.name)
+    else:
+        _refuse_beside_others(project.block, names, path.name)
+        project = _in_one_height_system(project, path.name)
     heights = np.zeros(0) if ground.table is None else ground.table["z"].to_numpy(float)
     if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
         return project
@@ -281,6 +285,23 @@ def moved_by(project: Project, move: Similarity) -> Project:
         places = move.apply(points[XYZ].to_numpy(float))
         points = points.assign(**dict(zip(XYZ, places.T, strict=True)))
     return project.having(images=images, points=points)
+
+
+def _refuse_beside_others(block: Block, names: list[str], file: str) -> None:
+    """Raises InputError where the points of a file lie off, and the project's own do not."""
+    seen = ground_seen(block)
+    new = np.isin(seen.names, names)
+    if not new.any() or new.all():
+        return
+    off = np.array([np.median((seen.given - seen.met)[mine], axis=0) for mine in (new, ~new)])
+    size = np.linalg.norm(off, axis=1)
+    if size[0] > _LEAST_M and size[1] < _LEAST_M:
+        raise InputError(
+            f"{file}: its points lie {np.hypot(*off[0, :2]):,.1f} m horizontally and "
+            f"{off[0, 2]:+,.1f} m vertically from where the marks in the pictures see them, the "
+            f"ground points that the project has only {size[1]:.1f} m: give the points in the same "
+            "system, with heights above the same surface (ellipsoid or geoid)"
+        )
 
 
 def _in_one_height_system(project: Project, name: str) -> Project:
