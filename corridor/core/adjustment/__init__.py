@@ -7,7 +7,7 @@ determines is `Singular`.
 """
 
 from corridor.core.adjustment.absolute_orientation import AbsoluteOrientation, lay_on_control
-from corridor.core.adjustment.adjusting import Run, adjust, complete
+from corridor.core.adjustment.adjusting import Run, adjust, complete, refit
 from corridor.core.adjustment.check_statistics import check_table
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import QUANTITIES
@@ -73,6 +73,7 @@ __all__ = [
     "make_problem",
     "not_converged",
     "point_gains",
+    "refit",
     "similarity",
     "solve",
     "sound_part",

@@ -91,6 +91,8 @@ class Tables(Checked):
         if len(block.gnss) or (block.ground["role"] == "control").sum() > 2:
             # Metres now, and no longer the free frame of a reconstruction.
             block.extra = {key: value for key, value in block.extra.items() if key != FRAME}
+        for slug, member in p.stack.members.items():
+            block = member.effect.restated(block, state.effects[slug])
         if p.arms_free:
             block.lever_arm = {
                 name: tuple(arm) for name, arm in zip(block.flight_names, state.arms, strict=True)

@@ -185,7 +185,8 @@ def _inseparable(a):
 def _motion(a):
     """Says so where a motion during the readout is modelled and residuals still follow the rows."""
     p, ties = a.problem, a.residuals["tie"]
-    if not p.stack.at("motion") or not len(ties):
+    during = [m.effect.slug for m in p.stack.at("motion") if m.effect.during_readout]
+    if not during or not len(ties):
         return
     ties = ties[~ties["gross"]]
     image = pd.Index(p.images.names).get_indexer(ties["image"].astype(str))
@@ -208,7 +209,7 @@ def _motion(a):
     share = (by_row - by_chance) / float(np.sum(v**2))
     size = np.sqrt(max(by_row - by_chance, 0.0) / count)
     if share > ROW_SHARE and size > ROW_SIGMAS:
-        names = ", ".join(member.effect.slug for member in p.stack.at("motion"))
+        names = ", ".join(during)
         yield (
             f"The motion model ({names}) does not explain the pictures: {100 * share:.0f} % of the "
             f"tie residuals' squares follow the rows of single images ({size:.1f} sigmas). Its "

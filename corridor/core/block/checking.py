@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.block.attitudes import check_attitudes
+from corridor.core.block.rigs import exposures_of
 from corridor.core.block.settings import FILE, SIGMA
 from corridor.core.block.tables import (
     ANGLE_SIGMAS,
@@ -64,6 +65,7 @@ def check(block, observed: bool = True) -> None:
         _once(block, table, "image")
     if len(block.attitudes):
         _whole(block, "attitudes", check_attitudes(block), "the attitude")
+    exposures_of(block)
     if "image" in block.rates:
         _known_images(block, "rates")
     # Time goes on, in any order of the rows.

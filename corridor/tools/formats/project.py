@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -70,6 +70,31 @@ class Project:
             warnings=list(dict.fromkeys([*self.warnings, *warnings])),
             placed=self.placed if placed is None else placed,
         )
+
+
+def hung_together(project: Project, leader: Mapping[str, str]) -> Project:
+    """The project with its rigs: tables [rig.NAME], and images of one exposure named alike.
+
+    leader: image -> that of the base camera of its exposure. Mountings are left to the poses, in
+    whose frame and scale they are. Nothing is stated where a camera hangs in two places.
+    """
+    camera = dict(zip(project.block.images["image"], project.block.images["camera"], strict=True))
+    pairs = {i: first for i, first in leader.items() if i != first and {i, first} <= set(camera)}
+    rigs: dict[str, dict] = {}
+    for image, first in pairs.items():
+        rigs.setdefault(camera[first], {})[camera[image]] = {}
+    hung = [name for base, members in rigs.items() for name in (base, *members)]
+    taken = [(first, camera[image]) for image, first in pairs.items()]
+    if not hung or len(set(hung)) < len(hung) or len(set(taken)) < len(taken):
+        return project
+    names = {**pairs, **{first: first for first in pairs.values()}}
+    images = project.block.images
+    images = images.assign(exposure=[names.get(image) for image in images["image"]])
+    tables = {f"rig_{base}": {"base": base, "member": members} for base, members in rigs.items()}
+    many = f"{len(hung)} cameras hang together in {len(rigs)} rig{'s' * (len(rigs) > 1)}"
+    told = f"{many}, {len(set(pairs.values()))} exposures: see [rig] in block.toml"
+    extra = {**project.block.extra, "rig": tables}
+    return project.having(notes=[told], images=images, extra=extra)
 
 
 def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:

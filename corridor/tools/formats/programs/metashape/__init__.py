@@ -40,6 +40,7 @@ from corridor.tools.formats.project import (
     Project,
     Views,
     ground_table,
+    hung_together,
     points_table,
     rotations_to_columns,
 )
@@ -453,7 +454,7 @@ def _project(chunk, cloud, path, notes, warnings):
         notes.append(f"world: east, north, up about {lat:g}, {lon:g} degrees, height {height:g} m")
     placed = world.scaled or (not known.any() and np.isfinite(measured.place).any())
     ties, points = (None, None) if cloud is None else _ties(*cloud, labels, world, chunk.transform)
-    return Pieces(
+    made = Pieces(
         name=path.stem,
         cameras=cameras,
         images=labels,
@@ -471,6 +472,7 @@ def _project(chunk, cloud, path, notes, warnings):
         notes=notes,
         warnings=warnings,
     ).project(NAME, path, placed=bool(placed))
+    return hung_together(made, {**{m: m for m in chunk.masters.values()}, **chunk.masters})
 
 
 def _told_of_shutters(chunk, labels, warnings):
