@@ -12,7 +12,12 @@ import pandas as pd
 
 from corridor.core.adjustment.blunders import without_exchanged
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.datum import explain, free_network, helmert_onto
+from corridor.core.adjustment.datum import (
+    explain,
+    free_network,
+    helmert_onto,
+    scaled_by_distances,
+)
 from corridor.core.adjustment.group_variances import with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
@@ -215,6 +220,8 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
         problem = make_problem(block, model)
     del residual  # as large as the observations
 
+    problem = scaled_by_distances(problem)
+
     def at(state: State) -> LinearSystem:
         return LinearSystem(problem, state, loss, threads=threads)
 
@@ -236,8 +243,10 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
         if datum is not None:
             system = at(solution.state)
             turned = not len(problem.attitude_image)
-            if datum.null_space.shape[1] == (7 if turned else 4):
-                system = at(helmert_onto(problem, solution.state, problem.start, turned))
+            scaled = not len(problem.distance_given)
+            if datum.null_space.shape[1] == (6 if turned else 3) + scaled:
+                state = helmert_onto(problem, solution.state, problem.start, turned, scaled)
+                system = at(state)
             datum = free_network(system)
         if datum is not None:
             system = replace(system, held=datum.held)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from corridor.core.adjustment.distances import ENDS, Distances, distances_of, with_ends
 from corridor.core.adjustment.model import EFFECT, Model, ParameterId
 from corridor.core.adjustment.observations import (
     Attitudes,
@@ -51,7 +52,7 @@ POSE_KINDS = ("gnss", "attitude")
 
 @brief
 @dataclass
-class Problem(Network, Control, Gnss, Attitudes, Unknowns, Priors):
+class Problem(Network, Control, Distances, Gnss, Attitudes, Unknowns, Priors):
     """Everything that stays the same from one iteration to the next.
 
     images: in the order of the problem. roles: of the rows of ground.csv, as asked for. free:
@@ -99,7 +100,8 @@ class Problem(Network, Control, Gnss, Attitudes, Unknowns, Priors):
         """Single numbers measured, priors among them."""
         return (
             2 * len(self.img)
-            + 3 * len(self.control_rows)
+            + 3 * len(self.control_given)
+            + len(self.distance_given)
             + 3 * sum(len(self.measured(kind)) for kind in POSE_KINDS)
             + int(np.count_nonzero(self.prior_weight))
             + int(np.count_nonzero(self.per_image_prior[1]))
@@ -189,13 +191,15 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     rank[network.order] = np.arange(len(rank))
     gnss, attitudes = gnss_of(block, rank), attitudes_of(block, rank)
     control, notes = control_of(block, network, asked)
+    distances, control, more = distances_of(block, network, control)
+    notes += more
     stack = Stack(block, effects, list(names[control.control_rows]), as_given)
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
     free, settings = model.free(block), model.settings_of(block)
     measured = {"antenna": gnss.gnss_image, "attitude": attitudes.attitude_image}
     wanted = Wanted(free, arms_free, measured, list(names[control.control_rows]), model.held)
-    unknowns = unknowns_of(images, stack, wanted)
+    unknowns = with_ends(unknowns_of(images, stack, wanted), distances)
     own = per_image_names(stack, unknowns.per_image_unknowns)
     priors = priors_of(unknowns.unknowns, own, settings, len(rank))
     for effect in beside:
@@ -207,12 +211,13 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
             mine = [n for n, u in enumerate(unknowns.unknowns) if u.owner == effect.slug]
             priors.prior_weight[mine] = sigma.ravel() ** -2.0
     refuse_twice(stack, free, unknowns.unknowns, own, priors)
+    ends = {ENDS: np.zeros(distances.end_start.shape)} if distances.end_names else {}
     state = State(
         centre=images.centre,
         rotation=images.rotation,
         points=network.point_start,
         interior=np.array([c.interior for c in block.cameras.values()]),
-        effects=stack.start(),
+        effects=stack.start() | ends,
         arms=stated_lever_arms(block),
     )
     return Problem(
@@ -220,6 +225,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
         **vars(control),
         **vars(gnss),
         **vars(attitudes),
+        **vars(distances),
         **vars(unknowns),
         **vars(priors),
         block=block,

@@ -173,7 +173,7 @@ class Reliability:
     def _control_points(self) -> list[int]:
         """Number of the point of each control point."""
         p = self._of.problem
-        rows = np.flatnonzero(p.control >= 0)
+        rows = np.flatnonzero((p.control >= 0) & (p.control < len(p.control_rows)))
         return rows[np.argsort(p.control[rows])].tolist()
 
     def to_dict(self) -> dict:

@@ -66,6 +66,7 @@ class Block:
     ground: pd.DataFrame = None  # type: ignore[assignment]
     gnss: pd.DataFrame = None  # type: ignore[assignment]
     attitudes: pd.DataFrame = None  # type: ignore[assignment]
+    distances: pd.DataFrame = None  # type: ignore[assignment]
     rates: pd.DataFrame = None  # type: ignore[assignment]
     track: pd.DataFrame = None  # type: ignore[assignment]
     sigma: dict = field(default_factory=dict)
@@ -376,6 +377,10 @@ class Block:
             for other in ("points", "ground"):
                 kept[other] = kept[other][~is_among(kept[other]["point"], lost)]
 
+        if len(self.distances):
+            seen = pd.concat([kept[t]["point"].astype("str") for t in ("tie_points", "marks")])
+            there = [is_among(self.distances[end], seen) for end in ("from", "to")]
+            kept["distances"] = self.distances[there[0] & there[1]]
         lost = set(names) - set(names[np.unique(codes[chosen])])
         for table in ("rates", "track"):
             frame = getattr(self, table)

@@ -84,6 +84,7 @@ def of_adjustment(adjustment: Adjustment) -> Report:
         _observations(adjustment),
         _components(adjustment),
         _reliability(adjustment),
+        _distances(adjustment),
         _camera(adjustment),
         _effects(adjustment),
         _lever_arms(adjustment),
@@ -193,6 +194,7 @@ def adjustment_dict(adjustment: Adjustment) -> dict[str, Any]:
         "parameters": len(adjustment.correlation_matrix),
         "variance_components": adjustment.variance_components.to_dict(orient="records"),
         "reliability": adjustment.reliability.to_dict(),
+        "distances": adjustment.distances.to_dict(orient="records"),
         "warnings": adjustment.warnings,
     }
     return plain(content)
@@ -402,6 +404,32 @@ def _reliability(adjustment: Adjustment) -> Table | None:
     )
     header = ("kind", "redundancy", "least", "largest w", "least error", "worst")
     return Table("Reliability", header, tuple(rows), "lrrrrr", notes)
+
+
+def _distances(adjustment: Adjustment) -> Table | None:
+    """Scale bars and tapes, with their tests."""
+    frame = adjustment.distances
+    if not len(frame):
+        return None
+    order = np.argsort(-frame["w"].abs().fillna(0.0).to_numpy(), kind="stable")[:_MOST_POINTS]
+    rows = [
+        (
+            short(row["from"]),
+            short(row["to"]),
+            rounded(row["given"], row["sigma"])[0],
+            significant(row["sigma"]),
+            f"{1e3 * row['v']:.3g}",
+            significant(row["s_adjusted"]),
+            fixed(row["redundancy"], 2),
+            fixed(row["w"], 1),
+        )
+        for _, row in frame.iloc[np.sort(order)].iterrows()
+    ]
+    notes = ["v: given minus adjusted; a redundancy of 0: nothing else shows this length"]
+    if len(rows) < len(frame):
+        notes.append(f"the {len(rows)} of {len(frame)} with the largest w")
+    header = ("from", "to", "given m", "sigma m", "v mm", "adjusted +- m", "redundancy", "w")
+    return Table("Distances", header, tuple(rows), "llrrrrrr", tuple(notes))
 
 
 def _rms(kind: str, rms) -> str:
