@@ -486,6 +486,17 @@ def read(folder: str | os.PathLike | Block) -> Block:
     return block
 
 
+def without_distances(block: Block) -> tuple[Block, list[str]]:
+    """A block without its distances, and a sentence on that where there were some: for whoever
+    does not use them yet."""
+    count = len(block.distances)
+    if not count:
+        return block, []
+    rows = "its row is" if count == 1 else f"its {count} rows are"
+    note = f"distances.csv is not used here, {rows} left out: `corridor adjust` uses distances."
+    return block.with_(distances=None), [note]
+
+
 def files_of(folder: Path) -> list[Path]:
     """The files of a block folder that are read, by name; whether they can be read or not."""
     known = [FILE, *(f"{table}.{kind}" for table in LAYOUTS for kind in ("csv", "parquet"))]
