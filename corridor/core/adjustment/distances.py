@@ -177,10 +177,15 @@ def ground_with_ends(
     return np.concatenate([residual, of_ends]), out
 
 
+def _ends(p: Problem, state: State) -> np.ndarray:
+    """Where the ends of distances are (e, 3), m."""
+    return p.end_start - state.effects.get(ENDS, 0.0)
+
+
 def distance_rows(p: Problem, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residuals (k,), measured minus modelled, m, with the derivatives (k, 6) of the modelled and
     the columns (k, 6) among the shared unknowns that they are by."""
-    place = p.end_start - state.effects[ENDS]
+    place = _ends(p, state)
     one, other = p.distance_ends.T
     apart = place[one] - place[other]
     length = np.linalg.norm(apart, axis=1)
@@ -217,7 +222,7 @@ def ends_at_points(p: Problem, state: State) -> State:
 
 def scale_of(p: Problem, state: State) -> float:
     """By how much the points are too small for the distances: weighted mean ratio."""
-    place = p.end_start - state.effects[ENDS]
+    place = _ends(p, state)
     one, other = p.distance_ends.T
     length = np.linalg.norm(place[one] - place[other], axis=1)
     weight = p.distance_weight * length**2

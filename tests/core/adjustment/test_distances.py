@@ -165,6 +165,11 @@ class TestFiles:
             block.with_(distances=table).check()
         assert "distances.csv, row 3" in str(raised.value)
 
+    def test_a_block_without_distances_has_an_empty_table(self):
+        adjusted = corridor.adjust(flown(free=False).with_(distances=None), camera="fixed")
+        assert len(adjusted.distances) == 0 and adjusted.to_dict()["distances"] == []
+        assert "Distances" not in str(adjusted)
+
     def test_ends_that_no_image_shows_or_control_holds_are_told(self):
         block = flown(free=False)
         control = block.ground.loc[block.ground["role"] == "control", "point"].iloc[0]
