@@ -32,6 +32,7 @@ from corridor.core.adjustment.precompiling import compiling_ahead
 from corridor.core.adjustment.problem import make_problem
 from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
+from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.variance_components import gnss_of_metres
 from corridor.core.adjustment.warnings import grave, implausible
@@ -43,6 +44,7 @@ __all__ = [
     "REFERENCE_CAMERA",
     "SEES_ARM_M",
     "Adjustment",
+    "Blunder",
     "Columns",
     "Covariance",
     "Design",
@@ -61,6 +63,7 @@ __all__ = [
     "Singular",
     "adjust",
     "arms_unseen",
+    "blunders",
     "camera_of",
     "check_table",
     "compiling_ahead",

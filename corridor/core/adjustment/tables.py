@@ -16,6 +16,7 @@ from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId
 from corridor.core.adjustment.observation_table import observation_table
 from corridor.core.adjustment.parameters import Found, Parameters
+from corridor.core.adjustment.point_quality import quality
 from corridor.core.adjustment.reliability import Reliability
 from corridor.core.adjustment.solving import Solution
 from corridor.core.block import POSE, Block, frugal, places
@@ -454,6 +455,12 @@ class Tables(Checked):
             }
         )
         return with_units(frame, {"m": "x y z"})
+
+    @cached_property
+    def point_quality(self) -> pd.DataFrame:
+        """How each point is determined: point, rays, angle (largest between two of its rays,
+        degrees), correlation (largest between two of its coordinates)."""
+        return quality(self.covariance)
 
     @property
     def point_sigma(self) -> np.ndarray:

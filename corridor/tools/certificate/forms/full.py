@@ -25,7 +25,15 @@ def statement(subject: Subject) -> Statement:
     others = [
         table
         for title, table in subject.reported.items()
-        if title in ("Variance components", "Effects", "Reliability", "Strong correlations")
+        if title
+        in (
+            "Variance components",
+            "Effects",
+            "Reliability",
+            "Distances",
+            "Points",
+            "Strong correlations",
+        )  # fmt: skip
     ]
     tables = [*proof.tables[:-1], _correlations(subject), *others, _control(subject)]
     points = subject.checked
