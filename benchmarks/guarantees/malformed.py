@@ -280,8 +280,12 @@ def _prepare(good, short):
                 if short and command.long or command.verb in SLOW:
                     continue
                 out = good / "once"
-                words, _ = _words(command, good / subject.name, out)
+                words, written = _words(command, good / subject.name, out)
+                subjects.last_adjustment.clear()
                 assert main(words) == 0, (words, printed())
+                # Without this, what is wrong undamaged would count as a damage that nobody told.
+                if command.verb in ("adjust", "gnss"):
+                    assert command.right(good / subject.name, written, good), words
                 (good / f"{subject.name} {command.words[:40]}.said".replace("/", " ")).write_text(
                     "\n".join(_told(printed(), good)), encoding="utf-8"
                 )

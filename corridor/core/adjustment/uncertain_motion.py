@@ -48,15 +48,16 @@ def velocity_errors(block: Block, effects: list[Effect]) -> list[Effect]:
     """The errors to be estimated beside effects that move images by their velocity; [] for none."""
     if not any(e.place == "motion" and "images.vx" in (*e.needs, *e.takes) for e in effects):
         return []
-    out = []
+    out: list[Effect] = []
     if np.any(_numbers(block, COMMON) != 0):
         out.append(CommonVelocityError())
     moved, turned = (np.any(_numbers(block, of) > 0) for of in (VELOCITY_SIGMA, RATE_SIGMA))
     # A motion of each image, whoever asked for it, takes what its velocity is off.
     own = any(e.place == "motion" and e.group == "image" for e in effects)
     if (moved or turned) and not own:
-        out.append(OwnVelocityError())
-        out[-1].turns = bool(turned)
+        of_images = OwnVelocityError()
+        of_images.turns = bool(turned)
+        out.append(of_images)
     return out
 
 
@@ -67,7 +68,9 @@ def prior_sigma(block: Block, effect: Effect, scale: MotionScale) -> np.ndarray:
         return np.full((1, 1), scale.readout)
     moved = np.maximum(_numbers(block, VELOCITY_SIGMA) * scale.moved, _LEAST_M_S)
     turned = np.maximum(_numbers(block, RATE_SIGMA) * scale.turned, _LEAST_RAD_S)
-    return scale.readout * (np.hstack([moved, turned]) if effect.turns else moved)
+    return scale.readout * (
+        np.hstack([moved, turned]) if getattr(effect, "turns", False) else moved
+    )
 
 
 def _numbers(block: Block, columns: tuple[str, ...]) -> np.ndarray:

@@ -216,7 +216,7 @@ class Block:
         column, names = getattr(self, table)["image"], self.images["image"]
         if not isinstance(column.dtype, pd.CategoricalDtype):
             return places(column, names).astype(kind)
-        place = places(column.dtype.categories, names).astype(kind)
+        place: np.ndarray = places(column.dtype.categories, names).astype(kind)
         return np.append(place, kind(-1))[column.array.codes]
 
     @frugal()

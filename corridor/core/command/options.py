@@ -317,11 +317,10 @@ class BlockBar:
     def __exit__(self, *_):
         self.bar.close()
 
-    def __call__(self, name: str, what: str, done: int, of: int) -> None:
-        """Name of a block, what became of it, and how many of how many are done."""
-        self.bar.total = of
-        self.bar.set_postfix_str(f"{name}: {what}", refresh=False)
-        self.bar.update(done - self.bar.n)
+    def __call__(self, progress) -> None:
+        self.bar.total = progress.of
+        self.bar.set_postfix_str(progress.what, refresh=False)
+        self.bar.update(progress.done - self.bar.n)
 
 
 class Bars:
@@ -335,13 +334,12 @@ class Bars:
         if self.bar is not None:
             self.bar.close()
 
-    def __call__(self, what: str, share: float) -> None:
-        """What is being done and the share of it that is done."""
+    def __call__(self, progress) -> None:
         from tqdm import tqdm
 
-        if what != self.step:
+        if progress.what != self.step:
             self.__exit__()
-            self.step = what
+            self.step = progress.what
             form = "{desc} {percentage:3.0f} % |{bar}| {elapsed}"
-            self.bar = tqdm(total=100, desc=what, delay=1.0, leave=False, bar_format=form)
-        self.bar.update(100 * share - self.bar.n)
+            self.bar = tqdm(total=100, desc=self.step, delay=1.0, leave=False, bar_format=form)
+        self.bar.update(100 * progress.done / progress.of - self.bar.n)

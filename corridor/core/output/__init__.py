@@ -43,6 +43,7 @@ from corridor.core.output.numbers import (
 )
 from corridor.core.output.pages import Report, numbered, page, page_with
 from corridor.core.output.paper import embedded, pdf, taken_from
+from corridor.core.output.progress import Progress, silent, telling
 from corridor.core.output.table import WIDTH, Link, Table
 from corridor.core.output.units import UnitTable, named_with_units, with_units
 
@@ -53,6 +54,7 @@ __all__ = [
     "Link",
     "UnitTable",
     "WIDTH",
+    "Progress",
     "Report",
     "Table",
     "check_folder",
@@ -83,8 +85,10 @@ __all__ = [
     "scaled",
     "short",
     "significant",
+    "silent",
     "sole",
     "taken_from",
+    "telling",
     "times",
     "whole_file",
     "whole_files",

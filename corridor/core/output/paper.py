@@ -9,7 +9,7 @@ import io
 import textwrap
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -69,7 +69,7 @@ def pdf(
 
 
 def _write(figure: Figure, left: float, top: float, text: str, size: float, **look) -> None:
-    place = {"ha": "left", "va": "baseline", "parse_math": False, "color": _INK}
+    place: dict[str, Any] = {"ha": "left", "va": "baseline", "parse_math": False, "color": _INK}
     figure.text(left / WIDE, 1 - top / HIGH, text, size=size, **(place | look))
 
 

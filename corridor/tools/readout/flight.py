@@ -14,6 +14,7 @@ from corridor.core.block import Block, read
 from corridor.core.effects import Images
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import by_contrasts, honest
+from corridor.core.output import Progress, telling
 from corridor.core.photographs import of_picture, published_readouts
 from corridor.core.preparation import strips_of
 from corridor.tools.readout.flight_report import CONTRADICTS, FlightReadout, Left, Turns
@@ -39,37 +40,37 @@ def readout_from_flight(
     loss: str = "huber:3",
     max_iterations: int = 200,
     advise: bool = True,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> FlightReadout:
     """Readout time of the camera of an ordinary survey, with a sigma that holds.
 
     block: one camera; with velocities, or what they can be derived from (`corridor.prepare`).
     model: make and model of the camera, for published values. loss, max_iterations: of `adjust`.
-    advise: look which four photographs more would tell it. progress: what is being done, and the
-    share of all that is done.
+    advise: look which four photographs more would tell it. progress: called with a
+    `Progress` whose `done` is a share.
 
     The block is adjusted with ten camera parameters, one readout and, with GNSS, the delay of its
     positions; with rates.csv the camera turns as its gyroscope says. See `row_motion` for how the
     velocities' errors count. Refused, with `reasons`, where it does not tell.
     Raises InputError for a block of several cameras or without velocities, AdjustmentFailed.
     """
-    say = progress or (lambda what, share: None)
+    say = telling(progress)
     block, lost = on_one_clock(read(block))
     prepared = with_velocities(block)
     block = prepared.block
     name = _one_camera(block)
     motion_of(block)  # says what is missing before the work
-    say("adjusting the block", 0.05)
+    say("adjusting the block", 0.05, 1.0)
     adjustment = _adjusted(block, loss, max_iterations)
     motion = motion_of(adjustment.block)
-    say("weighing the velocities", 0.4)
+    say("weighing the velocities", 0.4, 1.0)
     equations = RowMotions.of(adjustment, motion)
     found, unstated = equations.best()
     eight = equations.told(found.readout, unstated, affine=False)
     left = []
     groups = strips_of(adjustment.block)
     for number, (strip, rows) in enumerate(groups):
-        say("leaving out one strip in turn", 0.5 + 0.4 * number / len(groups))
+        say("leaving out one strip in turn", 0.5 + 0.4 * number / len(groups), 1.0)
         one = equations.without(rows).told(found.readout, unstated)
         left.append(Left(strip, len(rows), one.readout, one.sigma))
     without = [one.readout for one in left], [one.sigma for one in left]
@@ -77,7 +78,7 @@ def readout_from_flight(
     sigma = honest(found.sigma, by_strips, free)
     counsel = None
     if advise:
-        say("looking for photographs that would help", 0.9)
+        say("looking for photographs that would help", 0.9, 1.0)
         counsel = advice(adjustment, motion, found.readout, unstated, sigma / found.sigma)
     camera = block.cameras[name]
     size = camera.width, camera.height

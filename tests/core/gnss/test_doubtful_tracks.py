@@ -86,6 +86,22 @@ class TestEpochs:
         off = (found[XYZ].to_numpy() - place(at)) / found[SXYZ].to_numpy()
         assert np.abs(off).max() < 5
 
+    @pytest.mark.parametrize("degrees", [30.0, 60.0, 90.0, 170.0])
+    @pytest.mark.parametrize("speed", [1.0, 3.0])
+    def test_a_corner_is_no_false_epoch(self, degrees, speed):
+        """A drone of 2 g turns 3 m/s back within a third of a second: between two epochs."""
+        time, turn = np.arange(0.0, 60.0, 0.5), np.radians(degrees)
+        after = speed * np.array([np.cos(turn), np.sin(turn), 0.0])
+        way = np.where(time[:, None] < 30, [speed, 0.0, 0.0], after)
+        track = pd.DataFrame({"time_s": time})
+        track[XYZ] = way * (time - 30)[:, None]
+        track[XYZ] += SIGMA * np.random.default_rng(5).standard_normal((len(time), 3))
+        track[SXYZ] = SIGMA
+        found = interpolate(track, np.array([29.5, 30.0, 30.5]))
+        assert not any("left out of the track" in note for note in found.notes)
+        off = found.table[XYZ].to_numpy() - track[XYZ].to_numpy()[[59, 60, 61]]
+        assert np.abs(off / found.table[SXYZ].to_numpy()).max() < 5
+
     def test_a_sound_track_loses_none(self):
         notes = interpolate(flown(5.0, seconds=300.0), np.array([20.0])).notes
         assert not any("left out" in note for note in notes)

@@ -10,8 +10,9 @@ told: its neighbours agree with theirs once it is out. Where they do not, the tr
 all over.
 
 A smaller one is judged by the cubic through two epochs on either side: it stands out by many
-sigmas, as stated and as its neighbourhood scatters, and once it is out its neighbours lie on the
-cubics of theirs. A drone that brakes bends the cubics of several epochs in succession. Where one
+sigmas, as stated and as its neighbourhood scatters, once it is out its neighbours lie on the
+cubics of theirs, and it lies on the line of neither side: a drone that brakes bends the cubics of
+several epochs in succession, or makes a corner. Where one
 movement is larger than every other of a flight, without being false, that is worth a sentence.
 """
 
@@ -80,11 +81,13 @@ def _false(time, position, track, rows) -> dict[int, float]:
         around = np.lib.stride_tricks.sliding_window_view(np.pad(size, 2 * _REACH), 4 * _REACH + 1)
         gone = []
         for k in np.flatnonzero((size > _OWN_SIGMAS) & (size >= around.max(axis=1))):
-            row, axis = k + _REACH, int(np.argmax(off[k] / noise[k]))
+            row, axis = int(k) + _REACH, int(np.argmax(off[k] / noise[k]))
             near = np.arange(max(row - _LOOK, 0), min(row + _LOOK + 1, len(rows)))
             rest = rows[near[near != row]]
             left, _ = _beside_cubic(time[rest], position[rest, axis], stated[rest, axis])
-            if left.max() < max(_QUIET * off[k, axis], _SIGMAS / 2 * noise[k, axis]):
+            most = max(_QUIET * off[k, axis], _SIGMAS / 2 * noise[k, axis])
+            ahead = _off_ahead(time[rows], position[rows, axis], row)
+            if left.max() < most < ahead:
                 gone.append(row)
         if not gone:
             break
@@ -92,6 +95,20 @@ def _false(time, position, track, rows) -> dict[int, float]:
             found[int(rows[row])] = float(np.linalg.norm(off[row - _REACH]))
         rows = np.delete(rows, gone)
     return found
+
+
+def _off_ahead(time, value, row) -> float:
+    """How far an epoch lies off the line through two before it or two after it, the nearer one, m.
+
+    Where a drone turns within an interval, the epoch is a corner: a cubic across it misses it,
+    and the line of one side meets it, as that of neither side meets a false one.
+    """
+    sides = ((row - 1, row - 2), (row + 1, row + 2))
+    slopes = ((value[a] - value[b]) / (time[a] - time[b]) for a, b in sides)
+    return min(
+        abs(value[row] - value[a] - slope * (time[row] - time[a]))
+        for (a, _), slope in zip(sides, slopes, strict=True)
+    )
 
 
 def _off_in_sigmas(time, position, stated) -> tuple[np.ndarray, np.ndarray]:

@@ -127,12 +127,13 @@ class _Iterations:
     def __exit__(self, *_):
         self.line.clear()
 
-    def __call__(self, step: dict) -> None:
-        if "message" in step:
+    def __call__(self, progress) -> None:
+        step = progress.result
+        if step is None:
             self.line.clear()
-            say(step["message"])
+            say(progress)
         elif not self.verbose:
-            self.line(f"adjusting: iteration {step['iteration']} done")
+            self.line(f"adjusting: iteration {progress.done} done")
         else:
             if not self.begun:
                 say(_COLUMNS)
