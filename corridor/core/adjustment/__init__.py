@@ -29,7 +29,7 @@ from corridor.core.adjustment.model import (
 )
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.precompiling import compiling_ahead
-from corridor.core.adjustment.problem import make_problem
+from corridor.core.adjustment.problem import make_problem, refuse_distances
 from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.snooping import Blunder, blunders
@@ -76,6 +76,7 @@ __all__ = [
     "make_problem",
     "not_converged",
     "point_gains",
+    "refuse_distances",
     "similarity",
     "solve",
     "sound_part",

@@ -44,6 +44,7 @@ from corridor.core.effects import (
     stated_lever_arms,
 )
 from corridor.core.engine.panels import PANEL
+from corridor.core.errors import InputError
 from corridor.core.options import made
 
 # What may be measured of poses directly.
@@ -257,6 +258,15 @@ def _idle(
     return np.array(idle, dtype=np.int64).reshape(-1, 2)
 
 
+def refuse_distances(block: Block) -> None:
+    """Raise InputError where a block has distances, for what does not know them."""
+    if len(block.distances):
+        raise InputError(
+            "distances.csv is used by `adjust` alone: take it out of the block "
+            "(block.with_(distances=None)) to simulate its counterpart or to test effects"
+        )
+
+
 def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     """The same measurements with columns for effects that are tested, but for those of the antenna.
 
@@ -264,6 +274,7 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     Everything else stays as it was estimated, with its priors.
     """
     p, tested = problem, list(tested)
+    refuse_distances(p.block)
     slugs = {effect.slug for effect in tested}
     kept = [m.effect for slug, m in p.stack.members.items() if slug not in slugs]
     here = [effect for effect in tested if effect.place != "antenna"]

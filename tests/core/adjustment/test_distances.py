@@ -187,3 +187,15 @@ class TestFiles:
         measured = set(part.tie_points["point"].astype(str))
         for row in part.distances.itertuples(index=False):
             assert {row[0], row[1]} <= measured
+
+
+class TestWhoDoesNotUseThem:
+    def test_the_diagnosis_leaves_them_out_and_says_so(self):
+        block = flown(free=False)
+        found = corridor.diagnose(block, only="gnss_bias", camera="fixed", lever_arm="fixed")
+        assert any("distances.csv is not used here" in note for note in found.notes)
+
+    def test_counterparts_of_a_block_with_distances_are_refused(self):
+        adjusted = corridor.adjust(flown(free=False), camera="fixed")
+        with pytest.raises(InputError, match="distances.csv"):
+            corridor.core.registry.room("diagnosis").counterparts(adjusted, count=19)
