@@ -303,6 +303,17 @@ def of_aicon(folder: Path) -> Iterator[Row]:
     yield errors
 
 
+def of_roma(data: Path) -> Iterator[Row]:
+    """Roma with a principal point a photograph: 127 unknowns of the camera. DBAT's lens goes from
+    the image to the ray, so that only the redundancy is comparable."""
+    expected = json.loads((data / "digits" / "roma_imagevariant" / "expected.json").read_text())
+    adjusted = corridor.adjust(
+        data / "roma", camera="f,k1,k2,k3,p1,p2,b1", effects="principal_point_per_flight@image"
+    )
+    theirs = expected["published"]["redundancy"]
+    yield Row("roma_imagevariant", "redundancy", [(adjusted.redundancy, theirs, 0.5)])
+
+
 def table(rows: Iterable[Row]) -> str:
     """The page."""
     rows = list(rows)
@@ -344,6 +355,8 @@ def rows_of(data: Path, only: Iterable[str] = ()) -> Iterator[Row]:
         expected = json.loads((folder / "expected.json").read_text(encoding="utf-8"))
         many = isinstance(expected["published"], list)
         yield from (of_list if many else of_photogrammetry)(folder)
+    if (data / "roma").is_dir() and (not only or "roma_imagevariant" in only):
+        yield from of_roma(data)
     if (data / "aicon").is_dir() and (not only or "aicon" in only):
         yield from of_aicon(data / "aicon")
 

@@ -187,12 +187,18 @@ def typical_depth(state: State) -> float:
     return float(np.median(np.linalg.norm(state.centre - middle, axis=1)))
 
 
-def helmert_onto(
-    p: Problem, state: State, start: State, turned: bool = True, scaled: bool = True
-) -> State:
-    """A free network moved onto its start poses; unless attitudes or distances hold it, turned and
-    scaled as well."""
-    kept = np.diag([1.0] * 3 + [float(turned)] * 3 + [float(scaled)])
+def open_motions(p: Problem) -> np.ndarray:
+    """Which of the seven motions leave all measurements of a free network as they are.
+
+    Attitudes hold its rotation, rigs and distances its scale.
+    """
+    turns, grows = not len(p.attitude_image), not (len(p.rig_image) or len(p.distance_given))
+    return np.array([True] * 3 + [turns] * 3 + [grows])
+
+
+def helmert_onto(p: Problem, state: State, start: State) -> State:
+    """A free network laid on its start poses as a whole, by what nothing holds of it."""
+    kept = np.diag(open_motions(p).astype(float))
     for _ in range(20):
         poses = motions(state, 6) @ kept
         weight = np.ones((p.image_count, 6))
@@ -236,7 +242,7 @@ def moved(state: State, step: np.ndarray) -> State:
 
 def scaled_by_distances(p: Problem) -> Problem:
     """The problem with the start of a free network scaled as its distances say."""
-    if not len(p.distance_given) or len(p.control_rows) or len(p.gnss_image):
+    if not len(p.distance_given) or len(p.control_rows) or len(p.gnss_image) or len(p.rig_image):
         return p
     scale = scale_of(p, p.start)
     grown = moved(p.start, np.array([0.0] * 6 + [np.log(scale)]))

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.adjustment.distances import ENDS, Distances, distances_of, with_ends
-from corridor.core.adjustment.model import EFFECT, Model, ParameterId, listed_effects
+from corridor.core.adjustment.model import EFFECT, Model, ParameterId, Setting, listed_effects
 from corridor.core.adjustment.observations import (
     Attitudes,
     Control,
@@ -20,6 +20,7 @@ from corridor.core.adjustment.observations import (
     gnss_of,
     network_of,
 )
+from corridor.core.adjustment.rigs import Rigs, rigs_in
 from corridor.core.adjustment.uncertain_motion import MotionScale, prior_sigma, velocity_errors
 from corridor.core.adjustment.unknowns import (
     Priors,
@@ -53,7 +54,7 @@ POSE_KINDS = ("gnss", "attitude")
 
 @brief
 @dataclass
-class Problem(Network, Control, Distances, Gnss, Attitudes, Unknowns, Priors):
+class Problem(Network, Control, Distances, Gnss, Attitudes, Rigs, Unknowns, Priors):
     """Everything that stays the same from one iteration to the next.
 
     images: in the order of the problem. roles: of the rows of ground.csv, as asked for. free:
@@ -104,6 +105,7 @@ class Problem(Network, Control, Distances, Gnss, Attitudes, Unknowns, Priors):
             + 3 * len(self.control_given)
             + len(self.distance_given)
             + 3 * sum(len(self.measured(kind)) for kind in POSE_KINDS)
+            + 6 * len(self.rig_image)
             + int(np.count_nonzero(self.prior_weight))
             + int(np.count_nonzero(self.per_image_prior[1]))
         )
@@ -192,6 +194,9 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     rank = np.empty_like(network.order)
     rank[network.order] = np.arange(len(rank))
     gnss, attitudes = gnss_of(block, rank), attitudes_of(block, rank)
+    rigs = rigs_in(block, rank)
+    apart = np.diff(rigs.rig_image, axis=1).max(initial=0)
+    network.bandwidth = max(network.bandwidth, int(apart) + 1)
     control, notes = control_of(block, network, asked)
     distances, control, more = distances_of(block, network, control)
     notes += more
@@ -199,6 +204,12 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
     free, settings = model.free(block), model.settings_of(block)
+    asked_for = [which for which, wish in settings.items() if wish.prior]
+    for effect in effects:
+        for (name, group), prior in effect.priors(block).items():
+            which = ParameterId(EFFECT, effect.slug, name, group)
+            if not any(other.means(which) for other in asked_for):
+                settings.setdefault(which, Setting()).prior = prior
     measured = {"antenna": gnss.gnss_image, "attitude": attitudes.attitude_image}
     wanted = Wanted(free, arms_free, measured, list(names[control.control_rows]), model.held)
     unknowns = with_ends(unknowns_of(images, stack, wanted), distances)
@@ -228,6 +239,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
         **vars(gnss),
         **vars(attitudes),
         **vars(distances),
+        **vars(rigs),
         **vars(unknowns),
         **vars(priors),
         block=block,
