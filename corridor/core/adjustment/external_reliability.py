@@ -57,4 +57,5 @@ def moves(covariance: Covariance, controls: np.ndarray, errors: np.ndarray) -> p
             found = length[row, k], plan[:, k].max(), np.abs(shift[:, 2, k]).max()
             out.append((str(p.point_index[seen[row]]), *covariance.state.points[seen[row]], *found))
     table = pd.DataFrame(out, columns=["at", "x", "y", "z", "moved", "plan", "height"])
+    table = table.astype(dict.fromkeys(table.columns[1:], float))
     return with_units(table, {"m": "x y z moved plan height"})

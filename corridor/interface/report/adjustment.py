@@ -414,7 +414,7 @@ def _reliability(adjustment: Adjustment) -> Table | None:
 
 def _hidden(adjustment: Adjustment) -> list[str]:
     """What an error of control that is not found does at most, and where."""
-    if not adjustment.reliability.whole:
+    if not adjustment.reliability.whole or not len(adjustment.residuals["control"]):
         return []
     table = adjustment.reliability.external
     table = table[np.isfinite(table["least_error"]) & np.isfinite(table["moved"])]

@@ -219,6 +219,11 @@ class TestExternal:
         plan = np.hypot(away[:, 0], away[:, 1]).max() * one["least_error"] / size
         assert plan == pytest.approx(one["plan"], rel=0.01)
 
+    def test_without_control_there_is_an_empty_table_and_a_report(self):
+        adjusted = corridor.adjust(flown(control=0))
+        assert len(adjusted.reliability.external) == 0
+        assert "moves no point" not in str(adjusted)
+
     def test_a_coordinate_that_nothing_checks_has_no_largest_move(self):
         adjusted = corridor.adjust(flown(gnss=False, control=3), camera="fixed")
         table = adjusted.reliability.external
