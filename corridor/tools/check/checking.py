@@ -40,8 +40,8 @@ _MOST_FILES = 20_000
 # A self-calibration that works knows f to some 0.01 to 0.1 %, and the value in a project is of one:
 # where the images of this block leave f more open than this, the project knows more than they do.
 _MOST_OF_F = 0.005
-# What a diagnosis takes on two processors: 15 s at 60,000 observations, 64 s at 333,000 and 254 s at
-# 1.7 million (benchmarks/diagnosis_speed.py).
+# What a diagnosis takes on two processors: 15 s at 60,000 observations, 64 s at 333,000 and 254 s
+# at 1.7 million (benchmarks/diagnosis_speed.py).
 _START_S, _S_PER_MILLION = 8.0, 160.0
 # Where a free camera does not adjust, holding it is an answer only if the residuals are about what
 # is stated: beyond three times that, something else is wrong, which the start values tell.

@@ -151,7 +151,7 @@ def test_points_far_away_are_noticed_without_marks(tmp_path):
 
 @pytest.mark.parametrize("swapped", [False, True])
 def test_degrees_taken_for_metres_beside_the_origin_are_noticed(tmp_path, swapped):
-    """49.01, 8.55 is a place 50 m from the origin of a local frame, too; but all are on one spot."""
+    """49.01, 8.55 lies 50 m from the origin of a local frame, too; but all are on one spot."""
     project = placed()
     names = ["A1", "A2", "A3"]
     ground = project.block.ground[["x", "y", "z"]].to_numpy(float)[:3]
