@@ -8,6 +8,7 @@ import pytest
 from strips import CAMLIGHT, corridor_block
 
 import corridor
+from corridor.core.adjustment.measured_poses import residuals
 from corridor.core.adjustment.normal import Loss, Normal, moved_state, shared_values
 from corridor.core.adjustment.problem import make_problem
 from corridor.core.adjustment.solving import SHARED_STEP
@@ -31,6 +32,9 @@ def _flown(images=10, observations=60, seed=8, **options):
         relief=6.0, interval_s=1.0, angular_rate_deg_s=3.0, seed=seed, **options,
     )  # fmt: skip
     block.extra["effect"] = {"water_refraction": {"level": 1.0}}
+    # Measured by an IMU whose boresight is known: no effect comes with its attitudes.
+    block.extra["attitudes"] = {"calibrated": True}
+    block.attitudes = block.images[["image", "qw", "qx", "qy", "qz"]].copy()
     return block
 
 
@@ -142,8 +146,8 @@ class Dense:
         rays = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))
         control = np.empty(len(p.control_rows), dtype=int)
         control[p.control[p.control >= 0]] = np.flatnonzero(p.control >= 0)
-        antenna = np.full(3 * len(p.gnss_image), -1)
-        return np.concatenate([rays.repeat(2), antenna, control.repeat(3)])
+        poses = np.full(3 * len(p.gnss_image) + 3 * len(p.attitude_image), -1)
+        return np.concatenate([rays.repeat(2), poses, control.repeat(3)])
 
     def by(self, step):
         """Half the difference of the residuals after a step and after its opposite."""
@@ -162,10 +166,11 @@ class Dense:
         pixels, _ = self.normal.residuals(state)
         view = self.normal.view(state)
         images, control = view.images, view.control_residual
-        antenna = p.gnss_given - self.normal.antenna(state, images)[0]
+        kinds = (("gnss", p.gnss_weight), ("attitude", p.attitude_weight))
+        poses = [residuals(kind, p, state, images) * np.sqrt(weight) for kind, weight in kinds]
         parts = (
             pixels * np.broadcast_to(p.weight, len(pixels))[:, None],
-            antenna * np.sqrt(p.gnss_weight),
+            *poses,
             control * np.sqrt(p.control_weight),
         )
         return np.concatenate([part.ravel() for part in parts])
