@@ -31,7 +31,7 @@ if ALONE:
 
 def _left_out(report, fault: str):
     """The report of what failed for want of a library, as one of what was left out."""
-    found = re.search(r"import of (\w+) halted|No module named '(\w+)'", fault)
+    found = re.search(r"import of (\w+) halted|No module named '(\w+)[.']", fault)
     if ALONE and report.outcome == "failed" and found:
         name = found[1] or found[2]
         report.outcome, report.longrepr = "skipped", ("conftest.py", 1, f"Skipped: needs {name}")
