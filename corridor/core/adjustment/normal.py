@@ -502,8 +502,7 @@ class Normal:
         heavy = {}
         for image, by in ((i, rows.first), (j, rows.second)):
             heavy[id(by)] = weighted = (by * rows.weight[:, None]).transpose(0, 2, 1)
-            np.add.at(self.gradient, (image, slice(0, 6)),
-                      (weighted @ rows.residual[:, :, None])[:, :, 0])  # fmt: skip
+            np.add.at(self.gradient[:, :6], image, (weighted @ rows.residual[:, :, None])[:, :, 0])
             if matrix:
                 blocks = np.zeros((len(image), p.d, p.d))
                 blocks[:, :6, :6] = weighted @ by
