@@ -22,6 +22,7 @@ from corridor.diagnosis.report import actions, as_html, as_text, evidence, save,
 from corridor.diagnosis.report.beside import beside
 from corridor.diagnosis.rounds import Question, course_of
 from corridor.diagnosis.settings import Settings, using
+from corridor.diagnosis.verification.halves import compare_halves
 from corridor.diagnosis.verification.held_out import check_sigmas
 from corridor.diagnosis.verification.verification import Verification
 
@@ -47,6 +48,8 @@ class Diagnosis(Diagnosed):
                 "verdict": self.verdict,
                 "sentence": self.sentence,
                 "actions": self.actions,
+                "p_nothing": self.p_nothing,
+                "halves": self.halves.to_dict(),
                 "required": self.required,
                 "effects": self.effects,
                 "unknown": self.unknown,
@@ -116,6 +119,8 @@ def _diagnose(
     _add_discontinuity(found, before, last.adjustment)
     untestable = sorted(course.candidates.untestable.items())
     limits = detection_limits(last)
+    run.say("comparing two halves of the images")
+    halves = compare_halves(believed, course.members(last.keys), last.noise, last.lens)
     last.let_go()
     return Diagnosis(
         block=block,
@@ -126,6 +131,7 @@ def _diagnose(
         findings=found,
         gap=held.gap(after),
         check_sigmas=check_sigmas(after),
+        halves=halves,
         detection_limits=limits,
         untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
         lens=held.lens,

@@ -21,6 +21,7 @@ from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, t
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
+from corridor.diagnosis.evidence.nothing import probability_of_nothing
 from corridor.diagnosis.evidence.plausibility import impossible, plausible
 from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
 from corridor.diagnosis.evidence.search import Found, search, thresholds
@@ -41,8 +42,9 @@ class Round:
     """One pass: the adjustment it began with, what it found there, and by which limits.
 
     keys: of the groups that were found. lens: as it is beside them. wrong: control points among
-    them that failed their test. Of large blocks the last round alone keeps its equations and
-    evidence, until it is saved.
+    them that failed their test. beside_nothing: with the noise of the GNSS beside the model it
+    began with, of the first round, until it has been asked. Of large blocks the last round alone
+    keeps its equations and evidence, until it is saved.
     """
 
     adjustment: Adjustment
@@ -56,6 +58,7 @@ class Round:
     log: dict = field(default_factory=dict)
     lens: Lens | None = None
     wrong: Blunders = Blunders()
+    beside_nothing: Evidence | None = None
 
     def let_go(self) -> None:
         """Forget what can be made anew, once the findings are known."""
@@ -85,7 +88,7 @@ class Course:
     """All rounds. first: the adjustment of the believed model; candidates: what was tested.
 
     impossible: keys of groups that would need a size which does not happen, and a sentence each.
-    draws: what independent noise leaves of itself, see `clusters`.
+    draws: what independent noise leaves of itself, see `clusters`. p_nothing: see `nothing`.
     """
 
     first: Adjustment
@@ -94,6 +97,7 @@ class Course:
     notes: list[str] = field(default_factory=list)
     impossible: dict[str, str] = field(default_factory=dict)
     draws: list[np.ndarray] = field(default_factory=list)
+    p_nothing: float = 1.0
 
     @property
     def idle(self) -> list[str]:
@@ -164,6 +168,10 @@ def course_of(
         one = _round(course, adjustment, believed, model, threshold)
         threshold = one.threshold
         course.rounds.append(one)
+        if not number:
+            rng = np.random.default_rng([asked.seed, 1])
+            course.p_nothing = probability_of_nothing(one.beside_nothing, rng)
+        one.beside_nothing = None
         if number == SETTINGS.most_refits:
             break
         if set(one.keys) == set(model):
@@ -203,7 +211,7 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
     gone = [
         effect
         for effect in chosen.effects
-        if effect.place == "motion" and (at_once or (effect.group == "image" and not moving))
+        if effect.during_readout and (at_once or (effect.group == "image" and not moving))
     ]
     if at_once:
         # No column would make one of them the cause.
@@ -309,6 +317,7 @@ class _Asked:
         if not isinstance(threshold, dict):
             threshold = threshold(evidence)
         suspected = threshold["suspected"]
+        before = evidence
         found, wrong = self._found(evidence, plain, suspected)
         log = {"model": list(model), "sigma_px": float(np.median(e.scales.of_observation))}
         more = through_noise(noises, plain, evidence, found, threshold, model)
@@ -329,7 +338,7 @@ class _Asked:
         log["inflation"] = {key: float(evidence.inflation[n]) for n, key in keys.items()}
         return Round(
             self.adjustment, e, noise, noises, evidence, threshold, found, [*keys.values()], log,
-            wrong=wrong,
+            wrong=wrong, beside_nothing=before,
         )  # fmt: skip
 
     def _evidence(self, noise: GnssNoise | None, lens: Lens | None) -> Evidence:

@@ -34,7 +34,7 @@ from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.variance_components import gnss_of_metres
-from corridor.core.adjustment.warnings import grave, implausible
+from corridor.core.adjustment.warnings import grave, implausible, tested_by
 from corridor.core.geometry import Similarity, similarity
 
 __all__ = [
@@ -77,4 +77,5 @@ __all__ = [
     "similarity",
     "solve",
     "sound_part",
+    "tested_by",
 ]

@@ -12,7 +12,7 @@ import pandas as pd
 
 from corridor.core.adjustment.blunders import without_exchanged
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.datum import explain, free_network, helmert_onto
+from corridor.core.adjustment.datum import explain, free_network, helmert_onto, open_motions
 from corridor.core.adjustment.group_variances import with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
@@ -30,7 +30,7 @@ from corridor.core.adjustment.variance_components import (
     without_false_fixes,
     without_unseen_arms,
 )
-from corridor.core.block import Block, read
+from corridor.core.block import Block, read, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.options import options
@@ -226,6 +226,7 @@ def _once(
     began = time.perf_counter()
     start, notes = block, []
     spare = int(_SPARE * len(block.images)) if spare is None else spare
+    block = with_rigid_poses(block)
     if _incomplete(block):
         block = complete(block, run.progress)
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
@@ -264,9 +265,8 @@ def _once(
         del normal  # as large as the equations
         if datum is not None:
             system = at(solution.state)
-            turned = not len(problem.attitude_image)
-            if datum.null_space.shape[1] == (7 if turned else 4):
-                system = at(helmert_onto(problem, solution.state, problem.start, turned))
+            if datum.null_space.shape[1] >= open_motions(problem).sum():
+                system = at(helmert_onto(problem, solution.state, problem.start))
             datum = free_network(system)
         if datum is not None:
             system = replace(system, held=datum.held)

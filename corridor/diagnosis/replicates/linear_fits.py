@@ -31,8 +31,8 @@ class Measured(NamedTuple):
     """Everything measured, in the order of the problem; px and m.
 
     prior: value of the priors of shared unknowns. check: given coordinates of the check points,
-    without what effects of the ground do to them.
-    attitude: what the measured attitudes are turned by, rad.
+    without what effects of the ground do to them. posed: what attitudes are turned by, rad, and
+    members of rigs are moved by (`system.posed`).
     """
 
     xy: np.ndarray
@@ -40,7 +40,7 @@ class Measured(NamedTuple):
     control: np.ndarray
     prior: np.ndarray
     check: np.ndarray
-    attitude: np.ndarray
+    posed: np.ndarray
 
 
 class LinearFits:
@@ -78,7 +78,7 @@ class LinearFits:
         self._weight = np.repeat(1.0 / sigma, 2)
         self._poses = [
             (rows.jacobian, rows.sigma.reshape(-1, 1) ** -2.0)
-            for rows in (system.gnss, system.attitude)
+            for rows in (system.gnss, system.posed)
         ]
 
     def __call__(self, drawn: Iterable[Measured]) -> list[Fit]:
@@ -97,7 +97,7 @@ class LinearFits:
         others = Measured(None, *(np.stack(each, axis=1) for each in zip(*others, strict=True)))
         poses = [
             others.gnss + fit.gnss.reshape(-1, 1),
-            others.attitude + fit.attitude.reshape(-1, 1),
+            others.posed + fit.posed.reshape(-1, 1),
         ]
         sets = Sets(image, others.control + fit.control.reshape(-1, 1), self._counted)
         columns = self._system.columns

@@ -251,7 +251,7 @@ class Replicator:
             system.control.given,
             system.columns.shared_prior,
             given[self.check_rows],
-            system.attitude.given,
+            system.posed.given,
         )
         self.check_sigma = system.block.ground_sigma()[self.check_rows]
         self.series: list[Series] = series_of(system)
@@ -261,7 +261,9 @@ class Replicator:
         ground, self.check_moved = _ground_moved(self.system, self.check_rows, self.check_points)
         self.measured = self.measured._replace(check=self.measured.check - self.check_moved)
         check = state.points[self.check_points] - self.measured.check
-        self.fit = Fit(state, left.pixels, left.gnss, left.control, check, left.attitude)
+        self.fit = Fit(
+            state, left.pixels, left.gnss, left.control, check, self.system.posed.residual
+        )
         self.fits = LinearFits(
             self.system,
             self.measured,
@@ -326,7 +328,7 @@ class Replicator:
             drawn.gnss - given.gnss + fit.gnss,
             drawn.control - given.control + fit.control,
             fit.state.points[self.check_points] - drawn.check,
-            drawn.attitude - given.attitude + fit.attitude,
+            drawn.posed - given.posed + fit.posed,
         )
 
     def draw(self, rng: np.random.Generator, noise: EstimatedNoise | None = None) -> Measured:
@@ -359,9 +361,9 @@ class Replicator:
             prior=value,
             check=fit.state.points[self.check_points]
             + of_check * check.standard_normal(of_check.shape),
-            attitude=given.attitude
-            - fit.attitude
-            + self.system.attitude.sigma * attitude.standard_normal(fit.attitude.shape),
+            posed=given.posed
+            - fit.posed
+            + self.system.posed.sigma * attitude.standard_normal(fit.posed.shape),
         )
 
 

@@ -389,6 +389,30 @@ class Elimination:
         g = e.core_without + heavy.T @ self._residual - (half.T @ self._half)[:, 0]
         return M, g
 
+    def step(self, right: np.ndarray) -> np.ndarray:
+        """Step (columns, k) of all that is a row, of what is said of the columns (columns, k)."""
+        out = np.zeros_like(right)
+        unit = self.equations.unit[self.at, None]
+        out[self.at] = unit * self.solve(unit * right[self.at])
+        return out
+
+    def scores(
+        self, right: np.ndarray, antenna: np.ndarray, priors: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Scores of the core (c, k) of other measurements than those at hand.
+
+        right (columns, k): what they say of the system's columns, the antenna aside; antenna
+        (3k, k): residuals of its positions, m; priors (q, k): what the priors of the groups among
+        the rows say, in prior standard deviations.
+        """
+        e, block = self.equations, self.equations.core
+        own = right * e.unit[: len(right), None]
+        static = own[self.at]
+        static[len(e.first) :] += priors
+        core = self.chain.half(self._ordered_right(self.cross.toarray(), block.antenna))
+        half = self.chain.half(self._ordered_right(static, antenna))
+        return own[e.at] + block.antenna.T @ (self._white[:, None] * antenna) - core.T @ half
+
     def reduced(self) -> Reduced:
         """M and g of what images share."""
         M, g = self.core
