@@ -168,7 +168,7 @@ class ReferenceModel:
             block = block.select(images=[n for n in block.images["image"] if n in images])
         self.block = replace(
             block,
-            tie_points=result.block.tie_points,
+            tie_points=result.problem.block.tie_points,
             gnss=result.start.gnss,
             extra=result.start.extra,
         )
