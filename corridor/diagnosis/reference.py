@@ -130,8 +130,8 @@ class ReferenceModel:
                     priors.setdefault(f"{effect.slug}.{parameter.name}", (0.0, sigma))
         block = self.block if block is None else block
         if self.begun is not None and not (more and self.astray):
-            near = self.begun
-            block = replace(block, images=near.images, points=near.points, cameras=near.cameras)
+            at = self.begun
+            block = replace(block, images=at.images, points=at.points, cameras=at.cameras)
         first = self.begun is None
         # Positions of metres are weighted by their scatter first, for which squares do.
         coarse = first and arms_unseen(block)
@@ -168,7 +168,7 @@ class ReferenceModel:
             block = block.select(images=[n for n in block.images["image"] if n in images])
         self.block = replace(
             block,
-            tie_points=result.block.tie_points,
+            tie_points=result.problem.block.tie_points,
             gnss=result.start.gnss,
             extra=result.start.extra,
         )

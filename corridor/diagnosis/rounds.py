@@ -15,7 +15,7 @@ import numpy as np
 from corridor.core.adjustment import Adjustment, listed
 from corridor.core.block import Block
 from corridor.core.brief import brief
-from corridor.core.effects import Candidates, Effect, candidates
+from corridor.core.effects import Candidates, Effect, candidates, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, through_noise
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
@@ -213,6 +213,10 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
         for effect in chosen.effects
         if effect.during_readout and (at_once or (effect.group == "image" and not moving))
     ]
+    if at_once:
+        # No column would make one of them the cause.
+        motions = {effect.slug for effect in every_effect() if effect.place == "motion"}
+        chosen.untestable = {k: v for k, v in chosen.untestable.items() if k not in motions}
     if not gone:
         return []
     chosen.effects = [effect for effect in chosen.effects if effect not in gone]

@@ -131,8 +131,6 @@ class TestSomethingIsMissing:
         """
         if slug == "time_rounding":
             pytest.skip("rounded times are noise of the antenna, whose size is estimated")
-        if slug == "earth_curvature":
-            pytest.skip("check points of the same survey move too, and their gap stays open")
         closed = []
         for seed in (3, 4, 5):
             before, after = ratio_ten(slug, seed)

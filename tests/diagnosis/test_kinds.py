@@ -73,6 +73,17 @@ class TestRowsReadWhileTheCameraMoves:
         names, (note,) = self.asked(replace(block, cameras=cameras))
         assert not names and "readout_s = 0" in note
 
+    def test_nor_does_a_column_that_is_missing_stand_in_its_way(self):
+        """Who reads the sentence is not told to add velocities for a shutter that is none."""
+        block = flown()
+        cameras = {name: replace(c, readout_s=0.0) for name, c in block.cameras.items()}
+        block = replace(block, cameras=cameras)
+        block.images = block.images.drop(columns=["vx", "vy", "vz"], errors="ignore")
+        chosen = candidates(block, {name: () for name in block.cameras}, [], ["G1"])
+        assert "rolling_shutter" in chosen.untestable
+        _without_motion(block, chosen)
+        assert not {slug for slug in chosen.untestable if find(slug).place == "motion"}
+
     def test_without_a_speed_nothing_makes_a_motion_of_values_for_each_image(self):
         block = flown()
         block.images = block.images.drop(columns=["vx", "vy", "vz"])

@@ -30,8 +30,9 @@ SMALL, MOST = 0.02, 12
 class Measured(NamedTuple):
     """Everything measured, in the order of the problem; px and m.
 
-    prior: value of the priors of shared unknowns. check: given coordinates of the check points.
-    posed: what attitudes are turned by, rad, and members of rigs are moved by (`system.posed`).
+    prior: value of the priors of shared unknowns. check: given coordinates of the check points,
+    without what effects of the ground do to them. posed: what attitudes are turned by, rad, and
+    members of rigs are moved by (`system.posed`).
     """
 
     xy: np.ndarray
@@ -47,7 +48,8 @@ class LinearFits:
 
     system: at that fit, with its loss; measured, fit: what it was fitted to, and what was left.
     sigma (n,): stated, px; held_out (n,): bool, image observations without a say. check_points
-    (c,): points whose misfit the fits tell.
+    (c,): points whose misfit the fits tell. ground (3c, n): derivative by the columns of what
+    effects do to their given coordinates.
     """
 
     def __init__(
@@ -58,8 +60,9 @@ class LinearFits:
         sigma: np.ndarray,
         held_out: np.ndarray,
         check_points: np.ndarray,
+        ground: np.ndarray,
     ):
-        self._measured, self._fit, self._loss = measured, fit, system.loss
+        self._measured, self._fit, self._loss, self._ground = measured, fit, system.loss, ground
         seen = np.isfinite(fit.pixels).all(axis=1)
         self._used = np.repeat(seen & ~held_out, 2)[:, None]
         square = (np.nan_to_num(fit.pixels) ** 2).sum(axis=1) / sigma**2
@@ -110,7 +113,7 @@ class LinearFits:
             sets, moved, square = self._design.back(sets, step)
             poses = [left - by @ step for (by, _), left in zip(self._poses, poses, strict=True)]
             prior = prior - weight * step
-            check = check + moved.reshape(-1, k)
+            check = check + moved.reshape(-1, k) + self._ground @ step
             length = square / self._system.problem.unknown_count
             if self._loss.kind == LOSSES["squares"] or length.max() < SMALL**2:
                 break

@@ -55,7 +55,7 @@ def counterpart(
         block.put_attitudes(turned)
     for rows, values in (
         (system.control_rows, drawn.control),
-        (replicator.check_rows, drawn.check),
+        (replicator.check_rows, drawn.check + replicator.check_moved),
     ):
         if len(rows):
             block.ground.loc[block.ground.index[rows], ["x", "y", "z"]] = values

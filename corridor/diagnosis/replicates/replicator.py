@@ -232,6 +232,8 @@ class Replicator:
 
     held_out: (observations,) bool, image observations that no fit uses. fit: the measured block
     adjusted without them, `Fit`. fits: of counterparts, `LinearFits`. noise: `EstimatedNoise`.
+    check_moved (c, 3): what effects of the ground do to the given check points, m; it is taken from
+    what is measured.
     Blocks with many wrong matches are fitted robustly, the measured one and its counterparts.
     """
 
@@ -257,12 +259,20 @@ class Replicator:
         system = system.measuring(sigma=np.where(self.held_out, np.inf, self.sigma))
         self.system = replace(system, loss=_loss(adjustment)).minimised(20, TOLERANCE, near=False)
         left, state = self.system.residuals(), self.system.state
+        ground, self.check_moved = _ground_moved(self.system, self.check_rows, self.check_points)
+        self.measured = self.measured._replace(check=self.measured.check - self.check_moved)
         check = state.points[self.check_points] - self.measured.check
         self.fit = Fit(
             state, left.pixels, left.gnss, left.control, check, self.system.posed.residual
         )
         self.fits = LinearFits(
-            self.system, self.measured, self.fit, self.sigma, self.held_out, self.check_points
+            self.system,
+            self.measured,
+            self.fit,
+            self.sigma,
+            self.held_out,
+            self.check_points,
+            ground,
         )
         self.noise = self._estimate()
 
@@ -393,6 +403,30 @@ def _check_points(system: LinearSystem) -> tuple[np.ndarray, np.ndarray]:
     marks = np.flatnonzero(points.mark)
     at = pd.Index(points.names[marks]).get_indexer(system.block.ground["point"].iloc[rows])
     return rows[at >= 0], marks[at[at >= 0]]
+
+
+def _ground_moved(
+    system: LinearSystem, rows: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivative (3c, n) by the columns of what effects do to ground points, and that (c, 3), m.
+
+    rows: of ground.csv. points: where they are in the state.
+    """
+    state, stack, columns = system.state, system.problem.stack, system.columns
+    names = system.block.ground["point"].iloc[rows].astype(str).tolist()
+
+    def moved(effects: dict) -> np.ndarray:
+        return stack.moved_ground(system.images, names, state.points[points], effects)
+
+    here = moved(state.effects)
+    out = np.zeros((3 * len(rows), len(columns)))
+    ground = {member.effect.slug for member in stack.at("ground")}
+    for unknown, column in zip(columns.shared, columns.shared_at, strict=True):
+        if unknown.kind == "effect" and unknown.owner in ground and len(rows):
+            value = state.effects[unknown.owner].copy()
+            value[unknown.at] += 1.0
+            out[:, column] = (moved(state.effects | {unknown.owner: value}) - here).ravel()
+    return out, here
 
 
 def _sum_of_squares(pulls: np.ndarray) -> float:

@@ -114,8 +114,12 @@ def _unknown(d: Diagnosed) -> str:
 def _looks_like(d: Diagnosed) -> list[str]:
     """Named effects that show as an unknown does and lack a column: which, and what to hand in."""
     known, lacking = effects_by_slug(d.block), {}
+    tested = {effect.slug for effect in d.course.candidates.effects}
     for one in d.untestable:
         effect = known[one["slug"]]
+        # One value for all has been tested, and is not what was found.
+        if effect.refines in tested:
+            continue
         if any(_alike(known[shape.group], effect) for shape in d.findings.unknown):
             missing = ", ".join(effect.missing(d.block)) or one["missing"]
             lacking.setdefault(missing, []).append(effect.called)
