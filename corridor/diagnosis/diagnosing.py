@@ -10,7 +10,7 @@ from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_
 from corridor.core.block import Block, read
 from corridor.core.engine.threads import one_thread
 from corridor.core.options import options
-from corridor.core.output import counted, plain
+from corridor.core.output import plain
 from corridor.core.preparation import derived, doubts, prepare
 from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
@@ -110,13 +110,7 @@ def _diagnose(
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
     course = course_of(believed, asked, run.say)
-    fallen = len(block.tie_points) - len(believed.block.tie_points)
-    if fallen:
-        block = believed.block
-        notes.append(
-            f"{counted(fallen, 'measurement')} of tie points that the believed model drew into a "
-            "camera left out: their rays are nearly parallel, or their matches are wrong."
-        )
+    block, notes = believed.block, [*believed.left_out, *notes]
     run.say("measuring the gap")
     held = Verification(believed, course, findings(course), asked.seed)
     before, last = course.first, course.last
@@ -147,6 +141,7 @@ def _diagnose(
             *implausible(before),
             *course.notes,
             *course.impossible.values(),
+            *course.idle,
             *notes,
             *held.notes,
         ],

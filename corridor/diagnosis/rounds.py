@@ -100,6 +100,16 @@ class Course:
     p_nothing: float = 1.0
 
     @property
+    def idle(self) -> list[str]:
+        """A sentence on each shape that the last round found and that does nothing."""
+        called = {effect.slug: effect.called for effect in self.candidates.effects}
+        return [
+            f"Residuals hang together as in {called[key]}; it neither moves the ground nor changes "
+            "the residuals enough to matter, and is no finding."
+            for key in self.last.log["idle"]
+        ]
+
+    @property
     def last(self) -> Round:
         """The round whose findings count."""
         return self.rounds[-1]
@@ -201,7 +211,7 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
     gone = [
         effect
         for effect in chosen.effects
-        if effect.place == "motion" and (at_once or (effect.group == "image" and not moving))
+        if effect.during_readout and (at_once or (effect.group == "image" and not moving))
     ]
     if not gone:
         return []
@@ -253,7 +263,8 @@ def _round(
     """A search beside the lens as it is beside what that search finds."""
     effects = course.candidates.effects
     e = equations(adjustment, effects, believed.priors_of(effects))
-    asked = _Asked(adjustment, e, model, course.impossible, course.draws)
+    noise = course.last.noise if course.rounds else None
+    asked = _Asked(adjustment, e, model, course.impossible, course.draws, noise)
     whole, shape = Evidence(Elimination(e, None).reduced()), lens_group(e)
     there = {whole.number[key]: _kappa(whole, key) for key in model if key in whole.number}
     lens = None if shape is None else lens_of(whole, shape, there)
@@ -274,7 +285,7 @@ class _Asked:
     """The equations of a round, and what they say with the GNSS as good as it says.
 
     model: keys of what has been adjusted. barred: keys of what is no explanation, and why; it
-    grows. draws: of the course, made once.
+    grows. draws: of the course, made once. noise: of the GNSS, as the round before has it.
     """
 
     adjustment: Adjustment
@@ -282,6 +293,7 @@ class _Asked:
     model: list[str]
     barred: dict[str, str]
     draws: list[np.ndarray]
+    noise: GnssNoise | None
 
     def search(self, lens: Lens | None, threshold: Threshold) -> Round:
         """What is found beside a lens."""
@@ -294,7 +306,7 @@ class _Asked:
             for group in e.groups
             if group.own is not None and len(group) > images and group.key not in model
         }
-        noises = NoiseModel(plain)
+        noises = NoiseModel(plain, self.noise)
         start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
         noise, _ = noises.given(start)
         evidence = self._evidence(noise, lens)
@@ -311,6 +323,9 @@ class _Asked:
             found, wrong = self._found(evidence, plain, suspected)
             log["through_noise"] = [plain.groups[n].key for n in more]
         found = plausible(evidence, found, model, suspected)
+        idle = [n for n in found.chosen if not self._matters(evidence, found, n)]
+        found = found.without(idle)
+        log["idle"] = [evidence.groups[n].key for n in idle]
         found = beyond_noise(noises, found, suspected)
         evidence.inflation = self._inflation(evidence, found)
         found = as_spread(evidence, found, suspected)
@@ -338,6 +353,29 @@ class _Asked:
             self.draws += drawn(self.adjustment, self.equations)
         influence = Influence(evidence.reduced.elimination, self.draws)
         return inflation_of_scores(influence, evidence, both)
+
+    def _matters(self, evidence: Evidence, found: Found, n: int) -> bool:
+        """Whether a group of a model does anything to the ground, or to the residuals.
+
+        Residuals of one image always hang together, and a shape of its own in each image follows
+        them. It would be taken out again where it has been adjusted (see `held_out.Cost`, which
+        has the same limits): what it does to data that no fit has used is less than what it does
+        to those of the fit.
+        """
+        group = evidence.groups[n]
+        if group.own is None or not group.generic or group.effect.place != "image":
+            return True
+        e = self.equations
+        rest = {k: kappa for k, kappa in found.chosen.items() if k != n}
+        fit = evidence.given(rest, only=n)[n].fit
+        weight = e.scales.of_observation**-2.0
+        square = float(((e.pixels**2).sum(axis=1) * weight)[np.isfinite(weight)].sum())
+        if 2.0 * fit > (1.0 - SETTINGS.cost_ratio**2) * square:
+            return True
+        values = evidence.of_each_image(found.chosen, n)
+        moved = Influence(evidence.reduced.elimination).ground_moved_by_images(group, values)
+        sigmas = np.abs(moved / self.adjustment.point_sigma)
+        return bool(np.nanmedian(sigmas, axis=0).max() > SETTINGS.cost_sigmas)
 
     def _barred(self) -> set[str]:
         """What is no explanation: impossible sizes, and other names of a lens that is modelled."""

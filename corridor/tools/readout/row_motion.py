@@ -46,7 +46,7 @@ def shutter(block: Block) -> Effect:
 
     With rates.csv: what turns it as the gyroscope says, too.
     """
-    forms = [one.form(block) for one in _at("motion")]
+    forms = [one.form(block) for one in _at("motion") if one.during_readout]
     turned = [o for o in forms if o.needs_table("rates") and "images.vx" in o.takes]
     return (turned or [one for one in forms if "images.vx" in one.needs])[0]
 
