@@ -315,6 +315,12 @@ def inject(block: Block, scene: Scene, effects: dict[str, float], seed: int) -> 
     return out, {"seed": seed, "effects": entries}
 
 
+def flight_of(part: str) -> str:
+    """The flight of a part: what shares light, ground and lens."""
+    known = {"special": "special_plot", "pair": "saraburi block", "f1": "saraburi 1"}
+    return known.get(part.partition("_")[0], "saraburi 2")
+
+
 def surveys() -> dict[str, Callable[[], Block]]:
     """The real blocks, whole and in parts of a few strips each, by name."""
     flight2 = DATA / "saraburi" / "flight2"
@@ -323,6 +329,9 @@ def surveys() -> dict[str, Callable[[], Block]]:
 
     def strips(*names: str) -> Callable[[], Block]:
         return lambda: _of_strips(corridor.read(flight2), set(names))
+
+    def first(*names: str) -> Callable[[], Block]:
+        return lambda: _of_strips(corridor.read(DATA / "saraburi" / "whole"), set(names))
 
     def every_second(folder: Path, first: int) -> Callable[[], Block]:
         return lambda: _every_second(corridor.read(folder), first)
@@ -342,6 +351,10 @@ def surveys() -> dict[str, Callable[[], Block]]:
         "s11_s12": strips("S11", "S12"),
         "s12_s13": strips("S12", "S13"),
         "s13_s14": strips("S13", "S14"),
+        "f1_s01_s02": first("S01", "S02"),
+        "f1_s03_s04": first("S03", "S04"),
+        "f1_s05_s06": first("S05", "S06"),
+        "f1_s07_s08": first("S07", "S08"),
         "pair": lambda: corridor.read(pair),
         "special": lambda: special_plot(DATA),
     }
@@ -424,7 +437,8 @@ def write(folder: Path, short: bool = False) -> list[str]:
             more = made.images.columns.difference(twin.images.columns)
             twin.images = twin.images.join(made.images[more])
             twin.write(folder / f"{case.name}_twin")
-        text = json.dumps({"ratio": case.effects, **truth}, indent=1)
+        content = {"flight": flight_of(case.part), "ratio": case.effects, **truth}
+        text = json.dumps(content, indent=1)
         (folder / f"{case.name}.truth.json").write_text(text + "\n", encoding="utf-8")
     return left
 

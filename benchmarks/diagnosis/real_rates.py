@@ -35,7 +35,7 @@ from corridor.core.output import plain, whole_file, write_json
 from corridor.core.preparation import prepare
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Question, Round, course_of
-from corridor.diagnosis.settings import changed
+from corridor.diagnosis.settings import Settings, changed
 
 # A value is right within so many of its stated sigmas.
 RIGHT_SIGMAS = 3.0
@@ -84,11 +84,11 @@ class Twins:
         return float(theta[n][at[0]] * group.scale[at[0]]) if at else 0.0
 
 
-def row_of(block: Block, truth: Truth) -> dict:
-    """What was said of a block, and whether it is right."""
+def row_of(block: Block, truth: Truth, settings: Settings | None = None) -> dict:
+    """What was said of a block, with settings or the usual ones, and whether it is right."""
     began = time.process_time()
     try:
-        found = corridor.diagnose(block)
+        found = corridor.diagnose(block, settings=settings)
     except (InputError, AdjustmentFailed) as error:
         return {"failed": str(error), "kind": truth.kind, "hidden": truth.label}
     said = plain(found.to_dict())
@@ -114,6 +114,8 @@ def row_of(block: Block, truth: Truth) -> dict:
         "worse": bool(stated) and check is not None and check["after"] > WORSE * check["before"],
         "check": check,
         "lens": said["lens"],
+        "p_nothing": said["p_nothing"],
+        "p_halves": said["halves"]["p"],
         "sure": [
             (1.0 / (1.0 + float(np.exp(-one["log_evidence"]))), one["slug"] not in judged.wrong)
             for one in said["effects"]

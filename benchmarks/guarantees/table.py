@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from benchmarks.guarantees import dates, flights
+from benchmarks.guarantees import dates, flights, sizes
 from benchmarks.guarantees.malformed import BYTES, SECONDS
 
 RUN = "python -m benchmarks.guarantees"
@@ -85,7 +85,9 @@ def text(known: dict) -> str:
     """The page."""
     lines = ["| " + " | ".join(row) + " |" for row in _rows(known)]
     exactly = _EXACTLY.format(run=RUN, seconds=SECONDS, gb=BYTES // 2**30)
-    return _HEAD + "\n".join(lines) + "\n" + exactly + _outcomes(known.get("malformed"))
+    matters = sizes.matters(known.get("sensitivity"))
+    outcomes = _outcomes(known.get("malformed"))
+    return _HEAD + "\n".join(lines) + "\n" + exactly + matters + outcomes
 
 
 def _rows(known):
@@ -131,6 +133,7 @@ def _rows(known):
             f"`{RUN} sigmas`",
         )
     yield from flights.rows(made("flights"))
+    yield from sizes.rows(made)
     yield from dates.rows(made("change"))
     yield (
         "Order of rows, names, offset and unit of coordinates, CSV or Parquet do not matter",

@@ -20,6 +20,7 @@ model); Cameron, Gelbach and Miller 2008 (wild bootstrap by clusters).
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import chdtr, chdtri
 
 from corridor.core.adjustment import Design, LinearSystem, Sets
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged
@@ -28,6 +29,8 @@ from corridor.diagnosis.system.elimination import Elimination
 
 # Runs at most: each is a right side of all equations.
 _MOST_RUNS = 24
+# Share of the squares of scores that tell what is usual, and directions that are enough for it.
+_LOWER, _FEWEST = 0.8, 20
 
 
 def probability_of_nothing(evidence: Evidence, rng: np.random.Generator) -> float:
@@ -37,8 +40,26 @@ def probability_of_nothing(evidence: Evidence, rng: np.random.Generator) -> floa
     number of draws.
     """
     drawn = null_scores(evidence, SETTINGS.null_draws, rng)
-    found = together(evidence, np.concatenate([evidence.reduced.g[:, None], drawn], axis=1))
+    every = np.concatenate([evidence.reduced.g[:, None], drawn], axis=1)
+    found = together(evidence, every / _size(evidence, every))
     return float((1 + np.count_nonzero(found[1:] >= found[0])) / len(found))
+
+
+def _size(evidence: Evidence, core: np.ndarray) -> np.ndarray:
+    """By how much the usual score is larger than its standard deviation (k,), of scores (c, k).
+
+    The noise is known to some per cent, and what is usual in all directions is noise: of the
+    squares, the lower four in five. So it does not matter to the draws and to what is measured.
+    """
+    whole = Spectrum.of(evidence.reduced.M)
+    known = whole.value > 1.0
+    if np.count_nonzero(known) < _FEWEST:
+        return np.ones(core.shape[1])
+    square = (whole.vector[:, known].T @ core) ** 2 / whole.value[known, None]
+    lower = np.sort(square, axis=0)[: int(_LOWER * len(square))]
+    # Mean of such squares of a normal variable below the quantile q: F_3(q) / F_1(q).
+    usual = chdtr(3.0, chdtri(1.0, 1.0 - _LOWER)) / _LOWER
+    return np.sqrt(lower.mean(axis=0) / usual)
 
 
 def together(evidence: Evidence, core: np.ndarray) -> np.ndarray:
