@@ -32,6 +32,7 @@ from corridor.core.adjustment.problem import make_problem
 from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.solving import solve
+from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.adjustment.variance_components import gnss_of_metres
 from corridor.core.adjustment.warnings import grave, implausible
 from corridor.core.geometry import Similarity, similarity
@@ -50,6 +51,7 @@ __all__ = [
     "LinearSystem",
     "Loss",
     "Model",
+    "MotionScale",
     "Normal",
     "ParameterId",
     "PointGains",

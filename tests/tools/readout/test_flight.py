@@ -11,11 +11,11 @@ import corridor
 from benchmarks.readout_flight import measured, survey
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import by_contrasts, honest, jackknife
-from corridor.core.preparation import strips_of
+from corridor.core.preparation import strips_of, unrounded
 from corridor.interface.cli import main
 from corridor.tools.readout import published_value, readout_from_flight, save_flight, use
 from corridor.tools.readout.flight import judged
-from corridor.tools.readout.motion import on_one_clock, unrounded
+from corridor.tools.readout.motion import on_one_clock
 
 DIKE = "data_synthetic/dike"
 
