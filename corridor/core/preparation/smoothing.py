@@ -7,8 +7,8 @@ brakes. The slope of a smooth curve through all positions follows a brake, and m
 shakes the drone. The mean is taken; what the slope differs from it by is an error of one sigma that
 all images have in common, for nobody knows how much of it is true.
 
-Where time stamps are rounded, the times may be as regular as the stamps allow: a timer makes even
-intervals.
+Where time stamps are rounded, the positions say whether the times are as regular as the stamps
+allow (`_off_the_clock`).
 
 Source: Carroll et al. 2006, section 1.4 (Berkson's errors, and why they do not attenuate).
 """
@@ -20,7 +20,7 @@ import pandas as pd
 from scipy.sparse import block_array, diags_array, eye_array
 
 from corridor.core.block import SIGMAS, Block
-from corridor.core.geometry import robust_scale
+from corridor.core.geometry import robust_scale, robust_scale_of_lengths
 from corridor.core.gnss import Antenna, Interpolated, interpolate, of_block
 from corridor.core.preparation.strips import track_runs
 
@@ -37,12 +37,18 @@ _BETWEEN, _AT_END = 0.25, 0.5
 _MEDIAN_OF_SQUARE = 0.455
 # Two photographs say nothing of gusts, which change the speed of a drone by some decimetres, m/s.
 _ANY_CHANGE = 0.5
+# Stamps in whole seconds hide where a drone brakes: by this factor errors of the slope exceed their
+# sigmas, in simulated flights with stops (1.4) and a Phantom's (1.2 cruising, 1.5 standing).
+_BRAKES = 1.4
 # An interval so many times the usual one is a pause, which is no part of any rhythm.
 _PAUSE = 3.0
 # What it costs to leave a stamp, beside what it costs to change the interval: settles ties only.
 _STAY = 0.01
 # Of positions that are written to a centimetre.
 _LEAST_SCATTER_M = 0.01
+# One scatter is smaller than another where chance does not make it so: medians of some twenty
+# differ by a third.
+_CLEARLY = 0.6
 # Images whose stamps are made regular together.
 _TOGETHER = 400
 _MOTION = ["vx", "vy", "vz", "svx", "svy", "svz"]
@@ -85,13 +91,14 @@ def _smoothed(block: Block, place: np.ndarray, sigma: np.ndarray | None) -> np.n
     out = np.full((len(time), 9), np.nan)
     step = rounding(time)
     if step:
-        sigma = np.full(place.shape, np.nan)
+        sigma, late = np.full(place.shape, np.nan), np.zeros(len(time), bool)
         for one in np.unique(path):
             rows = np.flatnonzero((path == one) & np.isfinite(place).all(axis=1))
             rows = rows[np.argsort(time[rows], kind="stable")]
             if len(rows) > 2:
-                time[rows], sigma[rows] = _off_the_clock(time[rows], place[rows], step)
-        sigma = sigma if np.isfinite(sigma).any() else None
+                time[rows], sigma[rows], late[rows] = _off_the_clock(time[rows], place[rows], step)
+        # At times that hold, positions say themselves how they scatter.
+        sigma = sigma if late.any() else None
     columns = {"time_s": time, **dict(zip("xyz", place.T, strict=True))}
     if sigma is not None:
         columns |= dict(zip(SIGMAS, sigma.T, strict=True))
@@ -107,6 +114,10 @@ def _smoothed(block: Block, place: np.ndarray, sigma: np.ndarray | None) -> np.n
     out, smooth = motion(found), found.table[["x", "y", "z", *SIGMAS]].to_numpy(dtype=float)
     out = np.hstack([out, np.zeros((len(out), 3))])
     for rows in track_runs(block, time, smooth[:, :3], []):
+        if step and late[rows].any():
+            # Photographs that were taken some time after their positions: the slope of the whole.
+            out[rows, 3:6] *= _BRAKES
+            continue
         rows = rows[np.isfinite(smooth[rows]).all(axis=1)]
         rows = rows[np.diff(time[rows], prepend=-np.inf) > 0]
         if len(rows) > 1:
@@ -146,22 +157,27 @@ def _between(
 
 
 def _off_the_clock(stamps: np.ndarray, place: np.ndarray, step: float):
-    """Times (n,) s of positions (n, 3) whose sorted stamps are rounded to `step` s, and standard
-    deviations (n, 3) m of the positions at these times.
+    """Times (n,) s of positions (n, 3) whose sorted stamps are rounded to `step` s, standard
+    deviations (n, 3) m of positions at these times, and whether photographs have other times.
 
-    What a drone flies within the error of a time counts as an error of its position, along its
-    way. A camera with a timer has even intervals, one that is fired by distance or by hand has
-    not: of the stamps and of times as regular as they allow those are taken at which positions
-    scatter less about an even flight.
+    A timer makes even intervals: where positions scatter less about an even flight at times as
+    regular as the stamps allow, these are the times. Where they scatter less at the stamps, they
+    are of the stamps, as of a receiver that writes one position a second: each photograph was
+    taken within a step of its own, and what a drone flies meanwhile counts as an error of its
+    position, along its way.
     """
     parts = np.array_split(stamps, max(1, -(-len(stamps) // _TOGETHER)))
     regular = np.concatenate([unrounded(part, step) for part in parts])
-    # Where stamps are equal, half a step lies between them.
+    # Where stamps are equal, something lies between them.
     least = np.arange(len(stamps)) * 1e-3 * step
-    even = [np.maximum.accumulate(time - least) + least for time in (stamps, regular)]
-    found = [_scatter(time, place) for time in even]
-    time, (along, across, way) = min(zip(even, found, strict=True), key=lambda one: one[1][0])
-    return time, np.hypot(across, np.abs(way) * along)
+    stamps, regular = (np.maximum.accumulate(time - least) + least for time in (stamps, regular))
+    by_stamps, along, across, way = *_scatter(stamps, place)[:1], *_scatter(regular, place)
+    late = by_stamps < _CLEARLY * along
+    if late:
+        _, across, way = _scatter(stamps, place)
+        speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.maximum(np.diff(stamps), step)
+        along = float(np.median(speed)) * step / np.sqrt(12)
+    return stamps if late else regular, np.hypot(across, np.abs(way) * along), late
 
 
 def _scatter(time: np.ndarray, place: np.ndarray) -> tuple[float, float, np.ndarray]:
@@ -177,11 +193,11 @@ def _scatter(time: np.ndarray, place: np.ndarray) -> tuple[float, float, np.ndar
     usual = max(float(np.median(speed)), 1e-9)
     unit = way / np.maximum(speed, 1e-9)
     along = np.einsum("ni,ni->n", off, unit[1:-1])
-    across = np.linalg.norm(off - along[:, None] * unit[1:-1], axis=1) / np.sqrt(2)
+    across = np.linalg.norm(off - along[:, None] * unit[1:-1], axis=1)
     moving = speed[1:-1, 0] > usual / 2
     return (
         float(robust_scale(along[moving])),
-        max(float(robust_scale(across[moving])), _LEAST_SCATTER_M),
+        robust_scale_of_lengths(across[moving], _LEAST_SCATTER_M),
         unit * np.minimum(speed / usual, 1.0),
     )
 
