@@ -314,21 +314,21 @@ def _swamped(found: FlightReadout, in_camera: np.ndarray) -> str:
     differs between the images, the rest of the model decides.
     """
     spread = _spread(in_camera)
+    errors = float(np.median(np.linalg.norm(found.motion.sigma, axis=1)))
+    if not found.motion.given and errors > ERRORS_SHARE * spread:
+        return (
+            f"The {_known(found)} ({found.motion.source}) differ between the images by {spread:.2g} "
+            f"m/s in the camera's frame and are known to {errors:.2g} m/s: what differs may be "
+            "their errors."
+        )
     turning = float(np.median(np.linalg.norm(found.motion.turning[:, :2], axis=1)))
-    if found.height * turning > TURNS_SHARE * spread:
+    if found.turns is None and found.height * turning > TURNS_SHARE * spread:
         return (
             f"The camera turned by about {np.degrees(turning):.2g} degrees a second while it was "
             f"read, which moves its rows like {found.height * turning:.1f} m/s, and nobody wrote "
-            f"that down; the {_known(found)} differ by {spread:.2g} m/s only: give rates.csv."
+            f"that down; the velocities differ by {spread:.2g} m/s only: give rates.csv."
         )
-    errors = float(np.median(np.linalg.norm(found.motion.sigma, axis=1)))
-    if found.motion.given or errors <= ERRORS_SHARE * spread:
-        return ""
-    return (
-        f"The {_known(found)} ({found.motion.source}) differ between the images by {spread:.2g} "
-        f"m/s in the camera's frame and are known to {errors:.2g} m/s: what differs may be their "
-        "errors."
-    )
+    return ""
 
 
 def _known(found: FlightReadout) -> str:
