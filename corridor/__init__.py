@@ -32,6 +32,7 @@ _HOME = {
     "import_project": "formats",
     "export": "formats",
     "report_bug": "faults",
+    "verify": "certificate",
     "catalogue": "effects",
     "Block": "block",
     "Camera": "camera",
@@ -46,7 +47,7 @@ _HOME = {
     "FetchFailed": "errors",
 }
 # Commands of several functions (`corridor.thermal.fit`), and what draws.
-_ROOMS = ("change", "data", "effects", "figures", "gnss", "readout", "thermal")
+_ROOMS = ("certificate", "change", "data", "effects", "figures", "gnss", "readout", "thermal")
 
 __all__ = [*_HOME, *_ROOMS]
 

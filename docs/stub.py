@@ -20,6 +20,7 @@ STUB = Path(corridor.__file__).with_suffix(".pyi")
 # Where the types of annotations come from, beside the modules of the functions themselves.
 _ANYWHERE = {
     "os": "import os",
+    "np": "import numpy as np",
     "Any": "from typing import Any",
     "Path": "from pathlib import Path",
     **{
@@ -76,16 +77,21 @@ def _needed(annotation: str, room, imports: set[str]) -> None:
         if word in _ANYWHERE:
             imports.add(_ANYWHERE[word])
             continue
-        found = vars(room).get(word) or _of_rooms(word)
+        found = vars(room).get(word) or _of_rooms(word, room.__name__.rpartition(".")[0])
         if inspect.isclass(found) and found.__module__ != "builtins":
             imports.add(f"from {_public(found)} import {word} as {word}")
         elif found is not None and not inspect.isclass(found):
             imports.add(f"from {_holder(word, room)} import {word} as {word}")
 
 
-def _of_rooms(word: str):
-    """A type that a function names but does not import (a field's, of a dataclass elsewhere)."""
-    rooms = (registry.room(one) for one in ("adjustment", "effects", "block", "simulation"))
+def _of_rooms(word: str, home: str):
+    """A type that a function names but does not import (a field's, of a dataclass elsewhere).
+
+    home: the room of the function, which has the first word.
+    """
+    near = [module for name, module in sorted(sys.modules.items()) if name.startswith(home)]
+    rest = (registry.room(one) for one in ("adjustment", "effects", "block", "simulation"))
+    rooms = (*near, *rest)
     return next((vars(room)[word] for room in rooms if word in vars(room)), None) or next(
         (
             vars(module)[word]

@@ -360,45 +360,9 @@ figures.error_maps(
 # picture is nearly what the affine parameters b1, b2 do, and a block whose strips all lie one way
 # cannot tell the two apart. Two strips at other heights make that worse.
 #
-# How much b1, b2 take up depends on what is not printed: which way the drone flies and looks, which
-# images the matcher ties, and how the velocity of a camera is computed. The thesis takes it from
-# the position of the *next image*. What does that do where the next image belongs to another strip,
-# or to another flight? Horizontal and height RMS, cm:
-
-
-# %%
-def centimetres(case, tilt=tilt_deg, matcher=(None, None), velocity="true", **changes):
-    """Median over the seeds of the horizontal and the height RMS, as text."""
-    # Fewer tie points than above: what is asked for is ten times as large as they matter.
-    plan = matched(dike.plan(cases[case], tilt, **changes), *matcher)
-    plan = replace(plan, tie_points=replace(plan.tie_points, per_image=300))
-    found = [
-        dike.read_out(plan, s, readout_s, "translation", velocity).check_rms
-        for s in list(seeds)[:3]
-    ]
-    xy, z = 100 * np.median([(f.xy, f.z) for f in found], axis=0)
-    return f"{xy:.1f} / {z:.1f}"
-
-
-published = {"a": "1.4 / 2.6", "b": "18.2 / 5.4", "c": "1.4 / 2.5", "d": "6.9 / 0.7"}
-rules = {
-    "the true one": "true",
-    "from the next image": "next image",
-    "from the next image of the strip": "next image of the strip",
-}
-rows = {
-    f"velocity: {words}": {names[case]: centimetres(case, velocity=rule) for case in cases}
-    for words, rule in rules.items()
-}
-rows["published, table 4.3"] = {names[case]: published[case] for case in cases}
-pd.DataFrame(rows).T
-
-# %% [markdown]
-# A trap for everybody who simulates: the image before a gap between strips or flights gets a
-# velocity of tens of metres a second, and the whole block is decimetres off. The published 18.2 cm
-# of case (b) lie between the rows. Heading, direction, matcher and yaw, which are not printed
-# either, change it as much (appendix). None of all these brings the published heights of (a) and
-# (d).
+# How much b1 and b2 take up depends on what is not printed: which way the drone flies and looks,
+# which images the matcher ties, and how the velocity of a camera is computed. Each of them changes
+# these numbers severalfold (appendix).
 
 # %% [markdown]
 # ### Stop and go
@@ -550,56 +514,6 @@ compare(
 )
 
 # %% [markdown]
-# ## 6. A camera of physics, or of polynomials?
-#
-# Fraser's camera has parameters that mean something. Before it came cameras that only have to be
-# general: Ebner's 12 parameters (1976) are all products of quadratic polynomials over the picture
-# that no pose can take up, Gruen's 44 (1978) all of degree four (thesis 3.3.1). Guess which does
-# best where the lens is unknown, and whether 44 are too many. Two flights with control: the shipped
-# dike, whose lens is Fraser's, and the levee of chapter 5 without its effect, whose lens is not.
-# Everybody starts with a lens without distortion; the last line of each starts as calibrated.
-
-
-# %%
-def without_distortion(block):
-    """The block as somebody believes it who knows nothing of its lens."""
-    block = block.copy()
-    nothing = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), 0.0)
-    block.cameras = {name: c.with_values(**nothing) for name, c in block.cameras.items()}
-    return block
-
-
-levee = corridor.read("../data_synthetic/stories/levee_twin")
-starts = {
-    "dike, lens unknown": without_distortion(measured.start),
-    "levee, lens unknown": without_distortion(levee),
-    "levee, as calibrated": levee,
-}
-models = {
-    "Fraser, 10": {"camera": "fraser10"},
-    "Ebner, 12": {"camera": "f,cx,cy", "effects": [PolynomialCamera(2)]},
-    "Gruen, 44": {"camera": "f,cx,cy", "effects": [PolynomialCamera(4)]},
-}
-rows = {}
-for where, block in starts.items():
-    for model, options in models.items():
-        found = corridor.adjust(block, **options)
-        rms = [1000 * value for value in (found.check_rms.xy, found.check_rms.z)]
-        rows[where, model] = [found.observations.loc["tie", "rms_px"], *rms]
-columns = ["tie residuals (px)", "horizontal (mm)", "height (mm)"]
-pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(
-    dict(zip(columns, (2, 1, 1), strict=True))
-)
-
-# %% [markdown]
-# Ebner's camera was made for lenses that a laboratory had corrected already: a radial distortion is
-# cubic, and it has nothing cubic, so what it cannot take goes into the ground. Gruen's has nearly
-# all, and does as well as Fraser's where control stands close; along the levee its spare parameters
-# cost height, twice as much as Fraser's ten. Where a calibration goes before and only a rest is
-# left, Ebner's twelve do no harm, and 44 still do. So the package has Fraser's, and polynomials
-# only as shapes of the unknown in the diagnosis.
-
-# %% [markdown]
 # ## Try it
 #
 # One error at a time, or all at once, on nadir and oblique images. Without a running kernel the
@@ -688,7 +602,48 @@ pd.concat(tried, axis=1).round(2)
 # centimetre. H df / f of the whole drift is 1.01 cm for 50vt, which looks like the answer, but
 # 1.72 cm for 50vt + 3070vt, where 1.07 is published; and a similarity fitted to ten control points
 # removes any mean offset.
-#
+
+# %% [markdown]
+# **Section 4**, the velocity of a camera. The thesis takes it from
+# the position of the *next image*. What does that do where the next image belongs to another strip,
+# or to another flight? Horizontal and height RMS, cm:
+
+
+# %%
+def centimetres(case, tilt=tilt_deg, matcher=(None, None), velocity="true", **changes):
+    """Median over the seeds of the horizontal and the height RMS, as text."""
+    # Fewer tie points than above: what is asked for is ten times as large as they matter.
+    plan = matched(dike.plan(cases[case], tilt, **changes), *matcher)
+    plan = replace(plan, tie_points=replace(plan.tie_points, per_image=300))
+    found = [
+        dike.read_out(plan, s, readout_s, "translation", velocity).check_rms
+        for s in list(seeds)[:3]
+    ]
+    xy, z = 100 * np.median([(f.xy, f.z) for f in found], axis=0)
+    return f"{xy:.1f} / {z:.1f}"
+
+
+published = {"a": "1.4 / 2.6", "b": "18.2 / 5.4", "c": "1.4 / 2.5", "d": "6.9 / 0.7"}
+rules = {
+    "the true one": "true",
+    "from the next image": "next image",
+    "from the next image of the strip": "next image of the strip",
+}
+rows = {
+    f"velocity: {words}": {names[case]: centimetres(case, velocity=rule) for case in cases}
+    for words, rule in rules.items()
+}
+rows["published, table 4.3"] = {names[case]: published[case] for case in cases}
+pd.DataFrame(rows).T
+
+# %% [markdown]
+# A trap for everybody who simulates: the image before a gap between strips or flights gets a
+# velocity of tens of metres a second, and the whole block is decimetres off. The published 18.2 cm
+# of case (b) lie between the rows. Heading, direction, matcher and yaw, which are not printed
+# either, change it as much (appendix). None of all these brings the published heights of (a) and
+# (d).
+
+# %% [markdown]
 # **Section 4**, which way the drone flies and looks, and what the matcher ties:
 
 # %% tags=["nbval-ignore-output"]
@@ -717,3 +672,53 @@ pd.DataFrame(rows).T
 # evidently not flown that way. A matcher that ties 70 m to 50 m, but not 50 m to 30 (a scale of
 # 1.5), brings (b) nearer to the published one; with one that ties neither (1.2) most of it is gone:
 # two heights make it worst *because* tie points hold them together.
+
+# %% [markdown]
+# ### A camera of physics, or of polynomials?
+#
+# Fraser's camera has parameters that mean something. Before it came cameras that only have to be
+# general: Ebner's 12 parameters (1976) are all products of quadratic polynomials over the picture
+# that no pose can take up, Gruen's 44 (1978) all of degree four (thesis 3.3.1). Guess which does
+# best where the lens is unknown, and whether 44 are too many. Two flights with control: the shipped
+# dike, whose lens is Fraser's, and the levee of chapter 5 without its effect, whose lens is not.
+# Everybody starts with a lens without distortion; the last line of each starts as calibrated.
+
+
+# %%
+def without_distortion(block):
+    """The block as somebody believes it who knows nothing of its lens."""
+    block = block.copy()
+    nothing = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), 0.0)
+    block.cameras = {name: c.with_values(**nothing) for name, c in block.cameras.items()}
+    return block
+
+
+levee = corridor.read("../data_synthetic/stories/levee_twin")
+starts = {
+    "dike, lens unknown": without_distortion(measured.start),
+    "levee, lens unknown": without_distortion(levee),
+    "levee, as calibrated": levee,
+}
+models = {
+    "Fraser, 10": {"camera": "fraser10"},
+    "Ebner, 12": {"camera": "f,cx,cy", "effects": [PolynomialCamera(2)]},
+    "Gruen, 44": {"camera": "f,cx,cy", "effects": [PolynomialCamera(4)]},
+}
+rows = {}
+for where, block in starts.items():
+    for model, options in models.items():
+        found = corridor.adjust(block, **options)
+        rms = [1000 * value for value in (found.check_rms.xy, found.check_rms.z)]
+        rows[where, model] = [found.observations.loc["tie", "rms_px"], *rms]
+columns = ["tie residuals (px)", "horizontal (mm)", "height (mm)"]
+pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(
+    dict(zip(columns, (2, 1, 1), strict=True))
+)
+
+# %% [markdown]
+# Ebner's camera was made for lenses that a laboratory had corrected already: a radial distortion is
+# cubic, and it has nothing cubic, so what it cannot take goes into the ground. Gruen's has nearly
+# all, and does as well as Fraser's where control stands close; along the levee its spare parameters
+# cost height, twice as much as Fraser's ten. Where a calibration goes before and only a rest is
+# left, Ebner's twelve do no harm, and 44 still do. So the package has Fraser's, and polynomials
+# only as shapes of the unknown in the diagnosis.

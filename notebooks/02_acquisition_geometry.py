@@ -193,27 +193,8 @@ for (name, n), expected in biased.items():
 # back as well, if s1 has the same bias. Two wrongs make a right as long as the base station is the
 # same. But the 15 cm of s1 alone do not appear; section 4 asks why.
 #
-# The horizontal part was chosen with s1, where 3.3 cm are printed; s2 has 1.9 cm and, with one
-# point, 0.9. Two flights on two days need not share a bias. What if s2 has one of its own?
-
-# %%
-rows = {}
-for own in (bias_m, (0.017, 0.006, 0.07), (0.006, 0.006, 0.07)):
-    expected = []
-    for name in ("no", "all"):
-        planners[name].noise = GnssNoise(correlated=0.5, correlation_s=120.0, bias_m=own)
-        expected += [100 * planners[name].expect(n).xy for n in (0, 1)]
-        planners[name].noise = real
-    rows["bias of " + ", ".join(f"{100 * b:.1f}" for b in own) + " cm"] = expected
-rows["published"] = [1.9, 0.9, 1.9, 0.7]
-columns = [f"{words(name)}, {n} control" for name in ("no", "all") for n in (0, 1)]
-print("horizontal RMS, cm")
-pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(1)
-
-# %% [markdown]
-# A bias of its own, half as large horizontally, explains the horizontal rows of s2 without control,
-# and a smaller one those with a point; no single one gives all four to the millimetre. These rows
-# fail below because one bias was chosen for both flights, not because the cause is unknown.
+# (The horizontal part was chosen with s1; whether s2 had a bias of its own is asked in the
+# appendix.)
 #
 # The planner's numbers are expectations. One simulated campaign, adjusted as one would:
 
@@ -312,62 +293,15 @@ pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(2)
 # becomes *shorter* by 14.7 cm, where a common bias made it longer in s2, and does in our s1. A
 # common bias therefore cannot explain s1. Let us see what can.
 #
-# **First: how good did MicMac think the GNSS was?** The weights are not printed, but nine triples
-# of correlations are, and correlations follow from weights. Let the stated sigma of the antenna be
-# 1, 3, 10 or 30 times the 5 to 10 mm of the receiver:
-
-# %%
-triples = {
-    ("no", 0): (0.18, 0.99, 0.18), ("no", 1): (0.84, 0.80, 0.68),
-    ("s1", 0): (0.28, 0.99, 0.28), ("s1", 1): (0.92, 0.98, 0.91),
-}  # fmt: skip
-rows, weighed = {}, {}
-for factor in (1, 10) if fast else (1, 3, 10, 30):
-    for name in ("no", "s1"):
-        plan = read_plan(sets[name])
-        stated = tuple(factor * np.atleast_1d(plan.noise.gnss_m))
-        plan = replace(
-            plan,
-            noise=replace(plan.noise, gnss_m=stated),
-            tie_points=replace(plan.tie_points, per_image=100),
-        )
-        planner = Planner(plan, camera=camera, seed=seed)
-        for n in (0, 1):
-            expected = planner.expect(n)
-            row = expected.correlations.set_index("view").loc["nadir"]
-            weighed[factor, name, n] = row, expected
-            off = np.abs([row["arm_f"], row["height_arm"], row["height_f"]]) - triples[name, n]
-            rows.setdefault(f"GNSS {factor} times as loose", {})[f"{words(name)}, {n} control"] = (
-                np.sqrt(np.mean(off**2))
-            )
-print("correlations: RMS difference from the published triples")
-pd.DataFrame(rows).T.round(2)
-
-# %%
-rows = {
-    f"GNSS {factor} times as loose, {n} control": [
-        100 * expected.z,
-        100 * row["sigma_arm"],
-        row["sigma_f"],
-    ]
-    for (factor, name, n), (row, expected) in weighed.items()
-    if name == "s1"
-}
-columns = ["height (cm)", "sigma of arm z (cm)", "sigma of f (px)"]
-pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(1)
-
-# %% [markdown]
-# Without control the triples ask for a GNSS three to thirty times as loose as the receiver says,
-# with one point for one to three times: no single weight gives all (MicMac rebalances its weights).
-# But with loose weights the 8 and the 15 cm need no bias at all: heights and arm of s1 are then
-# open to a decimetre, and 47.7 cm is within it.
+# With weights as loose as the published correlations ask for (appendix), 47.7 cm need no bias at
+# all: heights and arm of s1 are then open to a decimetre.
 #
-# **Second: 33.0 cm is not.** With one point the arm is known to 2 or 3 cm whatever the weights, and
-# 33.0 is 9.8 cm off the 42.8 cm of s2. A bias of its own in s1? No: with the arm and the camera of
-# s2 *given*, the heights of s1 are right to 2.1 cm. So the focal length: at 50 m, 9.8 cm of arm are
-# 11 px of f, four to six of its sigmas. Something bends the image of s1 such that three nadir
-# strips read it as focal length. **Third: what could?** Each candidate alone, on a block without
-# noise, one control point:
+# **33.0 cm are something else.** With one point the arm is known to 2 or 3 cm whatever the
+# weights, and 33.0 is 9.8 cm off the 42.8 cm of s2. A bias of its own in s1? No: with the arm and
+# the camera of s2 *given*, the heights of s1 are right to 2.1 cm. So the focal length: at 50 m,
+# 9.8 cm of arm are 11 px of f, four to six of its sigmas. Something bends the image of s1 such
+# that three nadir strips read it as focal length. **What could?** Each candidate alone, on a
+# block without noise, one control point:
 
 # %%
 plan = read_plan(single)
@@ -522,51 +456,6 @@ columns = ["flights", "orientation", "images", "minutes", "control",
 pd.DataFrame(table, columns=columns)
 
 # %% [markdown]
-# Direct orientation, from GNSS and inertial unit alone, is missing: a drone's unit is good to some
-# hundredths of a degree, and 0.05 degrees are 4 cm at 50 m. What others reached on real flights
-# (thesis, section 5.2; no geometry of theirs is known well enough to plan it again):
-
-# %%
-pd.DataFrame(
-    [
-        ["Mian et al. 2015", "block, GNSS and inertial, 1 point", "3, 3, 11"],
-        ["Jozkow and Toth 2014", "two strips at 135 m, calibrated camera, no point", "12, 11, 64"],
-        [
-            "Rehak and Skaloud 2015",
-            "corridor of 1200 m, calibrated camera, no point",
-            "5.9, 3.3, 7.0",
-        ],
-        ["Skaloud et al. 2014", "block, relative aerial control, 1 point", "2.9, 2.2, 3.8"],
-        ["Cucci et al. 2017", "two strips, raw inertial data, no point", "2.5, 1.5, 1.2"],
-        ["Zhou 2019, table 5.3", "pre-calibrated s1, no point", "3.3 (horizontal), 2.1"],
-    ],
-    columns=["work", "flight", "x, y, z (cm)"],
-)
-
-# %% [markdown]
-# ### Does the calibration carry over two kilometres?
-#
-# The thesis's last flights (annex F) were to find out, and are not evaluated in it. The planner:
-# camera and arm of s2, given to three nadir strips over 600 m and 2 km, without control:
-
-# %%
-for length in (600, 2000):
-    plan = read_plan(single)
-    (flight,) = plan.flights
-    images = round(flight.images * length / 600 / 3) * 3
-    plan = replace(
-        plan, axis_m=((0.0, 0.0), (0.0, float(length))),
-        flights=(replace(flight, images=images),),
-        tie_points=replace(plan.tie_points, per_image=60),
-        ground=replace(plan.ground, control=5, check=11),
-    )  # fmt: skip
-    far = Planner(plan, camera=camera, carried=carried, noise=real, seed=seed).expect(0)
-    print(f"{length:4d} m  horizontal {100 * far.xy:.1f} cm   height {100 * far.z:.1f} cm")
-
-# %% [markdown]
-# It does: GNSS holds every part of the corridor by itself, and the bias that is left is the same at
-# either end. Where trees hide the satellites (annex E) the smoother says which exposures to refuse.
-#
 # ## Try it
 #
 # A small flight: change heights, the oblique angle, the number of control points, the bias that you
@@ -628,3 +517,156 @@ explore(
 # - A lever arm found with one control point hides the bias. Carry it over only to flights with the
 #   same base station.
 # - `corridor plan PLAN.toml --control 0,1,3,5 -o OUT` answers for your own flight.
+#
+# ## Appendix: how we know
+#
+# ### Had s2 a bias of its own?
+#
+# The horizontal part was chosen with s1, where 3.3 cm are printed; s2 has 1.9 cm and, with one
+# point, 0.9. Two flights on two days need not share a bias. What if s2 has one of its own?
+
+# %%
+rows = {}
+for own in (bias_m, (0.017, 0.006, 0.07), (0.006, 0.006, 0.07)):
+    expected = []
+    for name in ("no", "all"):
+        planners[name].noise = GnssNoise(correlated=0.5, correlation_s=120.0, bias_m=own)
+        expected += [100 * planners[name].expect(n).xy for n in (0, 1)]
+        planners[name].noise = real
+    rows["bias of " + ", ".join(f"{100 * b:.1f}" for b in own) + " cm"] = expected
+rows["published"] = [1.9, 0.9, 1.9, 0.7]
+columns = [f"{words(name)}, {n} control" for name in ("no", "all") for n in (0, 1)]
+print("horizontal RMS, cm")
+pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(1)
+
+# %% [markdown]
+# A bias of its own, half as large horizontally, explains the horizontal rows of s2 without control,
+# and a smaller one those with a point; no single one gives all four to the millimetre. These rows
+# fail in section 3 because one bias was chosen for both flights, not because the cause is unknown.
+
+# %% [markdown]
+# ### How good did MicMac think the GNSS was?
+#
+# The weights are not printed, but nine triples of correlations are, and correlations follow from
+# weights. Let the stated sigma of the antenna be 1, 3, 10 or 30 times the 5 to 10 mm of the
+# receiver:
+
+# %%
+triples = {
+    ("no", 0): (0.18, 0.99, 0.18), ("no", 1): (0.84, 0.80, 0.68),
+    ("s1", 0): (0.28, 0.99, 0.28), ("s1", 1): (0.92, 0.98, 0.91),
+}  # fmt: skip
+rows, weighed = {}, {}
+for factor in (1, 10) if fast else (1, 3, 10, 30):
+    for name in ("no", "s1"):
+        plan = read_plan(sets[name])
+        stated = tuple(factor * np.atleast_1d(plan.noise.gnss_m))
+        plan = replace(
+            plan,
+            noise=replace(plan.noise, gnss_m=stated),
+            tie_points=replace(plan.tie_points, per_image=100),
+        )
+        planner = Planner(plan, camera=camera, seed=seed)
+        for n in (0, 1):
+            expected = planner.expect(n)
+            row = expected.correlations.set_index("view").loc["nadir"]
+            weighed[factor, name, n] = row, expected
+            off = np.abs([row["arm_f"], row["height_arm"], row["height_f"]]) - triples[name, n]
+            rows.setdefault(f"GNSS {factor} times as loose", {})[f"{words(name)}, {n} control"] = (
+                np.sqrt(np.mean(off**2))
+            )
+print("correlations: RMS difference from the published triples")
+pd.DataFrame(rows).T.round(2)
+
+# %%
+rows = {
+    f"GNSS {factor} times as loose, {n} control": [
+        100 * expected.z,
+        100 * row["sigma_arm"],
+        row["sigma_f"],
+    ]
+    for (factor, name, n), (row, expected) in weighed.items()
+    if name == "s1"
+}
+columns = ["height (cm)", "sigma of arm z (cm)", "sigma of f (px)"]
+pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(1)
+
+# %% [markdown]
+# Without control the triples ask for a GNSS three to thirty times as loose as the receiver says,
+# with one point for one to three times: no single weight gives all (MicMac rebalances its weights).
+# But with loose weights the 8 and the 15 cm need no bias at all: heights and arm of s1 are then
+# open to a decimetre, and 47.7 cm is within it.
+
+# %% [markdown]
+# ### What others reached
+#
+# Direct orientation, from GNSS and inertial unit alone, is missing: a drone's unit is good to some
+# hundredths of a degree, and 0.05 degrees are 4 cm at 50 m. What others reached on real flights
+# (thesis, section 5.2; no geometry of theirs is known well enough to plan it again):
+
+# %%
+pd.DataFrame(
+    [
+        ["Mian et al. 2015", "block, GNSS and inertial, 1 point", "3, 3, 11"],
+        ["Jozkow and Toth 2014", "two strips at 135 m, calibrated camera, no point", "12, 11, 64"],
+        [
+            "Rehak and Skaloud 2015",
+            "corridor of 1200 m, calibrated camera, no point",
+            "5.9, 3.3, 7.0",
+        ],
+        ["Skaloud et al. 2014", "block, relative aerial control, 1 point", "2.9, 2.2, 3.8"],
+        ["Cucci et al. 2017", "two strips, raw inertial data, no point", "2.5, 1.5, 1.2"],
+        ["Zhou 2019, table 5.3", "pre-calibrated s1, no point", "3.3 (horizontal), 2.1"],
+    ],
+    columns=["work", "flight", "x, y, z (cm)"],
+)
+
+# %% [markdown]
+# ### Does the calibration carry over two kilometres?
+#
+# The thesis's last flights (annex F) were to find out, and are not evaluated in it. The planner:
+# camera and arm of s2, given to three nadir strips over 600 m and 2 km, without control:
+
+# %%
+for length in (600, 2000):
+    plan = read_plan(single)
+    (flight,) = plan.flights
+    images = round(flight.images * length / 600 / 3) * 3
+    plan = replace(
+        plan, axis_m=((0.0, 0.0), (0.0, float(length))),
+        flights=(replace(flight, images=images),),
+        tie_points=replace(plan.tie_points, per_image=60),
+        ground=replace(plan.ground, control=5, check=11),
+    )  # fmt: skip
+    far = Planner(plan, camera=camera, carried=carried, noise=real, seed=seed).expect(0)
+    print(f"{length:4d} m  horizontal {100 * far.xy:.1f} cm   height {100 * far.z:.1f} cm")
+
+# %% [markdown]
+# It does: GNSS holds every part of the corridor by itself, and the bias that is left is the same at
+# either end. Where trees hide the satellites (annex E) the smoother says which exposures to refuse.
+
+# %% [markdown]
+# ### Radial terms to r^15
+#
+# The thesis calibrates in two steps, the second with seven radial terms where Fraser's camera has
+# three. What do four more terms buy on a real lens? The 88 photographs of chapter 5, flown at
+# Saraburi (not part of the project; where they are not, this cell says so):
+
+# %% tags=["nbval-ignore-output"]
+rows = {}
+if (DATA / "saraburi" / "block").exists():
+    real_block = corridor.read(DATA / "saraburi" / "block")
+    for count in (3, 7):
+        lens = ["f", "cx", "cy", *(f"k{n + 1}" for n in range(count)), "p1", "p2"]
+        found = corridor.adjust(real_block, camera=lens, loss="huber:2")
+        f = found.camera.set_index("parameter").loc["f"]
+        ties, error = found.observations.loc["tie", "rms_px"], 1000 * found.check_rms.d3
+        rows[f"{count} radial terms"] = [ties, f["value"], f["sigma"], error]
+else:
+    print("saraburi: not here")
+columns = ["tie residuals (px)", "f (px)", "sigma of f (px)", "check points (mm)"]
+pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(4)
+
+# %% [markdown]
+# Nothing: residuals, focal length and check points stay as they are. What this lens leaves beside
+# its polynomials (chapter 5) is not radial.

@@ -26,8 +26,8 @@
 # that also turned while it was read.
 #
 # You need to know what a bundle adjustment is and what check points are. The bicycle wheel has a
-# page of its own, `04b_bike_wheel`.
-# *Run time on one core: about 4 minutes; in the fast form about 4 minutes.*
+# page of its own, `04b_bike_wheel`. *Run time on one core: about 4 minutes; in the fast form
+# about 4 minutes.*
 
 # %% tags=["parameters"]
 fast = False  # fewer variants
@@ -220,30 +220,7 @@ for method in ("neighbours", "strip"):
 #
 # The correction itself has two steps: adjust as if there were no shutter; with poses and
 # velocities compute where each point would lie if all rows had been exposed at once, move it there,
-# adjust again. One sign is easily lost: eq. 7.16 with eq. 7.11, read literally, doubles the
-# error. On one point of the 90 m flight (figure 7.11), in pixels from where it would lie without
-# shutter and noise, with the velocities that were really flown:
-
-# %%
-values = {"rolling_shutter": {"readout": readout_s}}
-n90 = read_plan("thesis_viabon_n90")
-still = corridor.simulation.perfect_block(replace(n90, effects={}), seed)
-seen = corridor.effects.add(still, values)
-right = corridor.effects.correct(seen, values)
-lost = seen.copy()
-lost.tie_points[["x", "y"]] += (
-    seen.tie_points[["x", "y"]].to_numpy() - right.tie_points[["x", "y"]].to_numpy()
-)
-low = still.tie_points["y"].idxmax()
-pd.DataFrame(
-    {
-        word: (block.tie_points.loc[low, ["x", "y"]] - still.tie_points.loc[low, ["x", "y"]])
-        for word, block in (("as read out", seen), ("corrected", right), ("sign lost", lost))
-    }
-).T.astype(float).round(2)
-
-# %% [markdown]
-# The point lies near the last row and was read late; the correction puts it back.
+# adjust again. (One sign is easily lost: see the appendix.)
 #
 # Every survey is processed in the thesis's eight ways. Their names: `o` original observations, `c`
 # corrected; `8p` a camera of eight parameters (f, cx, cy; k1, k2, k3: radial distortion; p1, p2:
@@ -359,14 +336,7 @@ drawings.beside_published(
 # observations is not legible everywhere and is computed here from the printed gains). Both estimate
 # a motion of every image, as our `motion of each image` does.
 #
-# Every published number beside the median of our draws; a row that does not hold says which added
-# cause would make it hold (chapter 5c tells how that is known):
-
-# %%
-why = {}
-for key in viabon.SURVEYS:
-    why |= viabon.reasons(table, key, viabon.likely(table, key))
-compare({k: v for key in viabon.SURVEYS for k, v in viabon.ours(drawn[key], key).items()}, why)
+# How many of the published numbers hold (each of them stands in the appendix):
 
 # %%
 pd.DataFrame(
@@ -390,58 +360,6 @@ pd.DataFrame(
 # above ours nearly everywhere, in height by a factor of two to three. So something else was in
 # these surveys or in their processing. Pix4D had the same pictures and the same ground points, and
 # gets 1 to 3 cm over the block: the points are good. Which cause it was, chapter 5c asks.
-#
-# The other programs' errors of *original* observations (no correction of ours or theirs has touched
-# them; for Pix4D at 90 m those with a motion of each image too):
-
-# %%
-elsewhere = {}
-for key in viabon.SURVEYS:
-    for k in (1, 2):
-        mine = drawn[key]
-        elsewhere[f"shutter.metashape.{key}.o_8p_{k}"] = Draws(mine[[f"o-8p-GCP{k} rms_z"]])
-        elsewhere[f"shutter.metashape.{key}.o_10p_{k}"] = Draws(
-            mine[[f"o-10p-GCP{k} rms_xy", f"o-10p-GCP{k} rms_z"]]
-        )
-        elsewhere[f"shutter.pix4d_rms.{key}.o_8p_{k}"] = Draws(mine[[f"o-8p-GCP{k} rms_z"]])
-with_motion = drawn["d2"].dropna()
-for k in (1, 2):
-    elsewhere[f"shutter.pix4d_rms.d2.c_8p_{k}"] = Draws(
-        with_motion[[f"m-8p-GCP{k} rms_xy", f"m-8p-GCP{k} rms_z"]]
-    )
-compare(elsewhere)
-
-# %% [markdown]
-# The statements of the thesis:
-
-# %%
-ours = {}
-for key in viabon.SURVEYS:
-    moving = drawn[key].reindex(columns=[f"m-8p-GCP{k} rms_3d" for k in (1, 2)]).dropna()
-    gains = [
-        viabon.gain(drawn[key].loc[moving.index], f"m-8p-GCP{k}") for k in (1, 2) if len(moving)
-    ]
-    ours[f"shutter.pix4d.{key}"] = Draws(np.transpose(gains)) if len(moving) else None
-ours["shutter.statement.per_image"] = ours["shutter.pix4d.d4"]
-
-
-def median(key, column):
-    """Median over the draws."""
-    return float(drawn[key][column].median())
-
-
-ours["shutter.statement.affine"] = [
-    max(median(key, f"o-10p-GCP{k} rms_xy") / median(key, f"o-8p-GCP{k} rms_xy") for k in (1, 2))
-    for key in ("d1", "d2")
-]
-ours["shutter.statement.affine_afterwards"] = min(
-    median("d3", f"c-10p-GCP{k} rms_xy") / median("d3", f"c-8p-GCP{k} rms_xy") for k in (1, 2)
-)
-gains = {key: [np.median(viabon.gain(drawn[key], f"c-8p-GCP{k}")) for k in (1, 2)] for key in drawn}
-ours["shutter.statement.corridor"] = max(gains["d4"]) / min(
-    gain for key in ("d1", "d2", "d3") for gain in gains[key]
-)
-compare(ours, absent="not adjusted here: motions of 648 images take minutes a draw")
 
 # %% [markdown]
 # ## 4. Can the adjustment find the readout by itself?
@@ -522,6 +440,7 @@ figures.flight_readout(told["towpath"], None)
 # follow from time stamps in whole seconds, as above:
 
 # %%
+n90 = read_plan("thesis_viabon_n90")
 plan = replace(n90, tie_points=replace(n90.tie_points, per_image=50))
 ways = {
     "written, calm": corridor.simulate(plan.with_flights(velocity_jitter_m_s=0.0), seed=seed),
@@ -611,35 +530,9 @@ picture
 # gyroscope's curve does, 42 ms later than its time stamps claim: the delay is a parameter. The
 # formal sigma of the readout is half a millisecond, and too good to be true: a strip over flat
 # ground cannot tell its own focal length, and 3 % of it are worth 3 ms. The sigma above says so.
-#
-# Are the gyroscope's axes right, and the direction of the rows? Wrong ones cannot explain the
-# pictures either:
 
 # %% tags=["nbval-ignore-output"]
-if here:
-    gyro = pd.read_csv(folder / "gyro.csv")
-    beliefs = {}
-    axes = gyroscope.axis_assignments()
-    right = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    chosen = [a for a in axes if np.array_equal(a, right)] if fast else axes
-    if fast:
-        chosen += [a for a in axes if not np.array_equal(a, right)][::8]
-    for direction in ("down", "up"):
-        for number, one in enumerate(chosen):
-            believed = shutter.rates_from_gyro(still.block, gyro, one)
-            believed.cameras = {
-                name: replace(camera, row_direction=direction)
-                for name, camera in believed.cameras.items()
-            }
-            cost = gyroscope.cost_of(believed, "rolling_shutter_rotation", (0.04,))
-            word = "the right axes" if np.array_equal(one, right) else "wrong axes"
-            beliefs[direction, number] = cost, f"{word}, rows {direction}"
-    (best, word), (second, other) = sorted(beliefs.values())[:2]
-    print(f"lowest cost: {word}")
-    print(f"the next one, {other}, costs {second / best:.1f} times as much")
-    ours = {"shutter.sequoia.readout": 1000 * curve.value["readout"] * 864 / 863}
-else:
-    ours = {"shutter.sequoia.readout": None}
+ours = {"shutter.sequoia.readout": 1000 * curve.value["readout"] * 864 / 863 if here else None}
 compare(ours, absent="the measurements are not here")
 
 # %% [markdown]
@@ -758,3 +651,123 @@ pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(1)
 # %% [markdown]
 # Hardly, and not steadily: heights differ more from flight to flight (section 3) than with the
 # number of points. So their number is not what makes the published 8 to 12 cm.
+
+# %% [markdown]
+# ### Every published number of tables 7.4 to 7.7
+#
+# Beside the median of our draws; a row that does not hold says which added cause would make it hold
+# (chapter 5c shows how that is known):
+
+# %%
+why = {}
+for key in viabon.SURVEYS:
+    why |= viabon.reasons(table, key, viabon.likely(table, key))
+compare({k: v for key in viabon.SURVEYS for k, v in viabon.ours(drawn[key], key).items()}, why)
+
+# %% [markdown]
+# ### Other programs, and what the thesis states
+#
+# The other programs' errors of *original* observations (no correction of ours or theirs has touched
+# them; for Pix4D at 90 m those with a motion of each image too):
+
+# %%
+elsewhere = {}
+for key in viabon.SURVEYS:
+    for k in (1, 2):
+        mine = drawn[key]
+        elsewhere[f"shutter.metashape.{key}.o_8p_{k}"] = Draws(mine[[f"o-8p-GCP{k} rms_z"]])
+        elsewhere[f"shutter.metashape.{key}.o_10p_{k}"] = Draws(
+            mine[[f"o-10p-GCP{k} rms_xy", f"o-10p-GCP{k} rms_z"]]
+        )
+        elsewhere[f"shutter.pix4d_rms.{key}.o_8p_{k}"] = Draws(mine[[f"o-8p-GCP{k} rms_z"]])
+with_motion = drawn["d2"].dropna()
+for k in (1, 2):
+    elsewhere[f"shutter.pix4d_rms.d2.c_8p_{k}"] = Draws(
+        with_motion[[f"m-8p-GCP{k} rms_xy", f"m-8p-GCP{k} rms_z"]]
+    )
+compare(elsewhere)
+
+# %% [markdown]
+# The statements of the thesis:
+
+# %%
+ours = {}
+for key in viabon.SURVEYS:
+    moving = drawn[key].reindex(columns=[f"m-8p-GCP{k} rms_3d" for k in (1, 2)]).dropna()
+    gains = [
+        viabon.gain(drawn[key].loc[moving.index], f"m-8p-GCP{k}") for k in (1, 2) if len(moving)
+    ]
+    ours[f"shutter.pix4d.{key}"] = Draws(np.transpose(gains)) if len(moving) else None
+ours["shutter.statement.per_image"] = ours["shutter.pix4d.d4"]
+
+
+def median(key, column):
+    """Median over the draws."""
+    return float(drawn[key][column].median())
+
+
+ours["shutter.statement.affine"] = [
+    max(median(key, f"o-10p-GCP{k} rms_xy") / median(key, f"o-8p-GCP{k} rms_xy") for k in (1, 2))
+    for key in ("d1", "d2")
+]
+ours["shutter.statement.affine_afterwards"] = min(
+    median("d3", f"c-10p-GCP{k} rms_xy") / median("d3", f"c-8p-GCP{k} rms_xy") for k in (1, 2)
+)
+gains = {key: [np.median(viabon.gain(drawn[key], f"c-8p-GCP{k}")) for k in (1, 2)] for key in drawn}
+ours["shutter.statement.corridor"] = max(gains["d4"]) / min(
+    gain for key in ("d1", "d2", "d3") for gain in gains[key]
+)
+compare(ours, absent="not adjusted here: motions of 648 images take minutes a draw")
+
+# %% [markdown]
+# ### A sign that is easily lost
+#
+# Eq. 7.16 with eq. 7.11, read literally, doubles the error. On one point of the 90 m flight (figure
+# 7.11), near the last row and so read late, in pixels from where it would lie without shutter and
+# noise, with the velocities that were really flown:
+
+# %%
+values = {"rolling_shutter": {"readout": readout_s}}
+unmoved = corridor.simulation.perfect_block(replace(n90, effects={}), seed)
+seen = corridor.effects.add(unmoved, values)
+mended = corridor.effects.correct(seen, values)
+lost = seen.copy()
+lost.tie_points[["x", "y"]] += (
+    seen.tie_points[["x", "y"]].to_numpy() - mended.tie_points[["x", "y"]].to_numpy()
+)
+low = unmoved.tie_points["y"].idxmax()
+pd.DataFrame(
+    {
+        word: (block.tie_points.loc[low, ["x", "y"]] - unmoved.tie_points.loc[low, ["x", "y"]])
+        for word, block in (("as read out", seen), ("corrected", mended), ("sign lost", lost))
+    }
+).T.astype(float).round(2)
+
+# %% [markdown]
+# ### The Sequoia's axes
+#
+# Are the gyroscope's axes right, and the direction of the rows? Wrong ones cannot explain the
+# pictures either:
+
+# %% tags=["nbval-ignore-output"]
+if here:
+    gyro = pd.read_csv(folder / "gyro.csv")
+    beliefs = {}
+    axes = gyroscope.axis_assignments()
+    right = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    chosen = [a for a in axes if np.array_equal(a, right)] if fast else axes
+    if fast:
+        chosen += [a for a in axes if not np.array_equal(a, right)][::8]
+    for direction in ("down", "up"):
+        for number, one in enumerate(chosen):
+            believed = shutter.rates_from_gyro(still.block, gyro, one)
+            believed.cameras = {
+                name: replace(camera, row_direction=direction)
+                for name, camera in believed.cameras.items()
+            }
+            cost = gyroscope.cost_of(believed, "rolling_shutter_rotation", (0.04,))
+            word = "the right axes" if np.array_equal(one, right) else "wrong axes"
+            beliefs[direction, number] = cost, f"{word}, rows {direction}"
+    (best, word), (second, other) = sorted(beliefs.values())[:2]
+    print(f"lowest cost: {word}")
+    print(f"the next one, {other}, costs {second / best:.1f} times as much")

@@ -123,7 +123,7 @@ def test_what_is_done_is_not_done_again_but_what_changed_or_went_is(
         out,
         jobs=1,
         required=0.05,
-        progress=lambda row, n, of: told.append((row.block, n, of)),
+        progress=lambda step: told.append((step.result.block, step.done, step.of)),
     )
     # What is kept is told first.
     assert told[0] == ("north", 1, 4) and told[-1][1:] == (4, 4)
@@ -315,8 +315,8 @@ def test_a_dask_cluster_whose_worker_is_killed_gives_the_same_numbers(blocks, tm
         n_workers=2, threads_per_worker=1, dashboard_address=":0"
     ) as cluster:
 
-        def kill_one(row, done, of):
-            if done == 2:
+        def kill_one(step):
+            if step.done == 2:
                 worker = next(iter(cluster.workers.values()))
                 killed.append(worker.pid)
                 os.kill(worker.pid, signal.SIGKILL)

@@ -116,3 +116,29 @@ class TestAReadOnlyInstallationWithoutAHome:
     def test_compiles_each_time_where_nothing_at_all_can_be_written(self, tmp_path):
         script = WITHOUT_A_PLACE.format(folder=str(tmp_path / "missing")).split("where =")[0]
         assert printed(Path(corridor.__file__).parents[1], script) == "42"
+
+
+KERNEL = """
+from corridor.core.engine.compiled import compiled
+
+@compiled()
+def first(pair):
+    return pair.a
+"""
+OF_A_NOTEBOOK = "from typing import NamedTuple\n\nclass Pair(NamedTuple):\n    a: float\n"
+
+
+def test_a_cache_that_names_a_notebooks_types_is_begun_anew(tmp_path, monkeypatch):
+    """Numba keeps the types of arguments beside the machine code, by the module they are of."""
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    (tmp_path / "kit").mkdir()
+    (tmp_path / "kit" / "ours.py").write_text(OF_A_NOTEBOOK)
+    both = os.pathsep.join([str(tmp_path / "kit"), str(Path(corridor.__file__).parents[1])])
+    monkeypatch.setenv("PYTHONPATH", both)
+    assert printed(tmp_path, "import kernel, ours; print(kernel.first(ours.Pair(2.0)))") == "2.0"
+    kept = list(tmp_path.rglob("*.nbi"))
+    assert kept and b"ours" in kept[0].read_bytes()
+    shutil.rmtree(tmp_path / "kit")
+    script = f"{OF_A_NOTEBOOK}import kernel; print(kernel.first(Pair(3.0)))"
+    assert printed(tmp_path, script) == "3.0"
+    assert b"ours" not in kept[0].read_bytes()

@@ -28,7 +28,7 @@ import corridor
 block: corridor.Block = corridor.read("data_synthetic/dike")
 adjustment = corridor.adjust(block, effects="gnss_bias", camera="f,cx,cy")
 value: float = adjustment.parameters["gnss_bias.z"].value
-print(adjustment.check_points, adjustment.sigma0, value)
+print(adjustment.check_points, adjustment.sigma_naught == adjustment.sigma0, value)
 diagnosis: corridor.Diagnosis = corridor.diagnose(block)
 print(diagnosis.sentence)
 corridor.simulate("thesis_50vt", seed=1)
@@ -66,3 +66,16 @@ def test_mypy_understands_a_users_script(script, wrong, tmp_path):
     )  # fmt: skip
     assert not fault
     assert (status, told) == (0, "") if not wrong else wrong in told
+
+
+@pytest.mark.slow
+def test_mypy_finds_no_error_in_the_core(tmp_path):
+    """Kernels that numba types are left out, as pyproject.toml says."""
+    api = pytest.importorskip("mypy.api", reason="mypy is not installed")
+    told, fault, status = api.run(
+        ["--config-file", str(ROOT / "pyproject.toml"), "--follow-imports", "silent",
+         "--python-executable", sys.executable, "--cache-dir", str(tmp_path / "kept"),
+         str(ROOT / "corridor" / "core")]
+    )  # fmt: skip
+    assert not fault
+    assert status == 0, told

@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> None:
                 options.cluster,
                 options.again,
                 not options.without_baselines,
-                lambda row, done, of: bar(row["name"], row.get("verdict") or "failed", done, of),
+                bar,
                 level=options.level,
             )
     except KeyboardInterrupt:

@@ -14,7 +14,7 @@ import corridor
 from benchmarks.diagnosis.assess import assess
 from benchmarks.diagnosis.trials import Trial
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.output import whole_file, write_json
+from corridor.core.output import Progress, telling, whole_file, write_json
 from corridor.core.parallel import parallel
 
 KEPT = "blocks"
@@ -27,7 +27,7 @@ def run(
     cluster: str | None = None,
     again: bool = False,
     rivals: bool = True,
-    progress: Callable[[dict, int, int], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     **options,
 ) -> list[dict]:
     """A row for each trial, in their order; see `assess`.
@@ -36,7 +36,7 @@ def run(
     goes on where it stopped; a row of other options, of another block of the same name or of
     another version of corridor counts as missing. again: as if nothing were there.
     jobs, cluster: processes, or a Dask scheduler. rivals: whether the baselines are run.
-    progress: called with a row, the rows done and all of them. options: of `diagnose`.
+    progress: called with a `Progress` whose result is a row. options: of `diagnose`.
 
     A block that cannot be read or adjusted is a row that says so in `failed`; any other exception
     is a fault of ours and ends the run, with the rows that are done kept.
@@ -46,10 +46,9 @@ def run(
         raise InputError("two blocks have the same name: give each its own")
     kept = _kept(Path(folder))
     rows = {} if again else _read(kept, marks)
-    done = len(rows)
+    done, say = len(rows), telling(progress)
     for row in list(rows.values()):
-        if progress:
-            progress(row, done, len(trials))
+        say(f"{row['name']}: {row.get('verdict') or 'failed'}", done, len(trials), row)
     # Blocks are read or made here and sent: workers need neither the folder nor the generator.
     todo = (
         joblib.delayed(_one)(trial.name, _loaded(trial), options, rivals)
@@ -61,8 +60,7 @@ def run(
             rows[row["name"]] = row
             _keep(kept, row | {"of": marks[row["name"]]})
             done += 1
-            if progress:
-                progress(row, done, len(trials))
+            say(f"{row['name']}: {row.get('verdict') or 'failed'}", done, len(trials), row)
     if all(row["failed"] for row in rows.values()):
         first = next(iter(rows.values()))
         raise AdjustmentFailed(f"no block could be diagnosed; {first['name']}: {first['failed']}")

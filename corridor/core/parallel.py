@@ -8,10 +8,12 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
-
-import joblib
+from typing import TYPE_CHECKING
 
 from corridor.core.errors import InputError
+
+if TYPE_CHECKING:
+    import joblib
 
 
 class WorkerDied(RuntimeError):
@@ -30,6 +32,8 @@ def parallel(
     WorkerDied when a process ends in the midst of its work, or workers of a cluster again and again
     with the same piece.
     """
+    import joblib
+
     come = "generator" if ordered else "generator_unordered"
     if cluster is None:
         if jobs == 0:
@@ -66,6 +70,8 @@ def _start(jobs: int) -> None:
     """
     if threading.current_thread() is not threading.main_thread():
         return
+    import joblib
+
     # Processes inherit what is ignored; they are there as soon as the calls are dispatched.
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

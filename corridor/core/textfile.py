@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Iterator
 from itertools import chain, islice
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeGuard
 from xml.etree import ElementTree
 
 import numpy as np
@@ -60,10 +60,9 @@ def numbers(words: list[str], path: Path, line: int, what: str) -> np.ndarray:
     try:
         values = np.array(words, dtype=float)
     except (ValueError, OverflowError):
-        values = None
-    if values is None or not np.isfinite(values).all() or any("_" in word for word in words):
-        for word in words:
-            number(word, path, line, what)
+        values = np.array([math.nan])
+    if not np.isfinite(values).all() or any("_" in word for word in words):
+        return np.array([number(word, path, line, what) for word in words])
     return values
 
 
@@ -122,20 +121,19 @@ def unpacked(path: Path) -> BinaryIO:
 
     Reading raises InputError where a packed file grows beyond all measure.
     """
-    opened = {".bz2": bz2.open, ".gz": gzip.open}.get(path.suffix)
-    if opened is None:
-        return path.open("rb")
-    return _bounded(opened(path, "rb"), path)
+    if path.suffix == ".bz2":
+        return _bounded(bz2.open(path), path)
+    return _bounded(gzip.open(path), path) if path.suffix == ".gz" else path.open("rb")
 
 
-def _bounded(file: BinaryIO, path: Path) -> BinaryIO:
+def _bounded(file: bz2.BZ2File | gzip.GzipFile, path: Path) -> io.BufferedReader:
     return io.BufferedReader(_Bounded(file, path), _PIECE)
 
 
 class _Bounded(io.RawIOBase):
     """The bytes of a packed file, so long as they are no more than such a file can hold."""
 
-    def __init__(self, file: BinaryIO, path: Path):
+    def __init__(self, file: bz2.BZ2File | gzip.GzipFile, path: Path):
         self._file, self._path, self._packed = file, path, path.stat().st_size
 
     def readable(self):
@@ -443,7 +441,7 @@ def write_xml(root: ElementTree.Element, path: Path) -> None:
 # --- JSON ------------------------------------------------------------------------------------
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[int | float]:
     """Whether a value of TOML or JSON is a finite number; whole ones there may have any length."""
     return (
         isinstance(value, (int, float)) and not isinstance(value, bool) and -1e300 < value < 1e300

@@ -84,7 +84,7 @@ def diagnose(
     settings: the numbers by which it is decided, in place of the usual ones; `diagnosis.json` has
         those that were used.
     asked: a `Question` in place of these.
-    progress: called with a dictionary that holds a message.
+    progress: called with a `Progress`.
     threads, max_iterations, strict, run: of an adjustment, as `corridor.adjust` has them.
 
     Columns that are missing never stop it: see `untestable`.

@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> int:
     fly(options.out / "flights", options.rounds)
     rows = benchmark.run(
         benchmark.of_folder(options.out / "flights"), options.out / "answers", rivals=False,
-        progress=lambda row, done, of: print(f"{done} of {of}: {row['name']}", flush=True),
+        progress=lambda step: print(step, flush=True),
     )  # fmt: skip
     found = benchmark.summary(rows)["confusion"]
     counts = pd.DataFrame(found["counts"], found["hidden"], found["answers"])

@@ -16,16 +16,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pandas as pd
-from numba import njit
 
 from corridor.core.brief import brief
+from corridor.core.engine.compiled import compiled
 from corridor.core.errors import InputError
 from corridor.tools.thermal import Maps, ThermalModel, measure_maps
 
 Deformation = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-@njit(cache=True)
+@compiled()
 def _paint(light, x, y, sigma, height):
     rows, columns = light.shape
     line = np.empty(64)

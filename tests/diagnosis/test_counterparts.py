@@ -32,7 +32,7 @@ class TestDrawing:
     def test_the_same_seed_gives_the_same_numbers_whatever_the_threads(self, adjusted, found):
         said = []
         again = diagnosis.counterparts(
-            adjusted, 19, seed=3, threads=2, progress=lambda *done: said.append(done)
+            adjusted, 19, seed=3, threads=2, progress=lambda step: said.append((step.done, step.of))
         )
         assert np.array_equal(again.simulated, found.simulated)
         assert np.array_equal(again.measured, found.measured)

@@ -22,6 +22,7 @@ from corridor.core.adjustment.model import (
     Loss,
     Model,
     ParameterId,
+    Setting,
     arms_unseen,
     camera_of,
     listed,
@@ -32,7 +33,7 @@ from corridor.core.adjustment.problem import make_problem
 from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.solving import solve
-from corridor.core.adjustment.uncertain_motion import MotionScale
+from corridor.core.adjustment.uncertain_motion import MotionScale, as_seen
 from corridor.core.adjustment.variance_components import gnss_of_metres
 from corridor.core.adjustment.warnings import grave, implausible
 from corridor.core.geometry import Similarity, similarity
@@ -57,10 +58,12 @@ __all__ = [
     "PointGains",
     "Run",
     "Sets",
+    "Setting",
     "Similarity",
     "Singular",
     "adjust",
     "arms_unseen",
+    "as_seen",
     "camera_of",
     "check_table",
     "compiling_ahead",

@@ -17,7 +17,7 @@ from corridor.core.adjustment.group_variances import with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
-from corridor.core.adjustment.model import Loss, Model
+from corridor.core.adjustment.model import Loss, Model, listed_effects
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.problem import Problem, State, make_problem
 from corridor.core.adjustment.result import Adjustment
@@ -34,7 +34,7 @@ from corridor.core.block import Block, read
 from corridor.core.effects import Effect, check_needs
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.options import options
-from corridor.core.output import counted
+from corridor.core.output import Progress, counted, telling
 from corridor.core.preparation import Prepared, doubts, prepare
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
@@ -53,14 +53,14 @@ _FALLEN = 0.1
 class Run:
     """How the equations are solved.
 
-    threads: 1 or 2. progress: called with a dictionary: after each iteration iteration, cost,
-    damping, step and accepted; else message. max_iterations: None: as many as is usual. strict:
+    threads: 1 or 2. progress: called with a `Progress`; after each iteration its result has
+    iteration, cost, damping, step and accepted. max_iterations: None: as many as is usual. strict:
     refuse cells that cannot be true, points that one image alone shows or that fall into a camera,
     and images with fewer than three points, which are left out and named in `warnings` otherwise.
     """
 
     threads: int = 1
-    progress: Callable[[dict], None] | None = None
+    progress: Callable[[Progress], None] | None = None
     max_iterations: int | None = None
     strict: bool = False
 
@@ -68,10 +68,10 @@ class Run:
         if self.threads < 1:
             raise InputError(f"{self.threads} threads cannot adjust anything: use 1 or 2")
 
-    def say(self, message: str) -> None:
-        """Tell the progress."""
-        if self.progress:
-            self.progress({"message": message})
+    @property
+    def say(self) -> Callable[..., None]:
+        """Tells the progress."""
+        return telling(self.progress)
 
 
 @options(model=Model, run=Run)
@@ -97,8 +97,8 @@ def adjust(
         do not show it: such an arm is held at 0, or as stated.
     model: a `Model` in place of camera, effects, control, check, loss, priors and lever_arm.
     threads: 1 or 2. max_iterations: 100 if none is given.
-    progress: called with a dictionary: after each iteration iteration, cost, damping, step and
-        accepted; while start values are made, message.
+    progress: called with a `Progress`; after each iteration its result has iteration, cost,
+        damping, step and accepted.
     strict: refuse cells that cannot be true, points that one image alone shows, and images with
         fewer than three points, which are left out and named in `warnings` otherwise.
     run: a `Run` in place of threads, max_iterations, progress and strict.
@@ -123,7 +123,7 @@ def adjust(
         raise InputError(f"weights {weights!r} are unknown: use estimated or stated")
     prepared = prepare(read(block), velocities=bool(model.effects))
     block = prepared.block
-    check_needs(block, model.effects)
+    check_needs(block, listed_effects(model.effects))
     block, left_out = sound_part(block, model, run.strict)
     doubtful = doubts(block)
 
@@ -158,7 +158,11 @@ def adjust(
         # What looks wrong at first sight is the likelier cause.
         raise type(error)(f"{doubtful[0]} So: {error}") from None
     result.doubts = doubtful
-    for note in (*_used(prepared, model.effects), *reversed(left_out), *reversed(doubtful)):
+    for note in (
+        *_used(prepared, listed_effects(model.effects)),
+        *reversed(left_out),
+        *reversed(doubtful),
+    ):
         result.add_note(note)
     return result
 
@@ -167,12 +171,12 @@ def _with_ground_as_seen(
     block: Block, model: Model, whole: Callable[[Block], Adjustment], again: Callable
 ) -> tuple[Adjustment, list[str]]:
     """The block adjusted; where that fails, without ground points that are exchanged."""
-    failure = result = None
+    failure: InputError | AdjustmentFailed | None = None
     try:
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
         failure = error
-    if result is None or not result.converged:
+    if failure is not None or not result.converged:
         sound, notes = without_exchanged(block, model, lambda *bare: again(*bare).block)
         if notes:
             try:
@@ -201,7 +205,7 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
     start, notes = block, []
     spare = int(_SPARE * len(block.images)) if spare is None else spare
     if _incomplete(block):
-        block = complete(block, run.say)
+        block = complete(block, run.progress)
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
     threads = min(run.threads, 2)
     residual, behind = Normal(problem, loss, threads).residuals(problem.start)
@@ -224,7 +228,7 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
         normal = Normal(problem, loss, threads=threads)
         if datum is not None:
             normal.held = datum.held
-        solution = solve(normal, iterations, progress=run.progress, equations=datum is None)
+        solution = solve(normal, iterations, say=run.say, equations=datum is None)
         if not (solution.converged or run.strict) and iterations >= ITERATIONS:
             fallen = _fallen(problem, solution.state)
             if fallen:
@@ -277,10 +281,10 @@ def _without_image(
     return found
 
 
-def complete(block: Block, progress: Callable[[str], None] | None = None) -> Block:
+def complete(block: Block, progress: Callable[[Progress], None] | None = None) -> Block:
     """The block with every pose and every point filled in; what is given is kept as it is.
 
-    See `corridor.adjustment.initial`. progress: called with a line of text now and then.
+    See `corridor.adjustment.initial`. progress: called with a `Progress`.
     Raises InputError naming the images that cannot be oriented, and the remedy.
     """
     from corridor.core.adjustment import initial  # loads OpenCV: 25 MB

@@ -15,7 +15,7 @@ import numpy as np
 
 from corridor.core.adjustment.datum import centred
 from corridor.core.adjustment.linear_system import LinearSystem
-from corridor.core.adjustment.matrix import Band
+from corridor.core.adjustment.matrix import Band, Sparse
 from corridor.core.engine.band_inverse import invert_within
 from corridor.core.engine.kernels import Storage
 from corridor.core.engine.point_covariance import Asked, Inverse, point_covariance
@@ -51,7 +51,7 @@ class Covariance:
             f"{self._system.q} shared unknowns"
         )
 
-    def _datum(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    def _datum(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray | float:
         """What the S-transformation adds to the entries (rows, columns)."""
         if self._open is None:
             return 0.0
@@ -107,8 +107,8 @@ class Covariance:
     def _near(self) -> np.ndarray:
         """Entries between images that share a point, in the storage of the equations."""
         with one_thread():
-            if not isinstance(self._system.blocks, Band):
-                return self._near_sparse()
+            if isinstance(self._system.blocks, Sparse):
+                return self._near_sparse(self._system.blocks)
             # In place of the factor, which is as large: who asks for that has it made anew.
             self.shared, self.poses_shared  # noqa: B018, while it is there
             _, system = self.system.factorised
@@ -128,8 +128,7 @@ class Covariance:
             right += [g, a]
         return np.concatenate(left, axis=1), np.concatenate(right, axis=1)
 
-    def _near_sparse(self) -> np.ndarray:
-        blocks = self._system.blocks
+    def _near_sparse(self, blocks: Sparse) -> np.ndarray:
         d, out = blocks.d, np.empty_like(blocks.flat)
         left, right = self._low_rank()
         for i in range(blocks.images):

@@ -109,10 +109,10 @@ class Design:
         # Points with a row of their own: the control, and those that are followed.
         controls = len(p.control_rows)
         self._row = p.control.astype(np.int64)
-        followed = np.array(followed, dtype=np.int64)
-        fresh = np.unique(followed[p.control[followed] < 0])
+        asked = np.array(followed, dtype=np.int64)
+        fresh = np.unique(asked[p.control[asked] < 0])
         self._row[fresh] = controls + np.arange(len(fresh))
-        self._followed = self._row[followed]
+        self._followed = self._row[asked]
         self._numbered = controls + len(fresh)
         self._kept = list(self._made()) if kept else None
 

@@ -14,9 +14,10 @@ Source: Triggs et al. 2000, section 6 (elimination of the points).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import block_array, coo_array, csc_array, csr_array
@@ -78,7 +79,7 @@ class Columns:
     def labels(self) -> list[str]:
         """Names (n,): `IMG7.x`, `IMG7.time_rounding.offset`, `camera.P1.f`."""
         out = [""] * len(self)
-        blocks = [(self.pose, POSE)]
+        blocks: list[tuple[np.ndarray, Sequence[str]]] = [(self.pose, POSE)]
         blocks += [
             (at, [f"{slug}.{p.name}" for p in self.parameters[slug]])
             for slug, at in self.of_image.items()
@@ -233,8 +234,8 @@ class LinearSystem:
             "prior_value": prior,
             "attitude_given": attitude,
         }
-        given = {name: value for name, value in given.items() if value is not None}
-        return replace(self, problem=replace(self.problem, **given))
+        stated: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+        return replace(self, problem=replace(self.problem, **stated))
 
     def at(self, state: State) -> LinearSystem:
         """The same measurements at another state."""
@@ -257,29 +258,30 @@ class LinearSystem:
             parameters[slug] = [parameters[slug][number] for number in numbers]
             of_image[slug] = np.arange(m)[:, None] * d + first + np.arange(len(numbers))
             first += len(numbers)
-        at, shared_at = m * d + q, [m * d + np.arange(q)]
+        at, shared_rows = m * d + q, [m * d + np.arange(q)]
         for beside in self._beside:
             slug = beside.effect.slug
             parameters[slug] = beside.parameters
-            numbers = np.arange(at, at + beside.size)
-            at += len(numbers)
+            mine = np.arange(at, at + beside.size)
+            at += len(mine)
             if beside.effect.group == "image":
-                of_image[slug] = numbers.reshape(m, -1)
+                of_image[slug] = mine.reshape(m, -1)
             else:
                 shared += beside.shared
-                shared_at.append(numbers)
-        shared_at = np.concatenate(shared_at)
+                shared_rows.append(mine)
+        shared_at = np.concatenate(shared_rows)
         scale, value, weight = np.full(at, np.nan), np.zeros(at), np.zeros(at)
         tables = {CAMERA: state.interior, LEVER_ARM: state.arms}
         for number, unknown in zip(shared_at.tolist(), shared, strict=True):
             if unknown.kind == EFFECT:
                 scale[number] = parameters[unknown.owner][unknown.at[1]].scale
-            value[number] = tables.get(unknown.kind, state.effects.get(unknown.owner))[unknown.at]
+            table = tables[unknown.kind] if unknown.kind in tables else state.effects[unknown.owner]
+            value[number] = table[unknown.at]
         weight[shared_at[:q]] = p.prior_weight
         prior = np.concatenate([p.prior_value, np.zeros(len(shared) - q)])
-        for slug, numbers in of_image.items():
-            scale[numbers] = [parameter.scale for parameter in parameters[slug]]
-            value[numbers] = state.effects[slug][:, varied.get(slug, slice(None))]
+        for slug, rows in of_image.items():
+            scale[rows] = [parameter.scale for parameter in parameters[slug]]
+            value[rows] = state.effects[slug][:, varied.get(slug, slice(None))]
         for number, held in enumerate(p.per_image_prior[1].T):
             weight[6 + number : m * d : d] = held
         pose = np.arange(m)[:, None] * d + np.arange(6)

@@ -55,11 +55,11 @@ def pose_rows(kind: str, p: Problem, state: State, images: Images) -> PoseRows:
         image, weight = p.gnss_image, p.gnss_weight
         predicted, d_pose, d_effects, to_world = antenna(p, state, images)
         residual = p.gnss_given - predicted
-        sources = ((d_effects, p.antenna_column[image]), (to_world, p.arm_column[image]))
+        sources = [(d_effects, p.antenna_column[image]), (to_world, p.arm_column[image])]
     else:
         image, weight = p.attitude_image, p.attitude_weight
         residual, d_pose, d_effects = _attitude(p, state, images)
-        sources = ((d_effects, p.attitude_column[image]),)
+        sources = [(d_effects, p.attitude_column[image])]
     own = np.zeros((len(image), 3, p.d))
     own[:, :, :6] = d_pose
     shared = np.zeros((len(image), 3, p.shared_count))

@@ -36,8 +36,8 @@ def misfit(system: LinearSystem, far: bool = False) -> list[str]:
     if far and np.nanmedian(length) < _LOG_PX:
         return out
     found = [np.nanmedian(length[p.img == k]) for k in range(p.image_count)]
-    worst = np.argsort(-np.nan_to_num(found, nan=np.inf))[:_NAMED]
-    named = ", ".join(f"{p.images.names[k]} {found[k]:.0f} px" for k in worst)
+    last = np.argsort(-np.nan_to_num(found, nan=np.inf))[:_NAMED]
+    named = ", ".join(f"{p.images.names[k]} {found[k]:.0f} px" for k in last)
     out.append(
         f"Image points lie {np.nanmedian(length):.0f} px (median) from where the start values put "
         f"them; most in {named}."

@@ -102,7 +102,7 @@ class Setting:
     prior: tuple[float, float] | None = None
 
 
-class Settings(dict):
+class ParameterSettings(dict):
     """Settings by the names of parameters; one that is asked for first is as the model has it."""
 
     def __missing__(self, name: str) -> Setting:
@@ -137,7 +137,7 @@ class Model:
     priors: Mapping[str, tuple[float, float]] | None = None
     lever_arm: str | None = None
     loss: str = "squares"
-    parameters: Settings = field(default_factory=Settings)
+    parameters: ParameterSettings = field(default_factory=ParameterSettings)
     motion: MotionScale | None = None
 
     def __post_init__(self):
@@ -145,8 +145,7 @@ class Model:
             self.camera = {name: _joined(free) for name, free in self.camera.items()}
         elif self.camera is not None:
             self.camera = _joined(self.camera)
-        effects = [self.effects] if isinstance(self.effects, Effect) else listed(self.effects)
-        self.effects = [e if isinstance(e, Effect) else find(e) for e in effects]
+        self.effects = listed_effects(self.effects)
         self.control = None if self.control is None else listed(self.control)
         self.check = None if self.check is None else listed(self.check)
         self.priors = dict(self.priors or {})
@@ -156,8 +155,8 @@ class Model:
                     f"prior {name} is {prior!r}: give a value and its standard deviation, as in "
                     f"{{{name!r}: (8190.0, 5.0)}}"
                 )
-        if not isinstance(self.parameters, Settings):
-            self.parameters = Settings(self.parameters)
+        if not isinstance(self.parameters, ParameterSettings):
+            self.parameters = ParameterSettings(self.parameters)
         if self.lever_arm not in (None, "free", "fixed"):
             raise InputError(f"lever arm {self.lever_arm!r} is unknown: use free or fixed")
         Loss.parse(self.loss)
@@ -184,7 +183,10 @@ class Model:
     @property
     def settings(self) -> dict[ParameterId, Setting]:
         """Wishes for single parameters, `priors` among them."""
-        out = {ParameterId.parse(name): Setting(prior=prior) for name, prior in self.priors.items()}
+        out = {
+            ParameterId.parse(name): Setting(prior=prior)
+            for name, prior in (self.priors or {}).items()
+        }
         for name, wish in self.parameters.items():
             mine = out.setdefault(ParameterId.parse(name), Setting())
             mine.value, mine.vary = wish.value, wish.vary
@@ -199,7 +201,7 @@ class Model:
     def with_priors(self, priors: Mapping[str, tuple[float, float]]) -> Model:
         """The same model with these priors and no others."""
         wishes = {name: replace(wish, prior=None) for name, wish in self.parameters.items()}
-        return replace(self, priors=priors, parameters=Settings(wishes))
+        return replace(self, priors=priors, parameters=ParameterSettings(wishes))
 
     def without_effects(self) -> Model:
         """The same model without its effects, and without what is wanted of their parameters."""
@@ -210,8 +212,8 @@ class Model:
         return replace(
             self,
             effects=(),
-            priors=others(self.priors),
-            parameters=Settings(others(self.parameters)),
+            priors=others(self.priors or {}),
+            parameters=ParameterSettings(others(self.parameters)),
         )
 
     def free(self, block: Block) -> dict[str, tuple[str, ...]]:
@@ -225,7 +227,7 @@ class Model:
                     f"{', '.join(block.cameras)}"
                 )
         else:
-            wanted = dict.fromkeys(block.cameras, wanted)
+            wanted = dict.fromkeys(block.cameras, _joined(wanted))
         out = {name: list(parameters_named(wanted.get(name, "fixed"))) for name in block.cameras}
         for which, wish in self.settings.items():
             if which.kind == CAMERA and wish.vary is not None and which.owner in out:
@@ -260,7 +262,7 @@ class Model:
                     f"ground.csv has no point {', '.join(unknown)}, which is to be a {role} point: "
                     f"it has {', '.join(names[:20]) or 'none'}"
                 )
-            chosen = np.isin(names, given)
+            chosen = np.isin(names, listed(given))
             # Who names the control points means that the others check, and the other way round.
             other = "check" if role == "control" else "control"
             if role == "control" or self.control is None:
@@ -287,6 +289,12 @@ def listed(names: str | Iterable) -> list:
     if isinstance(names, str):
         return [name.strip() for name in names.split(",") if name.strip()]
     return list(names)
+
+
+def listed_effects(effects: str | Effect | Iterable[str | Effect]) -> list[Effect]:
+    """Effects as a list, those that a slug names found; of one alone, that one."""
+    given = [effects] if isinstance(effects, Effect) else listed(effects)
+    return [effect if isinstance(effect, Effect) else find(effect) for effect in given]
 
 
 def _joined(free: str | Iterable[str]) -> str:

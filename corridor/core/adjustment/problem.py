@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment.model import EFFECT, Model, ParameterId
+from corridor.core.adjustment.model import EFFECT, Model, ParameterId, listed_effects
 from corridor.core.adjustment.observations import (
     Attitudes,
     Control,
@@ -179,7 +179,8 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     names = block.ground["point"].to_numpy(dtype=object)
     asked = np.flatnonzero(roles == "control")
     # Whatever is wrong with the effects is said before the network is looked at.
-    effects = [*model.effects, *believed_of(block, model.effects)]
+    effects = listed_effects(model.effects)
+    effects = [*effects, *believed_of(block, effects)]
     Stack(block, effects, list(names[asked]), as_given)
     beside = velocity_errors(block, effects)
     effects += beside

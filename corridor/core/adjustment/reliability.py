@@ -71,12 +71,12 @@ class Reliability:
     def marks(self) -> pd.DataFrame:
         """Marks of ground points: point, image, axis and the columns above, in px."""
         p, residuals = self._of.problem, self._of.residuals["mark"]
-        rows, share = [], []
+        numbers, share = [np.zeros(0, int)], []
         for point, one in self._points.items():
             rays = p.row[p.ptr[point] : p.ptr[point + 1]] - p.tie_count
-            rows.append(rays)
+            numbers.append(rays)
             share += [one.share[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(rays))]
-        rows = np.concatenate(rows) if rows else np.zeros(0, int)
+        rows = np.concatenate(numbers)
         # Marks of unused points have no residual and no row.
         back = np.full(len(p.block.marks), -1)
         back[np.sort(rows)] = np.arange(len(rows))
@@ -99,7 +99,8 @@ class Reliability:
     def summary(self) -> pd.DataFrame:
         """A row for each kind: count of numbers, redundancy together, its mean and least,
         largest w, and the median and largest least error."""
-        rows, taken = {}, 0.0
+        rows: dict[str, tuple] = {}
+        taken = 0.0
         tables = (
             ("control", self.control), ("gnss", self.gnss), ("attitude", self.attitude),
             ("mark", self.marks),
@@ -167,7 +168,9 @@ class Reliability:
         """Cofactors of the marked points, by their number."""
         p = self._of.problem
         marked = np.flatnonzero(p.point_kinds)
-        return dict(zip(marked.tolist(), of_points(self._of.covariance, marked), strict=True))
+        return dict(
+            zip(marked.tolist(), of_points(self._of.covariance, marked.tolist()), strict=True)
+        )
 
     @property
     def _control_points(self) -> list[int]:

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from corridor.core import registry
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.export import write_gis
 from corridor.core.adjustment.misfit import misfit
+from corridor.core.adjustment.precision import FAR, MOST, chosen, in_datum
 from corridor.core.adjustment.solving import Solution
 from corridor.core.adjustment.tables import Tables
 from corridor.core.adjustment.warnings import warnings_of
 from corridor.core.block import Block
 from corridor.core.errors import AdjustmentFailed
+from corridor.core.output import with_units
 
 
 class Adjustment(Tables):
@@ -66,9 +69,12 @@ class Adjustment(Tables):
         pictures: Mapping[str, Any] | Callable[[Adjustment], Mapping[str, Any]] | None = None,
         captions: Mapping[str, str] | None = None,
         gis: bool = False,
+        beside: Mapping[str, bytes] | None = None,
     ) -> list[Path]:
         """Writes it into `folder`, whole or not at all: see `corridor.report.save_adjustment`."""
-        return registry.room("report").save_adjustment(self, folder, pictures, captions, gis)
+        return registry.room("report").save_adjustment(
+            self, folder, pictures, captions, gis, beside
+        )
 
     write_gis = write_gis
 
@@ -89,6 +95,37 @@ class Adjustment(Tables):
     def keep_notes(self, earlier: Adjustment) -> None:
         """What was said of an earlier adjustment, of which this one is the continuation."""
         self._notes = [*(note for note in earlier._notes if note not in self._notes), *self._notes]
+
+    def relative_precision(
+        self, datum: Iterable[str] | None = None, scale: bool = True
+    ) -> pd.DataFrame:
+        """Standard deviations of the points among themselves: without what lies in the datum.
+
+        datum: names of the points on which position, rotation and scale are laid (for a free
+        network the datum of one's choice); default: all that are determined. scale: whether the
+        scale is laid on them, too; False: it is that of the measurements, of distances say.
+        Columns: point, x, y, z, sx, sy, sz (m). Of more than 100,000 points an even choice.
+        Raises InputError for names that are no points, and for points on one line.
+        Source: Baarda 1973; James, Robson and Smith 2017. See `adjustment.precision`.
+        """
+        p = self.problem
+        names = p.point_index
+        step = max(-(-len(names) // MOST), 1)
+        rows = np.arange(0, len(names), step)
+        if datum is not None:
+            wanted = np.flatnonzero(chosen(names, datum, np.ones(len(names), bool)))
+            rows = np.union1d(rows, wanted)
+        size = np.sqrt(self.covariance.points(rows)[:, [0, 2, 5]].sum(axis=1))
+        # A point of nearly parallel rays carries no datum.
+        sound = (size > 0) & (size < FAR * np.median(size[size > 0]))
+        rows = rows[size > 0] if datum is None else rows
+        sound = sound[size > 0] if datum is None else sound
+        carrying = chosen(np.asarray(names)[rows], datum, sound)
+        variance = in_datum(self.covariance, rows, carrying, scale)
+        table = pd.DataFrame({"point": np.asarray(names)[rows]})
+        table[["x", "y", "z"]] = self.state.points[rows]
+        table[["sx", "sy", "sz"]] = self.sigma0 * np.sqrt(variance)
+        return with_units(table, {"m": "x y z sx sy sz"})
 
     @cached_property
     def variance_components(self) -> pd.DataFrame:

@@ -27,25 +27,25 @@ from corridor.core.errors import AdjustmentFailed
 FIRST_DAMPING = 1e-6
 # Damping is divided by this after a good step; after a bad one it is raised ever faster and
 # released with caution, or it would swing between too much and too little.
-RELEASE = 100.0
-CAUTION = 3.0
-LEAST = 1e-10
+DAMPING_DIVISOR = 100.0
+CAREFUL_DIVISOR = 3.0
+LEAST_DAMPING = 1e-10
 # Step at which the squares are good enough for a robust loss to start from.
-ROUGH = 1.0
+STEP_BEFORE_LOSS = 1.0
 NO_DAMPING = 1e-12
-AT_REST = 1e-3
-TINY = 5e-5
+SHARED_STEP = 1e-3
+SMALL_STEP = 5e-5
 # After so short a step, in standard deviations, covariances change by less than 1e-6 of themselves:
 # measured are 0.001 to 0.7 times the step.
-HARDLY = 1e-6
+NEGLIGIBLE_STEP = 1e-6
 # How much more slowly steps may shrink from now on than they did last.
-WARY = 10.0
+SHRINKING_MARGIN = 10.0
 # After a longer step it is cheaper to look first where the points now lie than to assemble twice.
-LONG = 0.1
+LONG_STEP = 0.1
 # Where a step lowered the cost by this share of what the equations promised, damping ends.
-PROMISED = 0.9
+GOOD_GAIN_RATIO = 0.9
 # So short a step, of this share of the one before, leaves the matrix as it is for the next one.
-QUICK, SHARE = 0.01, 0.03
+REUSE_STEP, REUSE_RATIO = 0.01, 0.03
 
 
 @brief
@@ -68,14 +68,14 @@ def solve(
     normal: Normal,
     max_iterations: int = 50,
     tolerance: float = 5e-5,
-    progress: Callable[[dict], None] | None = None,
+    say: Callable[..., None] | None = None,
     near: bool = False,
     equations: bool = False,
 ) -> Solution:
     """Minimise from the problem's start.
 
     tolerance: RMS of the step over all unknowns, in standard deviations of unit weight; besides,
-    none that images share may have further to go than `AT_REST` of its own standard deviation.
+    none that images share may have further to go than `SHARED_STEP` of its own standard deviation.
     A robust loss starts from the least squares solution: far from it every residual is an outlier;
     near: the start is near the solution, and the loss counts at once.
     equations: leave those of the result in `normal`, undamped, for whoever goes on with them, or
@@ -88,24 +88,22 @@ def solve(
                 # One step of Newton finds what they look at, but for a little of the last step.
                 tolerance /= 10
             start = normal.problem.start
-            return _solve(normal, start, max_iterations, tolerance, progress, [], equations)
+            return _solve(normal, start, max_iterations, tolerance, say, [], equations)
         if near:
             start = normal.problem.start
-            return _solve(normal, start, max_iterations, 20 * tolerance, progress, [], equations)
+            return _solve(normal, start, max_iterations, 20 * tolerance, say, [], equations)
         loss, normal.loss = normal.loss, Loss()
-        first = _solve(normal, normal.problem.start, max_iterations, ROUGH, progress, [])
+        first = _solve(normal, normal.problem.start, max_iterations, STEP_BEFORE_LOSS, say, [])
         normal.loss = loss
         # Reweighting creeps along a few weak points long after everything else is at rest.
         return _solve(
-            normal, first.state, max_iterations, 20 * tolerance, progress, first.history, equations
+            normal, first.state, max_iterations, 20 * tolerance, say, first.history, equations
         )
 
 
-def _solve(
-    normal, state, max_iterations, tolerance, progress, history, equations=False
-) -> Solution:
+def _solve(normal, state, max_iterations, tolerance, say, history, equations=False) -> Solution:
     p = normal.problem
-    damping, release = FIRST_DAMPING, RELEASE
+    damping, release = FIRST_DAMPING, DAMPING_DIVISOR
     normal.assemble(state, damping)
     cost, near = normal.cost, normal.modelled
     # Of the step before: its length, and the factor, which is taken again without a new matrix.
@@ -121,7 +119,7 @@ def _solve(
             except Singular:
                 if damping >= 1e4:
                     raise
-                damping = max(damping * 100.0, LEAST)
+                damping = max(damping * 100.0, LEAST_DAMPING)
                 normal.assemble(state, damping, near)
                 matrix = True
                 continue
@@ -132,22 +130,23 @@ def _solve(
             trial = moved_state(p, state, step, shared, points)
             relaxed = damping / release if damping / release > NO_DAMPING else 0.0
             trial_near = near
-            matrix = damping > 0.0 or length > min(QUICK, SHARE * last)
-            if normal.has_image_effects and length > LONG:
+            matrix = damping > 0.0 or length > min(REUSE_STEP, REUSE_RATIO * last)
+            if normal.has_image_effects and length > LONG_STEP:
                 trial_near = normal.modelled_at(trial, near, NEAR)
             # A damped step is short along what is badly determined: it proves nothing. Steps that
             # shrink fast leave little of what the last one moved: it is the rest that counts.
-            rest = min(WARY * length / last, 1.0) if 0.0 < last < np.inf else 1.0
+            rest = min(SHRINKING_MARGIN * length / last, 1.0) if 0.0 < last < np.inf else 1.0
             done = length < tolerance and (
-                tolerance >= ROUGH or (damping == 0.0 and _at_rest(system, rest * shared, AT_REST))
+                tolerance >= STEP_BEFORE_LOSS
+                or (damping == 0.0 and _at_rest(system, rest * shared, SHARED_STEP))
             )
             # Rounding of the cost may hide the gain of a last, tiny step. Effects look one step
             # behind: the cost knew less of them before than it does now, which hides more.
             hidden = (1e-8 if normal.has_image_effects else 1e-12) * cost
-            tiny = length < max(tolerance, TINY)
+            tiny = length < max(tolerance, SMALL_STEP)
             # After a step that is hardly one the matrix is the one that made it, but for effects
             # that look one step behind.
-            hardly = fresh and length < HARDLY and not normal.has_image_effects
+            hardly = fresh and length < NEGLIGIBLE_STEP and not normal.has_image_effects
             if done and (hardly or not equations):
                 factor = system if equations else None
                 normal.assembled = None  # of the state before, with all its points
@@ -167,7 +166,7 @@ def _solve(
                         points = state.points + part * (points - state.points)
                         trial = moved_state(p, state, part * step, part * shared, points)
                         # Too long a step without damping: the next is held back, or all creep.
-                        relaxed = LEAST
+                        relaxed = LEAST_DAMPING
                         normal.assemble(trial, relaxed, near)
                 reached, behind = normal.cost, normal.behind
             better = cost - reached >= -hidden or tiny
@@ -180,15 +179,16 @@ def _solve(
                 "accepted": accepted,
             }
             history.append(entry)
-            if progress:
-                progress(entry)
+            if say:
+                say("adjusting: iteration", iteration, result=entry)
             if accepted:
                 # Where a step has been refused, the next that keeps its promise proves nothing.
-                kept = cost - reached > PROMISED * 0.5 * (down + damping * square)
+                kept = cost - reached > GOOD_GAIN_RATIO * 0.5 * (down + damping * square)
                 end = kept and all(one["accepted"] for one in history)
-                release = np.inf if end else min(release * CAUTION, RELEASE)
+                release = np.inf if end else min(release * CAREFUL_DIVISOR, DAMPING_DIVISOR)
                 break
-            damping, raising, release = max(damping * raising, LEAST), 2.0 * raising, CAUTION
+            damping = max(damping * raising, LEAST_DAMPING)
+            raising, release = 2.0 * raising, CAREFUL_DIVISOR
             if damping > 1e8:
                 raise AdjustmentFailed(
                     "no step lowers the residuals: the start values are too far off, check poses, "

@@ -58,6 +58,11 @@ class Tables(Checked):
         self.sigma0 = float(np.sqrt(2 * self.cost / self.redundancy)) if self.redundancy else 1.0
 
     @property
+    def sigma_naught(self) -> float:
+        """`sigma0` by the name that the report has for it."""
+        return self.sigma0
+
+    @property
     def stated_system(self) -> LinearSystem:
         """The equations at the result, every residual with its stated weight."""
         return LinearSystem(self.problem, self.state)
@@ -207,7 +212,7 @@ class Tables(Checked):
     @cached_property
     def statistics(self) -> dict[str, dict]:
         """`observations` as adjustment.json has them: rms in px, or three in metres."""
-        out = {}
+        out: dict[str, dict] = {}
         for kind, frame in self.residuals.items():
             out[kind] = {}
             if not len(frame):
@@ -304,7 +309,7 @@ class Tables(Checked):
                 out.append(found(which, getattr(row, name), sigma, "m", sigma > 0, begun))
         for slug, one in self.values.items():
             for k, parameter in enumerate(one.parameters):
-                for g in np.flatnonzero(np.isfinite(one.value[:, k])):
+                for g in np.flatnonzero(np.isfinite(one.value[:, k])).tolist():
                     group = "block" if one.kind == "block" else one.groups[g]
                     which = ParameterId(EFFECT, slug, parameter.name, group)
                     value, sigma = one.value[g, k], one.sigma[g, k]

@@ -10,7 +10,7 @@ and the same of turns by swx, swy, swz. A velocity derived as a mean between two
 expected value, of which the true one is independent (Berkson's errors): the estimate of r is not
 attenuated, and its variance holds because k and the m_i are estimated with it. r in the priors
 is that of the adjustment before, and s_i are as large as the pictures say: all smaller by a factor,
-or all with the same more (`_scaled`).
+or all with the same more (`as_seen`).
 
 Source: Fuller 1987, sections 1.1 and 1.6.3 (error models); Carroll et al. 2006, chapter 4
 (regression calibration); Förstner 1979 (v'Pv / r: how much of s_i the pictures confirm).
@@ -49,15 +49,16 @@ def velocity_errors(block: Block, effects: list[Effect]) -> list[Effect]:
     """The errors to be estimated beside effects that move images by their velocity; [] for none."""
     if not any(e.place == "motion" and "images.vx" in (*e.needs, *e.takes) for e in effects):
         return []
-    out = []
+    out: list[Effect] = []
     if np.any(_numbers(block, COMMON) != 0):
         out.append(CommonVelocityError())
     moved, turned = (np.any(_numbers(block, of) > 0) for of in (VELOCITY_SIGMA, RATE_SIGMA))
     # A motion of each image, whoever asked for it, takes what its velocity is off.
     own = any(e.place == "motion" and e.group == "image" for e in effects)
     if (moved or turned) and not own:
-        out.append(OwnVelocityError())
-        out[-1].turns = bool(turned)
+        of_images = OwnVelocityError()
+        of_images.turns = bool(turned)
+        out.append(of_images)
     return out
 
 
@@ -66,12 +67,14 @@ def prior_sigma(block: Block, effect: Effect, scale: MotionScale) -> np.ndarray:
     one (1, 1)."""
     if isinstance(effect, CommonVelocityError):
         return np.full((1, 1), scale.readout)
-    moved = np.maximum(_scaled(_numbers(block, VELOCITY_SIGMA), scale.moved), _LEAST_M_S)
-    turned = np.maximum(_scaled(_numbers(block, RATE_SIGMA), scale.turned), _LEAST_RAD_S)
-    return scale.readout * (np.hstack([moved, turned]) if effect.turns else moved)
+    moved = np.maximum(as_seen(_numbers(block, VELOCITY_SIGMA), scale.moved), _LEAST_M_S)
+    turned = np.maximum(as_seen(_numbers(block, RATE_SIGMA), scale.turned), _LEAST_RAD_S)
+    return scale.readout * (
+        np.hstack([moved, turned]) if getattr(effect, "turns", False) else moved
+    )
 
 
-def _scaled(sigma: np.ndarray, factor: float) -> np.ndarray:
+def as_seen(sigma: np.ndarray, factor: float) -> np.ndarray:
     """Deviations (images, 3) that are as large as stated times a factor below one.
 
     More than is stated is motion that nobody knows of, which all images have alike: it makes the

@@ -293,7 +293,7 @@ def _cells_of(which: ParameterId, state: State, images: Images, stack: Stack) ->
         return [(state.arms, (images.flight_names.index(which.owner), "xyz".index(which.name)))]
     member = stack.members.get(which.owner)
     names = [p.name for p in member.parameters] if member else []
-    if which.kind != EFFECT or which.name not in names:
+    if member is None or which.kind != EFFECT or which.name not in names:
         return []
     of_images = member.effect.place != "ground" and member.effect.group == "image"
     groups = list(images.names) if of_images else member.groups

@@ -23,7 +23,13 @@ from corridor.core.adjustment.group_variances import (
     false_positions,
     from_where_it_ended,
 )
-from corridor.core.adjustment.model import Model, Setting, Settings, arms_unseen
+from corridor.core.adjustment.model import (
+    Model,
+    ParameterSettings,
+    Setting,
+    arms_unseen,
+    listed_effects,
+)
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.block import Block
@@ -132,8 +138,8 @@ def _with_focal_held(result: Adjustment, model: Model) -> Model:
     names = [f"camera.{name}.f" for name in result.start.cameras]
     return replace(
         model,
-        priors={name: prior for name, prior in model.priors.items() if name not in names},
-        parameters=Settings(
+        priors={name: prior for name, prior in (model.priors or {}).items() if name not in names},
+        parameters=ParameterSettings(
             {**model.parameters, **{name: Setting(vary=False) for name in names}},
         ),
     )
@@ -217,7 +223,8 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
     priors = {
         f"{effect.slug}.{name}": (0.0, float(size)) for name, size in zip(names, wide, strict=True)
     }
-    wider = replace(model, effects=[*model.effects, effect], priors={**priors, **model.priors})
+    wider = replace(model, effects=[*listed_effects(model.effects), effect],
+                    priors=priors | dict(model.priors or {}))  # fmt: skip
     try:
         found = from_where_it_ended(result, result.start, wider, again)
     except (InputError, AdjustmentFailed):
@@ -315,7 +322,8 @@ def with_held_focal_asked(result: Adjustment, again: Again) -> Adjustment:
         return result
     rows = found.camera[found.camera["parameter"] == "f"].set_index("camera")
     for name in held if found.converged else ():
-        stated, f, sigma = result.start.cameras[name]["f"], *rows.loc[name, ["value", "sigma"]]
+        stated = result.start.cameras[name]["f"]
+        f, sigma = rows.loc[name, "value"], rows.loc[name, "sigma"]
         off = f - stated
         if abs(off) > max(_FOCAL_SIGMAS * sigma, _FOCAL_SHARE * stated):
             result.add_note(

@@ -1,7 +1,7 @@
 """The block: one flight, or several, as plain tables. Read, check, select, write, summarise."""
 
 from corridor.core.block.attitudes import level_axes
-from corridor.core.block.block import Block, is_block, read
+from corridor.core.block.block import Block, files_of, is_block, read
 from corridor.core.block.corners import corner_rays, footprints
 from corridor.core.block.reading import place, read_columns, row_numbers
 from corridor.core.block.record import forget_correction, record_correction, taken_out
@@ -35,6 +35,7 @@ __all__ = [
     "footprints",
     "forget_correction",
     "frugal",
+    "files_of",
     "is_among",
     "is_block",
     "level_axes",

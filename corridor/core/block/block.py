@@ -215,7 +215,7 @@ class Block:
         column, names = getattr(self, table)["image"], self.images["image"]
         if not isinstance(column.dtype, pd.CategoricalDtype):
             return places(column, names).astype(kind)
-        place = places(column.dtype.categories, names).astype(kind)
+        place: np.ndarray = places(column.dtype.categories, names).astype(kind)
         return np.append(place, kind(-1))[column.array.codes]
 
     @frugal()
@@ -479,6 +479,12 @@ def read(folder: str | os.PathLike | Block) -> Block:
     )
     block.check()
     return block
+
+
+def files_of(folder: Path) -> list[Path]:
+    """The files of a block folder that are read, by name; whether they can be read or not."""
+    known = [FILE, *(f"{table}.{kind}" for table in LAYOUTS for kind in ("csv", "parquet"))]
+    return sorted(folder / name for name in known if (folder / name).is_file())
 
 
 def is_block(folder: Path) -> bool:

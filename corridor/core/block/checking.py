@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow.compute as pc
 
 from corridor.core.block.attitudes import check_attitudes
 from corridor.core.block.settings import FILE, SIGMA
@@ -23,7 +22,6 @@ from corridor.core.block.tables import (
     ROLES,
     SIGMAS,
     VELOCITY,
-    arrow,
     is_among,
 )
 from corridor.core.errors import InputError, some
@@ -147,14 +145,14 @@ def _names(block, table: str) -> None:
             continue
         column = frame[name]
         coded = isinstance(column.dtype, pd.CategoricalDtype)
-        codes = column.array.codes if coded else None
-        values = arrow(column.dtype.categories if coded else column)
+        codes = column.array.codes if coded else np.zeros(0, int)
+        values = column.dtype.categories if coded else column
         if name in layout.needed:
-            empty = codes < 0 if coded else pc.fill_null(pc.equal(values, ""), True)
+            empty = codes < 0 if coded else (column == "") | column.isna()
             _refuse(block, table, empty, f"{name} is empty", "fill it in or delete the row")
-        bare = pc.utf8_trim_whitespace(values)
+        bare = values.str.strip()
         if not bare.equals(values):
-            blank = np.asarray(pc.fill_null(pc.not_equal(bare, values), False))
+            blank = np.asarray((bare != values) & values.notna())
             blank = blank[codes] & (codes >= 0) if coded else blank
             fault = f"{name} {{{name}!r}} has blanks around it"
             _refuse(block, table, blank, fault, "take them away")
@@ -278,11 +276,7 @@ def _once(block, table: str, name: str) -> None:
     column = getattr(block, table)[name]
     measured = block.tie_points["point"].dtype.categories
     rest = column
-    if (
-        table == "points"
-        and len(measured)
-        and arrow(column.iloc[: len(measured)]).equals(arrow(measured))
-    ):
+    if table == "points" and len(measured) and column.array[: len(measured)].equals(measured.array):
         # Of a river an index of all points is as large as all their coordinates.
         rest = column.iloc[len(measured) :]
         rest = column if is_among(measured, rest).any() else rest

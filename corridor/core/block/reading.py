@@ -12,22 +12,26 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.csv
 
-from corridor.core.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns
+from corridor.core.block.tables import (
+    LAYOUTS,
+    NAMES,
+    Layout,
+    categorical,
+    missing_columns,
+    pa,
+    pc,
+)
 from corridor.core.errors import InputError
 from corridor.core.textfile import check_growth
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
 
-_CODED = pa.dictionary(pa.int32(), pa.string())
 _NUMBER = r"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*$"
 _UNNAMED = "\0unnamed "
 # A measured row takes more than a byte, however it is packed; fewer rows fill no memory.
@@ -81,10 +85,15 @@ def row_numbers(path: Path, count: int) -> np.ndarray:
 # --- from Arrow to pandas --------------------------------------------------------------------
 
 
+def _coded_type() -> pa.DataType:
+    return pa.dictionary(pa.int32(), pa.string())
+
+
 def _coded(pieces: Iterable[pa.ChunkedArray]) -> pd.Series:
     """Categorical of the pieces of a dictionary-encoded column."""
     chunks = [chunk for piece in pieces for chunk in piece.chunks]
-    different, which = [], []
+    different: list[pa.Array] = []
+    which = []
     for chunk in chunks:
         # A row group in two chunks has one dictionary, and its names are looked up once.
         if not different or not chunk.dictionary.equals(different[-1]):
@@ -133,9 +142,11 @@ def _read_csv(path: Path, layout: Layout) -> pd.DataFrame:
             f"{path.name}, row 1: column {twice[0]} is there twice; rename or delete one"
         )
     names = [name or f"{_UNNAMED}{index}" for index, name in enumerate(header)]
+    if pa is None:
+        return _read_plainly(path, layout, names)
     numbers = [name for name in names if name in layout.numbers]
     types = dict.fromkeys(names, pa.string())
-    types |= dict.fromkeys(layout.coded, _CODED) | dict.fromkeys(numbers, pa.float64())
+    types |= dict.fromkeys(layout.coded, _coded_type()) | dict.fromkeys(numbers, pa.float64())
     try:
         arrow = _parse(path, names, lines, types)
         # "nan" and "inf" are numbers to the parser, not to us.
@@ -147,9 +158,7 @@ def _read_csv(path: Path, layout: Layout) -> pd.DataFrame:
     for index, name in enumerate(names):
         if name.startswith(_UNNAMED):
             if arrow[name].null_count < len(arrow):
-                raise InputError(
-                    f"{path.name}, row 1: column {index + 1} has no name; name or delete it"
-                )
+                raise _nameless(path, index)
             arrow = arrow.drop_columns([name])
     columns = {}
     # One column after the other, so that the memory of each is free before the next is made.
@@ -163,6 +172,38 @@ def _read_csv(path: Path, layout: Layout) -> pd.DataFrame:
         else:
             columns[name] = column.to_pandas()
     return pd.DataFrame(columns, copy=False)
+
+
+def _read_plainly(path: Path, layout: Layout, names: list[str]) -> pd.DataFrame:
+    """The same by Python's own reader, where Arrow is not installed."""
+    try:
+        rows = [row for _, row in _rows(path)][1:]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise _not_a_table(path, len(names), error) from None
+    if any(len(row) != len(names) for row in rows):
+        raise _not_a_table(path, len(names), ValueError("rows are of different lengths"))
+    columns: dict[str, pd.Series] = {}
+    for index, name in enumerate(names):
+        text = pd.Series([row[index] or None for row in rows], dtype="str")
+        if name.startswith(_UNNAMED):
+            if text.notna().any():
+                raise _nameless(path, index)
+        elif name in layout.numbers:
+            sound = text.isna() | text.str.match(_NUMBER)
+            values = text.where(sound).astype(float)
+            wrong = np.flatnonzero(~sound | np.isinf(values))
+            if len(wrong):
+                raise _not_a_number(path, layout, name, text.iloc[wrong[0]], int(wrong[0]))
+            columns[name] = values
+        elif name in layout.coded:
+            columns[name] = pd.Series(categorical(*pd.factorize(text)))
+        else:
+            columns[name] = text
+    return pd.DataFrame(columns, copy=False)
+
+
+def _nameless(path: Path, index: int) -> InputError:
+    return InputError(f"{path.name}, row 1: column {index + 1} has no name; name or delete it")
 
 
 def _header(path: Path) -> tuple[list[str], int]:
@@ -188,11 +229,13 @@ def opened(path: Path, mode: str = "rb") -> pa.NativeFile:
 def _parse(
     path: Path, names: list[str], skip: int, types: dict, multiline: bool = False
 ) -> pa.Table:
-    return pa.csv.read_csv(
+    from pyarrow.csv import ConvertOptions, ParseOptions, ReadOptions, read_csv
+
+    return read_csv(
         opened(path),
-        read_options=pa.csv.ReadOptions(column_names=names, skip_rows=skip),
-        parse_options=pa.csv.ParseOptions(newlines_in_values=multiline),
-        convert_options=pa.csv.ConvertOptions(
+        read_options=ReadOptions(column_names=names, skip_rows=skip),
+        parse_options=ParseOptions(newlines_in_values=multiline),
+        convert_options=ConvertOptions(
             column_types=types, null_values=[""], strings_can_be_null=True
         ),
     )
@@ -209,11 +252,13 @@ def _parse_carefully(
         text = arrow[name].combine_chunks()
         wrong = pc.invert(pc.match_substring_regex(text, _NUMBER))
         if pc.any(wrong).as_py():
-            raise _not_a_number(path, layout, name, text, pc.index(wrong, True).as_py())
+            row = pc.index(wrong, True).as_py()
+            raise _not_a_number(path, layout, name, text[row].as_py(), row)
         values = pc.cast(pc.utf8_ltrim(pc.utf8_trim_whitespace(text), "+"), pa.float64())
         endless = pc.is_inf(values)
         if pc.any(endless).as_py():
-            raise _not_a_number(path, layout, name, text, pc.index(endless, True).as_py())
+            row = pc.index(endless, True).as_py()
+            raise _not_a_number(path, layout, name, text[row].as_py(), row)
         arrow = arrow.set_column(names.index(name), name, values)
     for name in layout.coded:
         coded = arrow[name].combine_chunks().dictionary_encode()
@@ -221,8 +266,7 @@ def _parse_carefully(
     return arrow
 
 
-def _not_a_number(path: Path, layout: Layout, name: str, text: pa.Array, row: int) -> InputError:
-    value = text[row].as_py()
+def _not_a_number(path: Path, layout: Layout, name: str, value: str, row: int) -> InputError:
     if name in layout.needed and name not in layout.empty:
         remedy = "write a number with a decimal point, or delete the row"
     else:
@@ -294,6 +338,8 @@ def _opened(path: Path, layout: Layout) -> ParquetFile:
 
 
 def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
+    if pa is None:
+        raise InputError(f"{path.name} needs pyarrow; install it, or write the table as .csv")
     try:
         with _opened(path, layout) as file:
             rows, size = file.metadata.num_rows, path.stat().st_size
@@ -355,7 +401,7 @@ def _columns(file: ParquetFile, path: Path, layout: Layout) -> dict[str, pd.Seri
             if name not in read:
                 columns[name] = file.read(columns=[name])[name].to_pandas()
                 continue
-            parts = [job.result() for job in read.pop(name)]
+            parts: list[Any] = [job.result() for job in read.pop(name)]
             if name in layout.coded:
                 columns[name] = _coded(parts)
             elif name in NAMES:
@@ -371,7 +417,7 @@ def _part(path: Path, layout: Layout, name: str, groups: range) -> pa.ChunkedArr
     with _opened(path, layout) as file:
         read = (file.read_row_group(one, [name], use_threads=False)[name] for one in groups)
         if name in layout.coded:
-            kind, pieces = _CODED, [_encoded(column) for column in read]
+            kind, pieces = _coded_type(), [_encoded(column) for column in read]
         elif name in NAMES:
             kind, pieces = pa.string(), [pc.cast(_plain(column), pa.string()) for column in read]
         else:
@@ -387,7 +433,7 @@ def _encoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
             pa.DictionaryArray.from_arrays(c.indices, pc.cast(c.dictionary, pa.string()))
             for c in column.chunks
         ]
-        return pa.chunked_array(chunks, type=_CODED)
+        return pa.chunked_array(chunks, type=_coded_type())
     return pc.cast(_plain(column), pa.string()).dictionary_encode()
 
 

@@ -7,10 +7,14 @@ from functools import cache
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from corridor.core.errors import InputError, some
+
+try:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+except ImportError:  # names are looked up by pandas then, and there is no .parquet
+    pa = pc = None
 
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 QUATERNION = POSE[3:]
@@ -115,11 +119,10 @@ def composed(frame: pd.DataFrame) -> pd.DataFrame:
     for name in NAMES & set(frame.columns):
         column = frame[name]
         coded = isinstance(column.dtype, pd.CategoricalDtype)
-        names = arrow(column.dtype.categories if coded else column)
-        if pc.all(pc.string_is_ascii(names)).as_py() in (True, None):
+        names = pd.Series(column.dtype.categories if coded else column)
+        if names.str.isascii().all():
             continue
-        plain = pc.utf8_normalize(names, form="NFC")
-        if not plain.equals(names):
+        if not names.str.normalize("NFC").equals(names):
             frame = frame.assign(**{name: column.astype("str").str.normalize("NFC")})
     return frame
 
@@ -140,6 +143,8 @@ def is_among(names: pd.Series | pd.Index, known: pd.Series | pd.Index | list) ->
         return np.append(found, False)[names.array.codes]
     if not len(names):
         return np.zeros(0, dtype=bool)
+    if pa is None:
+        return pd.Index(names).isin(pd.Index(known).dropna())
     found = pc.is_in(arrow(names), value_set=arrow(known), skip_nulls=True)
     return found.to_numpy(zero_copy_only=False)
 
@@ -151,6 +156,11 @@ def places(names: pd.Series | pd.Index, known: pd.Series | pd.Index) -> np.ndarr
     """
     if not len(names):
         return np.zeros(0, dtype=np.int32)
+    if pa is None:
+        among = pd.Index(known)
+        rows = np.flatnonzero(among.notna() & ~among.duplicated())
+        found = among[rows].get_indexer(pd.Index(names))
+        return np.append(rows, -1)[found].astype(np.int32)
     wanted, among = arrow(names), arrow(known)
     if not wanted.null_count and wanted.equals(among.slice(0, len(wanted))):
         return np.arange(len(wanted), dtype=np.int32)
@@ -158,7 +168,7 @@ def places(names: pd.Series | pd.Index, known: pd.Series | pd.Index) -> np.ndarr
     return pc.fill_null(found, -1).to_numpy(zero_copy_only=False)
 
 
-def arrow(names: pd.Series | pd.Index | list) -> pa.Array:
+def arrow(names: pd.Series | pd.Index | list) -> "pa.Array":
     """Names as Arrow text, null where empty; on a few names pandas takes ten times as long."""
     # Of a Series Arrow would look at the rows' names as well.
     held = names.array if isinstance(names, pd.Series | pd.Index) else names
@@ -188,7 +198,8 @@ def frugal():
     try:
         yield
     finally:
-        pa.default_memory_pool().release_unused()
+        if pa is not None:
+            pa.default_memory_pool().release_unused()
 
 
 def missing_columns(file: str, missing: list[str], header: list[str]) -> str:

@@ -1,5 +1,7 @@
 """A block written as a folder of tables."""
 
+from __future__ import annotations
+
 import csv
 import io
 import os
@@ -7,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.csv
 
 from corridor.core.block.reading import opened
 from corridor.core.block.settings import FILE, write_settings
-from corridor.core.block.tables import LAYOUTS
+from corridor.core.block.tables import LAYOUTS, pa
 from corridor.core.errors import InputError
 from corridor.core.output import whole_folder
 
@@ -38,6 +38,9 @@ def _of_a_block(name: str) -> bool:
 
 def write_table(frame: pd.DataFrame, path: Path) -> None:
     """One table; numbers with the digits that give the same float64 back, unknown ones empty."""
+    if pa is None:
+        _write_plainly(frame, path)
+        return
     try:
         arrow = pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None)
     except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
@@ -53,6 +56,16 @@ def write_table(frame: pd.DataFrame, path: Path) -> None:
         _write_csv(arrow, path, "none")
     except pa.ArrowInvalid:  # a comma, a quote or a line break in a text
         _write_csv(arrow, path, "needed")
+
+
+def _write_plainly(frame: pd.DataFrame, path: Path) -> None:
+    """The same where Arrow is not installed."""
+    if path.suffix == ".parquet":
+        raise InputError(f"{path.name} needs pyarrow; install it, or write the table as .csv")
+    for name, column in frame.items():
+        if pd.api.types.infer_dtype(column, skipna=True).startswith("mixed"):
+            raise InputError(f"{path.name}: column {name} mixes text and numbers; give it one type")
+    frame.to_csv(path, index=False, lineterminator="\n")
 
 
 def _write_parquet(arrow: pa.Table, path: Path) -> None:
@@ -108,7 +121,9 @@ def _compact(coded: pa.DictionaryArray) -> pa.DictionaryArray:
 def _write_csv(arrow: pa.Table, path: Path, quoting: str) -> None:
     header = io.StringIO()
     csv.writer(header, lineterminator="\n").writerow(arrow.column_names)
+    from pyarrow.csv import WriteOptions, write_csv
+
     with path.open("wb") as file:
         file.write(header.getvalue().encode())
-        options = pa.csv.WriteOptions(include_header=False, quoting_style=quoting, batch_size=65536)
-        pa.csv.write_csv(arrow, file, options)
+        options = WriteOptions(include_header=False, quoting_style=quoting, batch_size=65536)
+        write_csv(arrow, file, options)

@@ -12,6 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from corridor.core import registry
+
 # So many files are named one by one; what somebody is to read is named last.
 _MOST_FILES = 6
 _REPORT = "report.html"
@@ -114,6 +116,14 @@ def flag(text: str, **more) -> dict:
     return {"help": text, "action": "store_true", **more}
 
 
+def _form(text: str) -> str:
+    """A form of certificates, as the tool that makes them knows them."""
+    known = registry.room("certificate").form_names()
+    if text not in known:
+        raise argparse.ArgumentTypeError(f"{text!r} is no form: use {', '.join(known)}")
+    return text
+
+
 _POINTS = {"metavar": "ID,ID", "action": "extend", "type": names("point")}
 SHARED = {
     "block": option("folder of the block", "BLOCK", Path),
@@ -166,6 +176,11 @@ SHARED = {
     "--gis": flag(
         "also a GeoPackage of points, check vectors, cameras and footprints, and points as LAS "
         "(needs the extra `gis`)"
+    ),
+    "--certificate": option(
+        "also a certificate in this form, as HTML and PDF: what was computed, from which files",
+        "FORM",
+        _form,
     ),
     "--photos": option("folder of the photographs", "FOLDER", Path),
     "--crs": option("system of the coordinates, as EPSG:2154", "CODE"),
@@ -302,11 +317,10 @@ class BlockBar:
     def __exit__(self, *_):
         self.bar.close()
 
-    def __call__(self, name: str, what: str, done: int, of: int) -> None:
-        """Name of a block, what became of it, and how many of how many are done."""
-        self.bar.total = of
-        self.bar.set_postfix_str(f"{name}: {what}", refresh=False)
-        self.bar.update(done - self.bar.n)
+    def __call__(self, progress) -> None:
+        self.bar.total = progress.of
+        self.bar.set_postfix_str(progress.what, refresh=False)
+        self.bar.update(progress.done - self.bar.n)
 
 
 class Bars:
@@ -320,13 +334,12 @@ class Bars:
         if self.bar is not None:
             self.bar.close()
 
-    def __call__(self, what: str, share: float) -> None:
-        """What is being done and the share of it that is done."""
+    def __call__(self, progress) -> None:
         from tqdm import tqdm
 
-        if what != self.step:
+        if progress.what != self.step:
             self.__exit__()
-            self.step = what
+            self.step = progress.what
             form = "{desc} {percentage:3.0f} % |{bar}| {elapsed}"
-            self.bar = tqdm(total=100, desc=what, delay=1.0, leave=False, bar_format=form)
-        self.bar.update(100 * share - self.bar.n)
+            self.bar = tqdm(total=100, desc=self.step, delay=1.0, leave=False, bar_format=form)
+        self.bar.update(100 * progress.done / progress.of - self.bar.n)

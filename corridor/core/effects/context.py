@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -164,9 +166,10 @@ class Context:
         point: list[str] | None = None,
         position: np.ndarray | None = None,
     ):
-        self.images, self.image = images, image
-        self.pixel, self.ray, self._row = pixel, ray, row
-        self.point, self._position = point, position
+        # Which of these there are depends on the place; an effect asks for those of its own.
+        self.images, self.image = images, cast(np.ndarray, image)
+        self.pixel, self.ray, self._row = cast(np.ndarray, pixel), cast(np.ndarray, ray), row
+        self.point, self._position = cast(list[str], point), position
 
     def __len__(self) -> int:
         return len(self.point) if self.image is None else len(self.image)
@@ -240,9 +243,9 @@ class Context:
 
         begin, end: (rows,) s from the image's time, on the clock of rates.csv.
         """
-        time = self.images.time[self.image]
-        record = self.images.record[self.image]
-        return self.images.gyroscope.turn(record, time + begin, time + end)
+        time, record = self.images.time[self.image], self.images.record
+        assert record is not None and self.images.gyroscope is not None  # `needs` asks for rates
+        return self.images.gyroscope.turn(record[self.image], time + begin, time + end)
 
     @property
     def rotation(self) -> np.ndarray:
@@ -287,7 +290,7 @@ def control_names(block: Block) -> list[str]:
     return list(block.ground["point"].array[(block.ground["role"] == "control").to_numpy()])
 
 
-def group_names(images: Images, kind: str, points: list[str] = ()) -> list[str]:
+def group_names(images: Images, kind: str, points: Sequence[str] = ()) -> list[str]:
     """Names of the groups of a kind, in the order of their values."""
     return {
         "block": ["block"],

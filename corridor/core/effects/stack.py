@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +45,7 @@ class Stack:
         self,
         block: Block,
         effects: list[Effect],
-        points: list[str] = (),
+        points: Sequence[str] = (),
         images: Images | None = None,
     ):
         images = images or Images.of(block)
@@ -164,9 +165,9 @@ class Stack:
             _check_shapes(effect, shift, derivative, (len(context), rows.shape[1]))
             total = derivative.sum()
         # One reduction tells of any NaN; looking for the row is worth it only then.
-        bad = np.flatnonzero(np.isnan(derivative).any(axis=(1, 2))) if np.isnan(total) else []
-        if not len(bad):
+        if not np.isnan(total):
             return shift, derivative
+        bad = np.flatnonzero(np.isnan(derivative).any(axis=(1, 2)))
         name = context.images.names[context.image[bad[0]]] if context.image is not None else bad[0]
         if not effect.needs:
             raise AdjustmentFailed(

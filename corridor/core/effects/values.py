@@ -236,7 +236,7 @@ class Values(Mapping):
             if isinstance(held, list):
                 cells, kind = _diagnosis_cells(held, slug, path)
             else:
-                entry = next((held[k] for k in held if k.partition("@")[0] == slug), {})
+                entry: Mapping = next((held[k] for k in held if k.partition("@")[0] == slug), {})
                 cells, kind = _cells(entry, path.parent), kinds.get(slug)
             if not cells:
                 raise InputError(

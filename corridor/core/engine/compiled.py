@@ -55,10 +55,11 @@ def compiled(late: bool = False, **options) -> Callable:
     """
 
     def make(function: Callable) -> Dispatcher:
-        made = _cached(function, options)
+        made: Any = _cached(function, options)
         if isinstance(made._cache, NullCache):
             return made
         made._cache._cache_file._source_stamp = _stamp(function)
+        made._cache.load_overload = _loadable(made._cache)
         if late:
             made._cache.load_overload = _patient(made._cache.load_overload)
         return made
@@ -74,14 +75,14 @@ def _cached(function: Callable, options: dict) -> Dispatcher:
     """
     with suppress(RuntimeError):
         return njit(cache=True, **options)(function)
-    before = config.CACHE_DIR
+    before = config.CACHE_DIR  # type: ignore[attr-defined]
     try:
-        config.CACHE_DIR = _private_folder()
+        config.CACHE_DIR = _private_folder()  # type: ignore[attr-defined]
         return njit(cache=True, **options)(function)
     except (OSError, RuntimeError):
         return njit(**options)(function)
     finally:
-        config.CACHE_DIR = before
+        config.CACHE_DIR = before  # type: ignore[attr-defined]
 
 
 @cache
@@ -156,11 +157,28 @@ def meanwhile(code: str) -> Iterator[None]:
         _stop()
 
 
-def is_kept(kernel: Dispatcher) -> bool:
+def is_kept(kernel: Any) -> bool:
     """Whether any machine code of a kernel is in its cache, of this source."""
     return not isinstance(kernel._cache, NullCache) and bool(
         kernel._cache._cache_file._load_index()
     )
+
+
+def _loadable(kept: Any) -> Callable:
+    """`Cache.load_overload` that begins the cache anew where it names what cannot be imported.
+
+    The types of arguments are in it: a tuple of a notebook's, which no other program finds.
+    """
+    load = kept.load_overload
+
+    def loadable(signature, context):
+        try:
+            return load(signature, context)
+        except (ImportError, AttributeError):
+            kept._cache_file.flush()
+            return None
+
+    return loadable
 
 
 def _patient(load: Callable) -> Callable:

@@ -1,5 +1,6 @@
 """How the clock of the exposures gets onto the track's."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -220,7 +221,7 @@ def _by_positions(track: Track, exposures: Exposures, offset: float, notes: list
     if 0.0 not in distance:
         return 0.0
     sigma = _sigma(track, exposures)
-    best = min(distance, key=distance.get)
+    best = min(distance, key=lambda shift: distance[shift])
     clearly = distance[best] < _CLEARLY_BETTER * distance[0.0]
     if clearly and abs(best) == leap and distance[0.0] - distance[best] > _CLEARLY_OFF_M:
         raise InputError(
@@ -256,12 +257,12 @@ def _by_positions(track: Track, exposures: Exposures, offset: float, notes: list
 
 def _sigma(track: Track, exposures: Exposures) -> float:
     """Standard deviation of a difference of positions, m, by what both files state."""
-    every = []
+    every: list[float] = []
     for table in (track.table, exposures.table):
         stated = table[["sx", "sy"]].to_numpy(float) if {"sx", "sy"} <= set(table) else np.zeros(0)
         stated = stated[np.isfinite(stated)]
         every.append(float(np.median(stated)) if len(stated) else _UNSTATED_M)
-    return max(float(np.hypot(*every)), _LEAST_SIGMA_M)
+    return max(math.hypot(*every), _LEAST_SIGMA_M)
 
 
 def _delay(at, where, time, off) -> tuple[float, float, float]:

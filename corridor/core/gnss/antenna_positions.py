@@ -248,9 +248,10 @@ def _with_resolution(made: Interpolated, step: float) -> Interpolated:
 
 def _of_resolution(exposures: Exposures, made: Interpolated) -> str:
     speed = np.nanmedian(np.linalg.norm(made.table[["vx", "vy", "vz"]].to_numpy(), axis=1))
-    shift = speed * exposures.resolution_s / np.sqrt(3)
+    step = exposures.resolution_s or 0.0
+    shift = speed * step / np.sqrt(3)
     return (
-        f"{exposures.source.name} prints times in steps of {1000 * exposures.resolution_s:.0f} ms: "
+        f"{exposures.source.name} prints times in steps of {1000 * step:.0f} ms: "
         f"at {speed:.1f} m/s {100 * shift:.1f} cm (1 sigma) along the track, which the sigmas "
         "include"
     )

@@ -50,7 +50,7 @@ class Exposures:
         """
         known = self.table["time_s"].dropna().sort_values(kind="stable")
         step = np.diff(known.to_numpy(float))
-        near = np.flatnonzero(step < _NEAR * np.median(step)) if len(step) > 2 else []
+        near = np.flatnonzero(step < _NEAR * np.median(step)) if len(step) > 2 else np.zeros(0, int)
         if not len(near) or len(near) > max(_FEW * len(step), 1):
             return None
         names = self.table["image" if "image" in self.table else "number"]
@@ -63,18 +63,19 @@ class Exposures:
     def out_of_order(self) -> str | None:
         """A sentence where times rise from row to row but for a few: these are wrong."""
         time = self.table["time_s"].to_numpy(float)
-        rows = np.flatnonzero(np.isfinite(time))
+        rows = np.flatnonzero(np.isfinite(time)).tolist()
         # The longest part that rises: of each length, the row that ends one earliest, and when.
-        ends, least = [], []
+        ends: list[int] = []
+        least: list[float] = []
         before: dict[int, int | None] = {}
         for row in rows:
             k = bisect_right(least, time[row])
             before[row] = ends[k - 1] if k else None
             ends[k : k + 1], least[k : k + 1] = [row], [time[row]]
-        rising, row = set(), ends[-1] if ends else None
-        while row is not None:
-            rising.add(row)
-            row = before[row]
+        rising, last = set(), ends[-1] if ends else None
+        while last is not None:
+            rising.add(last)
+            last = before[last]
         stray = [row for row in rows if row not in rising]
         if not stray or len(stray) > max(_FEW * len(rows), 1):
             return None

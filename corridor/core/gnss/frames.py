@@ -8,6 +8,8 @@ these are no errors; results then go out through PROJ, in the system that `[loca
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from corridor.core.block import POSE, Block
@@ -38,7 +40,7 @@ def local_of(block: Block) -> Local | None:
     return local_frame(block.extra.get(FRAME))
 
 
-def local_frame(table: object) -> Local | None:
+def local_frame(table: Any) -> Local | None:
     """The frame of a table `[local_frame]` of block.toml. Raises InputError as `local_of`."""
     if not table:
         return None
@@ -71,8 +73,9 @@ def in_world(block: Block, places: np.ndarray) -> np.ndarray:
     """Places (..., 3) of a block in the system of `world_crs`."""
     places = np.asarray(places, dtype=float)
     local, flat = local_of(block), places.reshape(-1, 3) + block.offset
-    if local is not None:
-        flat = local.to_crs(flat, world_crs(block))
+    crs = world_crs(block)
+    if local is not None and crs is not None:
+        flat = local.to_crs(flat, crs)
     return flat.reshape(places.shape)
 
 
@@ -110,7 +113,8 @@ def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:
     Raises InputError where the block has no place on Earth, or PROJ knows no exact way.
     """
     before = local_of(block)
-    if before is None and block.crs is None:
+    stated = block.crs or ""
+    if before is None and not stated:
         about_the_middle(block)  # raises
 
     def over(places: np.ndarray) -> np.ndarray:
@@ -118,9 +122,9 @@ def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:
         if before is not None:
             places = before.to_geographic(places)
         elif isinstance(target, Local):
-            places = convert(places, block.crs, GEOGRAPHIC)
+            places = convert(places, stated, GEOGRAPHIC)
         else:
-            return convert(places, block.crs, target)
+            return convert(places, stated, target)
         if isinstance(target, Local):
             return target.from_geographic(places)
         return convert(places, GEOGRAPHIC, target)

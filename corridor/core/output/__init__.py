@@ -41,7 +41,9 @@ from corridor.core.output.numbers import (
     significant,
     times,
 )
-from corridor.core.output.pages import Report, numbered, page
+from corridor.core.output.pages import Report, numbered, page, page_with
+from corridor.core.output.paper import embedded, pdf, taken_from
+from corridor.core.output.progress import Progress, silent, telling
 from corridor.core.output.table import WIDTH, Link, Table
 from corridor.core.output.units import UnitTable, named_with_units, with_units
 
@@ -52,6 +54,7 @@ __all__ = [
     "Link",
     "UnitTable",
     "WIDTH",
+    "Progress",
     "Report",
     "Table",
     "check_folder",
@@ -59,6 +62,7 @@ __all__ = [
     "check_writable",
     "coefficient",
     "counted",
+    "embedded",
     "file_lines",
     "files_in",
     "fixed",
@@ -72,6 +76,8 @@ __all__ = [
     "nice",
     "numbered",
     "page",
+    "page_with",
+    "pdf",
     "plain",
     "png",
     "readable",
@@ -79,7 +85,10 @@ __all__ = [
     "scaled",
     "short",
     "significant",
+    "silent",
     "sole",
+    "taken_from",
+    "telling",
     "times",
     "whole_file",
     "whole_files",

@@ -93,7 +93,7 @@ class Table:
             rows = "\n".join(f"<tr>{self._cells('td', row)}</tr>" for row in self.rows)
             lines.append(f"<tbody>{rows}</tbody>")
         lines.append("</table>")
-        lines += [f'<p class="note">{html.escape(note)}</p>' for note in self.notes]
+        lines += [f'<p class="note">{with_commands(note)}</p>' for note in self.notes]
         return "\n".join(lines)
 
     def _cells(self, tag: str, row: Sequence[str]) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from datetime import date
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -33,7 +34,7 @@ class Taken:
     zone: str
 
 
-def facts_of(picture: Image.Image) -> tuple[dict[str, object], bytes | None, bytes | str | None]:
+def facts_of(picture: Image.Image) -> tuple[dict[str, Any], bytes | None, bytes | str | None]:
     """Fields of `Metadata`, the maker's note, and the XMP packet that a TIFF keeps in its tags.
 
     Raises what Pillow raises.
@@ -42,19 +43,19 @@ def facts_of(picture: Image.Image) -> tuple[dict[str, object], bytes | None, byt
     gps, inner = dict(tags.get_ifd(_GPS)), dict(tags.get_ifd(_INNER))
     orientation, ambient = _number(tags.get(274)), _number(inner.get(37888))
     per_mm, unit = _positive(inner.get(41486)), _MM.get(inner.get(_PLANE_UNIT, 2))
-    size = _positive(inner.get(40962)), _positive(inner.get(40963))
+    wide, high = _positive(inner.get(40962)), _positive(inner.get(40963))
     height = _number(gps.get(6))
     if height is not None and gps.get(5) in (1, b"\x01", "1"):
         height = -height
     facts = {
         "make": _text(tags.get(271)),
         "model": _text(tags.get(272)),
-        "orientation": int(orientation) if orientation in range(1, 9) else 1,
+        "orientation": next((k for k in range(1, 9) if k == orientation), 1),
         "exposure_s": _positive(inner.get(33434)),
         "focal_mm": _positive(inner.get(37386)),
         "focal_35_mm": _positive(inner.get(41989)),
         "pixels_per_mm": per_mm / unit if per_mm and unit else None,
-        "written_size": None if None in size else (int(size[0]), int(size[1])),
+        "written_size": (int(wide), int(high)) if wide and high else None,
         "serial": _text(inner.get(42033)),
         "taken": _taken(*(_text(inner.get(tag)) for tag in (36867, 37521, 36881))),
         "height": height,
@@ -77,7 +78,7 @@ def _taken(moment: str, decimals: str, zone: str) -> Taken | None:
         at = date(year, month, day).isoformat()
     except ValueError:
         at = None
-    digits = re.match(r"\d*", decimals)[0]
+    digits = re.sub(r"\D.*", "", decimals, flags=re.DOTALL)
     seconds = 3600.0 * hour + 60.0 * minute + float(f"{second}.{digits or '0'}")
     zone = zone if re.fullmatch(r"[+-]\d{2}:\d{2}", zone) else ""
     return Taken(match[0], at, seconds, len(digits), zone)

@@ -6,16 +6,18 @@ Source: P. Harvey, ExifTool, "DJI Tags" (tags 3 to 11 are single floats).
 from __future__ import annotations
 
 import struct
+from typing import Any
 
 import numpy as np
 
 _FLOAT, _MOST_ENTRIES = 11, 200
 
 
-def facts_of(note: bytes | None) -> dict[str, object]:
+def facts_of(note: bytes | None) -> dict[str, Any]:
     """Fields of `Metadata`: velocity (written north, east, down), attitude of the camera, yaw of
     the airframe."""
-    tags, facts = _floats_of(note), {}
+    tags = _floats_of(note)
+    facts: dict[str, Any] = {}
     if {3, 4, 5} <= set(tags):
         facts["velocity"] = tags[4], tags[3], -tags[5]
         facts["velocity_of"] = "tags 3, 4, 5 of DJI's maker note"

@@ -131,6 +131,6 @@ def read_metadata(
     for more in (noted, xmp.facts_of(tags)):
         facts |= {name: value for name, value in more.items() if value is not None}
     lat, lon = facts.get("lat_deg"), facts.get("lon_deg")
-    if lat is None or abs(lat) > 90 or abs(lon) > 180 or (lat, lon) == (0.0, 0.0):
+    if lat is None or lon is None or abs(lat) > 90 or abs(lon) > 180 or (lat, lon) == (0.0, 0.0):
         facts |= {"lat_deg": None, "lon_deg": None, "height": None}
     return Metadata(path, width, height, tags=tags, **facts)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -56,7 +57,7 @@ def number(tags: dict[str, str], *names: str) -> float | None:
     return None
 
 
-def facts_of(tags: dict[str, str]) -> dict[str, object]:
+def facts_of(tags: dict[str, str]) -> dict[str, Any]:
     """Fields of `Metadata`; what the tags do not say is left out."""
     flag, rtk = number(tags, "RtkFlag"), _numbers(tags, "RtkStdLon", "RtkStdLat", "RtkStdHgt")
     facts = {

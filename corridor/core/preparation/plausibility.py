@@ -32,7 +32,7 @@ _SHARE_OUTSIDE = 0.02
 # What distortion and simulated effects push over the edge stays within this share of it.
 _FAR_OUTSIDE = 0.02
 # A picture in both directions filled by no more than this was smaller when it was measured.
-_FILLED, _ENOUGH = 0.6, 100
+_FILLED, _LEAST_COUNT = 0.6, 100
 # Pictures are made smaller or larger by more than this (logarithm); what is left of the distance
 # then is that of rough start values.
 _RESIZED, _OF_RESIZED = 0.05, 0.2
@@ -145,12 +145,9 @@ def _pictures(block: Block) -> Iterator[str]:
         gone = 0
         # The rule is that none lies outside: then nobody asks which.
         if not beyond <= 0.0:
-            gone = sum(
-                np.count_nonzero(
-                    (x < -0.5) | (x > size[0] - 0.5) | (y < -0.5) | (y > size[1] - 0.5)
-                )
-                for x, y in parts
-            )
+            for x, y in parts:
+                outside = (x < -0.5) | (x > size[0] - 0.5) | (y < -0.5) | (y > size[1] - 0.5)
+                gone += int(np.count_nonzero(outside))
         shape = f"{camera.width} x {camera.height} px"
         if gone > _SHARE_OUTSIDE * count:
             seen = np.concatenate([np.stack(part, axis=1) for part in parts])
@@ -160,7 +157,7 @@ def _pictures(block: Block) -> Iterator[str]:
             )
         elif beyond > _FAR_OUTSIDE * size.max():
             yield _outside(block, camera, mine, pixels)
-        elif count >= _ENOUGH and (high < _FILLED * size).all():
+        elif count >= _LEAST_COUNT and (high < _FILLED * size).all():
             x, y = high
             yield (
                 f"No observation of camera {camera.name} lies beyond x = {x:.0f}, y = {y:.0f} of "
@@ -210,7 +207,7 @@ def _axes(block: Block) -> Iterator[str]:
     pose = block.poses[image]
     point = block.positions("tie_points")[rows["point"].array.codes[::step]]
     known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
-    if known.sum() < _ENOUGH:
+    if known.sum() < _LEAST_COUNT:
         return
     image, pose, point = image[known], pose[known], point[known]
     rotation = rotation_from_quaternion(pose[:, 3:])
@@ -218,7 +215,7 @@ def _axes(block: Block) -> Iterator[str]:
     ahead = seen[:, 2] > 0
     every = np.stack([rows[axis].to_numpy(float)[::step] for axis in "xy"], axis=1)
     measured = every[known][ahead]
-    if len(measured) < _ENOUGH:
+    if len(measured) < _LEAST_COUNT:
         return
     ray = seen[ahead, :2] / seen[ahead, 2:]
     with np.errstate(invalid="ignore"):  # a coordinate that never varies goes with nothing

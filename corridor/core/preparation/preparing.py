@@ -67,7 +67,8 @@ def prepare(block: Block | str | os.PathLike, velocities: bool = True) -> Prepar
     Raises InputError where track.csv contradicts the images: other clock, single positions alone.
     """
     block = read(block)
-    made, notes = copy.copy(block), []
+    made = copy.copy(block)
+    notes: list[str] = []
     made.extra = copy.deepcopy(block.extra)
     known = np.isfinite(made.column("images", "time_s"))
     if len(made.track) and known.any():

@@ -10,8 +10,10 @@ import types
 import typing
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
-from functools import cache
+from functools import cache, reduce
+from operator import add
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -385,11 +387,10 @@ def read_plan(plan: str | os.PathLike) -> Plan:
         ) from None
     if os.path.isfile(text) or (text.endswith(".toml") and "+" not in text):
         return _read(Path(text))
-    known, joined = ready_made(), None
+    known, parts = ready_made(), []
     for name in text.split("+"):
         if name.endswith(".toml"):
-            part = _read(Path(name))
-            joined = part if joined is None else joined + part
+            parts.append(_read(Path(name)))
             continue
         if name not in known:
             if os.path.isdir(text):
@@ -403,9 +404,8 @@ def read_plan(plan: str | os.PathLike) -> Plan:
                 f"no plan {name!r} comes with corridor{near}: give a .toml file, "
                 f"or one of {', '.join(known)}"
             )
-        part = _read(known[name])
-        joined = part if joined is None else joined + part
-    return joined
+        parts.append(_read(known[name]))
+    return reduce(add, parts)
 
 
 def _read(path: Path) -> Plan:
@@ -496,7 +496,7 @@ def _value(value, sort, where: str):
         raise InputError(f"{where} = {value} has {len(value)} values, {len(inner)} are needed")
     if sort is float and isinstance(value, numbers.Real) and not isinstance(value, bool):
         # Finite, and a whole number of TOML may have any length.
-        if abs(value) <= sys.float_info.max:
+        if abs(value) <= sys.float_info.max:  # type: ignore[operator]
             return float(value)
     elif sort in (int, bool, str) and type(value) is sort:
         return value
@@ -528,7 +528,7 @@ class _Checker:
             if not value > 0:
                 self.fail(f"{key} = {value:g} is not greater than 0")
 
-    def _given(self, keys: tuple[str, ...]) -> list[tuple[str, object]]:
+    def _given(self, keys: tuple[str, ...]) -> list[tuple[str, Any]]:
         found = [(key, getattr(self.values, key)) for key in keys]
         return [(key, value) for key, value in found if value is not None]
 

@@ -21,7 +21,7 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
     rotation_from_vector,
 )
-from corridor.core.output import whole_file
+from corridor.core.output import Progress, telling, whole_file
 from corridor.core.simulation.fly import Flown, bank_of, check_plan, fly, ground_width
 from corridor.core.simulation.ground_points import evenly, surveyed
 from corridor.core.simulation.noise import add_noise
@@ -83,7 +83,7 @@ def simulate(
     *,
     noise: Noise | Mapping | str | None = None,
     start: Start | Mapping | None = None,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Simulated:
     """The block that a flight plan would give.
 
@@ -91,14 +91,14 @@ def simulate(
     effects: `{slug: {parameter: value}}`, on top of the plan's own.
     noise, start: in place of the plan's: errors of measurement, and of the start values. Without
         noise, or with `none`, all rays of a point meet in it; `ordinary` is that of the command.
-    progress: called with what is being done and the share that is done.
+    progress: called with a `Progress` whose `done` is a share.
 
     The start values in the block (poses, points, camera) miss the truth by what `start` says; what
     is true is in `.truth`, and `write` puts it beside the block's folder, never into it.
     Same plan and seed, same block. Raises InputError for a plan that cannot be flown.
     """
     plan = plan if isinstance(plan, Plan) else read_plan(plan)
-    say = progress or (lambda what, share: None)
+    say = telling(progress)
     if effects is not None and not isinstance(effects, Mapping):
         raise InputError(
             f"effects = {effects!r}: give values by slug and parameter, as in "
@@ -112,27 +112,27 @@ def simulate(
     _check_camera(start)
     _check_effects(plan, added)
 
-    perfect = perfect_block(plan, seed, say)
+    perfect = perfect_block(plan, seed, progress)
     block = perfect
     if added:
-        say("adding effects", 0.0)
+        say("adding effects", 0.0, 1.0)
         block = catalogue.add(block, added)
-        say("adding effects", 1.0)
-    say("adding noise", 0.0)
+        say("adding effects", 1.0, 1.0)
+    say("adding noise", 0.0, 1.0)
     block = add_noise(block, noise=noise, seed=seed)
     block = _miss(block, start, np.random.default_rng([seed, 7]))
-    say("adding noise", 1.0)
+    say("adding noise", 1.0, 1.0)
     return Simulated.of(block, _truth(perfect, plan, seed, added, noise))
 
 
 def perfect_block(
-    plan: Plan, seed: int = 0, progress: Callable[[str, float], None] | None = None
+    plan: Plan, seed: int = 0, progress: Callable[[Progress], None] | None = None
 ) -> Block:
     """The block of a plan without any error: start values are the truth, all rays meet.
 
     Shapes, units and errors as `simulate`; the plan's effects, noise and start are left aside.
     """
-    say = progress or (lambda what, share: None)
+    say = telling(progress)
     ground = Dike(plan.terrain.relief_m, plan.terrain.level_m, seed, plan.terrain.roughness_m)
     low, high = ground.bounds
     images = check_plan(plan, high)
@@ -155,7 +155,7 @@ def perfect_block(
 
     seen = look(
         *_candidates(plan, flown, network, draw[0]),
-        lambda share: say("looking what pictures show", share),
+        lambda share: say("looking what pictures show", share, 1.0),
     ).of_a_matcher(plan.tie_points, flown.centre, draw[1])
     begin, end = float(flown.station.min()), float(flown.station.max())
     *where, role = surveyed(plan.ground, begin, end, bank_of(plan), draw[2])
@@ -163,7 +163,7 @@ def perfect_block(
     picked = _check_points(plan.ground, seen, begin, end, draw[3])
     ties, checks = seen.of(np.setdiff1d(np.arange(len(seen.place)), picked)), seen.of(picked)
 
-    say("writing tables", 0.0)
+    say("writing tables", 0.0, 1.0)
     image_name = pd.Index(flown.table["image"], dtype="str")
     tie_names = _names("T", len(ties.place))
     mark_names = _names("G", len(marked.place), 2) + _names("C", len(picked))
@@ -192,7 +192,7 @@ def perfect_block(
         description=plan.description or f"simulated from the plan {plan.name}",
         source=plan.source,
     )
-    say("writing tables", 1.0)
+    say("writing tables", 1.0, 1.0)
     return block
 
 

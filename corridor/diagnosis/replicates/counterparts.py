@@ -21,6 +21,7 @@ from corridor.core.engine.memory import give_back
 from corridor.core.engine.panels import PANEL
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import InputError
+from corridor.core.output import Progress, telling
 from corridor.diagnosis.replicates.replicator import EstimatedNoise, Replicator
 from corridor.diagnosis.replicates.statistics import Statistic, SummaryStatistics
 
@@ -72,12 +73,12 @@ def counterparts(
     count: int = COUNT,
     seed: int = 0,
     threads: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Counterparts:
     """Simulate the block of an adjustment again and again, and fit the same model to it.
 
     count: how many counterparts, at least 19; 39 make the 95 % limits exact. threads: 1 or 2.
-    progress: called with how many are done, and of how many.
+    progress: called with a `Progress`.
     Same adjustment, count and seed: same numbers, whatever the threads. Raises InputError where
     count is too small for a band.
     """
@@ -98,11 +99,10 @@ def counterparts(
             simulated[first : several.stop] = summary(replicator.fits(drawn))
             return len(several)
 
-        done = 0
+        done, say = 0, telling(progress)
         for more in _each(work, range(0, count, AT_ONCE), threads):
             done += more
-            if progress:
-                progress(done, count)
+            say("simulating counterparts", done, count)
         give_back()
         streams = np.random.default_rng([seed, count]).spawn(AT_ONCE)
         raw = summary([replicator.errors(replicator.draw(rng)) for rng in streams])

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from corridor.core.adjustment import Adjustment
 from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.output import Progress, telling
 from corridor.diagnosis.replicates.comparison import Comparison, compare
 from corridor.diagnosis.replicates.counterparts import counterparts
 from corridor.diagnosis.report.corrected import corrected
@@ -26,15 +27,15 @@ def beside(
     diagnosis,
     count: int = COUNT,
     threads: int = 1,
-    progress: Callable[[dict], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Beside:
     """The block of a diagnosis beside its counterparts before and after; notes.
 
-    count: how many counterparts, 19 or more. threads: 1 or 2. progress: called with a dictionary
-    that holds a message, done and of. None where counterparts could not be adjusted, which a note
+    count: how many counterparts, 19 or more. threads: 1 or 2. progress: called with a
+    `Progress`. None where counterparts could not be adjusted, which a note
     says, and after where nothing was added.
     """
-    say = progress or (lambda _: None)
+    say = telling(progress)
     cases: list[Comparison | None] = [None, None]
     notes: list[str] = []
     wanted = [lambda: diagnosis.before]
@@ -43,8 +44,8 @@ def beside(
     for k, adjustment in enumerate(wanted):
         word = ("the believed model", "the model with what was found")[k]
 
-        def tell(done: int, of: int, word=word) -> None:
-            say({"message": f"simulating counterparts of {word}", "done": done, "of": of})
+        def tell(step: Progress, word=word) -> None:
+            say(f"{step.what} of {word}", step.done, step.of)
 
         try:
             cases[k] = compare(counterparts(adjustment(), count, diagnosis.seed, threads, tell))

@@ -9,7 +9,15 @@ from pathlib import Path
 from corridor.core.adjustment import Adjustment
 from corridor.core.effects import Values
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.output import check_folder, files_in, whole_folder, write_csv, write_json
+from corridor.core.output import (
+    Progress,
+    check_folder,
+    files_in,
+    telling,
+    whole_folder,
+    write_csv,
+    write_json,
+)
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.replicates.comparison import Comparison
 from corridor.diagnosis.report.beside import COUNT, beside
@@ -30,7 +38,7 @@ def save(
     counterparts: int = COUNT,
     threads: int = 1,
     command: str = "",
-    progress: Callable[[dict], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     gis: bool = False,
 ) -> list[Path]:
     """Writes a diagnosis into `folder`, whole or not at all; returns the paths, sorted.
@@ -38,26 +46,26 @@ def save(
     report.html (one page, no links), diagnosis.json, block/ (adjusted with the effects found),
     corrected/ (as measured, those effects taken out) and the pictures of the page.
     counterparts: how many simulated ones stand beside the measured block, 19 or more. threads: 1
-    or 2. command: what was typed, for the page. progress: called with a dictionary that holds a
-    message. gis: also diagnosis.gpkg and diagnosis.las of what is in block/, as an adjustment has
+    or 2. command: what was typed, for the page. progress: called with a `Progress`.
+    gis: also diagnosis.gpkg and diagnosis.las of what is in block/, as an adjustment has
     them.
     Suspected effects, and shapes that do not help held-out data, are in neither block.
     An earlier result in `folder` is replaced; what else lies there stays. Raises InputError where
     `folder` is a file, or holds something but no earlier diagnosis.
     """
     folder = Path(folder)
-    say = progress or (lambda _: None)
+    say = telling(progress)
     check_output(folder)
     # Simulated counterparts need the room.
     diagnosis.course.last.make_room()
-    compared = beside(diagnosis, counterparts, threads, say)
+    compared = beside(diagnosis, counterparts, threads, progress)
     notes = [*diagnosis.notes, *compared.notes]
     slugs, adjustment = _believable(diagnosis, say)
     with whole_folder(folder, RESULT) as part:
-        say({"message": "writing the blocks"})
+        say("writing the blocks")
         adjustment.block.write(part / "block")
         corrected(diagnosis.block, adjustment, slugs).write(part / "corrected")
-        say({"message": "making the page"})
+        say("making the page")
         page = make_page(diagnosis, compared, slugs, notes, command, part)
         (part / "report.html").write_text(page, encoding="utf-8")
         found = Values(one.values for one in diagnosis.findings.effects if one.values)
@@ -100,7 +108,7 @@ def _believable(diagnosis: Diagnosed, say: Callable) -> tuple[list[str], Adjustm
         return [], diagnosis.before
     if set(slugs) == set(inside):
         return slugs, diagnosis.after
-    say({"message": f"adjusting with {', '.join(slugs)}"})
+    say(f"adjusting with {', '.join(slugs)}")
     effects = diagnosis.after.system.effects
     try:
         return slugs, diagnosis.believed.adjust([effects[slug] for slug in slugs])

@@ -94,10 +94,5 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _progress(step):
-    if "message" not in step:
-        return
-    done, of = step.get("done"), step.get("of")
-    if done is None:
-        say(step["message"])
-    elif done % 5 == 0 or done == of:
-        say(f"{step['message']}: {done} of {of}")
+    if step.done % 5 == 0 or step.done == step.of:
+        say(step)

@@ -14,6 +14,7 @@ from corridor.interface.figures._error_maps import error_maps
 from corridor.interface.figures._first_look import first_look
 from corridor.interface.figures._flight_readout import flight_readout
 from corridor.interface.figures._image_shift import image_shift
+from corridor.interface.figures._precision import precision_maps
 from corridor.interface.figures._residual_vectors import residual_vectors
 from corridor.interface.figures._residuals_along import residuals_along
 from corridor.interface.figures._track import antenna, track
@@ -67,6 +68,7 @@ __all__ = [
     "of_change",
     "point_changes",
     "png",
+    "precision_maps",
     "readout_picture",
     "residual_vectors",
     "residuals_along",

@@ -17,8 +17,8 @@ from corridor.interface.figures import style
 if TYPE_CHECKING:
     from corridor.core.block import Block
 
-LONG = 2.0  # length over breadth of the cameras from which on the map is turned
-MANY = 200  # ground points of one role from which on they are drawn as dots
+TURNED_FROM = 2.0  # length over breadth of the cameras from which on the map is turned
+DOTS_FROM = 200  # ground points of one role from which on they are drawn as dots
 WIDE = 2.2  # length over breadth from which on two maps stand one above the other
 
 
@@ -89,7 +89,7 @@ def frame_through(xy: np.ndarray, north: str = "N") -> MapFrame:
     middle = known.mean(axis=0)
     _, _, axes = np.linalg.svd(known - middle, full_matrices=False)
     spread = np.ptp((known - middle) @ axes.T, axis=0)
-    if spread[0] < LONG * spread[1]:
+    if spread[0] < TURNED_FROM * spread[1]:
         return upright
     direction = axes[0]
     # A corridor within a degree or so of north is read northwards, any other eastwards.
@@ -247,7 +247,7 @@ def draw_ground(axes: Axes, frame: MapFrame, block: Block, names: bool = True) -
         rows = np.flatnonzero(role == name)
         if len(rows):
             look, order = style.dot(marker, fill, 6.5, style.INK), 6.0
-            if len(rows) > MANY:
+            if len(rows) > DOTS_FROM:
                 # Thousands of check points would hide the flight: small and below it.
                 look, order = style.dot(marker, style.INK, 1.6, line=0.0), 1.5
             axes.plot(*places[rows].T, zorder=order, **look)

@@ -107,6 +107,7 @@ def save_adjustment(
     pictures: Mapping[str, Any] | Callable[[Adjustment], Mapping[str, Any]] | None = None,
     captions: Mapping[str, str] | None = None,
     gis: bool = False,
+    beside: Mapping[str, bytes] | None = None,
 ) -> list[Path]:
     """Writes an adjustment into `folder`, whole or not at all; returns the paths, sorted.
 
@@ -116,6 +117,7 @@ def save_adjustment(
     pictures: matplotlib figures by name, or what makes them: `corridor.figures.of_adjustment`.
     captions: one sentence for each, for the page.
     gis: also adjustment.gpkg (points, check vectors, cameras, footprints) and adjustment.las.
+    beside: further files by their names, a certificate say.
     An earlier result in `folder` is replaced; what else lies there stays. Raises InputError where
     `folder` is a file, or holds something but no earlier result; with gis, where the extra is
     missing.
@@ -137,6 +139,8 @@ def save_adjustment(
         (part / "report.html").write_text(page, encoding="utf-8", newline="\n")
         for name, table in _files(adjustment).items():
             write_csv(table, part / name)
+        for name, content in (beside or {}).items():
+            (part / name).write_bytes(content)
         if gis:
             adjustment.write_gis(part / "adjustment")
         written.result()

@@ -16,7 +16,7 @@ from corridor.core.adjustment import Model
 from corridor.core.block import is_block
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.options import made
-from corridor.core.output import check_folder, check_gis, sole
+from corridor.core.output import Progress, check_folder, check_gis, sole, telling
 from corridor.core.parallel import WorkerDied, parallel
 from corridor.tools.batch.campaign import Campaign
 from corridor.tools.batch.row import NOT_RUN, Row
@@ -32,7 +32,7 @@ def batch(
     jobs: int | None = None,
     cluster: str | None = None,
     memory_gb: float | None = None,
-    progress: Callable[[Row, int, int], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     **options: Any,
 ) -> Campaign:
     """Adjusts or diagnoses many blocks: each its own result, and one table and page for all.
@@ -45,7 +45,7 @@ def batch(
         output under the same paths.
     memory_gb: that each worker may use, GB (Linux); default: its share of the machine, or what a
         Dask worker was started with.
-    progress: called with a row, the rows done and all of them.
+    progress: called with a `Progress` for each block, whose result is its row.
     options: of `corridor.adjust` or `corridor.diagnose`; required: see `Adjustment.required`;
         counterparts: of a diagnosis; gis: also files for a GIS; command: what was typed, with
         BLOCKS for the blocks.
@@ -76,13 +76,12 @@ def batch(
             return Campaign(verb, ordered, output, asked.required)
 
         so_far().write()
-        done = 0
+        done, say = 0, telling(progress)
         try:
             for row in _worked(tasks, jobs, cluster):
                 rows[row.block], done = row, done + 1
                 so_far().write()
-                if progress:
-                    progress(row, done, len(tasks))
+                say(f"{row.block}: {row.verdict}", done, len(tasks), row)
         finally:
             for task in tasks:
                 task.forget()

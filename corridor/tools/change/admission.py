@@ -38,7 +38,7 @@ SLACK = 1.5
 # An estimated effect of so many standard deviations of what one expects of it is another cause.
 FAR = 5.0
 # Antenna positions of a flight whose redundancy is computed.
-ENOUGH = 40
+SAMPLE_SIZE = 40
 FLIGHTS, BOTH_FLIGHTS = ("the first flight", "the second flight"), "the adjustment of both flights"
 # Who fails where no flight does by itself.
 WHOLE = "the two dates"
@@ -179,7 +179,7 @@ def groups(adjustment: Adjustment) -> list[Group]:
     """Sigma naught by kind of observation, flight, and plan or height.
 
     Against the stated standard deviations. The redundancy is that of the residuals; of antenna
-    positions that of `ENOUGH` of a flight stands for all.
+    positions that of `SAMPLE_SIZE` of a flight stands for all.
     """
     return [*_antennas(adjustment), *_control(adjustment)]
 
@@ -193,7 +193,7 @@ def _antennas(one: Adjustment) -> Iterator[Group]:
         mine = np.flatnonzero(p.images.flight[gnss.image] == number)
         if not len(mine):
             continue
-        few = mine[np.unique(np.linspace(0, len(mine) - 1, ENOUGH).astype(int))]
+        few = mine[np.unique(np.linspace(0, len(mine) - 1, SAMPLE_SIZE).astype(int))]
         at = (3 * few[:, None] + np.arange(3)).ravel()
         variance = variances(gnss.jacobian[at], one.covariance.solve).reshape(-1, 3)
         left = np.broadcast_to(1.0 - np.mean(variance / gnss.sigma[few] ** 2, axis=0), square.shape)

@@ -13,6 +13,8 @@ from corridor.core.adjustment import Adjustment, Model
 from corridor.core.block import Block, read
 from corridor.core.effects import find
 from corridor.core.errors import InputError
+from corridor.core.options import options
+from corridor.core.output import Progress, telling
 from corridor.core.simulation import Plan, read_plan, ready_made
 from corridor.tools.change.admission import (
     BOTH_FLIGHTS,
@@ -58,29 +60,30 @@ _NO_COMMON_CONTROL = (
 )
 
 
+@options(asked=Comparison)
 def change(
     before: Dated,
     after: Dated,
     model: Model | None = None,
     *,
+    asked: Comparison,
     threads: int = 1,
-    progress: Callable[[str], None] | None = None,
-    **options,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Change:
     """What moved between two dates, what the camera explains of it, and how sure that is.
 
     before, after: blocks, their folders, or adjustments of them.
     model: of both adjustments (default: that of `corridor.adjust`).
-    options: of `Comparison`: `datum="stable"`, `polygons={"toe": corners}`, `same_ties=True`.
+    common to same_ties: of `Comparison`: `datum="stable"`, `polygons={"toe": corners}`; asked:
+        these as a whole.
 
     Raises InputError, one sentence, where the two cannot be compared, AdjustmentFailed where one of
     them does not converge.
     """
-    asked = Comparison(**options)
     given = (before, after)
     blocks = tuple(one.start if isinstance(one, Adjustment) else read(one) for one in given)
     check_blocks(*blocks)
-    run = _Run(model or Model(), asked, threads, progress or (lambda text: None), blocks)
+    run = _Run(model or Model(), asked, threads, telling(progress), blocks)
     # Laid together on what stands still, dates may have other coordinates.
     surveys = None if asked.datum == "stable" else Coordinates.of(*blocks)
     mistaken = [] if surveys is None else surveys.mistaken
@@ -114,20 +117,20 @@ def change(
     )
 
 
+@options(asked=Comparison)
 def detection(
     what: Block | Adjustment | Plan | str | os.PathLike,
     model: Model | None = None,
     *,
+    asked: Comparison,
     seed: int = 0,
-    **options,
 ) -> SurfaceChange:
     """Levels of detection of two flights like this one; every distance is zero.
 
     what: a block, its adjustment, or a plan that nobody has flown yet (a `Plan`, a `.toml` file, or
         names of ready-made plans joined by +), which is then simulated from the seed.
-    options: of `Comparison`. Raises InputError for what is none of these.
+    common to same_ties: of `Comparison`. Raises InputError for what is none of these.
     """
-    asked = Comparison(**options)
     one = what
     if not isinstance(what, Adjustment):
         one = adjustment.adjust(_flown(what, seed), model=model)
@@ -178,7 +181,7 @@ class _Run:
     model: Model
     asked: Comparison
     threads: int
-    say: Callable[[str], None]
+    say: Callable[..., None]
     blocks: tuple[Block, Block]
     cores: Cores | None = None
     stable: list[str] | None = None

@@ -37,7 +37,7 @@ FLOOR = 0.3
 PASSES = 100
 # A second date is brought near in so many steps, by so many points at most: enough for a motion
 # of seven numbers. The last step moves none of them by more (m).
-STEPS, ENOUGH, NEAR_M = 30, 700, 1e-3
+MOST_ITERATIONS, SAMPLE_SIZE, NEAR_M = 30, 700, 1e-3
 # Core points whose covariance tells how many of them are independent.
 SOME = 100
 # What the median of sizes is worth, against the mean square (Rousseeuw and Croux 1993).
@@ -79,11 +79,11 @@ def brought(before: Cloud, after: Cloud, kind: str, same_ties: bool) -> Cloud:
     """
     if min(len(before.surface), len(after.surface)) <= WANTED:
         return after
-    few = slice(None, None, max(len(after.surface) // ENOUGH, 1))
+    few = slice(None, None, max(len(after.surface) // SAMPLE_SIZE, 1))
     there = after.epoch.system.state.points[after.surface[few]]
     beside = None if same_ties else _Beside(before.xyz, after.xyz)
     laid = after.epoch.laid or Similarity(1.0, np.eye(3), np.zeros(3))
-    for _ in range(STEPS):
+    for _ in range(MOST_ITERATIONS):
         here = laid.apply(there)
         motions = motions_at(here, kind)
         if beside is None:

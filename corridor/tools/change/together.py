@@ -14,6 +14,7 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
+from corridor.core.output import counted
 from corridor.tools.change.epoch import AFTER, BEFORE
 
 _TABLES = ("images", "tie_points", "points", "marks", "ground", "gnss", "rates", "track")
@@ -96,7 +97,9 @@ def dates_of(block: Block, folders: Iterable[str]) -> tuple[Block, Block]:
     """
     folders = tuple(folders)
     if len(folders) != 2:
-        raise InputError(f"{len(folders)} folders of photographs are not two dates: name both")
+        raise InputError(
+            f"{counted(len(folders), 'folder')} of photographs given: name two, one for each date"
+        )
     out = []
     for folder in folders:
         images = [name for name in block.images["image"].astype(str) if name.startswith(folder)]

@@ -16,7 +16,7 @@ _RESIDUALS = {"tie": "tie points", "mark": "marks"}
 
 
 @dataclass(frozen=True)
-class Settings:
+class ProgramSettings:
     """Settings for another program.
 
     free, hold: camera parameters that the block determines, and that may be zero. held: whether
@@ -36,7 +36,7 @@ class Settings:
     effects: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, adjustment: dict, found: dict | None, block: Block) -> Settings:
+    def of(cls, adjustment: dict, found: dict | None, block: Block) -> ProgramSettings:
         """Settings of adjustment.json and diagnosis.json."""
         free, hold = {}, {}
         for camera in adjustment["camera"].values():

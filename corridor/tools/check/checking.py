@@ -17,9 +17,9 @@ from corridor.core.block import Block, read
 from corridor.core.brief import brief
 from corridor.core.errors import AdjustmentFailed, InputError, WorkFailed
 from corridor.core.gnss import known_crs, local_of
-from corridor.core.output import plain, whole_file, write_json
+from corridor.core.output import Progress, plain, telling, whole_file, write_json
 from corridor.core.photographs import photographs_in
-from corridor.tools.check.advice import Settings, verdict_of
+from corridor.tools.check.advice import ProgramSettings, verdict_of
 from corridor.tools.check.report import page_of, text_of
 from corridor.tools.check.taking_back import TakenBack, take_back
 
@@ -90,8 +90,9 @@ def check_project(
     required: float | None = None,
     added: dict[str, Any] | None = None,
     diagnose: bool = True,
+    certificate: str | None = None,
     threads: int = 1,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Checked:
     """Import a project, adjust and diagnose it, and write the answer into the folder `output`.
 
@@ -99,30 +100,32 @@ def check_project(
     form: its format, where it is not told by the content. required: 3D RMS of check points that
     is good enough, m. added: fields of `corridor.interchange.Additions`. diagnose: whether to ask
     what is missing from the model, which takes most of the time.
+    certificate: form of a certificate of OUT/block, adjusted with what was found; see
+    `corridor.certificate`.
 
     Each stage (block/, adjusted/, missing/, take_back/) is written when it is whole, and is not
     done again by the same call: after an interruption it goes on.
     Raises InputError where the project cannot be read; WorkFailed where photographs do not become a
     model. A block that does not adjust is an answer, too.
     """
-    project, output = Path(project), Path(output)
+    project, output, say = Path(project), Path(output), telling(progress)
     if not project.exists():
         raise InputError(f"{project} is not there; name the file or folder of a project")
-    stages = _Stages(output, _digest(project, form, added, required, diagnose))
+    stages = _Stages(output, _digest(project, form, added, required, diagnose, certificate))
     form = _form(project, form)
     imported = stages.get("imported")
     if imported is None:
-        progress(f"importing {project}")
+        say(f"importing {project}")
         imported = _imported(project, form, output / "block", added or {}, progress)
         stages.done("imported", imported)
     block = read(output / "block")
     adjustment = stages.get("adjusted")
     if adjustment is None:
-        progress(f"adjusting {len(block.images)} images")
+        say(f"adjusting {len(block.images)} images")
         adjustment = _adjusted(block, output / "adjusted", required, threads, [])
         stages.done("adjusted", adjustment)
         if diagnose and adjustment["converged"]:
-            progress("diagnosing, which takes most of the time (--quick leaves it out)")
+            say("diagnosing, which takes most of the time (--quick leaves it out)")
     found = stages.get("diagnosed")
     if found is None and diagnose and adjustment["converged"]:
         found = _diagnosed(block, output / "missing", required, threads, progress)
@@ -130,22 +133,31 @@ def check_project(
     best = stages.get("with_found")
     slugs = _named(found)
     if best is None and slugs:
-        progress(f"adjusting with {', '.join(slugs)}")
+        say(f"adjusting with {', '.join(slugs)}")
         best = _adjusted(block, output / "adjusted_with_found", required, threads, slugs)
         stages.done("with_found", best)
     home = output / "adjusted"
     if best is not None and best["converged"]:
         home = output / "adjusted_with_found"
     final = best if home.name != "adjusted" else adjustment
-    settings = Settings.of(final, found, block) if final["converged"] else None
+    settings = ProgramSettings.of(final, found, block) if final["converged"] else None
     taken = None
     if final["converged"]:
         taken = stages.get("taken")
         taken = None if taken is None else TakenBack(**taken)
         if taken is None:
-            progress("writing what to take back, and importing it again")
+            say("writing what to take back, and importing it again")
             taken = take_back(home, output / "take_back", imported["form"], settings)
             stages.done("taken", asdict(taken))
+    if certificate is not None and final["converged"] and stages.get("certified") is None:
+        say("adjusting once more for the certificate")
+        slugs = slugs if home.name != "adjusted" else []
+        made = registry.room("certificate").certify(
+            output / "block", certificate, model=_model(block, slugs), required=required,
+            threads=threads,
+        )  # fmt: skip
+        stages.done("certified", {"files": [str(path) for path in made.save(output)]})
+    certified = (stages.get("certified") or {"files": []})["files"]
     verdict, sentence = verdict_of(final, found, required)
     wrong, actions = _told(final, found, imported, home)
     checked = Checked(
@@ -163,7 +175,7 @@ def check_project(
         diagnosis=found,
         required=required,
     )
-    checked.files = _write(checked, output)
+    checked.files = _write(checked, output, certified)
     return checked
 
 
@@ -247,11 +259,14 @@ def _imported(project, form, folder, added, progress) -> dict:
     return {"form": made.project.form, "notes": notes, "proof": str(made.proof)}
 
 
-def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[str]) -> dict:
+def _model(block: Block, effects: list[str]) -> Model:
     calibrated = all(camera.calibrated for camera in block.cameras.values())
-    model = Model(camera="fixed" if calibrated else "fraser8", effects=effects)
+    return Model(camera="fixed" if calibrated else "fraser8", effects=effects)
+
+
+def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[str]) -> dict:
     try:
-        adjustment = least_squares.adjust(block, model=model, threads=threads)
+        adjustment = least_squares.adjust(block, model=_model(block, effects), threads=threads)
     except (AdjustmentFailed, InputError) as failed:
         return {"converged": False, "warnings": [f"{failed}."]}
     adjustment.required = required
@@ -265,8 +280,8 @@ def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[
 
 def _diagnosed(block: Block, folder: Path, required, threads: int, progress) -> dict:
     def say(step):
-        if "message" in step and step.get("done") in (None, step.get("of")):
-            progress(step["message"])
+        if progress and step.result is None and step.done == step.of:
+            progress(step)
 
     try:
         diagnosis = registry.room("diagnosis").diagnose(block, threads=threads, progress=say)
@@ -299,7 +314,7 @@ def _told(final: dict, found: dict | None, imported: dict, home: Path):
     return list(dict.fromkeys(wrong)), actions
 
 
-def _write(checked: Checked, folder: Path) -> list[str]:
+def _write(checked: Checked, folder: Path, beside: list[str]) -> list[str]:
     """The page and the JSON file."""
     pictures = []
     for name in ("check_points.png", "residuals_along.png"):
@@ -313,4 +328,4 @@ def _write(checked: Checked, folder: Path) -> list[str]:
     with whole_file(folder / RESULT) as part:
         write_json(checked.to_dict(), part)
     taken = [] if checked.taken_back is None else checked.taken_back.files
-    return [str(folder / "report.html"), str(folder / RESULT), *taken]
+    return [str(folder / "report.html"), str(folder / RESULT), *beside, *taken]

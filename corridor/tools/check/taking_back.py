@@ -14,7 +14,7 @@ from corridor.core.effects import take_out
 from corridor.core.errors import InputError
 from corridor.core.gnss import in_world, world_crs
 from corridor.core.output import whole_folder, write_csv
-from corridor.tools.check.advice import Settings
+from corridor.tools.check.advice import ProgramSettings
 
 MARK = "settings.txt"
 _XYZ = ["x", "y", "z"]
@@ -35,7 +35,7 @@ class TakenBack:
     sentences: list[str] = field(default_factory=list)
 
 
-def take_back(result: Path, folder: Path, form: str, settings: Settings) -> TakenBack:
+def take_back(result: Path, folder: Path, form: str, settings: ProgramSettings) -> TakenBack:
     """Writes what to take back of a result of `corridor adjust`, and imports it again.
 
     settings.txt; camera.toml; positions.csv (camera positions by GNSS, corrected for the antenna,
@@ -93,7 +93,7 @@ def _proved(folder: Path, block: Block, native: str, formats) -> str:
     return "; ".join(told)
 
 
-def _write_settings(folder: Path, settings: Settings, form: str) -> None:
+def _write_settings(folder: Path, settings: ProgramSettings, form: str) -> None:
     lines = [f"Settings for {form}, from corridor check", "", *settings.sentences(form)]
     (folder / MARK).write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 

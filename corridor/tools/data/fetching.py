@@ -9,11 +9,15 @@ import tempfile
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 # Its rooms come at first use: a list of what there is needs none of them.
 from corridor.core import registry
 from corridor.core.errors import FetchFailed, InputError, did_you_mean
 from corridor.tools.data.registered import DataSet, register
+
+if TYPE_CHECKING:
+    from corridor.core.output import Progress
 
 # The file by which a fetched folder is known again.
 _MARK = "SOURCE.txt"
@@ -24,7 +28,7 @@ def fetch(
     name: str,
     output: str | os.PathLike,
     mirror: str | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> list[str]:
     """Writes a set of data to a folder; returns sentences on what it is and what was checked.
 
@@ -34,7 +38,7 @@ def fetch(
     cannot be verified, and FetchFailed where a file cannot be had, is not the one known, or does
     not come to the figures that are known of it; then nothing is left behind.
     """
-    from corridor.core.output import check_folder, file_lines, whole_folder
+    from corridor.core.output import check_folder, file_lines, telling, whole_folder
 
     one = register().get(name)
     if one is None:
@@ -46,7 +50,7 @@ def fetch(
             "--mirror out, they come from their own source then"
         )
     check_folder(output, _MARK)
-    say = progress or (lambda text: None)
+    say = telling(progress)
     with whole_folder(output, _MARK) as part:
         said = [one.about]
         if one.kind == "shipped":
@@ -115,9 +119,7 @@ def _project(one, folder):
     size = tuple(known["size_px"]) if "size_px" in known else None
     path = folder / next(iter(one.files))
     formats = registry.room("formats")
-    made = formats.import_project(
-        path, known["form"], folder / "block", formats.Additions(size=size)
-    )
+    made = formats.import_project(path, known["form"], folder / "block", size=size)
     block = made.block
     _as_known(one, images=len(block.images), observations=len(block.tie_points))
     found = made.proof.main.rms

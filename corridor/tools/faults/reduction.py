@@ -17,7 +17,7 @@ from pathlib import Path
 from corridor.core import __version__
 from corridor.core.block import Block, read
 from corridor.core.errors import InputError
-from corridor.core.output import file_lines, whole_folder
+from corridor.core.output import Progress, file_lines, telling, whole_folder
 from corridor.core.registry import verbs
 from corridor.tools.faults.anonymous import anonymous
 
@@ -46,7 +46,7 @@ def report(
     block: Block | str | os.PathLike,
     command: str,
     output: str | os.PathLike,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Fault:
     """Writes a small anonymous copy (`anonymous`) on which a command ends as on the whole block.
 
@@ -65,7 +65,8 @@ def report(
             f"{command!r} does not begin with a verb that works on one block; give for instance "
             "--command 'adjust --effect gnss_bias'"
         )
-    progress(f"corridor {command}, on the whole block")
+    say = telling(progress)
+    say(f"corridor {command}, on the whole block")
     copy, names = anonymous(block)
     status, said = _ending(copy, _translated(words, names))
     chosen, shown = copy, status != 0
@@ -75,7 +76,7 @@ def report(
     else:
         for part in _parts(block):
             copy, own = anonymous(part)
-            progress(f"on {len(part.images)} images")
+            say(f"on {len(part.images)} images")
             ended = _ending(copy, _translated(words, own))
             if _kind(*ended) == _kind(status, said):
                 chosen, names, (status, said) = copy, own, ended

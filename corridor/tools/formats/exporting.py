@@ -16,7 +16,7 @@ from corridor.core.block import Block, read
 from corridor.core.brief import brief
 from corridor.core.effects import Values, every_effect, take_out
 from corridor.core.errors import InputError
-from corridor.core.output import file_lines, whole_folder
+from corridor.core.output import Progress, file_lines, telling, whole_folder
 from corridor.tools.formats.cameras import moved_to
 from corridor.tools.formats.programs import writers
 from corridor.tools.formats.proof import MEDIAN_PX, Residuals
@@ -75,7 +75,7 @@ def export_project(
     effects: Mapping[str, Mapping] | None = None,
     corrected: bool = False,
     lossy: bool = False,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Exported:
     """Write the block as a project of another program, whole or not at all.
 
@@ -90,7 +90,7 @@ def export_project(
         raise InputError(f"format {form!r} is not written; use one of {', '.join(writers())}")
     if corrected and lossy:
         raise InputError("--corrected and --lossy contradict each other: give one of them")
-    target = writers()[form]
+    target, say = writers()[form], telling(progress)
     if not isinstance(block, Block):
         block, found = read_adjusted(block)
         effects = {**found, **{s: {**found.get(s, {}), **v} for s, v in (effects or {}).items()}}
@@ -103,7 +103,7 @@ def export_project(
     sentences = []
     exported = block.copy()
     if effects and corrected:
-        progress(f"taking out {', '.join(effects)}")
+        say(f"taking out {', '.join(effects)}")
         exported = take_out(exported, effects)
         sentences.append(f"taken out of the measurements: {', '.join(effects)}")
     elif effects:
@@ -123,7 +123,7 @@ def export_project(
         sentences.append(
             "warning: that is not an adjusted block; adjust it first and export the result"
         )
-    progress(f"writing {folder}")
+    say(f"writing {folder}")
     with whole_folder(folder, _MARK) as part:
         target.write(exported, part, form)
         (part / _MARK).write_text(

@@ -16,7 +16,7 @@ from corridor.core.photographs import Metadata
 from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness
 
 # This near counts as the same direction; so many must be the same, of so many or more.
-NEAR_DEG, ENOUGH, LEAST = 30.0, 0.8, 4
+NEAR_DEG, AGREEING_SHARE, LEAST = 30.0, 0.8, 4
 # A way between photographs that is shorter than a position's error has no direction.
 _LEAST_WAY_M = 5.0
 
@@ -98,13 +98,13 @@ def _many(yaw):
 
 def _off(one, other):
     """The difference that four in five photographs stay below, in whole degrees."""
-    return f"{np.nanpercentile(np.abs(wrapped(one - other)), 100 * ENOUGH):.0f}"
+    return f"{np.nanpercentile(np.abs(wrapped(one - other)), 100 * AGREEING_SHARE):.0f}"
 
 
 def _alike(one, other):
     off = np.abs(wrapped(one - other))
     known = np.isfinite(off)
-    return bool(known.sum() >= LEAST and (off[known] < NEAR_DEG).mean() >= ENOUGH)
+    return bool(known.sum() >= LEAST and (off[known] < NEAR_DEG).mean() >= AGREEING_SHARE)
 
 
 def _turned_as_one(seen, yaw):

@@ -13,7 +13,8 @@ from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.geometry import GROSS, robust_scale
 from corridor.core.gnss import about_the_middle, in_metres, known_crs, local_of, moved, outside_area
-from corridor.core.output import Report, Table, png, whole_file
+from corridor.core.options import options
+from corridor.core.output import Progress, Report, Table, png, silent, telling, whole_file
 from corridor.core.photographs import photographs_in, read_metadata
 from corridor.core.preparation import (
     AGREES,
@@ -152,49 +153,46 @@ class Additions:
     share: int = 1
 
 
-def _silent(what: str) -> None:
-    """Say nothing."""
-
-
+@options(added=Additions)
 def import_project(
     path: str | Path,
     form: str,
     output: str | Path,
-    added: Additions | None = None,
     *,
+    added: Additions,
     table_form: str = "csv",
     force: bool = False,
-    progress: Callable[[str], None] = _silent,
-    **more,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Imported:
     """Import a project, prove it, and write the block folder `output`, whole or not at all.
 
-    form: auto, photos (from photographs alone), or a name of `format_names()`. added: what is added
-    to it; more: its fields, in place of it. table_form: csv or parquet. force: write although the
-    proof refuses.
+    form: auto, photos (from photographs alone), or a name of `format_names()`. photos to
+    share: what is added to it, of `Additions`; added: these as a whole. table_form: csv or parquet.
+    force: write although the proof refuses.
     Raises InputError: one sentence naming file, line and remedy.
     """
     if Path(output).exists() and not Path(output).is_dir():
         raise InputError(f"{output} is a file; name a folder to write to")
-    path, added = Path(path), added or Additions(**more)
+    say = telling(progress)
+    path = Path(path)
     if form == "photos":
         cheaply = Cheaply(added.long_side, added.share)
-        project = from_photographs(path, Path(output), progress, cheaply, force)
+        project = from_photographs(path, Path(output), say, cheaply, force)
         added = replace(added, photos=added.photos or path)
     else:
         size = added.size
         if size is None and added.photos is not None:
             size = picture_size(added.photos)
-        progress(f"reading {path}")
+        say(f"reading {path}")
         project = read_project(path, form, size)
-    project = complete(project, added, progress)
+    project = complete(project, added, say)
     if form == "photos":
         if bent(project.block) and _can_start(path, added):
-            again = from_photographs(path, Path(output), progress, cheaply, force, started=True)
-            again = complete(again, added, progress)
+            again = from_photographs(path, Path(output), say, cheaply, force, started=True)
+            again = complete(again, added, say)
             project = again if bent(again.block) is None else project
         project = _with_tie_sigma(_straight(project, Path(output), force))
-    progress("proving by reprojection")
+    say("proving by reprojection")
     with blaming(path, "a whole project"):
         proof = prove(project)
     try:
@@ -215,7 +213,7 @@ def import_project(
         project = project.having(warnings=[proof.refusal()])
     block = project.block
     block.source = block.source or f"imported from {project.form}: {path.name}"
-    progress(f"writing {output}")
+    say(f"writing {output}")
     block.write(output, table_form, observed=False)
     if form == "photos" and is_whole(project, Path(output)) and not bent(project.block):
         forget(Path(output))
@@ -315,19 +313,17 @@ def in_local_frame(project: Project, crs: str | None) -> Project:
     return replace(project, block=moved(block, local, crs))
 
 
-def complete(
-    project: Project, added: Additions, progress: Callable[[str], None] = _silent
-) -> Project:
+def complete(project: Project, added: Additions, say: Callable[..., None] = silent) -> Project:
     """The project with what photographs, a track and a file of ground points know."""
     if added.crs is not None:
         project = in_crs(project, added.crs)
     photos, exposures = {}, None
     if added.photos is not None:
-        progress(f"reading the photographs of {added.photos}")
+        say(f"reading the photographs of {added.photos}")
         with blaming(added.photos, "a folder of photographs"):
             project, photos, exposures = add_photographs(project, added.photos)
     if added.track is not None:
-        progress(f"reading {added.track}")
+        say(f"reading {added.track}")
         track = Track(added.track, added.track_system, added.images_system)
         with blaming(added.track, "a track"):
             project = add_track(project, exposures, track)

@@ -23,7 +23,7 @@ from PIL import Image
 
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import Local
-from corridor.core.output import whole_folder
+from corridor.core.output import silent, whole_folder
 from corridor.core.photographs import (
     FAULTS,
     Metadata,
@@ -77,7 +77,7 @@ def workplace(output: Path) -> Path:
 def from_photographs(
     folder: Path,
     output: Path,
-    progress: Callable[[str], None] = lambda what: None,
+    say: Callable[..., None] = silent,
     cheaply: Cheaply | None = None,
     force: bool = False,
     started: bool = False,
@@ -98,28 +98,28 @@ def from_photographs(
     names = [file.relative_to(folder).as_posix() for file in files]
     place = workplace(output)
     _same_photos(place, folder, files, names, cheaply)
-    pictures = _pictures(folder, place, names, photos, cheaply, progress)
+    pictures = _pictures(folder, place, names, photos, cheaply, say)
     database = place / "database.db"
     model = place / ("started" if started else "model")
     if not (place / "model" / "images.bin").is_file():
         pairs = _pairs(photos)
         pace = _Pace([_size_of(photo, cheaply) for photo in photos], len(pairs))
         apart = places_apart(photos, names)
-        progress(f"{len(names)} photographs, {len(pairs)} pairs: {pace}")
+        say(f"{len(names)} photographs, {len(pairs)} pairs: {pace}")
         if apart:
-            progress(f"warning: {apart}")
+            say(f"warning: {apart}")
         for done in _features(pycolmap, database, pictures, names, photos, cheaply):
-            progress(f"features: {done} of {len(names)} photographs{pace.left(done, 0)}")
+            say(f"features: {done} of {len(names)} photographs{pace.left(done, 0)}")
         for done in _matches(pycolmap, database, place, names, pairs):
-            progress(f"matches: {done} of {len(pairs)} pairs{pace.left(len(names), done)}")
+            say(f"matches: {done} of {len(pairs)} pairs{pace.left(len(names), done)}")
     if started and not (model / "images.bin").is_file():
-        progress("starting from positions and attitudes")
+        say("starting from positions and attitudes")
         known = dict(zip(names, photos, strict=True))
         with whole_folder(model, "images.bin") as part:
-            from_attitudes(pycolmap, database, pictures, known, progress).write_binary(part)
+            from_attitudes(pycolmap, database, pictures, known, say).write_binary(part)
     if not (model / "images.bin").is_file():
         stated = all(stated_focal(photo) for photo in photos)
-        _map(pycolmap, database, pictures, model, photos, stated, progress)
+        _map(pycolmap, database, pictures, model, photos, stated, say)
     project = colmap.read(model)
     project = _with_lost_named(project, place, names, photos, force)
     project = _with_focal_compared(project, names, photos)
@@ -250,7 +250,7 @@ def _same_photos(
         (place / "photographs.json").write_text(json.dumps(wanted), encoding="utf-8")
 
 
-def _pictures(folder, place, names, photos, cheaply, progress) -> Path:
+def _pictures(folder, place, names, photos, cheaply, say) -> Path:
     """The folder of the pictures: the photographs, or all of them made smaller."""
     size = cheaply.size
     if size is None or all(max(p.width, p.height_px) <= size for p in photos):
@@ -275,7 +275,7 @@ def _pictures(folder, place, names, photos, cheaply, progress) -> Path:
         part = to.with_name(f".{to.name}")
         grey.save(part, format=form, quality=95)
         part.replace(to)
-        progress(f"pictures made smaller: {done} of {len(names)}")
+        say(f"pictures made smaller: {done} of {len(names)}")
     return smaller
 
 
@@ -377,16 +377,16 @@ def _matches(pycolmap, database, place, names, pairs) -> Iterator[int]:
         yield first + len(batch)
 
 
-def _map(pycolmap, database, folder, model, photos, stated, progress) -> None:
+def _map(pycolmap, database, folder, model, photos, stated, say) -> None:
     """The model of most photographs, written to `model`.
 
     stated: all photographs state a focal length: it is held while the model grows, and let go at
     the end, where it may move within a tenth.
     """
-    best = _grown(pycolmap, database, folder, len(photos), progress, held=stated)
+    best = _grown(pycolmap, database, folder, len(photos), say, held=stated)
     if stated and (best is None or best.num_reg_images() < _KEPT * len(photos)):
-        progress("mapping again: the stated focal length let go")
-        other = _grown(pycolmap, database, folder, len(photos), progress, held=False)
+        say("mapping again: the stated focal length let go")
+        other = _grown(pycolmap, database, folder, len(photos), say, held=False)
         least = best.num_reg_images() if best is not None else 0
         if other is not None and other.num_reg_images() > 1.2 * least:
             best, stated = other, False
@@ -401,7 +401,7 @@ def _map(pycolmap, database, folder, model, photos, stated, progress) -> None:
         best.write_binary(part)
 
 
-def _grown(pycolmap, database, folder, count, progress, held):
+def _grown(pycolmap, database, folder, count, say, held):
     """The largest model; None without one. held: the focal length stays as it is stated."""
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = _LEAST
@@ -415,9 +415,9 @@ def _grown(pycolmap, database, folder, count, progress, held):
     def registered():
         nonlocal done
         done += 1
-        progress(f"mapping: {min(done, count)} of {count} photographs")
+        say(f"mapping: {min(done, count)} of {count} photographs")
 
-    progress(f"mapping {count} photographs")
+    say(f"mapping {count} photographs")
     with tempfile.TemporaryDirectory(prefix="corridor-") as work:
         found = pycolmap.incremental_mapping(
             database, folder, work, options=options, next_image_callback=registered

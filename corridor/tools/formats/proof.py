@@ -29,7 +29,7 @@ _GROSS_PX, _GROSS = 50.0, 30.0
 _BETTER, _LIKELIER, _LEAST_PX = 0.95, 10.0, 0.05
 _SAMPLE = 20_000
 # Cameras are looked at one by one up to so many, and from so many observations.
-_CAMERAS, _ENOUGH = 12, 40
+_CAMERAS, _LEAST_MEASUREMENTS = 12, 40
 
 
 @brief
@@ -247,7 +247,7 @@ def _by_camera(rows: Rows, block, proof: Proof) -> None:
         return
     for name in cameras:
         mine = rows.only((names == name).to_numpy()[rows.image])
-        if len(mine.image) < _ENOUGH:
+        if len(mine.image) < _LEAST_MEASUREMENTS:
             continue
         found = _alternatives(mine, again=False)
         proof.explained += [f"camera {name}: {sentence}" for sentence in found[:1]]

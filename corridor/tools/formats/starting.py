@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from corridor.core.gnss import Local
+from corridor.core.output import silent
 from corridor.core.photographs import Metadata
 from corridor.tools.formats.heading import headings
 
@@ -62,7 +63,7 @@ def from_attitudes(
     database: Path,
     folder: Path,
     photos: dict[str, Metadata],
-    progress: Callable[[str], None] = lambda what: None,
+    say: Callable[..., None] = silent,
 ):
     """The model of all photographs, in metres about their middle. photos: by name in `database`."""
     spots = np.array([[p.lon_deg, p.lat_deg, p.height] for p in photos.values()])
@@ -89,7 +90,7 @@ def from_attitudes(
         )  # fmt: skip
     focal = min(camera.mean_focal_length() for camera in model.cameras.values())
     for done, limit in enumerate(_LIMITS, 1):
-        progress(f"adjusting from positions and attitudes: {done} of {len(_LIMITS)}")
+        say(f"adjusting from positions and attitudes: {done} of {len(_LIMITS)}")
         model = _intersected(pycolmap, model, database, folder, limit, focal)
         _adjusted(pycolmap, model, priors, limit, focal)
     return model

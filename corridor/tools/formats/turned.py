@@ -22,7 +22,7 @@ from corridor.core.geometry import quaternion_from_rotation, rotation_from_quate
 from corridor.core.photographs import Metadata
 from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, record_derived
 from corridor.tools.formats.heading import (
-    ENOUGH,
+    AGREEING_SHARE,
     LEAST,
     NEAR_DEG,
     Headings,
@@ -108,7 +108,11 @@ def _recorded(project: Project, found: Headings, seen: np.ndarray, turned: np.nd
         off = wrapped(seen[known] - found.yaw[known])
         off = wrapped(off - turn_of(off))
         off = np.minimum(np.abs(off), 180 - np.abs(off))
-        says = AGREES if not turned.any() and np.mean(off < NEAR_DEG) >= ENOUGH else CONTRADICTS
+        says = (
+            AGREES
+            if not turned.any() and np.mean(off < NEAR_DEG) >= AGREEING_SHARE
+            else CONTRADICTS
+        )
         told = f"{turned.sum()} the other way round" if turned.any() else ""
         mapped = Witness("the mapped poses", says, told or f"to {np.median(off):.0f} degrees")
         sigma = np.radians(off)
@@ -190,6 +194,6 @@ def upside_down(seen: np.ndarray, said: np.ndarray) -> np.ndarray:
     upright, turned = np.abs(off) < NEAR_DEG, np.abs(off) > 180 - NEAR_DEG
     if turned.sum() > upright.sum():
         upright, turned = turned, upright
-    if upright.sum() + turned.sum() < ENOUGH * known.sum() or turned.sum() == upright.sum():
+    if upright.sum() + turned.sum() < AGREEING_SHARE * known.sum() or turned.sum() == upright.sum():
         return none
     return turned

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -20,19 +19,19 @@ if TYPE_CHECKING:
     from corridor.tools.change import SurfaceChange
 
 
-def detectable(plan: Plan, laid_out: Block, options: Mapping[str, object]) -> SurfaceChange:
+def detectable(plan: Plan, laid_out: Block, believed: Believed) -> SurfaceChange:
     """The surface of a flight set with the levels of detection of two flights like it.
 
     laid_out: its images with the ground points that are to be surveyed, at both dates anew.
-    options: of `Planner`. The noise is drawn once: heights of tie points tell how rough the
-    ground is between them. Raises InputError where a camera is carried over.
+    The noise is drawn once: heights of tie points tell how rough the ground is between them.
+    Raises InputError where a camera is carried over.
     """
-    if options.get("carried") is not None:
+    if believed.carried is not None:
         raise InputError(
             "the level of detection is that of flights adjusted on their own: plan it without "
             "--carry-over, with --camera fixed where the calibration holds"
         )
-    seed, noise = int(options.get("seed", 0)), options.get("noise") or GnssNoise()
+    seed, noise = believed.seed, believed.noise or GnssNoise()
     stated = laid_out.sigma
     shown = laid_out.marks["point"].isin(laid_out.ground["point"])
     block = replace(
@@ -41,11 +40,9 @@ def detectable(plan: Plan, laid_out: Block, options: Mapping[str, object]) -> Su
     )  # fmt: skip
     kinds = ("tie_px", "mark_px", "gnss_m", "control_m")
     flown = add_noise(block, **{kind: stated[kind] for kind in kinds}, seed=seed)
-    told = {one.name: options[one.name] for one in fields(Believed) if one.name in options}
-    model = Believed(**told).as_model()
     # A survey of control is made anew at each date: nothing of it is common.
     return registry.room("change").detection(
-        flown, model, common=("priors",), gnss_bias=noise.bias_sigma_m
+        flown, believed.as_model(), common=("priors",), gnss_bias=noise.bias_sigma_m
     )
 
 

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from corridor.core.block import Block
-from corridor.core.output import with_units
+from corridor.core.options import options
+from corridor.core.output import Progress, with_units
 from corridor.core.simulation import ORDINARY_NOISE, Noise, Plan
 from corridor.tools.planning.advising import advice, cheapest
 from corridor.tools.planning.detection import detectable
-from corridor.tools.planning.planner import Control
+from corridor.tools.planning.planner import Believed, Control
 from corridor.tools.planning.report import report_of, save
 from corridor.tools.planning.sweeping import flight_sets, swept
 
@@ -91,6 +92,7 @@ class Planned:
         return save(self, folder)
 
 
+@options(believed=Believed)
 def plan(
     plans: Plan | str | os.PathLike | Sequence[Plan | str],
     control: int | Sequence[Control] = (0, 1, 3, 5),
@@ -98,8 +100,11 @@ def plan(
     goals: float | Sequence[float] = (0.01, 0.03),
     combined: bool | None = None,
     detection: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    **options,
+    progress: Callable[[Progress], None] | None = None,
+    *,
+    believed: Believed,
+    jobs: int = 1,
+    cluster: str | None = None,
 ) -> Planned:
     """Expected accuracy of flights before they are flown, without and with ground control.
 
@@ -109,9 +114,9 @@ def plan(
     goals: accuracies that the advice is about, 3D RMS of check points, metres.
     combined: compare every combination of the flights; default: where one plan has two or three.
     detection: also where two flights like the advised ones would show which change of the ground.
-    progress: called with the flight sets done and all of them.
-    options: of `planning.sweep` (jobs, cluster) and `planning.Planner` (camera, lever_arm, effects,
-        priors, noise, carried, seed).
+    progress: called with a `Progress` for each flight set.
+    camera to seed: of `planning.Planner`; believed: these as a whole. jobs, cluster: of
+        `planning.sweep`.
     A plan without a table [noise] is taken to be flown with ordinary noise, as `corridor simulate`
     does.
     Raises InputError for a plan that cannot be flown, or leaves a parameter undetermined.
@@ -122,12 +127,12 @@ def plan(
         for one in flight_sets([plans] if alone else plans, combined)
     ]
     counts = [control] if isinstance(control, int) else list(control)
-    table, flown = swept(sets, counts, place, progress=progress, **options)
+    table, flown = swept(sets, counts, place, believed, jobs, cluster, progress)
     wanted = [goals] if isinstance(goals, int | float) else list(goals)
     planned = Planned(table, flown, wanted, _sigmas(sets, flown))
     if detection and planned.chosen is not None:
         (chosen,) = (one for one in sets if one.name == planned.chosen["flights"])
-        planned.detection = detectable(chosen, planned.laid_out(), options)
+        planned.detection = detectable(chosen, planned.laid_out(), believed)
     return planned
 
 

@@ -27,13 +27,17 @@ Control = int | Sequence[str | tuple[float, float]]
 
 @dataclass(frozen=True)
 class Believed:
-    """What an adjustment of the planned flight will estimate, as `Planner` has it."""
+    """What is known of a planned flight, and what its adjustment will estimate: see `Planner`."""
 
     camera: str | Mapping[str, str] | None = None
     lever_arm: str = "free"
     effects: Iterable[str | Effect] = ()
     priors: Mapping[str, float] | None = None
     model: Model | None = None
+    carried: Carried | None = None
+    noise: GnssNoise | None = None
+    surveyed: Surveyed | None = None
+    seed: int = 0
 
     def as_model(self) -> Model:
         """The same as a `Model`. Raises InputError where a model and other options are given."""
@@ -74,17 +78,15 @@ class Planner:
         plan: Plan | str | os.PathLike,
         *,
         believed: Believed,
-        carried: Carried | None = None,
-        noise: GnssNoise | None = None,
-        surveyed: Surveyed | None = None,
-        seed: int = 0,
     ):
         began = time.perf_counter()
         self.plan = plan if isinstance(plan, Plan) else read_plan(plan)
-        surveyed = surveyed or Surveyed.grid(self.plan)
-        self.network = net = Network(self.plan, surveyed, believed.as_model(), carried, seed)
+        surveyed = believed.surveyed or Surveyed.grid(self.plan)
+        self.network = net = Network(
+            self.plan, surveyed, believed.as_model(), believed.carried, believed.seed
+        )
         self.surveyed, self.block = net.surveyed, net.block
-        self._noise = noise or GnssNoise()
+        self._noise = believed.noise or GnssNoise()
         names = list(self.surveyed.names)
         xyz = net.block.ground[["x", "y", "z"]].to_numpy(float)
         where = np.column_stack([self.surveyed.station, self.surveyed.across])

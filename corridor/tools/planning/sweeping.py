@@ -12,10 +12,11 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.core.output import with_units
+from corridor.core.options import options
+from corridor.core.output import Progress, telling, with_units
 from corridor.core.parallel import parallel
 from corridor.core.simulation import Plan, Terrain, read_plan
-from corridor.tools.planning.planner import Control, Planner, subset
+from corridor.tools.planning.planner import Believed, Control, Planner, subset
 from corridor.tools.planning.surveyed import Surveyed
 
 # 31 flight sets; a picture of more says nothing.
@@ -57,31 +58,36 @@ def flight_sets(plans: Sequence[Plan | str], combined: bool | None = None) -> li
     ]
 
 
+@options(believed=Believed)
 def sweep(
     plans: Sequence[Plan | str],
     control: Sequence[Control] = (0, 1, 3, 5),
     place: str = "spread",
-    **options,
+    *,
+    believed: Believed,
+    jobs: int = 1,
+    cluster: str | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> pd.DataFrame:
     """Expected accuracy of each plan with each set of control points: a row each.
 
     plans: flight sets, each with its own name; those over one axis are compared at the same points.
     control: as of `Planner.expect`; place: numbers of points are `spread` or at the `best` places.
-    options: of `Planner`, and jobs: processes; cluster: address of a Dask scheduler (extra
-    `cluster`) whose workers have corridor, used in their place; progress: called with the flight
-    sets done and all of them. Columns: see `Expected.summary`.
+    camera to seed: of `Planner`; believed: these as a whole. jobs: processes. cluster: address of a
+    Dask scheduler (extra `cluster`) whose workers have corridor, used in their place. progress:
+    called with a `Progress` for each flight set. Columns: see `Expected.summary`.
     """
-    return swept(plans, control, place, **options)[0]
+    return swept(plans, control, place, believed, jobs, cluster, progress)[0]
 
 
 def swept(
     plans: Sequence[Plan | str],
     control: Sequence[Control],
-    place: str = "spread",
-    jobs: int = 1,
-    cluster: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    **options,
+    place: str,
+    believed: Believed,
+    jobs: int,
+    cluster: str | None,
+    progress: Callable[[Progress], None] | None,
 ) -> tuple[pd.DataFrame, dict[str, Block]]:
     """The table of `sweep`, and by flight set a block of its images and surveyed points."""
     read = [plan if isinstance(plan, Plan) else read_plan(plan) for plan in plans]
@@ -91,37 +97,37 @@ def swept(
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"two flight sets are called {name}: give each its own name")
-    given = options.pop("surveyed", None)
-    grids = {}
+    grids: dict = {}
     for plan in read:
         grids.setdefault(plan.axis_m, []).append(plan)
-    points = {axis: given or Surveyed.grid(_joined(group)) for axis, group in grids.items()}
-    rows: list[dict] = []
+    told = {
+        axis: replace(believed, surveyed=believed.surveyed or Surveyed.grid(_joined(group)))
+        for axis, group in grids.items()
+    }
+    say, rows = telling(progress), list[dict]()
     flown: dict[str, Block] = {}
     with parallel(jobs, cluster) as share_out:
         found = share_out(
-            joblib.delayed(assess)(plan, list(control), place, points[plan.axis_m], options)
-            for plan in read
+            joblib.delayed(assess)(plan, list(control), place, told[plan.axis_m]) for plan in read
         )
         for done, (some, block) in enumerate(found, start=1):
             rows += some
             flown[read[done - 1].name] = block
-            if progress:
-                progress(done, len(read))
+            say("flight set", done, len(read))
     return with_units(pd.DataFrame(rows), {"m": _LENGTHS, "px": "sigma_f"}), flown
 
 
 def assess(
-    plan: Plan, control: list[Control], place: str, surveyed: Surveyed, options: dict
+    plan: Plan, control: list[Control], place: str, believed: Believed
 ) -> tuple[list[dict], Block]:
     """The rows of one flight set, its images and points.
 
     Lever arms are carried over to the flights that it has.
     """
-    carried = options.get("carried")
-    if carried is not None:
-        options = options | {"carried": carried.for_flights(f.name for f in plan.flights)}
-    planner = Planner(plan, surveyed=surveyed, **options)
+    if believed.carried is not None:
+        mine = believed.carried.for_flights(flight.name for flight in plan.flights)
+        believed = replace(believed, carried=mine)
+    planner = Planner(plan, believed=believed)
     rows = []
     for wanted in control:
         if place == "best" and isinstance(wanted, int | np.integer):

@@ -15,6 +15,7 @@ from corridor.core.block import Block, read
 from corridor.core.effects import Effect, Images, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import by_contrasts, honest
+from corridor.core.output import Progress, telling
 from corridor.core.photographs import of_picture, published_readouts
 from corridor.core.preparation import prepare, strips_of
 from corridor.tools.readout.flight_report import CONTRADICTS, FlightReadout, Left, Turns
@@ -30,7 +31,7 @@ LEAST_GROUPS, LEAST_IMAGES = 3, 8
 # Speeds in the camera's frame that differ by less than this share are one speed.
 ONE_SPEED = 0.1
 STANDING_M_S = 0.3
-ERRORS_SHARE = 0.3
+ERRORS_SHARE = 1.0
 # Turns of this share of what differs between the velocities are as large a cause as these.
 TURNS_SHARE = 0.5
 _FIRST_ITERATIONS, _SETTLED = 40, 1e-5
@@ -47,14 +48,14 @@ def readout_from_flight(
     loss: str = "huber:3",
     max_iterations: int = 200,
     advise: bool = True,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> FlightReadout:
     """Readout time of the camera of an ordinary survey, with a sigma that holds.
 
     block: one camera; with velocities, or what they can be derived from (`corridor.prepare`).
     model: make and model of the camera, for published values. loss, max_iterations: of `adjust`.
-    advise: look which four photographs more would tell it. progress: what is being done, and the
-    share of all that is done.
+    advise: look which four photographs more would tell it. progress: called with a
+    `Progress` whose `done` is a share.
 
     The block is adjusted with ten camera parameters, one readout and, with GNSS, the delay of its
     positions; with rates.csv the camera turns as its gyroscope says. What velocities and turns are
@@ -62,12 +63,12 @@ def readout_from_flight(
     (`corridor.core.adjustment.uncertain_motion`). Refused, with `reasons`, where it does not tell.
     Raises InputError for a block of several cameras or without velocities, AdjustmentFailed.
     """
-    say = progress or (lambda what, share: None)
+    say = telling(progress)
     block, lost = on_one_clock(read(block))
     prepared = prepare(block)
     name = _one_camera(prepared.block)
     motion = motion_of(prepared.block)  # says what is missing before the work
-    say("adjusting the block", 0.05)
+    say("adjusting the block", 0.05, 1.0)
     adjustment = _adjusted(motion.on(prepared.block), loss, max_iterations)
     block, system = adjustment.block, adjustment.system
     row = _row(adjustment)
@@ -75,14 +76,14 @@ def readout_from_flight(
     left = []
     groups = strips_of(block)
     for number, (strip, rows) in enumerate(groups):
-        say("leaving out one strip in turn", 0.5 + 0.4 * number / len(groups))
+        say("leaving out one strip in turn", 0.5 + 0.4 * number / len(groups), 1.0)
         left.append(Left(strip, len(rows), *_without(adjustment, rows)))
     without = [one.readout for one in left], [one.sigma for one in left]
     by_strips, free = by_contrasts(readout, formal, *without)
     sigma = honest(formal, by_strips, free)
     counsel = None
     if advise:
-        say("looking for photographs that would help", 0.9)
+        say("looking for photographs that would help", 0.9, 1.0)
         counsel = advice(adjustment, motion, _number(adjustment), sigma / formal)
     camera = block.cameras[name]
     size = camera.width, camera.height
@@ -96,7 +97,9 @@ def readout_from_flight(
         left=tuple(left), eight=eight, eight_sigma=eight_sigma,
         delay=_delay(adjustment, scale.readout) if motion.given else (0.0, 0.0),
         motion=replace(
-            motion, sigma=scale.moved * motion.sigma, turning=scale.turned * motion.turning
+            motion,
+            sigma=least_squares.as_seen(motion.sigma, scale.moved),
+            turning=least_squares.as_seen(motion.turning, scale.turned),
         ),
         reasons=(),
         published=tuple(of_picture(published_readouts(model), size)) if model else (),
@@ -307,19 +310,18 @@ def _why_uncertain(found: FlightReadout, in_camera: np.ndarray, swamped: str) ->
 
 
 def _swamped(found: FlightReadout, in_camera: np.ndarray) -> str:
-    """Derived velocities that differ by little more than their errors attenuate the readout.
+    """Why what is not known of the motion is as large as what is known to differ; else nothing.
 
-    By the square of the share (Fuller 1987, section 1.1): a tenth at ERRORS_SHARE. Turns that
-    nobody wrote down are estimated beside it; where they move the rows as much as all that
-    differs between the images, the rest of the model decides.
+    Errors of velocities and turns that nobody wrote down are estimated beside the readout; where
+    they are as large as all that differs between the images, how they are distributed decides.
     """
     spread = _spread(in_camera)
     errors = float(np.median(np.linalg.norm(found.motion.sigma, axis=1)))
     if not found.motion.given and errors > ERRORS_SHARE * spread:
         return (
-            f"The {_known(found)} ({found.motion.source}) differ between the images by {spread:.2g} "
-            f"m/s in the camera's frame and are known to {errors:.2g} m/s: what differs may be "
-            "their errors."
+            f"The {_known(found)} ({found.motion.source}) differ between the images by "
+            f"{spread:.2g} m/s in the camera's frame and are known to {errors:.2g} m/s: what "
+            "differs may be their errors."
         )
     turning = float(np.median(np.linalg.norm(found.motion.turning[:, :2], axis=1)))
     if found.turns is None and found.height * turning > TURNS_SHARE * spread:

@@ -31,7 +31,7 @@ _FRAMES = 900  # at most, from the start
 _RINGS = np.linspace(0.3, 0.97, 12)
 _SAMPLES = 720
 _ORDER = np.arange(1, 151)  # of the harmonics of a ring
-_ENOUGH = 1.5  # turns: fewer hardly tell the speed from errors that repeat with every turn
+_LEAST_TURNS = 1.5  # turns: fewer hardly tell the speed from errors that repeat with every turn
 _REPEATS = math.radians(1.5), math.radians(0.5)  # their usual size, once and twice a turn
 
 
@@ -107,7 +107,7 @@ def speed_from_video(
     if turned < math.radians(20) or abs(omega) < 5 * sigma:
         raise CannotMeasure(f"the wheel in {path.name} does not turn")
     turns = turned / (2 * math.pi)
-    if turns < _ENOUGH:
+    if turns < _LEAST_TURNS:
         warnings += (
             f"{path.name} shows {turns:.1f} turns of the wheel, from which its speed follows to "
             f"{100 * sigma / abs(omega):.1g} % only: film two turns or more",

@@ -18,7 +18,7 @@ import numpy as np
 from corridor.core.brief import brief
 from corridor.core.errors import InputError
 from corridor.core.geometry import robust_scale
-from corridor.core.output import whole_file
+from corridor.core.output import Progress, telling, whole_file
 from corridor.tools.thermal.matching import Matcher, fault
 from corridor.tools.thermal.series import Series, another_size, read_series
 
@@ -168,13 +168,13 @@ def _faults_of_shifts(values) -> Iterator[str]:
 def measure_maps(
     series: str | os.PathLike | Series,
     keep: str | os.PathLike | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Maps:
     """Deformation maps of a series: the folder it lies in, or anything with what `Series` has.
 
     keep: folder for finished pictures, so that the same call goes on where an earlier one was
         stopped, to the same numbers; remove it with `forget` once the maps are safe.
-    progress: called with the number of pictures done, of all, and the name of the last one.
+    progress: called with a `Progress` for each picture, which its result names.
     Raises InputError where the series cannot be measured: no reference, a picture of another size,
     unreadable or cut off, no usable picture.
     """
@@ -183,7 +183,7 @@ def measure_maps(
         series.check_sizes()
     kept = _Kept(keep, series.fingerprint()) if keep is not None else None
     try:
-        return _measured(series, kept, progress)
+        return _measured(series, kept, telling(progress))
     except InputError:
         # Nothing to go on from: the series has to be changed.
         if kept:
@@ -197,7 +197,7 @@ def forget(keep: str | os.PathLike) -> None:
         shutil.rmtree(keep, ignore_errors=True)
 
 
-def _measured(series: Series, kept: _Kept | None, progress) -> Maps:
+def _measured(series: Series, kept: _Kept | None, say) -> Maps:
     matcher, notes = _reference(series)
     height, width = matcher.reference.shape
     count, nodes = len(series.picture), len(matcher.nodes)
@@ -223,8 +223,7 @@ def _measured(series: Series, kept: _Kept | None, progress) -> Maps:
         sigma[row], valid[row] = found["sigma"], found["valid"]
         if str(found["trouble"]):
             notes.append(f"picture {name} has no valid node: {found['trouble']}")
-        if progress:
-            progress(row + 1, count, name)
+        say("matching", row + 1, count, name)
     notes += _of_temperatures(series)
     notes += _unlike_their_temperature(series, matcher.nodes, np.stack([dx, dy], axis=-1), valid)
     if not valid[~series.reference].any() and not series.reference.all():

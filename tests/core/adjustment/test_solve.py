@@ -12,7 +12,7 @@ from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.model import Loss, Model
 from corridor.core.adjustment.normal import Normal, shared_values
 from corridor.core.adjustment.problem import make_problem
-from corridor.core.adjustment.solving import AT_REST, solve
+from corridor.core.adjustment.solving import SHARED_STEP, solve
 from corridor.core.simulation import add_noise
 
 
@@ -67,7 +67,7 @@ def test_what_images_share_has_hardly_further_to_go_where_the_iterations_end(see
     system = LinearSystem(problem, far.state)
     sigma = np.sqrt(np.diag(system.factorised[1].shared_inverse()))
     left = np.abs(shared_values(problem, found.state) - shared_values(problem, far.state))
-    assert (left < AT_REST * sigma).all()
+    assert (left < SHARED_STEP * sigma).all()
 
 
 @pytest.mark.parametrize("effects", [(), ("rolling_shutter",)])

@@ -10,7 +10,7 @@ from strips import CAMLIGHT, corridor_block
 import corridor
 from corridor.core.adjustment.normal import Loss, Normal, moved_state, shared_values
 from corridor.core.adjustment.problem import make_problem
-from corridor.core.adjustment.solving import AT_REST
+from corridor.core.adjustment.solving import SHARED_STEP
 from corridor.core.effects import add, every_effect, predict
 from corridor.core.effects.forward import gather
 from corridor.core.simulation import add_noise
@@ -189,9 +189,9 @@ def each():
 def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slugs):
     """The gradient vanishes at the solution, and every sigma is that of the dense inverse.
 
-    The step that is left is below what the solver promises (`AT_REST`); sigmas agree to rounding
-    of the numeric Jacobian, also where the row of a point depends on what moves it. How effects on
-    the image change across the picture is known by steps of a pixel, a thousandth of it.
+    The step that is left is below what the solver promises (`SHARED_STEP`); sigmas agree to
+    rounding of the numeric Jacobian, also where the row of a point depends on what moves it. How
+    effects on the image change across the picture is known by steps of a pixel, a thousandth of it.
     """
     block = flown(images=6, observations=24, control=4, check=2)
     values = at_scale(block, slugs)
@@ -210,7 +210,7 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
     dense = Dense(found)
     step = dense.inverse @ dense.gradient
     sloping = any(effect.place == "image" for effect in chosen)
-    assert np.abs(step / dense.sigma).max() < AT_REST
+    assert np.abs(step / dense.sigma).max() < SHARED_STEP
     ours = np.concatenate(
         [
             np.sqrt(np.einsum("nii->ni", found.covariance.each_pose)).ravel(),

@@ -381,7 +381,7 @@ def test_copies_and_selections_are_plain_blocks_that_share_nothing(block, plain,
 
 def test_progress_is_told_in_order_and_ends_at_one():
     told = []
-    simulate(MIXED, SHUTTER, 3, progress=lambda what, share: told.append((what, share)))
+    simulate(MIXED, SHUTTER, 3, progress=lambda step: told.append((step.what, step.done / step.of)))
     steps = list(dict.fromkeys(what for what, _ in told))
     assert steps == [
         "looking what pictures show",

@@ -170,6 +170,9 @@ def test_two_dates_in_one_block_are_those_of_two_blocks(tmp_path, capsys):
     given = ["change", str(both), "--no-camera", "--points-only", "--dates"]
     assert main([*given, "2023/,2024/"]) == 0
     assert "No change is significant" in capsys.readouterr().out
-    for wrong, said in (("2023/,2025/", "no image is called 2025/"), ("2023/", "not two dates")):
+    for wrong, said in (
+        ("2023/,2025/", "no image is called 2025/"),
+        ("2023/", "name two, one for each date"),
+    ):
         assert main([*given, wrong]) == 2
         assert said in capsys.readouterr().err

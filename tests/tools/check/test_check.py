@@ -75,11 +75,20 @@ def test_what_was_done_is_kept_and_the_same_call_goes_on(block, tmp_path, monkey
         with pytest.raises(KeyboardInterrupt):
             check_project(tmp_path / "block", tmp_path / "out", diagnose=False)
     assert (tmp_path / "out" / "adjusted" / "adjustment.json").is_file()
-    check_project(tmp_path / "block", tmp_path / "out", diagnose=False, progress=said.append)
+    check_project(
+        tmp_path / "block",
+        tmp_path / "out",
+        diagnose=False,
+        progress=lambda step: said.append(str(step)),
+    )
     assert not any(line.startswith(("importing", "adjusting")) for line in said)
     # Another question is another check.
     check_project(
-        tmp_path / "block", tmp_path / "out", diagnose=False, required=0.1, progress=said.append
+        tmp_path / "block",
+        tmp_path / "out",
+        diagnose=False,
+        required=0.1,
+        progress=lambda step: said.append(str(step)),
     )
     assert any(line.startswith("adjusting") for line in said)
 
@@ -131,8 +140,10 @@ def test_twenty_kilometres_in_utm_are_good_in_the_local_frame_and_named_in_the_g
     flat.lever_arm = {"F1": (0.10, -0.05, 0.35)}
     grid = moved(flat, "EPSG:25832")
     grid.write(tmp_path / "grid")
-    assert any("no Cartesian frame" in told and "curves" in told for told in doubts(grid))
-    import_project(tmp_path / "grid", "block", tmp_path / "local", Additions(to_crs="EPSG:25832"))
+    assert any("not a Cartesian frame" in told and "curves" in told for told in doubts(grid))
+    import_project(
+        tmp_path / "grid", "block", tmp_path / "local", added=Additions(to_crs="EPSG:25832")
+    )
     # A free focal length, or a free lever arm, takes up the scale of the grid.
     local, plain = (
         adjust(read(tmp_path / name), camera="fixed", lever_arm="fixed")

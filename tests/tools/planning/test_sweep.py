@@ -72,7 +72,9 @@ def test_the_best_places_are_at_least_as_good_as_spread_ones(table):
 
 def test_progress_is_told(table):
     told = []
-    sweep(flight_sets([plan_of(NADIR)]), [0], progress=lambda done, of: told.append((done, of)))
+    sweep(
+        flight_sets([plan_of(NADIR)]), [0], progress=lambda step: told.append((step.done, step.of))
+    )
     assert told == [(1, 1)]
 
 

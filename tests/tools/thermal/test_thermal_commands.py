@@ -318,8 +318,8 @@ class TestMap:
 
         folder, keep = copied(small, tmp_path / "again"), tmp_path / "keep"
 
-        def stop(done, of, name):
-            if done == 4:
+        def stop(step):
+            if step.done == 4:
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.adjustment.initial.intersection import intersect_new
-from corridor.core.adjustment.initial.network import AGREEING, CENTRE, GATES_PX, Network
+from corridor.core.adjustment.initial.network import CENTRE, GATES_PX, LEAST_INLIER_SHARE, Network
 from corridor.core.block import POSE, Block
 from corridor.core.engine.compiled import compiled
 from corridor.core.geometry import (
@@ -83,7 +83,7 @@ def resect(network: Network, image: int) -> bool:
         if found is None:
             continue
         rotation, centre, agreeing = found
-        if agreeing < (AGREEING if gate < GATES_PX[-1] else 0.3):
+        if agreeing < (LEAST_INLIER_SHARE if gate < GATES_PX[-1] else 0.3):
             continue
         if agreeing * len(rows) < min(_FEWEST_POINTS, len(rows)):
             continue
@@ -104,7 +104,7 @@ def _hold(network: Network, image: int) -> None:
     before = network.agreement(image, GATES_PX[-1])
     network.held[image] = network.trusted[image] = True
     refine(network, np.array([image]))
-    if network.agreement(image, GATES_PX[-1]) < AGREEING * before:
+    if network.agreement(image, GATES_PX[-1]) < LEAST_INLIER_SHARE * before:
         network.held[image] = network.trusted[image] = False
         network.rotation[image], network.centre[image] = free
 

@@ -12,19 +12,20 @@ from corridor.core.adjustment.initial.network import CENTRE, Network
 from corridor.core.adjustment.initial.submodel import orient_submodel
 from corridor.core.block import POSE, Block
 from corridor.core.geometry import quaternion_from_rotation
+from corridor.core.output import Progress, telling
 
 
 def complete(
     block: Block,
     adjusted: Callable[[Block], Block | None],
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Block:
     """The block with every pose and every point filled in; what is given is kept as it is.
 
     Ground points with coordinates (role control or check) orient images by their marks. Points
     without coordinates, tie points and measured ones that ground.csv lacks, get a row in `points`.
     adjusted: a part of the block adjusted on the way, None where it cannot be.
-    progress: called with a line of text now and then.
+    progress: called with a `Progress`.
 
     With no pose, no ground point and no antenna position the frame is free: the mean view looks
     down, the cameras' centre is the origin, and the median distance of a camera to its neighbour
@@ -35,7 +36,7 @@ def complete(
     if network.posed.all() and (network.known | network.spare).all():
         return block
     if not network.posed.all():
-        _orient(network, progress or (lambda line: None))
+        _orient(network, telling(progress))
     intersect_all(network)
     return replace(block.copy(), images=_images(block, network), points=_points(block, network))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from corridor.core.adjustment.initial.network import AGREEING, Network
+from corridor.core.adjustment.initial.network import LEAST_INLIER_SHARE, Network
 from corridor.core.engine.compiled import compiled
 from corridor.core.geometry import intersect
 
@@ -20,7 +20,7 @@ def intersect_new(network: Network, again: bool = False, within: np.ndarray | No
         wanted &= ~network.known
     points = np.flatnonzero(wanted) if within is None else within[wanted[within]]
     place, angle, good, rays, ahead = _meet(network, points)
-    fine = ahead & (angle > CHAIN_ANGLE) & (good >= 2) & (good >= AGREEING * rays)
+    fine = ahead & (angle > CHAIN_ANGLE) & (good >= 2) & (good >= LEAST_INLIER_SHARE * rays)
     network.place[points[fine]] = place[fine]
     network.known[points] = fine
 

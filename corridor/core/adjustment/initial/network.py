@@ -17,7 +17,7 @@ CENTRE = ["x", "y", "z"]
 # Reprojection that still counts as seen, px: for a known camera, then for stranger ones.
 GATES_PX = (4.0, 15.0, 60.0)
 # Share of the rays that must be seen so.
-AGREEING = 0.6
+LEAST_INLIER_SHARE = 0.6
 
 
 class Network:

@@ -4,7 +4,7 @@ import numpy as np
 from scipy import sparse
 
 from corridor.core.adjustment.initial.intersection import CHAIN_ANGLE, intersect_new
-from corridor.core.adjustment.initial.network import AGREEING, GATES_PX, Network
+from corridor.core.adjustment.initial.network import GATES_PX, LEAST_INLIER_SHARE, Network
 from corridor.core.geometry import Rays, intersect
 
 _FEWEST_SHARED = 8
@@ -22,7 +22,7 @@ def start_from_pair(network: Network) -> bool:
             found = _oriented(network, first, second, gate)
             if found is not None and (best is None or found[0] > best[0]):
                 best = (*found, first, second)
-        if best is not None and best[1] >= AGREEING:
+        if best is not None and best[1] >= LEAST_INLIER_SHARE:
             break
     if best is None:
         return False

@@ -13,7 +13,7 @@ from corridor.core.adjustment.initial.chain import (
     sweep,
 )
 from corridor.core.adjustment.initial.intersection import intersect_new
-from corridor.core.adjustment.initial.network import AGREEING, GATES_PX, Network
+from corridor.core.adjustment.initial.network import GATES_PX, LEAST_INLIER_SHARE, Network
 from corridor.core.adjustment.initial.relative_orientation import start_from_pair
 from corridor.core.errors import InputError
 from corridor.core.geometry import Similarity, nearest_rotation, relative_width, similarity
@@ -84,7 +84,7 @@ def _take_gnss(network: Network, images: np.ndarray) -> None:
     for wide in (GATES_PX[-1], GATES_PX[-1], gate):
         network.gate = wide
         sweep(network, images)
-    sees = [network.agreement(image, GATES_PX[-1]) >= AGREEING for image in images]
+    sees = [network.agreement(image, GATES_PX[-1]) >= LEAST_INLIER_SHARE for image in images]
     wrong = images[~np.array(sees)]
     if len(wrong):
         network.held[wrong] = network.trusted[wrong] = False

@@ -41,7 +41,7 @@ def read(folder: Path) -> Exposures:
                 f"{file.name}: its clock shows {zone or 'an unnamed zone'}, that of "
                 f"{files[0].name} {zones[0] or 'an unnamed zone'}; read the images apart"
             )
-    day, time = on_one_day([(one.day, one.seconds) for one in taken])
+    day, time = on_one_day([(one.day or "", one.seconds) for one in taken])
     table = pd.DataFrame({"image": pd.Series([f.name for f in files], dtype="str"), "time_s": time})
     notes = ["the times are those of the camera's clock (EXIF), which nothing ties to GNSS"]
     most = max(one.decimals for one in taken)

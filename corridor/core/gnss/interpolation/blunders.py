@@ -81,7 +81,7 @@ def _false(time, position, track, rows) -> dict[int, float]:
         around = np.lib.stride_tricks.sliding_window_view(np.pad(size, 2 * _REACH), 4 * _REACH + 1)
         gone = []
         for k in np.flatnonzero((size > _OWN_SIGMAS) & (size >= around.max(axis=1))):
-            row, axis = k + _REACH, int(np.argmax(off[k] / noise[k]))
+            row, axis = int(k) + _REACH, int(np.argmax(off[k] / noise[k]))
             near = np.arange(max(row - _LOOK, 0), min(row + _LOOK + 1, len(rows)))
             rest = rows[near[near != row]]
             left, _ = _beside_cubic(time[rest], position[rest, axis], stated[rest, axis])

@@ -193,7 +193,7 @@ def _of_holes(time: np.ndarray, pieces: pd.DataFrame) -> list[str]:
 
 
 def _of_wild(track: pd.DataFrame, wild: dict[int, float]) -> str:
-    worst = max(wild, key=wild.get)
+    worst = max(wild, key=lambda epoch: wild[epoch])
     many = f"{len(wild)} epochs stand" if len(wild) > 1 else "1 epoch stands"
     return (
         f"{many} alone, off the line of their neighbours by more than motion and noise explain, "
@@ -293,9 +293,7 @@ def _stated(track, names, relative):
 
 
 def _cut(epochs: regimes.Epochs, part: slice) -> regimes.Epochs:
-    return regimes.Epochs(
-        *(each[part] if isinstance(each, np.ndarray) else each for each in epochs)
-    )
+    return epochs.at(part)
 
 
 def _pieces_of(times, pieces, flight):

@@ -9,7 +9,7 @@ where the track does not state them, the standard deviations of positions and ve
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -59,6 +59,13 @@ class Epochs(NamedTuple):
     velocity: np.ndarray | None  # (n, 3) m/s, NaN where unknown
     velocity_sigma: np.ndarray | None  # (n, 3) m/s; None: unknown
 
+    def at(self, rows: np.ndarray | slice) -> "Epochs":
+        """Some of the epochs."""
+        parts: dict[str, Any] = {
+            k: v[rows] for k, v in self._asdict().items() if isinstance(v, np.ndarray)
+        }
+        return self._replace(**parts)
+
 
 class Axis(NamedTuple):
     """What holds for one axis (or group of axes) all along a piece.
@@ -80,7 +87,7 @@ class Model(NamedTuple):
     position between them; interval_s: usual step.
     """
 
-    axes: tuple[Axis, Axis, Axis]
+    axes: tuple[Axis, ...]
     gusts: np.ndarray
     jerks: np.ndarray
     correlation_s: float = CORRELATION_S
@@ -114,15 +121,12 @@ def rows(epochs: Epochs, axis: int, noise: Axis, back: bool = False) -> Rows:
         velocity = np.where(known, epochs.velocity[:, axis], 0.0)
         stated = epochs.velocity_sigma
         v_sigma = noise.velocity_sigma if stated is None else stated[:, axis]
+        assert v_sigma is not None  # estimated where it is not stated
         v_variance = np.where(known, np.square(v_sigma), -1.0)
     every = (epochs.position[:, axis], variance, slow, kept(slow), velocity, v_variance)
     if back:
-        every = (
-            *(part[::-1] for part in every[:3]),
-            kept(slow[::-1]),
-            -velocity[::-1],
-            v_variance[::-1],
-        )
+        position, variance, slow = (part[::-1] for part in every[:3])
+        every = (position, variance, slow, kept(slow), -velocity[::-1], v_variance[::-1])
     return Rows(*(np.ascontiguousarray(part) for part in every))
 
 
@@ -328,10 +332,8 @@ class _Search:
         return self.now
 
     def _total(self, group: int, noise: Axis) -> float:
-        logs = 0.0
-        for other, now in enumerate(self.now):
-            logs = logs + self._of(other, noise if other == group else now)
-        return _levels(logs, self.step)[0]
+        parts = (noise if k == group else now for k, now in enumerate(self.now))
+        return _levels(sum(map(self._of, range(len(self.now)), parts)), self.step)[0]
 
     def _of(self, group: int, noise: Axis) -> np.ndarray:
         key = (group, noise)
@@ -403,8 +405,7 @@ def _sample(epochs: Epochs) -> tuple[Epochs, np.ndarray]:
     chosen = np.sort(np.concatenate([_spread(moving, _BLOCKS - few), _spread(other, few)]))
     take = np.concatenate([np.arange(bounds[k], bounds[k + 1]) for k in chosen])
     start = np.isin(take, bounds[chosen])
-    parts = [part[take] if isinstance(part, np.ndarray) else part for part in epochs]
-    return Epochs(*parts), start
+    return epochs.at(take), start
 
 
 def _spread(items: np.ndarray, count: int) -> np.ndarray:

@@ -15,6 +15,8 @@ examples:
       what is known beforehand of single parameters
   corridor adjust BLOCK -o out/e --gis
       for QGIS and CloudCompare too: adjustment.gpkg, adjustment.las
+  corridor adjust BLOCK -o out/f --certificate full
+      certificate.html and certificate.pdf for an authority: `asprs`, `din18740` or `full`
 
 OUT holds report.html (tables and pictures on one page), adjustment.json (every number), block/
 (the adjusted block, .parquet where BLOCK is) and the pictures; with --gis also adjustment.gpkg
@@ -50,6 +52,7 @@ OPTIONS = _model.table(
         "leave out antenna positions beyond five sigmas (false fixes) and adjust again"
     ),
     "--gis": {},
+    "--certificate": {},
     "--verbose": flag("print every iteration"),
 }
 
@@ -78,8 +81,11 @@ def run(options: argparse.Namespace) -> None:
 def _run(options: argparse.Namespace) -> None:
     import corridor
     from corridor.core.adjustment import not_converged
+    from corridor.core.errors import InputError
     from corridor.core.output import check_gis
 
+    if options.certificate is not None and options.output is None:
+        raise InputError("a certificate is a file: say where to write it, -o OUT")
     with _Iterations(options.verbose) as progress:
         block = corridor.read(options.block)
         if options.gis:
@@ -97,8 +103,15 @@ def _run(options: argparse.Namespace) -> None:
             "\nNothing was written: -o OUT saves the report, the pictures and the adjusted block."
         )
         return
+    beside = {}
+    if options.certificate is not None:
+        made = corridor.certificate.certify(
+            options.block, options.certificate, required=options.required, adjustment=adjustment,
+            **keywords(options),
+        )  # fmt: skip
+        beside = made.files
     pictures = corridor.figures.of_adjustment
-    wrote(*adjustment.save(options.output, pictures, gis=options.gis))
+    wrote(*adjustment.save(options.output, pictures, gis=options.gis, beside=beside))
 
 
 class _Iterations:
@@ -114,12 +127,13 @@ class _Iterations:
     def __exit__(self, *_):
         self.line.clear()
 
-    def __call__(self, step: dict) -> None:
-        if "message" in step:
+    def __call__(self, progress) -> None:
+        step = progress.result
+        if step is None:
             self.line.clear()
-            say(step["message"])
+            say(progress)
         elif not self.verbose:
-            self.line(f"adjusting: iteration {step['iteration']} done")
+            self.line(f"adjusting: iteration {progress.done} done")
         else:
             if not self.begun:
                 say(_COLUMNS)

@@ -89,7 +89,10 @@ def run(options: argparse.Namespace) -> None:
         if values is not None:
             added.setdefault(slug, {}).update(values)
     _check(options, believed)
+    from corridor.core.output import telling
+
     with Bars() as bars:
+        say = telling(bars)
         if options.like is None:
             import corridor
 
@@ -97,7 +100,7 @@ def run(options: argparse.Namespace) -> None:
             noise, why = _noise(options.noise, plan)
             block = corridor.simulate(plan, added, options.seed, noise=noise, progress=bars)
         else:
-            block = _like(options, believed, added, bars)
+            block = _like(options, believed, added, say)
         rays = len(block.tie_points) / max(len(block.points), 1)
         print(
             f"{block.name}: {len(block.images)} images in {len(block.flight_names)} flight(s), "
@@ -112,9 +115,9 @@ def run(options: argparse.Namespace) -> None:
         if options.output is None:
             print("Nothing was written: -o BLOCK writes the block and its truth.")
             return
-        bars("writing files", 0.0)
+        say("writing files", 0.0, 1.0)
         block.write(options.output)
-        bars("writing files", 1.0)
+        say("writing files", 1.0, 1.0)
     wrote(options.output, f"{options.output}.truth.json")
 
 
@@ -177,12 +180,12 @@ def _told(noise, why):
     )
 
 
-def _like(options, believed, added, bars):
+def _like(options, believed, added, say):
     """The counterpart of a measured block, with effects on top of it where values are given."""
     import corridor
     from corridor.core.errors import WorkFailed
 
-    bars("adjusting", 0.0)
+    say("adjusting", 0.0, 1.0)
     measured = corridor.read(options.like)
     adjustment = corridor.adjust(measured, camera=options.camera, effects=believed)
     if not adjustment.converged:
@@ -190,10 +193,10 @@ def _like(options, believed, added, bars):
             f"the adjustment of {measured.name} did not converge: `corridor adjust` prints what "
             "lies far from the start values"
         )
-    bars("adjusting", 1.0)
-    bars("simulating", 0.0)
+    say("adjusting", 1.0, 1.0)
+    say("simulating", 0.0, 1.0)
     block = corridor.diagnosis.counterpart(adjustment, options.seed, added)
-    bars("simulating", 1.0)
+    say("simulating", 1.0, 1.0)
     return block
 
 

@@ -94,11 +94,7 @@ def run(options: argparse.Namespace) -> None:
         keywords = _diagnose.keywords(options) | {"counterparts": options.counterparts}
     else:
         keywords = _adjust.keywords(options)
-    with BlockBar() as bar:
-
-        def progress(row, done: int, of: int) -> None:
-            bar(row.block, row.verdict, done, of)
-
+    with BlockBar() as progress:
         try:
             campaign = batch.batch(
                 options.verb,

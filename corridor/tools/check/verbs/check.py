@@ -11,8 +11,8 @@ examples:
       from photographs alone (needs the extra `images`)
   corridor check PROJECT -o out/d --json -
       the answer as JSON on standard output, for other programs
-  corridor check data_synthetic/dike -o out/e
-      a block of corridor
+  corridor check data_synthetic/dike -o out/e --certificate full
+      a block of corridor, with certificate.html and certificate.pdf of its adjustment
 
 It recognises the project, imports it, adjusts it, asks what is missing from its model, and writes
 one page, report.html, and check.json. take_back/ holds what the program imports again: settings,
@@ -39,6 +39,7 @@ OPTIONS = {
     "--ground": option("ground points, with their marks if it has them", "FILE", Path),
     "--crs": option("system of the project's coordinates, where it does not say", "CRS"),
     "--ground-crs": option("system of the ground points, where the file does not say", "CRS"),
+    "--certificate": {},
     "--quick": flag(
         "leave out the search for what is missing from the model, which takes most of the time"
     ),
@@ -67,6 +68,7 @@ def run(options: argparse.Namespace) -> None:
             required=options.required,
             added=added,
             diagnose=not options.quick,
+            certificate=options.certificate,
             threads=options.threads,
             progress=say,
         )

@@ -182,6 +182,6 @@ def run(options: argparse.Namespace) -> None:
     wrote(*planned.save(options.output))
 
 
-def _progress(done, of):
-    if of > 1:
-        say(f"flight set {done} of {of}")
+def _progress(step):
+    if step.of > 1:
+        say(step)

@@ -248,6 +248,6 @@ def _block(options):
     output = options.output.with_name(f"{options.output.name}_block")
     formats = registry.room("formats")
     added = formats.Additions(long_side=options.size, share=options.share or 1)
-    formats.import_project(source, "photos", output, added, progress=say)
+    formats.import_project(source, "photos", output, added=added, progress=say)
     wrote(output)
     return read(output), f"{first.make} {first.model}".strip()

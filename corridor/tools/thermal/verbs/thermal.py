@@ -105,10 +105,8 @@ def _map(options):
                 "done, or name another file"
             )
         try:
-            with Bars() as bars:
-                maps = thermal.measure_maps(
-                    options.folder, keep, lambda done, of, _: bars("matching", done / of)
-                )
+            with Bars() as progress:
+                maps = thermal.measure_maps(options.folder, keep, progress)
             warn(maps.warnings)
             with report.whole_file(picture) as part:
                 report.write_picture(registry.room("figures").deformation_maps(maps), part)

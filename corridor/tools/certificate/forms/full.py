@@ -1,0 +1,92 @@
+"""Everything an adjustment is asked for by an authority: precision, correlations, reliability.
+
+Standard deviations of camera, poses and points, correlations of the camera, redundancy and sigma
+naught by kind with their tests, what could have hidden (Baarda 1968), control points that are
+wrong, and maps of the precision (James, Robson and Smith 2017).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corridor.core.output import Table, fixed
+from corridor.tools.certificate.forms import asprs, din18740
+from corridor.tools.certificate.statement import MOST_LISTED, Statement, Subject
+
+TITLE = "Certificate of computed figures, full"
+# Correlations are shown of so many parameters; of more, the strong ones are listed by the report.
+_MOST_PARAMETERS = 14
+
+
+def statement(subject: Subject) -> Statement:
+    """The figures of `din18740` and `asprs`, with correlations and reliability."""
+    adjusted = subject.adjustment
+    proof, accuracy = din18740.statement(subject), asprs.statement(subject)
+    others = [
+        table
+        for title, table in subject.reported.items()
+        if title in ("Variance components", "Effects", "Reliability", "Strong correlations")
+    ]
+    tables = [*proof.tables[:-1], _correlations(subject), *others, _control(subject)]
+    points = subject.checked
+    if len(points):
+        tables.append(accuracy.tables[0])
+    tables.append(proof.tables[-1])
+    doubts = list(dict.fromkeys([*proof.doubts, *(accuracy.doubts if len(points) else [])]))
+    caption = (
+        "Standard deviations of the points, exact: in the datum of the block, and among themselves."
+    )
+    maps = subject.picture("precision_maps", adjusted, caption)
+    untested = [*accuracy.untested[:-1], proof.untested[0]]
+    untested.append("Effects that the model does not have: `corridor diagnose` asks for them.")
+    return Statement(
+        proof.opening,
+        doubts,
+        [table for table in tables if table is not None],
+        untested,
+        {**proof.figures, **(accuracy.figures if len(points) else {})},
+        [maps, *accuracy.pictures],
+    )
+
+
+def _correlations(subject: Subject) -> Table | None:
+    """Correlation coefficients of the camera's parameters."""
+    matrix = subject.adjustment.correlation_matrix
+    names = [name for name in matrix.columns if str(name).startswith("camera.")]
+    if not 1 < len(names) <= _MOST_PARAMETERS:
+        return None
+    values = matrix.loc[names, names].to_numpy(float)
+    several = len({str(name).split(".")[1] for name in names}) > 1
+    short = [str(name).removeprefix("camera.") for name in names]
+    short = short if several else [name.rpartition(".")[2] for name in short]
+    rows = tuple(
+        (name, *(fixed(values[k, j], 2) if j <= k else "" for j in range(len(names))))
+        for k, name in enumerate(short)
+    )
+    return Table("Correlations of the camera", ("", *short), rows, "l" + "r" * len(names))
+
+
+def _control(subject: Subject) -> Table | None:
+    """Reliability of each coordinate of control."""
+    table = subject.adjustment.reliability.control
+    if not len(table):
+        return None
+    order = np.argsort(-np.abs(table["w"].to_numpy(float)), kind="stable")[:MOST_LISTED]
+    rows = tuple(
+        (f"{row.point} {row.axis}", fixed(row.redundancy, 2), fixed(row.w, 1),
+         _mm(row.least_error), fixed(row.external, 1), _mm(row.predicted), _mm(row.s_predicted))
+        for row in table.iloc[np.sort(order)].itertuples(index=False)
+    )  # fmt: skip
+    notes = [
+        "least error: found with 80 % where one good of a thousand is accused; external: by how "
+        "many of its standard deviations one that is not found moves any unknown at the most; "
+        "predicted: given minus what all other measurements say of the point; mm"
+    ]
+    if len(rows) < len(table):
+        notes.append(f"the {len(rows)} of {len(table)} with the largest w")
+    header = ("control", "redundancy", "w", "least error", "external", "predicted", "sigma")
+    return Table("Reliability of control", header, rows, "lrrrrrr", tuple(notes))
+
+
+def _mm(value: float) -> str:
+    return "none" if np.isinf(value) else fixed(1e3 * value, 1)
