@@ -31,9 +31,8 @@ LEAST_GROUPS, LEAST_IMAGES = 3, 8
 # Speeds in the camera's frame that differ by less than this share are one speed.
 ONE_SPEED = 0.1
 STANDING_M_S = 0.3
+# What is not known of the motion is as large as what is known to differ.
 ERRORS_SHARE = 1.0
-# Turns of this share of what differs between the velocities are as large a cause as these.
-TURNS_SHARE = 0.5
 _FIRST_ITERATIONS, _SETTLED = 40, 1e-5
 # What a strip measured that is left out counts a millionth: its images keep their poses.
 _LEFT_OUT = 1e3
@@ -89,7 +88,8 @@ def readout_from_flight(
     size = camera.width, camera.height
     eight, eight_sigma = _with_eight(adjustment)
     scale = adjustment.problem.model.motion or least_squares.MotionScale()
-    height = max(float(np.median(system.images.centre[:, 2]) - system.images.ground), 1.0)
+    ground = float(np.median(adjustment.state.points[:, 2]))
+    height = max(float(np.median(adjustment.state.centre[:, 2])) - ground, 1.0)
     notes = [d.sentence for d in prepared.derived] + prepared.notes + lost
     notes += [note for note in adjustment.notes if "velocit" in note]
     result = FlightReadout(
@@ -324,7 +324,7 @@ def _swamped(found: FlightReadout, in_camera: np.ndarray) -> str:
             "differs may be their errors."
         )
     turning = float(np.median(np.linalg.norm(found.motion.turning[:, :2], axis=1)))
-    if found.turns is None and found.height * turning > TURNS_SHARE * spread:
+    if found.turns is None and found.height * turning > ERRORS_SHARE * spread:
         return (
             f"The camera turned by about {np.degrees(turning):.2g} degrees a second while it was "
             f"read, which moves its rows like {found.height * turning:.1f} m/s, and nobody wrote "
