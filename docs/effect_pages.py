@@ -16,6 +16,8 @@ from corridor.core.simulation import ORDINARY_NOISE
 from corridor.interface.figures import error_maps, image_shift
 
 PLAN = Path(__file__).with_name("effect_flight.toml")
+# For effects of cameras that hang together.
+OF_A_RIG = Path(__file__).with_name("effect_rig.toml")
 # Places whose shifts a person would rather read than see in a picture.
 WHERE = {
     "camera": "the camera: focal length, principal point, distortion of an image",
@@ -44,12 +46,13 @@ def usual(effect, block):
 def make(folder: Path, progress=print) -> list[str]:
     """Writes SLUG.md and its figures for every effect of the catalogue; the slugs."""
     folder.mkdir(parents=True, exist_ok=True)
-    block = corridor.simulate(PLAN)
+    blocks = [corridor.simulate(plan) for plan in (PLAN, OF_A_RIG)]
     noisy = corridor.simulate(PLAN, noise=ORDINARY_NOISE)
     alike = corridor.diagnosis.confusability(corridor.diagnose(noisy).course.last.evidence)
     slugs = []
     for effect in every_effect():
         progress(f"  {effect.slug}")
+        block = next(block for block in blocks if not effect.missing(block))
         (folder / f"{effect.slug}.md").write_text(
             page(effect, block, alike, folder), encoding="utf-8", newline="\n"
         )
@@ -114,7 +117,9 @@ def pictures(effect, block, values, folder):
     out = []
     moved = predict(block, values)
     still = predict(block)
-    image = block.images["image"].iloc[len(block.images) // 2]
+    shown = np.nan_to_num(np.abs(moved.tie - still.tie)).max(axis=1) > 0
+    moving = block.tie_points["image"][shown].unique()
+    image = moving[len(moving) // 2] if len(moving) else block.images["image"].iloc[0]
     rows = block.tie_points["image"].to_numpy() == image
     xy = block.tie_points.loc[rows, ["x", "y"]].to_numpy()
     shift = (moved.tie - still.tie)[rows]

@@ -185,9 +185,18 @@ def typical_depth(state: State) -> float:
     return float(np.median(np.linalg.norm(state.centre - middle, axis=1)))
 
 
-def helmert_onto(p: Problem, state: State, start: State, turned: bool = True) -> State:
-    """A free network moved, scaled and, unless attitudes hold it, turned onto its start poses."""
-    kept = np.diag([1.0] * 3 + [float(turned)] * 3 + [1.0])
+def open_motions(p: Problem) -> np.ndarray:
+    """Which of the seven motions leave all measurements of a free network as they are.
+
+    Attitudes hold its rotation, rigs its scale.
+    """
+    turns, grows = not len(p.attitude_image), not len(p.rig_image)
+    return np.array([True] * 3 + [turns] * 3 + [grows])
+
+
+def helmert_onto(p: Problem, state: State, start: State) -> State:
+    """A free network laid on its start poses as a whole, by what nothing holds of it."""
+    kept = np.diag(open_motions(p).astype(float))
     for _ in range(20):
         poses = motions(state, 6) @ kept
         weight = np.ones((p.image_count, 6))

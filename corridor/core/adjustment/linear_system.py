@@ -20,13 +20,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import block_array, coo_array, csc_array, csr_array
+from scipy.sparse import block_array, coo_array, csc_array, csr_array, vstack
 
 from corridor.core.adjustment.matrix import Bordered
 from corridor.core.adjustment.measured_poses import pose_rows, residuals
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM
 from corridor.core.adjustment.normal import Loss, Normal, moved_state
 from corridor.core.adjustment.problem import POSE_KINDS, Problem, with_effects
+from corridor.core.adjustment.rigs import rig_rows
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.unknowns import State, Unknown
 from corridor.core.block import Block
@@ -391,6 +392,31 @@ class LinearSystem:
         """The attitudes, rad, about level axes; given: zero, what `measuring` turns them by."""
         beside = [csr_array((3 * len(self.problem.attitude_image), b.size)) for b in self._beside]
         return self._measured("attitude", beside)
+
+    @cached_property
+    def posed(self) -> Rows:
+        """The attitudes, and behind them two rows a pair of a rig: place, m, and turn, rad."""
+        p, rows = self.problem, self.attitude
+        k = len(p.rig_image)
+        if not k:
+            return rows
+        found, n = rig_rows(p, self.state), len(self.columns)
+        parts = []
+        for image, by in ((p.rig_image[:, 0], found.first), (p.rig_image[:, 1], found.second)):
+            column = np.broadcast_to(self.columns.pose[image][:, None], by.shape)
+            row = np.broadcast_to(np.arange(6 * k).reshape(k, 6, 1), by.shape)
+            parts.append(csr_array((by.ravel(), (row.ravel(), column.ravel())), shape=(6 * k, n)))
+        names = p.images.names[np.repeat(p.rig_image[:, 1], 2)]
+        residual = found.residual.reshape(-1, 3)
+        sigma = np.tile(found.weight.reshape(2, 3) ** -0.5, (k, 1))
+        return Rows(
+            np.concatenate([rows.names, names]),
+            np.zeros((len(rows.given) + 2 * k, 3)),
+            np.concatenate([rows.residual, residual]),
+            np.concatenate([rows.sigma, sigma]),
+            csr_array(vstack([rows.jacobian, parts[0] + parts[1]])),
+            np.concatenate([rows.image, np.repeat(p.rig_image[:, 1], 2)]),
+        )
 
     def _measured(self, kind: str, beside: list[csr_array]) -> Rows:
         """Rows of a kind of measured poses; beside: their derivatives by tested effects."""

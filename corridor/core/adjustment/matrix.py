@@ -57,6 +57,14 @@ class Band:
             for r in range(c, d):
                 np.add.at(self.flat, at + r, blocks[:, r, c])
 
+    def add_pairs(self, image: np.ndarray, later: np.ndarray, blocks: np.ndarray) -> None:
+        """Add blocks (k, 6, 6): rows of later images (k,), columns of images (k,) before them."""
+        d, ld = self.d, self.ld
+        for c in range(6):
+            for r in range(6):
+                at = (image * d + c) * ld + (later - image) * d + r - c
+                np.add.at(self.flat, at, blocks[:, r, c])
+
     def add_diagonal(self, values: np.ndarray) -> None:
         """Add (images, d) to the diagonal."""
         self.flat[: self.n * self.ld : self.ld] += values.ravel()
@@ -160,6 +168,16 @@ class Sparse:
         for c in range(d):
             for r in range(c, d):
                 np.add.at(self.flat, self._own[image] * d * d + c * d + r, blocks[:, r, c])
+
+    def add_pairs(self, image: np.ndarray, later: np.ndarray, blocks: np.ndarray) -> None:
+        """As of `Band`."""
+        d = self.d
+        column = np.repeat(np.arange(self.images), np.diff(self.neighbour_start))
+        key, wanted = column * self.images + self.neighbour, image * self.images + later
+        at = np.searchsorted(key, wanted) * d * d
+        for c in range(6):
+            for r in range(6):
+                np.add.at(self.flat, at + c * d + r, blocks[:, r, c])
 
     def _diagonal_at(self) -> np.ndarray:
         d = self.d

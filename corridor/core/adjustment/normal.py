@@ -13,6 +13,7 @@ from corridor.core.adjustment.measured_poses import antenna, pose_rows, residual
 from corridor.core.adjustment.model import Loss
 from corridor.core.adjustment.partition import Pieces
 from corridor.core.adjustment.problem import POSE_KINDS, Problem, State
+from corridor.core.adjustment.rigs import rig_rows
 from corridor.core.adjustment.unknowns import is_per_image, per_image_code
 from corridor.core.camera import INTERIOR, radials_in_use
 from corridor.core.effects import ROW_REACH, Context, Images
@@ -101,7 +102,7 @@ class Normal:
         self.blocks: Band | Sparse = (
             Band(p.image_count, p.d, p.bandwidth, rows)
             if storage == "band"
-            else Sparse(p.image_count, p.d, p.ptr, p.img)
+            else Sparse(p.image_count, p.d, *_with_pairs(p))
         )
         self.longest = int(np.diff(p.ptr).max(initial=1))
         self.gradient = np.zeros((rows, p.d))
@@ -328,6 +329,9 @@ class Normal:
             if len(p.measured(kind)):
                 left = residuals(kind, p, state, view.images)
                 cost += float(np.sum(p.weight_of(kind) * left**2))
+        if len(p.rig_image):
+            rows = rig_rows(p, state)
+            cost += float(np.sum(rows.weight * rows.residual**2))
         shared, own = self.from_priors(state)
         cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.per_image_prior[1] * own**2))
         return 0.5 * float(cost), int(behind)
@@ -438,6 +442,7 @@ class Normal:
         cost, behind, self.weak = totals.sum(axis=0)
         cost += float(np.sum(p.control_weight * view.control_residual**2))
         cost += sum(self._add_poses(kind, state, view.images, matrix) for kind in POSE_KINDS)
+        cost += self._add_rigs(state, matrix)
         cost += self._add_priors(state, matrix)
         self.cost, self.behind = 0.5 * cost, int(behind)
         if not matrix:
@@ -481,6 +486,26 @@ class Normal:
             self.shared_block[np.ix_(used, used)] += np.tril(block)
             self.shared_reference[used] += np.diag(block)
         return float(np.sum(weight * residual**2))
+
+    def _add_rigs(self, state: State, matrix: bool) -> float:
+        """Add that images of one exposure hang together; twice its cost."""
+        p = self.problem
+        if not len(p.rig_image):
+            return 0.0
+        rows, (i, j) = rig_rows(p, state), p.rig_image.T
+        heavy = {}
+        for image, by in ((i, rows.first), (j, rows.second)):
+            heavy[id(by)] = weighted = (by * rows.weight[:, None]).transpose(0, 2, 1)
+            np.add.at(self.gradient, (image, slice(0, 6)),
+                      (weighted @ rows.residual[:, :, None])[:, :, 0])  # fmt: skip
+            if matrix:
+                blocks = np.zeros((len(image), p.d, p.d))
+                blocks[:, :6, :6] = weighted @ by
+                self.blocks.add_blocks(image, blocks)
+                np.add.at(self.reference, image, np.einsum("nii->ni", blocks))
+        if matrix:
+            self.blocks.add_pairs(i, j, heavy[id(rows.second)] @ rows.first)
+        return float(np.sum(rows.weight * rows.residual**2))
 
     def from_priors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Prior minus value of the shared unknowns (q,) and of every image's own (m, k)."""
@@ -604,6 +629,12 @@ def _farthest(pixels: np.ndarray, before: np.ndarray) -> float:
     """
     with np.errstate(invalid="ignore"):
         return float(np.fmax.reduce(np.abs(pixels - before), axis=None, initial=0.0))
+
+
+def _with_pairs(p: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Rays by points, and after them pairs of images that hang together, as of a point each."""
+    more = p.ptr[-1] + 2 * np.arange(1, len(p.rig_image) + 1)
+    return np.append(p.ptr, more), np.append(p.img, p.rig_image.ravel())
 
 
 def _band_costs_more(p: Problem) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment.model import EFFECT, Model, ParameterId, listed_effects
+from corridor.core.adjustment.model import EFFECT, Model, ParameterId, Setting, listed_effects
 from corridor.core.adjustment.observations import (
     Attitudes,
     Control,
@@ -19,6 +19,7 @@ from corridor.core.adjustment.observations import (
     gnss_of,
     network_of,
 )
+from corridor.core.adjustment.rigs import Rigs, rigs_in
 from corridor.core.adjustment.uncertain_motion import MotionScale, prior_sigma, velocity_errors
 from corridor.core.adjustment.unknowns import (
     Priors,
@@ -51,7 +52,7 @@ POSE_KINDS = ("gnss", "attitude")
 
 @brief
 @dataclass
-class Problem(Network, Control, Gnss, Attitudes, Unknowns, Priors):
+class Problem(Network, Control, Gnss, Attitudes, Rigs, Unknowns, Priors):
     """Everything that stays the same from one iteration to the next.
 
     images: in the order of the problem. roles: of the rows of ground.csv, as asked for. free:
@@ -101,6 +102,7 @@ class Problem(Network, Control, Gnss, Attitudes, Unknowns, Priors):
             2 * len(self.img)
             + 3 * len(self.control_rows)
             + 3 * sum(len(self.measured(kind)) for kind in POSE_KINDS)
+            + 6 * len(self.rig_image)
             + int(np.count_nonzero(self.prior_weight))
             + int(np.count_nonzero(self.per_image_prior[1]))
         )
@@ -189,11 +191,20 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     rank = np.empty_like(network.order)
     rank[network.order] = np.arange(len(rank))
     gnss, attitudes = gnss_of(block, rank), attitudes_of(block, rank)
+    rigs = rigs_in(block, rank)
+    apart = np.diff(rigs.rig_image, axis=1).max(initial=0)
+    network.bandwidth = max(network.bandwidth, int(apart) + 1)
     control, notes = control_of(block, network, asked)
     stack = Stack(block, effects, list(names[control.control_rows]), as_given)
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
     free, settings = model.free(block), model.settings_of(block)
+    asked_for = [which for which, wish in settings.items() if wish.prior]
+    for effect in effects:
+        for (name, group), prior in effect.priors(block).items():
+            which = ParameterId(EFFECT, effect.slug, name, group)
+            if not any(other.means(which) for other in asked_for):
+                settings.setdefault(which, Setting()).prior = prior
     measured = {"antenna": gnss.gnss_image, "attitude": attitudes.attitude_image}
     wanted = Wanted(free, arms_free, measured, list(names[control.control_rows]), model.held)
     unknowns = unknowns_of(images, stack, wanted)
@@ -221,6 +232,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
         **vars(control),
         **vars(gnss),
         **vars(attitudes),
+        **vars(rigs),
         **vars(unknowns),
         **vars(priors),
         block=block,

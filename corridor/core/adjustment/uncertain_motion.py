@@ -47,14 +47,14 @@ class MotionScale(NamedTuple):
 
 def velocity_errors(block: Block, effects: list[Effect]) -> list[Effect]:
     """The errors to be estimated beside effects that move images by their velocity; [] for none."""
-    if not any(e.place == "motion" and "images.vx" in (*e.needs, *e.takes) for e in effects):
+    if not any(e.during_readout and "images.vx" in (*e.needs, *e.takes) for e in effects):
         return []
     out: list[Effect] = []
     if np.any(_numbers(block, COMMON) != 0):
         out.append(CommonVelocityError())
     moved, turned = (np.any(_numbers(block, of) > 0) for of in (VELOCITY_SIGMA, RATE_SIGMA))
     # A motion of each image, whoever asked for it, takes what its velocity is off.
-    own = any(e.place == "motion" and e.group == "image" for e in effects)
+    own = any(e.during_readout and e.group == "image" for e in effects)
     if (moved or turned) and not own:
         of_images = OwnVelocityError()
         of_images.turns = bool(turned)

@@ -204,7 +204,7 @@ def _columns_of(
             if g in moved and not wanted.holds(one):
                 column[g] = len(shared)
                 shared.append(one)
-        out[:, number] = column[of_row]
+        out[:, number] = np.where(of_row >= 0, column[of_row], -1)
     return out
 
 

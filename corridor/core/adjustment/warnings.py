@@ -185,7 +185,8 @@ def _inseparable(a):
 def _motion(a):
     """Says so where a motion during the readout is modelled and residuals still follow the rows."""
     p, ties = a.problem, a.residuals["tie"]
-    if not p.stack.at("motion") or not len(ties):
+    during = [m.effect.slug for m in p.stack.at("motion") if m.effect.during_readout]
+    if not during or not len(ties):
         return
     ties = ties[~ties["gross"]]
     image = pd.Index(p.images.names).get_indexer(ties["image"].astype(str))
@@ -208,7 +209,7 @@ def _motion(a):
     share = (by_row - by_chance) / float(np.sum(v**2))
     size = np.sqrt(max(by_row - by_chance, 0.0) / count)
     if share > ROW_SHARE and size > ROW_SIGMAS:
-        names = ", ".join(member.effect.slug for member in p.stack.at("motion"))
+        names = ", ".join(during)
         yield (
             f"The motion model ({names}) does not explain the pictures: {100 * share:.0f} % of the "
             f"tie residuals' squares follow the rows of single images ({size:.1f} sigmas). Its "
@@ -284,10 +285,29 @@ def _fit(a):
             "deviations, or the model lacks something."
         )
     if a.redundancy > 30 and 0 < a.sigma0 < 0.5:
+        p = a.problem
+        others = [("GNSS", len(p.gnss_image)), ("control", len(p.control_rows))]
+        beside = " and ".join(name for name, count in others if count)
+        weights = f", so the weights of {beside} against the images are wrong" if beside else ""
         yield (
             f"Sigma naught is {a.sigma0:.3g}: the stated standard deviations are larger than the "
-            "residuals; GNSS and control weigh too much against the images, or too little."
+            f"residuals{weights}."
         )
+
+
+def tested_by(block) -> str:
+    """How the accuracy of a block without check points gets known: an action, without full stop."""
+    if len(block.ground) and len(block.marks):
+        return "Keep surveyed points apart to test it: `corridor adjust BLOCK --check ID,ID`"
+    if len(block.ground):
+        return (
+            "To know its accuracy, measure the ground points in the images: no image shows one "
+            "(marks.csv)"
+        )
+    return (
+        "To know its accuracy, survey points on the ground, measure them in the images, and add "
+        "both with `--ground FILE` of `corridor import`; there are none"
+    )
 
 
 def _wrong_control(a):
@@ -353,8 +373,11 @@ def _insignificant(a):
         & (a.camera["value"].abs() < 2 * a.camera["sigma"])
     ]
     if len(weak):
-        names = [f"{row.parameter} of camera {row.camera}" for row in weak.itertuples()]
-        yield f"Not significantly different from zero: {', '.join(names)}."
+        names = [
+            f"{parameter} of camera {some(rows['camera'], 10)}"
+            for parameter, rows in weak.groupby("parameter", sort=False)
+        ]
+        yield f"Not significantly different from zero: {'; '.join(names)}."
     told = a.effects[a.effects["sigma"] > 0]
     for slug, mine in told.groupby("slug", sort=False):
         share = (mine["value"] / mine["sigma"]).abs()
@@ -364,6 +387,6 @@ def _insignificant(a):
                 f"none of its {len(mine)} values reaches" if len(mine) > 1 else "it stays below"
             )
             yield (
-                f"Effect {slug} is not shown by this block: {values} two sigmas (largest "
+                f"This block does not show the effect {slug}: {values} two sigmas (largest "
                 f"{share.max():.1f}). Without it everything else is determined better."
             )

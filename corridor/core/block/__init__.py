@@ -5,6 +5,15 @@ from corridor.core.block.block import Block, files_of, is_block, read
 from corridor.core.block.corners import corner_rays, footprints
 from corridor.core.block.reading import place, read_columns, row_numbers
 from corridor.core.block.record import forget_correction, record_correction, taken_out
+from corridor.core.block.rigs import (
+    EXPOSURE,
+    Mounting,
+    exposures_of,
+    members_of,
+    mountings_of,
+    relative,
+    with_rigid_poses,
+)
 from corridor.core.block.summary import Summary
 from corridor.core.block.tables import (
     LAYOUTS,
@@ -21,6 +30,7 @@ from corridor.core.block.tables import (
 )
 
 __all__ = [
+    "EXPOSURE",
     "LAYOUTS",
     "POSE",
     "QUATERNION",
@@ -30,8 +40,10 @@ __all__ = [
     "VELOCITY",
     "Block",
     "Layout",
+    "Mounting",
     "Summary",
     "corner_rays",
+    "exposures_of",
     "footprints",
     "forget_correction",
     "frugal",
@@ -39,11 +51,15 @@ __all__ = [
     "is_among",
     "is_block",
     "level_axes",
+    "members_of",
+    "mountings_of",
     "place",
     "places",
     "read",
     "read_columns",
     "record_correction",
+    "relative",
     "row_numbers",
     "taken_out",
+    "with_rigid_poses",
 ]

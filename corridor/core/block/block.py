@@ -15,6 +15,7 @@ import pandas as pd
 from corridor.core.block import checking, writing
 from corridor.core.block.attitudes import put_rotations, rotations
 from corridor.core.block.reading import place, read_table
+from corridor.core.block.rigs import EXPOSURE, members_of, without_cameras
 from corridor.core.block.settings import FILE, SIGMA, read_settings
 from corridor.core.block.summary import Summary, summarise
 from corridor.core.block.tables import (
@@ -105,13 +106,16 @@ class Block:
     def has(self, column: str) -> bool:
         """Whether a column such as `images.time_s` is there with at least one known value.
 
-        `camera.readout_s`: whether a camera states it. `gnss`: whether the table has rows.
+        `camera.readout_s`: whether a camera states it. `rig.member`: whether cameras hang together
+        and exposures are named. `gnss`: whether the table has rows.
         `effect.SLUG.KEY`: whether block.toml states that constant.
         """
         table, _, name = column.partition(".")
         if table == "effect":
             slug, _, key = name.partition(".")
             return key in self.constants.get(slug, {})
+        if table == "rig":
+            return bool(members_of(self)) and self.has(f"images.{EXPOSURE}")
         if table == "camera":
             return any(
                 getattr(camera, name, camera.extra.get(name)) is not None
@@ -388,6 +392,7 @@ class Block:
         unused = set(self.images["camera"]) - set(kept["images"]["camera"])
         part = self._with(
             **kept,
+            extra=without_cameras(self.extra, unused),
             cameras={name: c for name, c in self.cameras.items() if name not in unused},
             lever_arm={name: arm for name, arm in self.lever_arm.items() if name not in lost},
         )

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.block.attitudes import check_attitudes
+from corridor.core.block.rigs import exposures_of
 from corridor.core.block.settings import FILE, SIGMA
 from corridor.core.block.tables import (
     ANGLE_SIGMAS,
@@ -37,6 +38,12 @@ def check(block, observed: bool = True) -> None:
     observed: whether a block without observations is one.
     """
     _settings(block)
+    for table in ("tie_points", "marks"):
+        # Columns that were put into a block in memory may be texts.
+        frame = getattr(block, table)
+        texts = [name for name in ("point", "image") if not _is_coded(frame[name])]
+        if texts:
+            setattr(block, table, frame.astype(dict.fromkeys(texts, "category")))
     for table in LAYOUTS:
         _names(block, table)
         _numbers(block, table)
@@ -58,6 +65,7 @@ def check(block, observed: bool = True) -> None:
         _once(block, table, "image")
     if len(block.attitudes):
         _whole(block, "attitudes", check_attitudes(block), "the attitude")
+    exposures_of(block)
     if "image" in block.rates:
         _known_images(block, "rates")
     # Time goes on, in any order of the rows.
@@ -229,6 +237,10 @@ def _observations(block, table: str) -> None:
     key.sort()
     if (key[1:] == key[:-1]).any():
         _refuse_twice(block, table, ("point", "image"), "point {point!r} in image {image!r}")
+
+
+def _is_coded(column: pd.Series) -> bool:
+    return isinstance(column.dtype, pd.CategoricalDtype)
 
 
 def _points_are_one_kind(block) -> None:

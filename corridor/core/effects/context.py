@@ -10,13 +10,13 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import Block
+from corridor.core.block import Block, exposures_of, members_of
 from corridor.core.effects.gyroscope import RATES, Gyroscope
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_quaternion
 
 # Who may share a set of values.
-GROUPS = ("block", "camera", "flight", "image", "point", "survey")
+GROUPS = ("block", "camera", "flight", "image", "point", "survey", "member")
 
 
 @dataclass
@@ -29,6 +29,8 @@ class Images:
     images.csv states, which stays. ground: mean height of the points, m; elevation: of z = 0
     above the sea, m. constants: of the block, by effect, as [effect.SLUG] of block.toml says.
     survey: from where each ground point was surveyed, by its name; survey_names: all of these.
+    member (m,): which of member_names, the cameras of rigs but for the bases, took an image
+    together with others; -1: none of them.
     """
 
     names: np.ndarray
@@ -56,6 +58,8 @@ class Images:
     constants: dict = field(default_factory=dict)
     survey: dict[str, str] = field(default_factory=dict)
     survey_names: list[str] = field(default_factory=list)
+    member: np.ndarray | None = None
+    member_names: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, block: Block) -> Images:
@@ -71,6 +75,12 @@ class Images:
         def columns(*names: str) -> np.ndarray:
             return np.stack([block.column("images", name) for name in names], axis=-1)
 
+        members = list(members_of(block))
+        member = np.full(len(table), -1, dtype=np.int64)
+        if members:
+            together = exposures_of(block).member
+            taken = table["camera"].to_numpy(object)[together]
+            member[together] = pd.Index(members).get_indexer(taken)
         centre = columns("x", "y", "z")
         rotation = rotation_from_quaternion(columns("qw", "qx", "qy", "qz"))
         return cls(
@@ -97,6 +107,8 @@ class Images:
             record=np.arange(len(table)),
             constants=block.constants,
             survey=dict(zip(block.ground["point"], block.ground_groups, strict=True)),
+            member=member,
+            member_names=members,
             survey_names=list(dict.fromkeys(block.ground_groups)),
             gyroscope=Gyroscope(block)
             if set(RATES) <= set(block.rates) and len(block.rates)
@@ -282,6 +294,7 @@ def group_of_image(images: Images, kind: str) -> np.ndarray:
         "camera": images.camera,
         "flight": images.flight,
         "image": np.arange(count),
+        "member": np.full(count, -1) if images.member is None else images.member,
     }[kind]
 
 
@@ -299,4 +312,5 @@ def group_names(images: Images, kind: str, points: Sequence[str] = ()) -> list[s
         "image": list(images.names),
         "point": list(points),
         "survey": images.survey_names,
+        "member": images.member_names,
     }[kind]

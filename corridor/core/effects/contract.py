@@ -89,8 +89,6 @@ class Effect(ABC):
     datum: the constant error that all positions of its place and group share.
     sees_points: of the place image: it looks at the object point and the pose, not at the pixel.
     row_degree: of the place motion: degree of the polynomial in the row that holds the shift.
-    believed: part of every model whose block has the table that it needs first, but where
-    block.toml calls that table calibrated.
     stands_in_for: camera parameters that have to be held, or the effect to have a prior: it can
     move what they move.
     revealed_by, unobservable_when: the data that show it, and the flight that hides it, for people.
@@ -111,7 +109,6 @@ class Effect(ABC):
     datum: bool = False
     sees_points: bool = False
     refines: str = ""
-    believed: bool = False
     row_degree: int = 1
     stands_in_for: tuple[str, ...] = ()
     revealed_by: str = ""
@@ -175,6 +172,26 @@ class Effect(ABC):
         They are taken where somebody corrects the effect without giving values.
         """
         return None
+
+    @property
+    def during_readout(self) -> bool:
+        """Whether it moves the camera while a picture is read, row by row."""
+        return self.place == "motion" and self.row_degree > 0
+
+    def believed(self, block: Block) -> bool:
+        """Whether it is part of every model of this block, whose measurements come with it."""
+        return False
+
+    def priors(self, block: Block) -> dict[tuple[str, str], tuple[float, float]]:
+        """What the block knows beforehand: (parameter, group) -> value and standard deviation."""
+        return {}
+
+    def restated(self, block: Block, values: np.ndarray) -> Block:
+        """The adjusted block with values (groups, parameters) in its statements, not beside them.
+
+        By default it states nothing of them.
+        """
+        return block
 
     def doubts(self, block: Block, found: pd.DataFrame) -> list[str]:
         """Sentences on values that no such effect has, or that contradict what the block states.

@@ -31,17 +31,12 @@ def every_effect() -> list[Effect]:
 
 
 def believed_of(block: Block, given: Iterable[Effect] = ()) -> list[Effect]:
-    """Effects that the measurements of a block never come without, but for those that are given.
-
-    A table that block.toml calls calibrated (`[attitudes] calibrated = true`) comes without.
-    """
+    """Effects that the measurements of a block come with, but for those that are given."""
     slugs = {effect.slug for effect in given}
-    tables = {slug: effect.needs[0].partition(".")[0] for slug, effect in _known().items()
-              if effect.believed and slug not in slugs}  # fmt: skip
     return [
-        copy(_known()[slug])
-        for slug, table in sorted(tables.items())
-        if len(getattr(block, table)) and not block.extra.get(table, {}).get("calibrated")
+        copy(effect)
+        for slug, effect in sorted(_known().items())
+        if slug not in slugs and effect.believed(block)
     ]
 
 

@@ -212,6 +212,12 @@ def check_needs(block: Block, effects: list[Effect]) -> None:
                     f"block.toml has no {key} in a table [effect.{slug}], which effect "
                     f"{effect.slug} needs: add `{key} = ...` there or leave the effect out"
                 )
+            if table == "rig":
+                raise InputError(
+                    f"block.toml has no rig.{column} whose exposures images.csv names, which "
+                    f"effect {effect.slug} needs: add [rig.NAME] and a column exposure, or leave "
+                    "the effect out"
+                )
             file = "block.toml" if table == "camera" else f"{table}.csv"
             raise InputError(
                 f"{file} has no {column}, which effect {effect.slug} needs: add the column "

@@ -49,7 +49,8 @@ class Flown:
     """Images in the order of exposure: the table of the block and what the geometry needs.
 
     centre (m, 3), rotation (m, 3, 3) world to camera; flight, camera (m,) indices; station,
-    offset (m,) along and to the right of the axis; antenna (m, 3).
+    offset (m,) along and to the right of the axis; antenna (m, 3); leads (m,): whether it is no
+    member of a rig but its base, or alone.
     """
 
     table: pd.DataFrame
@@ -59,6 +60,7 @@ class Flown:
     rotation: np.ndarray
     station: np.ndarray
     antenna: np.ndarray
+    leads: np.ndarray
 
 
 def border_rays(camera: Camera, count: int = 9) -> np.ndarray:
@@ -238,14 +240,17 @@ def fly(plan: Plan, seed: int) -> Flown:
         strip_count += flight.strips
         parts.append(part)
     joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    joined = _with_members(joined, plan)
     quaternion = quaternion_from_rotation(joined["rotation"])
     # Through the quaternion, so that the projection sees the very rotation that is stored.
     rotation = rotation_from_quaternion(quaternion)
     arm = joined["arm"]
+    hung = [name for base in names for name in plan.members(base)]
     table = {
         "image": pd.Index(joined["image"], dtype="str"),
         "camera": joined["camera"].tolist(),
         "flight": joined["flight"].tolist(),
+        **({"exposure": joined["exposure"].tolist()} if plan.rig else {}),
         "strip": joined["strip"].tolist(),
         "time_s": joined["time_s"],
         "temperature_c": joined["temperature_c"],
@@ -256,13 +261,40 @@ def fly(plan: Plan, seed: int) -> Flown:
     }
     return Flown(
         table=pd.DataFrame(table),
-        cameras=[plan.camera(next(f for f in plan.flights if f.camera == n)) for n in names],
-        camera=np.array([names.index(n) for n in joined["camera"]], dtype=np.int64),
+        cameras=[plan.camera(next(f for f in plan.flights if f.camera == n)) for n in names]
+        + [plan.cameras[n] for n in hung],
+        camera=np.array([(names + hung).index(n) for n in joined["camera"]], dtype=np.int64),
         centre=joined["centre"],
         rotation=rotation,
         station=joined["station"],
         antenna=joined["centre"] + np.einsum("nij,ni->nj", rotation, arm),
+        leads=joined["leads"],
     )
+
+
+def _with_members(joined: dict, plan: Plan) -> dict:
+    """The images of members after that of their base, exposure by exposure."""
+    count = len(joined["image"])
+    joined = {**joined, "exposure": joined["image"], "leads": np.ones(count, dtype=bool)}
+    parts, order = [joined], [np.arange(count) * 1.0]
+    for base in dict.fromkeys(joined["camera"].tolist()):
+        mine = np.flatnonzero(joined["camera"] == base)
+        for k, (camera, hangs) in enumerate(plan.members(base).items()):
+            part = {key: values[mine] for key, values in joined.items()}
+            names = [f"{camera}_{image}" for image in part["image"]]
+            to_world = part["rotation"].transpose(0, 2, 1)
+            part |= {
+                "image": np.array(names),
+                "camera": np.full(len(mine), camera),
+                "centre": part["centre"] + to_world @ hangs.place,
+                "rotation": hangs.rotation @ part["rotation"],
+                "rate": part["rate"] @ hangs.rotation.T,
+                "leads": np.zeros(len(mine), dtype=bool),
+            }
+            parts.append(part)
+            order.append(mine + (k + 1) / 1000)
+    sort = np.argsort(np.concatenate(order), kind="stable")
+    return {key: np.concatenate([part[key] for part in parts])[sort] for key in joined}
 
 
 def _one(flight: Flight, plan: Plan, seed: int, begin: float, before: int) -> dict:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from corridor.core.block import Mounting, mountings_of
 from corridor.core.brief import brief
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
@@ -271,6 +272,7 @@ class Plan:
     effects: `{slug: {parameter: value}}`.
     effect: what an effect has to know of the block, `{slug: {name: value}}`: the tables
     [effect.SLUG], as in block.toml. cameras: of the plan's own, beside those of `cameras()`.
+    rig: tables [rig.NAME] as in block.toml: flights with the camera of a base carry its members.
     Raises InputError, one sentence, for a plan that cannot be flown.
     """
 
@@ -288,6 +290,7 @@ class Plan:
     effects: Mapping[str, Mapping] = field(default_factory=dict)
     effect: Mapping[str, Mapping] = field(default_factory=dict)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
+    rig: Mapping[str, Mapping] = field(default_factory=dict)
     source: str = ""
     description: str = ""
 
@@ -300,11 +303,31 @@ class Plan:
                 raise InputError(f"flight {flight.name} is there twice: give each its own name")
             self.camera(flight)
         _Checker("the plan", self).positive("bend_radius_m")
+        for camera, mounting in self.mountings.items():
+            if not np.isfinite(mounting.place).all():
+                raise InputError(
+                    f"the plan says not how {camera} hangs: add xyz and quaternion to "
+                    f"[rig.{mounting.rig}.member.{camera}]"
+                )
 
     @property
     def axis(self) -> Axis:
         """The corridor's axis."""
         return Axis(self.axis_m, self.bend_radius_m)
+
+    @property
+    def mountings(self) -> dict[str, Mounting]:
+        """How the cameras of its rigs hang, by camera, the bases among them."""
+        known = {**cameras(), **self.cameras} if self.rig else {}
+        return mountings_of(types.SimpleNamespace(extra={"rig": self.rig}, cameras=known))
+
+    def members(self, base: str) -> dict[str, Mounting]:
+        """The other cameras of the rig of which a camera is the base."""
+        rigs = [name for name, rig in self.rig.items() if rig["base"] == base]
+        return {
+            camera: one for camera, one in self.mountings.items()
+            if one.rig in rigs and camera != base
+        }  # fmt: skip
 
     def camera(self, flight: Flight) -> Camera:
         """The camera of a flight. Raises InputError where nobody knows it."""
@@ -348,6 +371,7 @@ class Plan:
             name=f"{self.name}+{other.name}",
             flights=self.flights + flights,
             cameras={**self.cameras, **other.cameras},
+            rig={**self.rig, **other.rig},
             source="; ".join(dict.fromkeys(filter(None, (self.source, other.source)))),
         )
 

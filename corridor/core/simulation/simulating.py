@@ -184,8 +184,8 @@ def perfect_block(
             }
         ),
         extra=_constants(plan),
-        gnss=pd.DataFrame({"image": image_name, **_xyz(flown.antenna)})[: images * plan.gnss],
-        attitudes=flown.table[["image", *QUATERNION]][: images * plan.attitudes],
+        gnss=pd.DataFrame({"image": image_name, **_xyz(flown.antenna)})[flown.leads & plan.gnss],
+        attitudes=flown.table[["image", *QUATERNION]][flown.leads & plan.attitudes],
         # One weight for all image points, as long as no noise says otherwise.
         sigma={"tie_px": 0.5, "mark_px": 0.5},
         lever_arm={f.name: (*f.lever_arm_m,) for f in plan.flights} if plan.gnss else {},
@@ -311,7 +311,8 @@ def _check_number(where: str, value: object) -> None:
 def _constants(plan: Plan) -> dict:
     """The tables [effect.SLUG], as a block has them."""
     stated = {slug: dict(table) for slug, table in plan.effect.items()}
-    return {"effect": stated} if stated else {}
+    rigs = {"rig": {name: dict(rig) for name, rig in plan.rig.items()}} if plan.rig else {}
+    return {"effect": stated, **rigs} if stated else rigs
 
 
 def _check_effects(plan: Plan, effects: Mapping) -> None:
@@ -337,15 +338,20 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
         elif effect.group in ("image", "point"):
             # Images and points have no names yet.
             tried[slug] = dict.fromkeys(values, 0.0)
-    names = [flight.name for flight in plan.flights]
+    taken = [(f.name, c) for f in plan.flights for c in (f.camera, *plan.members(f.camera))]
+    names = [f"{flight} {camera}" for flight, camera in taken]
+    flights = [flight for flight, _ in taken]
     zero = np.zeros(len(names))
     known = ("time_s", "temperature_c", *POSE, "vx", "vy", "vz", "wx", "wy", "wz")
     pose = {"image": names, **dict.fromkeys(known, zero), "qw": zero + 1.0}
     sketch = Block(
         name=plan.name,
-        cameras={flight.camera: plan.camera(flight) for flight in plan.flights},
+        cameras={
+            **{flight.camera: plan.camera(flight) for flight in plan.flights},
+            **{camera: plan.cameras[camera] for camera in plan.mountings if camera in plan.cameras},
+        },
         images=pd.DataFrame(
-            {**pose, "flight": names, "camera": [flight.camera for flight in plan.flights]}
+            {**pose, "flight": flights, "exposure": flights, "camera": [c for _, c in taken]}
         ),
         ground=pd.DataFrame(
             {"point": ["G"], **dict.fromkeys("xyz", zero[:1]), "role": ["control"]}

@@ -31,7 +31,7 @@ class Measured(NamedTuple):
     """Everything measured, in the order of the problem; px and m.
 
     prior: value of the priors of shared unknowns. check: given coordinates of the check points.
-    attitude: what the measured attitudes are turned by, rad.
+    posed: what attitudes are turned by, rad, and members of rigs are moved by (`system.posed`).
     """
 
     xy: np.ndarray
@@ -39,7 +39,7 @@ class Measured(NamedTuple):
     control: np.ndarray
     prior: np.ndarray
     check: np.ndarray
-    attitude: np.ndarray
+    posed: np.ndarray
 
 
 class LinearFits:
@@ -75,7 +75,7 @@ class LinearFits:
         self._weight = np.repeat(1.0 / sigma, 2)
         self._poses = [
             (rows.jacobian, rows.sigma.reshape(-1, 1) ** -2.0)
-            for rows in (system.gnss, system.attitude)
+            for rows in (system.gnss, system.posed)
         ]
 
     def __call__(self, drawn: Iterable[Measured]) -> list[Fit]:
@@ -94,7 +94,7 @@ class LinearFits:
         others = Measured(None, *(np.stack(each, axis=1) for each in zip(*others, strict=True)))
         poses = [
             others.gnss + fit.gnss.reshape(-1, 1),
-            others.attitude + fit.attitude.reshape(-1, 1),
+            others.posed + fit.posed.reshape(-1, 1),
         ]
         sets = Sets(image, others.control + fit.control.reshape(-1, 1), self._counted)
         columns = self._system.columns

@@ -47,9 +47,10 @@ def counterpart(
     if len(drawn.gnss):
         known = np.flatnonzero(np.isfinite(block.gnss[["x", "y", "z"]].to_numpy(float)).all(axis=1))
         block.gnss.loc[block.gnss.index[known], ["x", "y", "z"]] = drawn.gnss
-    if len(drawn.attitude):
+    if len(block.attitudes):
         turned = block.attitude_rotations
-        given = system.measuring(attitude=drawn.attitude).problem.attitude_given
+        count = len(system.attitude.given)
+        given = system.measuring(attitude=drawn.posed[:count]).problem.attitude_given
         turned[np.isfinite(turned).all(axis=(1, 2))] = given
         block.put_attitudes(turned)
     for rows, values in (

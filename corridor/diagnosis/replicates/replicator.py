@@ -249,7 +249,7 @@ class Replicator:
             system.control.given,
             system.columns.shared_prior,
             given[self.check_rows],
-            system.attitude.given,
+            system.posed.given,
         )
         self.check_sigma = system.block.ground_sigma()[self.check_rows]
         self.series: list[Series] = series_of(system)
@@ -257,7 +257,9 @@ class Replicator:
         self.system = replace(system, loss=_loss(adjustment)).minimised(20, TOLERANCE, near=False)
         left, state = self.system.residuals(), self.system.state
         check = state.points[self.check_points] - self.measured.check
-        self.fit = Fit(state, left.pixels, left.gnss, left.control, check, left.attitude)
+        self.fit = Fit(
+            state, left.pixels, left.gnss, left.control, check, self.system.posed.residual
+        )
         self.fits = LinearFits(
             self.system, self.measured, self.fit, self.sigma, self.held_out, self.check_points
         )
@@ -316,7 +318,7 @@ class Replicator:
             drawn.gnss - given.gnss + fit.gnss,
             drawn.control - given.control + fit.control,
             fit.state.points[self.check_points] - drawn.check,
-            drawn.attitude - given.attitude + fit.attitude,
+            drawn.posed - given.posed + fit.posed,
         )
 
     def draw(self, rng: np.random.Generator, noise: EstimatedNoise | None = None) -> Measured:
@@ -349,9 +351,9 @@ class Replicator:
             prior=value,
             check=fit.state.points[self.check_points]
             + of_check * check.standard_normal(of_check.shape),
-            attitude=given.attitude
-            - fit.attitude
-            + self.system.attitude.sigma * attitude.standard_normal(fit.attitude.shape),
+            posed=given.posed
+            - fit.posed
+            + self.system.posed.sigma * attitude.standard_normal(fit.posed.shape),
         )
 
 

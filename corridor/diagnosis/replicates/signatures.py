@@ -52,8 +52,8 @@ class Signatures:
         groups = make_groups(columns, len(tested.control_names), effects, {})
         e = take_apart(tested, groups)
         self._weight, self._gnss = gnss.sigma.ravel() ** -2.0, gnss.jacobian
-        attitude = tested.attitude
-        self._of_attitude = attitude.jacobian.T * attitude.sigma.ravel() ** -2.0
+        posed = tested.posed
+        self._of_posed = posed.jacobian.T * posed.sigma.ravel() ** -2.0
         self._priors = tested.right_of_priors[:, None]
         # Diagonal before anything is eliminated.
         raw = np.zeros(len(columns))
@@ -100,7 +100,7 @@ class Signatures:
         control = np.stack([fit.control.ravel() for fit in fits], axis=1)
         found = self._design.right(Sets([fit.pixels.ravel() for fit in fits], control, self._cut))
         found += self._gnss.T @ (self._weight[:, None] * gnss)
-        found += self._of_attitude @ np.stack([fit.attitude.ravel() for fit in fits], axis=1)
+        found += self._of_posed @ np.stack([fit.posed.ravel() for fit in fits], axis=1)
         return (found + self._priors).T
 
     def _cut(self, rows: slice, pixels: np.ndarray) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -72,6 +72,31 @@ class Project:
         )
 
 
+def hung_together(project: Project, leader: Mapping[str, str]) -> Project:
+    """The project with its rigs: tables [rig.NAME], and images of one exposure named alike.
+
+    leader: image -> that of the base camera of its exposure. Mountings are left to the poses, in
+    whose frame and scale they are. Nothing is stated where a camera hangs in two places.
+    """
+    camera = dict(zip(project.block.images["image"], project.block.images["camera"], strict=True))
+    pairs = {i: first for i, first in leader.items() if i != first and {i, first} <= set(camera)}
+    rigs: dict[str, dict] = {}
+    for image, first in pairs.items():
+        rigs.setdefault(camera[first], {})[camera[image]] = {}
+    hung = [name for base, members in rigs.items() for name in (base, *members)]
+    taken = [(first, camera[image]) for image, first in pairs.items()]
+    if not hung or len(set(hung)) < len(hung) or len(set(taken)) < len(taken):
+        return project
+    names = {**pairs, **{first: first for first in pairs.values()}}
+    images = project.block.images
+    images = images.assign(exposure=[names.get(image) for image in images["image"]])
+    tables = {f"rig_{base}": {"base": base, "member": members} for base, members in rigs.items()}
+    many = f"{len(hung)} cameras hang together in {len(rigs)} rig{'s' * (len(rigs) > 1)}"
+    told = f"{many}, {len(set(pairs.values()))} exposures: see [rig] in block.toml"
+    extra = {**project.block.extra, "rig": tables}
+    return project.having(notes=[told], images=images, extra=extra)
+
+
 def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
     """Quaternions (n, 4) of rotations (n, 3, 3), world to camera, made exactly orthogonal.
 
@@ -84,7 +109,8 @@ def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
         if np.abs(singular[row] - 1).max() <= 1e-3:
             row = int(np.argmax(np.linalg.det(rotation) < 0))
         raise ValueError(
-            f"the rotation of image {row + 1} of {len(rotation)} is none: its rows are no "
+            f"the rotation of image {row + 1} of {len(rotation)} is not a rotation: its rows "
+            "are not "
             "perpendicular unit vectors, right-handed"
         )
     return quaternion_from_rotation(u @ vt)
@@ -147,7 +173,9 @@ def _coded(codes, names):
     if not names.is_unique:
         where = names.duplicated()
         # Whoever reads the project says which file is at fault (`blaming`).
-        raise ValueError(f"two images or points are named {names[where][0]!r}")
+        raise InputError(
+            f"two images or points are named {names[where][0]!r}; give each a name of its own"
+        )
     return pd.Categorical.from_codes(np.asarray(codes, dtype=np.int32), names)
 
 

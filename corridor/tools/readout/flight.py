@@ -124,7 +124,8 @@ def shutter(block: Block) -> Effect:
 
     With rates.csv: what turns it as the gyroscope says, too.
     """
-    forms = [one.form(block) for one in every_effect() if one.place == "motion"]
+    motions = (one for one in every_effect() if one.place == "motion" and one.during_readout)
+    forms = [one.form(block) for one in motions]
     turned = [o for o in forms if o.needs_table("rates") and "images.vx" in o.takes]
     return (turned or [one for one in forms if "images.vx" in one.needs])[0]
 

@@ -5,22 +5,53 @@ from functools import cache, cached_property
 
 import numpy as np
 import pytest
+from rigged import rig_table, rigged_block
 from strips import CAMLIGHT, corridor_block
 
 import corridor
+from corridor.core.adjustment.measured_poses import residuals
 from corridor.core.adjustment.normal import Loss, Normal, moved_state, shared_values
 from corridor.core.adjustment.problem import make_problem
+from corridor.core.adjustment.rigs import rig_rows
 from corridor.core.adjustment.solving import SHARED_STEP
 from corridor.core.effects import add, every_effect, predict
 from corridor.core.effects.forward import gather
+from corridor.core.geometry import vector_from_rotation
 from corridor.core.simulation import add_noise
 
 EVERY = [effect.slug for effect in every_effect()]
-NAMED = [effect.slug for effect in every_effect() if not effect.generic]
+OF_RIGS = [effect.slug for effect in every_effect() if effect.needs[:1] == ("rig.member",)]
+ONE = [slug for slug in EVERY if slug not in OF_RIGS]
+NAMED = [effect.slug for effect in every_effect() if not effect.generic and effect.slug in ONE]
 
 
-def flown(**options):
-    return _flown(**options).copy()
+def flown(slugs=(), **options):
+    """One camera, or for effects of rigs a head of three."""
+    if not set(slugs) & set(OF_RIGS):
+        return _flown(**options).copy()
+    block = _head().copy()
+    if not any(effect.believed(block) for effect in every_effect() if effect.slug in slugs):
+        # How the cameras hang is known exactly.
+        block.extra["rig"] = rig_table(sigma_m=0.0, sigma_deg=0.0)
+    return block
+
+
+@cache
+def _head():
+    block = rigged_block(exposures=4, points=220)
+    rng = np.random.default_rng(2)
+    time = block.images["time_s"].to_numpy()
+    block.images[["vx", "vy", "vz"]] = rng.normal([6.0, 0.5, 0.1], 1.0, (len(time), 3))
+    block.images[["wx", "wy", "wz"]] = 0.05 * rng.standard_normal((len(time), 3))
+    block.images["temperature_c"] = 25 + 10 * np.sin(time)
+    return measured_by_imu(block)
+
+
+def measured_by_imu(block):
+    """With attitudes whose boresight is known."""
+    block.extra["attitudes"] = {"calibrated": True}
+    block.attitudes = block.images[["image", "qw", "qx", "qy", "qz"]]
+    return block.with_()
 
 
 @cache
@@ -31,7 +62,7 @@ def _flown(images=10, observations=60, seed=8, **options):
         relief=6.0, interval_s=1.0, angular_rate_deg_s=3.0, seed=seed, **options,
     )  # fmt: skip
     block.extra["effect"] = {"water_refraction": {"level": 1.0}}
-    return block
+    return measured_by_imu(block)
 
 
 def at_scale(block, slugs):
@@ -59,10 +90,10 @@ def named(slugs):
     return slugs[0] if len(slugs) == 1 else f"{len(slugs)}_at_once"
 
 
-@pytest.mark.parametrize("slugs", [[slug] for slug in EVERY] + [EVERY], ids=named)
+@pytest.mark.parametrize("slugs", [[slug] for slug in EVERY] + [ONE], ids=named)
 def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
     """To 1e-9 px and 1e-12 m, row for row; the kernel sorts, chunks and iterates on its own."""
-    block = flown(start_error=(0.05, 0.001, 0.05))
+    block = flown(slugs, start_error=(0.05, 0.001, 0.05))
     values = at_scale(block, slugs)
     problem = make_problem(block, camera="fixed", effects=slugs)
     state = started(problem, values)
@@ -78,6 +109,11 @@ def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
     images = normal.view(state).images
     antenna = normal.antenna(state, images)[0]
     assert np.abs(antenna - modelled.gnss).max() < 1e-12
+    left = np.zeros((problem.image_count, 3))
+    left[problem.attitude_image] = residuals("attitude", problem, state, images)
+    measured = block.attitude_rotations @ modelled.attitude.transpose(0, 2, 1)
+    turn = np.linalg.norm(vector_from_rotation(measured), axis=1)
+    assert np.linalg.norm(left, axis=1) == pytest.approx(turn[problem.order], abs=1e-12)
     given = block.ground.loc[control, ["x", "y", "z"]].to_numpy()
     assert normal.view(state).control_residual == pytest.approx(given - modelled.control, abs=1e-12)
 
@@ -86,7 +122,7 @@ def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
 def test_effects_at_zero_leave_the_kernels_residuals_as_they_are(slug):
     """To the rounding of a picture coordinate: the kernel is compiled anew for what moves, and
     processors that multiply and add in one step round otherwise."""
-    block = add_noise(flown(), tie_px=0.3, seed=3)
+    block = add_noise(flown([slug]), tie_px=0.3, seed=3)
     plain, _ = Normal(p := make_problem(block, camera="fixed"), Loss()).residuals(p.start)
     with_it, _ = Normal(p := make_problem(block, camera="fixed", effects=[slug]), Loss()).residuals(
         p.start
@@ -122,6 +158,12 @@ class Dense:
             change = self.by(1e-4 * np.isin(np.arange(p.unknown_count), moved)) / 1e-4
             rows = np.flatnonzero(self.owner >= 0)
             jacobian[rows, moved[self.owner[rows]]] = change[rows]
+        # These weigh so much that rounding of differences would show (tested in test_rigs).
+        hung = rig_rows(p, self.state)
+        rows = len(jacobian) - 6 * len(p.rig_image) + np.arange(6 * len(p.rig_image)).reshape(-1, 6)
+        for image, by in ((p.rig_image[:, 0], hung.first), (p.rig_image[:, 1], hung.second)):
+            at = p.d * image[:, None] + np.arange(6)
+            jacobian[rows[:, :, None], at[:, None]] = -np.sqrt(hung.weight)[:, None] * by
         weight, away = np.zeros((2, p.unknown_count))
         weight[self.border] = p.prior_weight
         away[self.border] = shared_values(p, self.state) - p.prior_value
@@ -143,7 +185,8 @@ class Dense:
         control = np.empty(len(p.control_rows), dtype=int)
         control[p.control[p.control >= 0]] = np.flatnonzero(p.control >= 0)
         antenna = np.full(3 * len(p.gnss_image), -1)
-        return np.concatenate([rays.repeat(2), antenna, control.repeat(3)])
+        poses = np.full(3 * len(p.attitude_image) + 6 * len(p.rig_image), -1)
+        return np.concatenate([rays.repeat(2), antenna, control.repeat(3), poses])
 
     def by(self, step):
         """Half the difference of the residuals after a step and after its opposite."""
@@ -167,6 +210,8 @@ class Dense:
             pixels * np.broadcast_to(p.weight, len(pixels))[:, None],
             antenna * np.sqrt(p.gnss_weight),
             control * np.sqrt(p.control_weight),
+            residuals("attitude", p, state, images) * np.sqrt(p.attitude_weight),
+            rig_rows(p, state).residual * np.sqrt(rig_rows(p, state).weight),
         )
         return np.concatenate([part.ravel() for part in parts])
 
@@ -192,12 +237,15 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
     The step that is left is below what the solver promises (`SHARED_STEP`); sigmas agree to
     rounding of the numeric Jacobian, also where the row of a point depends on what moves it. How
     effects on the image change across the picture is known by steps of a pixel, a thousandth of it.
+    That a shift in the camera's frame, here of centimetres at 60 m, turns with the image is left
+    out.
     """
-    block = flown(images=6, observations=24, control=4, check=2)
+    block = flown(slugs, images=6, observations=24, control=4, check=2)
     values = at_scale(block, slugs)
     block = add_noise(
-        add(block, values), tie_px=0.3, mark_px=0.3, gnss_m=0.01, control_m=0.01, seed=4
-    )
+        add(block, values),
+        tie_px=0.3, mark_px=0.3, gnss_m=0.01, control_m=0.01, attitude_deg=0.02, seed=4,
+    )  # fmt: skip
     chosen = [effect for effect in every_effect() if effect.slug in slugs]
     # Six images are too few for many: held by what one expects of each.
     priors = {
@@ -210,7 +258,8 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
     dense = Dense(found)
     step = dense.inverse @ dense.gradient
     sloping = any(effect.place == "image" for effect in chosen)
-    assert np.abs(step / dense.sigma).max() < SHARED_STEP
+    shifted = any(effect.believed(block) for effect in chosen) and slugs[0] in OF_RIGS
+    assert np.abs(step / dense.sigma).max() < (2 if shifted else 1) * SHARED_STEP
     ours = np.concatenate(
         [
             np.sqrt(np.einsum("nii->ni", found.covariance.each_pose)).ravel(),
@@ -218,4 +267,4 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
             found.point_sigma.ravel() / found.sigma0,
         ]
     )
-    assert np.abs(ours / dense.sigma - 1).max() < (1e-5 if sloping else 1e-7)
+    assert np.abs(ours / dense.sigma - 1).max() < (1e-3 if shifted else 1e-5 if sloping else 1e-7)

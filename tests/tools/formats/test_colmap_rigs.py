@@ -50,7 +50,12 @@ def test_poses_of_a_rig_are_those_of_frame_and_sensor_together(rig, fraser8):
     found = project.block.images[POSE].to_numpy(float)
     assert np.abs(found - fraser8.images[POSE].to_numpy(float)).max() < 1e-9
     assert not project.warnings
-    assert any("the rig's ties are not kept" in note for note in project.notes)
+    assert any("2 cameras hang together in 1 rig, 1 exposures" in note for note in project.notes)
+    taken = project.block.images.dropna(subset="exposure")
+    assert taken["exposure"].nunique() == 1 and taken["camera"].nunique() == 2
+    (table,) = project.block.extra["rig"].values()
+    assert {table["base"], *table["member"]} == set(taken["camera"])
+    project.block.check()
 
 
 def test_the_frames_win_over_the_images_and_it_is_said(rig, fraser8):

@@ -166,6 +166,10 @@ def test_slaves_of_a_rig_have_the_pose_of_their_master_and_the_rig(exported, tmp
     centre = pose[:, :3] + np.einsum("nji,j->ni", master, shift)
     assert np.abs(made.poses[count:, :3] - centre).max() < 1e-9
     assert any("of a rig" in note for note in project.notes)
+    assert made.images["exposure"].value_counts().unique().tolist() == [2]
+    (table,) = made.extra["rig"].values()
+    assert {table["base"], *table["member"]} == set(made.cameras)
+    made.check()
 
 
 @pytest.mark.parametrize("told", ["groups", "folders", "neither"])

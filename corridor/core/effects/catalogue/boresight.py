@@ -19,12 +19,16 @@ class Boresight(LinearEffect):
     place = "attitude"
     group = "flight"
     needs = ("attitudes.image",)
-    believed = True
     revealed_by = "images of several headings, with control or GNSS on both sides of the line"
     unobservable_when = (
         "all images stand alike: a turn of the whole block does the same; nadir images of one "
         "height leave x and y to the principal point"
     )
+
+    def believed(self, block):
+        """Wherever there are attitudes, unless they are of a frame that was calibrated."""
+        stated = block.extra.get("attitudes", {})
+        return len(block.attitudes) > 0 and not stated.get("calibrated", False)
 
     def parameters(self, block):
         # Frames of mounts are parallel to some degrees; rad about the camera's axes.

@@ -14,7 +14,7 @@ class Fit:
     """One adjustment: its state and residuals, measured minus modelled, in the problem's order.
 
     pixels (n, 2) px, gnss (k, 3) m, control (c, 3) m; check (c, 3): adjusted minus given, m;
-    attitude (a, 3) rad.
+    posed (a, 3): of `system.posed`.
     """
 
     state: object
@@ -22,7 +22,7 @@ class Fit:
     gnss: np.ndarray
     control: np.ndarray
     check: np.ndarray
-    attitude: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    posed: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,14 @@ from corridor.tools.formats.programs.colmap.cameras import (
     HOLDS as HOLDS,
 )
 from corridor.tools.formats.programs.colmap.ground import read_ground, write_ground
-from corridor.tools.formats.project import Pieces, Project, Views, ground_table, matrices_of
+from corridor.tools.formats.project import (
+    Pieces,
+    Project,
+    Views,
+    ground_table,
+    hung_together,
+    matrices_of,
+)
 from corridor.tools.formats.rows import Rows, camera_positions, rows_of
 
 NAME = "colmap"
@@ -184,10 +191,6 @@ class _Model:
                     pose = _with_length(np.array(record.take(records.POSE)), record)
                 if kind == 0:
                     members[number] = pose
-        if any(pose is not None for rig in rigs.values() for pose in rig.values()):
-            self.notes.append(
-                "cameras of a rig: each image keeps its own pose, the rig's ties are not kept"
-            )
         return rigs
 
     def _frames(self):
@@ -219,7 +222,16 @@ class _Model:
             warnings=self.warnings,
         )
         self.notes.append("a COLMAP model is in its own frame and scale unless it was aligned")
-        return pieces.project(NAME, self.folder, placed=False)
+        return hung_together(pieces.project(NAME, self.folder, placed=False), self._leaders())
+
+    def _leaders(self):
+        """Image -> that of the reference sensor of its frame, where that has one."""
+        name, leaders = dict(zip(self.ids, self.names, strict=True)), {}
+        for rig, _, data in self.frames:
+            first = [image for camera, image in data if self.rigs[rig].get(camera, 0) is None]
+            if len(first) == 1:
+                leaders |= {name[image]: name[first[0]] for _, image in data if image in name}
+        return leaders
 
     def _camera(self, name):
         try:
