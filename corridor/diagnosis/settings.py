@@ -277,8 +277,8 @@ SOURCES = {
         "named_least suspected_least beside_noise_least model_log_odds look_alike_log_odds"
     ),
     "Stated levels: what a user is told of chance": (
-        "control_level halves_level suspected_level_factor suspected_level_most prediction_level check_chance "
-        "check_odds harm_sigma outlier_level variance_level"
+        "control_level halves_level suspected_level_factor suspected_level_most prediction_level "
+        "check_chance check_odds harm_sigma outlier_level variance_level"
     ),
     "Baarda 1968: 4.5 standard deviations are seen at 0.1 % with a power of 90 %": (
         "detection_sigma"

@@ -359,7 +359,7 @@ class TestSentence:
         assert told("nothing", limits=limits) == (
             "Nothing is missing from the model that this flight could show. Would have "
             "been seen: the camera's rolling shutter from readout 4.0 ms on. "
-            "All tests together: p = 0.46 if nothing is missing."
+            "If nothing is missing, signs as strong come by chance: p = 0.46."
         )
 
     @pytest.mark.parametrize(

@@ -153,9 +153,9 @@ def _nothing(d: Diagnosed) -> str:
     limits = seen_best(d)
     if limits:
         text += f" Would have been seen: {'; '.join(limits)}."
-    text += f" All tests together: {_chance(d.p_nothing)} if nothing is missing."
+    text += f" If nothing is missing, signs as strong come by chance: {_chance(d.p_nothing)}."
     if d.p_nothing < d.level:
-        text += " So something is, and no test says what."
+        text += " So something is missing, and no test says what."
     for alarm in d.alarms[:1]:
         text += f" But the image noise is uneven: {alarm['where']}."
     return text

@@ -319,7 +319,7 @@ def without_catalogue(d: Diagnosed) -> pd.DataFrame:
             f"of all {far['name']}: {value} +- {sigma} {unit}".rstrip()
         )
     rows = [
-        ("all tests together, were nothing missing", f"{d.p_nothing:.3g}", ""),
+        ("all tests together, if nothing is missing", f"{d.p_nothing:.3g}", ""),
         (
             f"odd against even {halves.by or 'images'}",
             "" if halves.p is None else f"{halves.p:.3g}",

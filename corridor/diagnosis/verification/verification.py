@@ -317,7 +317,7 @@ class Verification:
                 continue
             kind = "check points" if "check" in share[best] else "held-out image points"
             self.notes.append(
-                f"The fit cannot tell {one.key} and {best} apart; {kind} are predicted better "
+                f"The fit cannot separate {one.key} and {best}; {kind} are predicted better "
                 f"with {best}, so their error afterwards is no longer independent."
             )
             self._go_on(self._with(best, one.key), fits[best])
@@ -342,7 +342,7 @@ class Verification:
             if best is None:
                 continue
             self.notes.append(
-                f"The fit cannot tell {mine} and {best} apart; check points are predicted better "
+                f"The fit cannot separate {mine} and {best}; check points are predicted better "
                 f"by far with {best}, so their error afterwards is no longer independent."
             )
             self.findings = in_place_of(self.findings, self._last, key, numbers[best])
