@@ -29,9 +29,10 @@ from corridor.core.adjustment.model import (
 )
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.precompiling import compiling_ahead
-from corridor.core.adjustment.problem import make_problem
+from corridor.core.adjustment.problem import make_problem, refuse_distances
 from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
+from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.uncertain_motion import MotionScale, as_seen
 from corridor.core.adjustment.variance_components import gnss_of_metres
@@ -44,6 +45,7 @@ __all__ = [
     "REFERENCE_CAMERA",
     "SEES_ARM_M",
     "Adjustment",
+    "Blunder",
     "Columns",
     "Covariance",
     "Design",
@@ -64,6 +66,7 @@ __all__ = [
     "adjust",
     "arms_unseen",
     "as_seen",
+    "blunders",
     "camera_of",
     "check_table",
     "compiling_ahead",
@@ -76,6 +79,7 @@ __all__ = [
     "make_problem",
     "not_converged",
     "point_gains",
+    "refuse_distances",
     "refit",
     "similarity",
     "solve",
