@@ -102,7 +102,6 @@ def measured(seed, **more):
         "formal_ms": 1000 * found.formal,
         "jackknife_ms": 1000 * found.jackknife,
         "ratio": (found.readout - readout) / found.sigma,
-        "unstated_m_s": found.unstated,
         "delay_s": found.delay[0],
         "seconds": time.process_time() - began,
     }

@@ -8,9 +8,9 @@ from corridor.core import effects as effects
 from corridor.core import gnss as gnss
 from corridor.core.adjustment import Adjustment as Adjustment
 from corridor.core.adjustment import Model as Model
+from corridor.core.adjustment import MotionScale as MotionScale
 from corridor.core.adjustment import Run as Run
 from corridor.core.adjustment.model import ParameterSettings as ParameterSettings
-from corridor.core.adjustment.uncertain_motion import MotionScale as MotionScale
 from corridor.core.block import Block as Block
 from corridor.core.block import Summary as Summary
 from corridor.core.camera import Camera as Camera

@@ -34,6 +34,7 @@ from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve
+from corridor.core.adjustment.uncertain_motion import MotionScale, as_seen
 from corridor.core.adjustment.variance_components import gnss_of_metres
 from corridor.core.adjustment.warnings import grave, implausible, tested_by
 from corridor.core.geometry import Similarity, similarity
@@ -53,6 +54,7 @@ __all__ = [
     "LinearSystem",
     "Loss",
     "Model",
+    "MotionScale",
     "Normal",
     "ParameterId",
     "PointGains",
@@ -63,6 +65,7 @@ __all__ = [
     "Singular",
     "adjust",
     "arms_unseen",
+    "as_seen",
     "blunders",
     "camera_of",
     "check_table",

@@ -9,7 +9,8 @@ dvx, dvy, dvz), m_i what each is off by itself. k and the m_i are unknowns with 
 and the same of turns by swx, swy, swz. A velocity derived as a mean between two positions is an
 expected value, of which the true one is independent (Berkson's errors): the estimate of r is not
 attenuated, and its variance holds because k and the m_i are estimated with it. r in the priors
-is that of the adjustment before, and s_i are scaled as the pictures say.
+is that of the adjustment before, and s_i are as large as the pictures say: all smaller by a factor,
+or all with the same more (`as_seen`).
 
 Source: Fuller 1987, sections 1.1 and 1.6.3 (error models); Carroll et al. 2006, chapter 4
 (regression calibration); Förstner 1979 (v'Pv / r: how much of s_i the pictures confirm).
@@ -36,8 +37,8 @@ _LEAST_M_S, _LEAST_RAD_S = 1e-3, 1e-6
 
 
 class MotionScale(NamedTuple):
-    """By what deviations of velocities count: the readout time, s, and a factor on those of each
-    image, of velocities and of angular rates."""
+    """By what deviations of velocities count: the readout time, s, and a factor on the usual one of
+    an image, of velocities and of angular rates."""
 
     readout: float = 0.030
     moved: float = 1.0
@@ -66,11 +67,23 @@ def prior_sigma(block: Block, effect: Effect, scale: MotionScale) -> np.ndarray:
     one (1, 1)."""
     if isinstance(effect, CommonVelocityError):
         return np.full((1, 1), scale.readout)
-    moved = np.maximum(_numbers(block, VELOCITY_SIGMA) * scale.moved, _LEAST_M_S)
-    turned = np.maximum(_numbers(block, RATE_SIGMA) * scale.turned, _LEAST_RAD_S)
+    moved = np.maximum(as_seen(_numbers(block, VELOCITY_SIGMA), scale.moved), _LEAST_M_S)
+    turned = np.maximum(as_seen(_numbers(block, RATE_SIGMA), scale.turned), _LEAST_RAD_S)
     return scale.readout * (
         np.hstack([moved, turned]) if getattr(effect, "turns", False) else moved
     )
+
+
+def as_seen(sigma: np.ndarray, factor: float) -> np.ndarray:
+    """Deviations (images, 3) that are as large as stated times a factor below one.
+
+    More than is stated is motion that nobody knows of, which all images have alike: it makes the
+    usual deviation `factor` times as large, and leaves a large one what it is.
+    """
+    if factor <= 1.0:
+        return factor * sigma
+    usual = float(np.median(np.sqrt(np.mean(sigma**2, axis=1))))
+    return np.sqrt(sigma**2 + (factor**2 - 1.0) * usual**2)
 
 
 def _numbers(block: Block, columns: tuple[str, ...]) -> np.ndarray:

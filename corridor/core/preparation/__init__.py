@@ -22,7 +22,7 @@ from corridor.core.preparation.record import (
     derived_table,
 )
 from corridor.core.preparation.record import record as record_derived
-from corridor.core.preparation.smoothing import rounding
+from corridor.core.preparation.smoothing import rounding, unrounded
 from corridor.core.preparation.strips import strips_of, track_runs
 from corridor.core.preparation.velocity import METHODS, Velocities, velocities
 
@@ -52,6 +52,7 @@ __all__ = [
     "strips_of",
     "track_runs",
     "unlike",
+    "unrounded",
     "velocities",
     "velocity_doubts",
 ]

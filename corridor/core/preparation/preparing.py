@@ -25,7 +25,13 @@ from corridor.core.preparation.record import (
     derived,
     record,
 )
-from corridor.core.preparation.smoothing import FASTEST_M_S, of_gnss, of_poses, of_track
+from corridor.core.preparation.smoothing import (
+    FASTEST_M_S,
+    of_gnss,
+    of_poses,
+    of_track,
+    rounding,
+)
 from corridor.core.preparation.tracks import interleaved
 
 _VELOCITY_SIGMA, _COMMON_ERROR = ("svx", "svy", "svz"), ("dvx", "dvy", "dvz")
@@ -165,9 +171,12 @@ def _velocities(block: Block, flown: Antenna | None) -> None:
     if common.any():
         block.put("images", _COMMON_ERROR, common)
     several, witness = sigma[lacking], _as_flown(block, sources)
+    regular = ""
+    if rounding(block.column("images", "time_s")) and sources != ["track.csv"]:
+        regular = ", at rounded time stamps"
     text = (
         f"Velocities of {int(lacking.sum())} of {len(given)} images are derived from "
-        f"{' and '.join(sources)}: sigma {np.median(several):.2g} m/s (median), "
+        f"{' and '.join(sources)}{regular}: sigma {np.median(several):.2g} m/s (median), "
         f"{several.max():.2g} m/s (largest)."
     )
     for axis in VELOCITY:

@@ -7,6 +7,9 @@ brakes. The slope of a smooth curve through all positions follows a brake, and m
 shakes the drone. The mean is taken; what the slope differs from it by is an error of one sigma that
 all images have in common, for nobody knows how much of it is true.
 
+Where time stamps are rounded, the positions say whether the times are as regular as the stamps
+allow (`_off_the_clock`).
+
 Source: Carroll et al. 2006, section 1.4 (Berkson's errors, and why they do not attenuate).
 """
 
@@ -14,8 +17,10 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from scipy.sparse import block_array, diags_array, eye_array
 
 from corridor.core.block import SIGMAS, Block
+from corridor.core.geometry import robust_scale, robust_scale_of_lengths
 from corridor.core.gnss import Antenna, Interpolated, interpolate, of_block
 from corridor.core.preparation.strips import track_runs
 
@@ -23,8 +28,6 @@ from corridor.core.preparation.strips import track_runs
 FASTEST_M_S = 120.0
 # Steps of clocks that write whole seconds, halves, tenths.
 _STEPS = (1.0, 0.5, 0.1)
-# Positions of a flight of minutes, by an ordinary receiver: about each other, not the truth.
-_SCATTER_M = 0.3
 # Variance of the velocity about its mean over the two intervals beside it, and over one at the
 # end of a strip, in squares of the difference D of the mean velocities of two neighbouring
 # intervals h: a random acceleration of density q makes E D^2 = 2 q h / 3, and variances q h / 6
@@ -37,9 +40,17 @@ _ANY_CHANGE = 0.5
 # Stamps in whole seconds hide where a drone brakes: by this factor errors of the slope exceed their
 # sigmas, in simulated flights with stops (1.4) and a Phantom's (1.2 cruising, 1.5 standing).
 _BRAKES = 1.4
-# A camera that fires every two seconds has stamps in whole seconds that are not rounded: so many of
-# its intervals are the same.
-_REGULAR = 0.8
+# An interval so many times the usual one is a pause, which is no part of any rhythm.
+_PAUSE = 3.0
+# What it costs to leave a stamp, beside what it costs to change the interval: settles ties only.
+_STAY = 0.01
+# Of positions that are written to a centimetre.
+_LEAST_SCATTER_M = 0.01
+# One scatter is smaller than another where chance does not make it so: medians of some twenty
+# differ by a third.
+_CLEARLY = 0.6
+# Images whose stamps are made regular together.
+_TOGETHER = 400
 _MOTION = ["vx", "vy", "vz", "svx", "svy", "svz"]
 
 
@@ -74,16 +85,22 @@ def _smoothed(block: Block, place: np.ndarray, sigma: np.ndarray | None) -> np.n
 
     NaN where a flight has too few positions, or none near. sigma: (images, 3) m; None: unknown.
     """
-    time = block.column("images", "time_s")
+    time = block.column("images", "time_s").copy()
     cameras = pd.factorize(block.images["camera"])[0]
     path = block.image_flight * (cameras.max() + 1) + cameras
     out = np.full((len(time), 9), np.nan)
-    columns = {"time_s": time, **dict(zip("xyz", place.T, strict=True))}
     step = rounding(time)
     if step:
-        late = _by_rounding(time, place, path, step)
-        columns |= dict(zip(SIGMAS, late.T, strict=True))
-    elif sigma is not None:
+        sigma, late = np.full(place.shape, np.nan), np.zeros(len(time), bool)
+        for one in np.unique(path):
+            rows = np.flatnonzero((path == one) & np.isfinite(place).all(axis=1))
+            rows = rows[np.argsort(time[rows], kind="stable")]
+            if len(rows) > 2:
+                time[rows], sigma[rows], late[rows] = _off_the_clock(time[rows], place[rows], step)
+        # At times that hold, positions say themselves how they scatter.
+        sigma = sigma if late.any() else None
+    columns = {"time_s": time, **dict(zip("xyz", place.T, strict=True))}
+    if sigma is not None:
         columns |= dict(zip(SIGMAS, sigma.T, strict=True))
     table = pd.DataFrame(columns).assign(flight=path.astype(str))
     table = table[np.isfinite(place).all(axis=1)].sort_values(["flight", "time_s"], kind="stable")
@@ -96,11 +113,11 @@ def _smoothed(block: Block, place: np.ndarray, sigma: np.ndarray | None) -> np.n
     )
     out, smooth = motion(found), found.table[["x", "y", "z", *SIGMAS]].to_numpy(dtype=float)
     out = np.hstack([out, np.zeros((len(out), 3))])
-    if step and not _regular(time):
-        # Between neighbours the rounding makes the speed: the slope of the whole is better.
-        out[:, 3:6] *= _BRAKES
-        return out
     for rows in track_runs(block, time, smooth[:, :3], []):
+        if step and late[rows].any():
+            # Photographs that were taken some time after their positions: the slope of the whole.
+            out[rows, 3:6] *= _BRAKES
+            continue
         rows = rows[np.isfinite(smooth[rows]).all(axis=1)]
         rows = rows[np.diff(time[rows], prepend=-np.inf) > 0]
         if len(rows) > 1:
@@ -122,44 +139,106 @@ def _between(
     noise = (sigma[after] ** 2 + sigma[before] ** 2) / lasted**2
     each = np.diff(place, axis=0) / np.diff(time)[:, None]
     change = np.diff(each, axis=0) ** 2
+    # What noise of the positions makes of it.
+    step = np.diff(time)[:, None]
+    both = (sigma[1:] ** 2 + sigma[:-1] ** 2) / step**2
+    blur = both[1:] + both[:-1] + 2 * sigma[1:-1] ** 2 / (step[1:] * step[:-1])
     if not len(change):
-        change = np.full((1, 3), _ANY_CHANGE**2)
+        change, blur = np.full((1, 3), _ANY_CHANGE**2), np.zeros((1, 3))
     # Where it brakes, it brakes for longer than an interval; gusts blow all along.
-    near = np.vstack([change[:1], change, change[-1:]])[: max(count, 2)]
-    near = (near[before] + near + near[after]) / 3
+    near = change - blur
+    near = np.vstack([near[:1], near, near[-1:]])[: max(count, 2)]
+    near = np.maximum((near[before] + near + near[after]) / 3, 0.0)
     share = np.full((count, 1), _BETWEEN)
     share[[0, -1]] = _AT_END
-    usual = np.median(change, axis=0) / _MEDIAN_OF_SQUARE
-    own = np.sqrt(noise + share * (near + usual) / 2)
+    usual = np.median(change, axis=0) / _MEDIAN_OF_SQUARE - np.median(blur, axis=0)
+    own = np.sqrt(noise + share * (near + np.maximum(usual, 0.0)) / 2)
     return np.hstack([mean, own, slope - mean])
 
 
-def _regular(time: np.ndarray) -> bool:
-    """Whether most intervals between images are the same: an intervalometer's, not rounded."""
-    lasted = np.diff(np.sort(time[np.isfinite(time)]))
-    return bool(np.mean(np.isclose(lasted, np.median(lasted))) > _REGULAR)
+def _off_the_clock(stamps: np.ndarray, place: np.ndarray, step: float):
+    """Times (n,) s of positions (n, 3) whose sorted stamps are rounded to `step` s, standard
+    deviations (n, 3) m of positions at these times, and whether photographs have other times.
 
-
-def _by_rounding(time, place, path, step) -> np.ndarray:
-    """Standard deviations (images, 3), m, of positions at times that are rounded to `step`.
-
-    What a drone flies within a rounding error counts as an error of its position, along its way.
+    A timer makes even intervals: where positions scatter less about an even flight at times as
+    regular as the stamps allow, these are the times. Where they scatter less at the stamps, they
+    are of the stamps, as of a receiver that writes one position a second: each photograph was
+    taken within a step of its own, and what a drone flies meanwhile counts as an error of its
+    position, along its way.
     """
-    sigma = np.full(place.shape, _SCATTER_M)
-    for one in np.unique(path):
-        rows = np.flatnonzero((path == one) & np.isfinite(place).all(axis=1))
-        rows = rows[np.argsort(time[rows], kind="stable")]
-        if len(rows) < 2:
-            continue
-        before, after = rows[np.r_[0, : len(rows) - 1]], rows[np.r_[1 : len(rows), len(rows) - 1]]
-        way = place[after] - place[before]
-        lasted = np.maximum(time[after] - time[before], step)
-        length = np.linalg.norm(way, axis=1)
-        # Between neighbours the rounding makes the speed; the flight as a whole knows better.
-        speed = np.minimum(length / lasted, np.median(length / lasted))
-        along = np.abs(way) / np.maximum(length, 1e-9)[:, None]
-        sigma[rows] = np.hypot(sigma[rows], along * speed[:, None] * step / np.sqrt(12))
-    return sigma
+    parts = np.array_split(stamps, max(1, -(-len(stamps) // _TOGETHER)))
+    regular = np.concatenate([unrounded(part, step) for part in parts])
+    # Where stamps are equal, something lies between them.
+    least = np.arange(len(stamps)) * 1e-3 * step
+    stamps, regular = (np.maximum.accumulate(time - least) + least for time in (stamps, regular))
+    by_stamps, along, across, way = *_scatter(stamps, place)[:1], *_scatter(regular, place)
+    late = by_stamps < _CLEARLY * along
+    if late:
+        _, across, way = _scatter(stamps, place)
+        speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.maximum(np.diff(stamps), step)
+        along = float(np.median(speed)) * step / np.sqrt(12)
+    return stamps if late else regular, np.hypot(across, np.abs(way) * along), late
+
+
+def _scatter(time: np.ndarray, place: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """Standard deviation, m, of positions along and across their way about an even flight between
+    their neighbours, and the direction of the way at each (n, 3), shorter where it was slower."""
+    share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
+    off = place[1:-1] - (1 - share) * place[:-2] - share * place[2:]
+    off /= np.sqrt(1 + share**2 + (1 - share) ** 2)
+    way = np.zeros_like(place)
+    way[1:-1] = (place[2:] - place[:-2]) / (time[2:] - time[:-2])[:, None]
+    way[[0, -1]] = way[[1, -2]]
+    speed = np.linalg.norm(way, axis=1)[:, None]
+    usual = max(float(np.median(speed)), 1e-9)
+    unit = way / np.maximum(speed, 1e-9)
+    along = np.einsum("ni,ni->n", off, unit[1:-1])
+    across = np.linalg.norm(off - along[:, None] * unit[1:-1], axis=1)
+    moving = speed[1:-1, 0] > usual / 2
+    return (
+        float(robust_scale(along[moving])),
+        robust_scale_of_lengths(across[moving], _LEAST_SCATTER_M),
+        unit * np.minimum(speed / usual, 1.0),
+    )
+
+
+def unrounded(stamps: np.ndarray, step: float) -> np.ndarray:
+    """Times (n,) s within half a rounding step of sorted stamps, as regular as they can be.
+
+    A timer, or a steady flight past even distances, makes even intervals: of all times that
+    stamps of `step` seconds allow, these change their interval least, by the sum of amounts, but
+    for pauses. A constant offset stays: whether a camera rounds or cuts off is unknown. The stamps
+    themselves where there are fewer than three.
+    """
+    stamps = np.asarray(stamps, dtype=float)
+    count = len(stamps)
+    if count < 3:
+        return stamps
+    from scipy.optimize import linprog  # at first use: few stamps are rounded
+
+    interval = np.diff(stamps)
+    usual = max(float(np.mean(interval[interval <= _PAUSE * np.median(interval) + step])), 0.1)
+    pause = interval > _PAUSE * usual + step
+    weight = np.where(pause[1:] | pause[:-1], 0.0, 1.0)
+    since = stamps - stamps[0]
+    bend = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count - 2, count))
+    order = diags_array([1.0, -1.0], offsets=[0, 1], shape=(count - 1, count))
+    one, other = eye_array(count - 2), eye_array(count)
+    # |bend t| and |t - stamp| are below what is to become small; times stand in order.
+    rows = block_array(
+        [
+            [bend, -one, None], [-bend, -one, None],
+            [other, None, -other], [-other, None, -other],
+            [order, None, None],
+        ]
+    )  # fmt: skip
+    most = np.concatenate(
+        [np.zeros(2 * (count - 2)), since, -since, np.full(count - 1, -0.05 * step)]
+    )
+    cost = np.concatenate([np.zeros(count), weight, np.full(count, _STAY)])
+    bounds = [(t - step / 2, t + step / 2) for t in since] + [(0, None)] * (2 * count - 2)
+    found = linprog(cost, A_ub=rows.tocsc(), b_ub=most, bounds=bounds, method="highs")
+    return found.x[:count] + stamps[0] if found.success else stamps
 
 
 def rounding(time: np.ndarray) -> float:

@@ -5,23 +5,25 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
 
 from corridor.core import adjustment as least_squares
 from corridor.core.block import Block, read
-from corridor.core.effects import Images
+from corridor.core.effects import Effect, Images, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import by_contrasts, honest
 from corridor.core.output import Progress, telling
 from corridor.core.photographs import of_picture, published_readouts
-from corridor.core.preparation import strips_of
+from corridor.core.preparation import prepare, strips_of
 from corridor.tools.readout.flight_report import CONTRADICTS, FlightReadout, Left, Turns
-from corridor.tools.readout.motion import motion_of, on_one_clock, with_velocities
+from corridor.tools.readout.motion import DELAY_S, motion_of, on_one_clock
 from corridor.tools.readout.next_photographs import advice
-from corridor.tools.readout.row_motion import LEAST_S, READOUT, RowMotions, late_clock, shutter
 
+# The parameter of every effect that has a readout.
+READOUT = "readout"
 # A readout is told where its sigma is below this share of it, or below so many seconds: then a
 # shutter that is nearly global is told as well.
 POOR_SHARE, SHORT_S = 0.2, 0.002
@@ -29,8 +31,13 @@ LEAST_GROUPS, LEAST_IMAGES = 3, 8
 # Speeds in the camera's frame that differ by less than this share are one speed.
 ONE_SPEED = 0.1
 STANDING_M_S = 0.3
-ERRORS_SHARE = 0.3
+# What is not known of the motion is as large as what is known to differ.
+ERRORS_SHARE = 1.0
 _FIRST_ITERATIONS, _SETTLED = 40, 1e-5
+# What a strip measured that is left out counts a millionth: its images keep their poses.
+_LEFT_OUT = 1e3
+# The time over which a camera turns during its readout is at least this, s.
+_LEAST_S = 0.002
 
 
 def readout_from_flight(
@@ -50,55 +57,132 @@ def readout_from_flight(
     `Progress` whose `done` is a share.
 
     The block is adjusted with ten camera parameters, one readout and, with GNSS, the delay of its
-    positions; with rates.csv the camera turns as its gyroscope says. See `row_motion` for how the
-    velocities' errors count. Refused, with `reasons`, where it does not tell.
+    positions; with rates.csv the camera turns as its gyroscope says. What velocities and turns are
+    off is estimated with it, by how well they can be known, as in every adjustment
+    (`corridor.core.adjustment.uncertain_motion`). Refused, with `reasons`, where it does not tell.
     Raises InputError for a block of several cameras or without velocities, AdjustmentFailed.
     """
     say = telling(progress)
     block, lost = on_one_clock(read(block))
-    prepared = with_velocities(block)
-    block = prepared.block
-    name = _one_camera(block)
-    motion_of(block)  # says what is missing before the work
+    prepared = prepare(block)
+    name = _one_camera(prepared.block)
+    motion = motion_of(prepared.block)  # says what is missing before the work
     say("adjusting the block", 0.05, 1.0)
-    adjustment = _adjusted(block, loss, max_iterations)
-    motion = motion_of(adjustment.block)
-    say("weighing the velocities", 0.4, 1.0)
-    equations = RowMotions.of(adjustment, motion)
-    found, unstated = equations.best()
-    eight = equations.told(found.readout, unstated, affine=False)
+    adjustment = _adjusted(motion.on(prepared.block), loss, max_iterations)
+    block, system = adjustment.block, adjustment.system
+    row = _row(adjustment)
+    readout, formal = float(row["value"]), float(row["sigma"])
     left = []
-    groups = strips_of(adjustment.block)
+    groups = strips_of(block)
     for number, (strip, rows) in enumerate(groups):
         say("leaving out one strip in turn", 0.5 + 0.4 * number / len(groups), 1.0)
-        one = equations.without(rows).told(found.readout, unstated)
-        left.append(Left(strip, len(rows), one.readout, one.sigma))
+        left.append(Left(strip, len(rows), *_without(adjustment, rows)))
     without = [one.readout for one in left], [one.sigma for one in left]
-    by_strips, free = by_contrasts(found.readout, found.sigma, *without)
-    sigma = honest(found.sigma, by_strips, free)
+    by_strips, free = by_contrasts(readout, formal, *without)
+    sigma = honest(formal, by_strips, free)
     counsel = None
     if advise:
         say("looking for photographs that would help", 0.9, 1.0)
-        counsel = advice(adjustment, motion, found.readout, unstated, sigma / found.sigma)
+        counsel = advice(adjustment, motion, _number(adjustment), sigma / formal)
     camera = block.cameras[name]
     size = camera.width, camera.height
+    eight, eight_sigma = _with_eight(adjustment)
+    scale = adjustment.problem.model.motion or least_squares.MotionScale()
+    ground = float(np.median(adjustment.state.points[:, 2]))
+    height = max(float(np.median(adjustment.state.centre[:, 2])) - ground, 1.0)
+    notes = [d.sentence for d in prepared.derived] + prepared.notes + lost
+    notes += [note for note in adjustment.notes if "velocit" in note]
     result = FlightReadout(
-        camera=name, readout=found.readout, sigma=sigma, formal=found.sigma, jackknife=by_strips,
-        left=tuple(left), eight=eight.readout, eight_sigma=eight.sigma, unstated=unstated,
-        delay=(found.delay, found.delay_sigma), motion=motion, reasons=(),
+        camera=name, readout=readout, sigma=sigma, formal=formal, jackknife=by_strips,
+        left=tuple(left), eight=eight, eight_sigma=eight_sigma,
+        delay=_delay(adjustment, scale.readout) if motion.given else (0.0, 0.0),
+        motion=replace(
+            motion,
+            sigma=least_squares.as_seen(motion.sigma, scale.moved),
+            turning=least_squares.as_seen(motion.turning, scale.turned),
+        ),
+        reasons=(),
         published=tuple(of_picture(published_readouts(model), size)) if model else (),
-        stated=camera.readout_s, advice=counsel,
-        place=np.stack([adjustment.block.column("images", axis) for axis in "xyz"], axis=1),
-        names=tuple(adjustment.block.images["image"].astype(str)), sigma0=adjustment.sigma0,
+        stated=camera.readout_s, advice=counsel, place=block.numbers("images", *"xyz"),
+        names=tuple(block.images["image"].astype(str)), sigma0=adjustment.sigma0, height=height,
         rows=camera.height if camera.row_direction in ("down", "up") else camera.width,
-        notes=tuple(dict.fromkeys([d.sentence for d in prepared.derived] + prepared.notes + lost)),
-        turns=_turns(adjustment, found.readout),
+        notes=tuple(dict.fromkeys(notes)), turns=_turns(adjustment, readout),
     )  # fmt: skip
-    in_camera = np.einsum("nij,nj->ni", adjustment.state.rotation, equations.motion.velocity)
+    in_camera = np.einsum(
+        "nij,nj->ni", adjustment.state.rotation, adjustment.problem.images.velocity
+    )
     if result.turns:
-        seen = equations.height * result.turns.rate[equations.system.image_order]
-        in_camera = np.hstack([in_camera, seen])
+        in_camera = np.hstack([in_camera, height * result.turns.rate[system.image_order]])
     return judged(result, in_camera)
+
+
+# Which effects of the catalogue tell a readout: by what they act on and need, not by name.
+
+
+def shutter(block: Block) -> Effect:
+    """What moves the camera during the readout as its velocity says, for one readout time.
+
+    With rates.csv: what turns it as the gyroscope says, too.
+    """
+    motions = (one for one in every_effect() if one.place == "motion" and one.during_readout)
+    forms = [one.form(block) for one in motions]
+    turned = [o for o in forms if o.needs_table("rates") and "images.vx" in o.takes]
+    return (turned or [one for one in forms if "images.vx" in one.needs])[0]
+
+
+@cache
+def late_clock() -> Effect:
+    """What moves antenna positions as the velocity says: they are late."""
+    late = (one for one in every_effect() if one.place == "antenna" and one.group == "block")
+    return next(one for one in late if "images.vx" in one.needs)
+
+
+def _row(adjustment: least_squares.Adjustment) -> pd.Series:
+    table = adjustment.effects
+    return table[table["parameter"] == READOUT].iloc[0]
+
+
+def _number(adjustment: least_squares.Adjustment) -> int:
+    """Of the readout among what images share."""
+    unknowns = adjustment.problem.unknowns
+    return next(n for n, one in enumerate(unknowns) if one.kind == "effect" and one.name == READOUT)
+
+
+def _without(adjustment: least_squares.Adjustment, rows: np.ndarray) -> tuple[float, float]:
+    """Readout and formal sigma without what some images (rows of images.csv) saw: one step."""
+    system, number = adjustment.system, _number(adjustment)
+    seen = system.image_rows
+    gone = np.isin(system.image_order, rows)[seen.image]
+    part = system.measuring(sigma=np.where(gone, _LEFT_OUT * seen.sigma, seen.sigma))
+    at = int(part.columns.shared_at[number])
+    right = np.zeros((len(part.right), 2))
+    right[:, 0], right[at, 1] = part.right, 1.0
+    found = part.solve(right)[at]
+    readout = float(part.columns.shared_value[number] + found[0])
+    return readout, float(adjustment.sigma0 * np.sqrt(found[1]))
+
+
+def _with_eight(adjustment: least_squares.Adjustment) -> tuple[float, float]:
+    """Readout and formal sigma where b1 and b2 are zero: the conditional expectation."""
+    covariance, system = adjustment.covariance.shared, adjustment.system
+    number, unknowns = _number(adjustment), adjustment.problem.unknowns
+    affine = [n for n, one in enumerate(unknowns) if one.kind == "camera" and one.name[0] == "b"]
+    gain = np.linalg.solve(covariance[np.ix_(affine, affine)], covariance[affine, number])
+    value = system.columns.shared_value
+    variance = covariance[number, number] - gain @ covariance[affine, number]
+    readout = float(value[number] - gain @ value[affine])
+    return readout, float(adjustment.sigma0 * np.sqrt(variance))
+
+
+def _delay(adjustment: least_squares.Adjustment, readout: float) -> tuple[float, float]:
+    """By which given velocities were written late, s, and its sigma: their common error."""
+    p, system = adjustment.problem, adjustment.system
+    for n, one in enumerate(p.unknowns):
+        if one.owner in p.beside:
+            share = DELAY_S / readout
+            sigma = adjustment.sigma0 * np.sqrt(adjustment.covariance.shared[n, n])
+            return float(share * system.columns.shared_value[n]), float(share * sigma)
+    return 0.0, 0.0
 
 
 def _one_camera(block: Block) -> str:
@@ -139,7 +223,7 @@ def _turns(adjustment: least_squares.Adjustment, readout: float) -> Turns | None
     effect, images = shutter(block), Images.of(block)
     if not effect.needs_table("rates"):
         return None
-    half = max(abs(readout), LEAST_S) / 2
+    half = max(abs(readout), _LEAST_S) / 2
     turn, _, _ = images.gyroscope.turn(images.record, images.time - half, images.time + half)
     text = {one.name: one.text for one in effect.parameters(block)}
     table = adjustment.effects
@@ -227,19 +311,27 @@ def _why_uncertain(found: FlightReadout, in_camera: np.ndarray, swamped: str) ->
 
 
 def _swamped(found: FlightReadout, in_camera: np.ndarray) -> str:
-    """Derived velocities that differ by little more than their errors attenuate the readout.
+    """Why what is not known of the motion is as large as what is known to differ; else nothing.
 
-    By the square of the share (Fuller 1987, section 1.1): a tenth at ERRORS_SHARE.
+    Errors of velocities and turns that nobody wrote down are estimated beside the readout; where
+    they are as large as all that differs between the images, how they are distributed decides.
     """
     spread = _spread(in_camera)
     errors = float(np.median(np.linalg.norm(found.motion.sigma, axis=1)))
-    if found.motion.given or errors <= ERRORS_SHARE * spread:
-        return ""
-    return (
-        f"The {_known(found)} ({found.motion.source}) differ between the images by {spread:.2g} "
-        f"m/s in the camera's frame and are known to {errors:.2g} m/s: what differs may be their "
-        "errors."
-    )
+    if not found.motion.given and errors > ERRORS_SHARE * spread:
+        return (
+            f"The {_known(found)} ({found.motion.source}) differ between the images by "
+            f"{spread:.2g} m/s in the camera's frame and are known to {errors:.2g} m/s: what "
+            "differs may be their errors."
+        )
+    turning = float(np.median(np.linalg.norm(found.motion.turning[:, :2], axis=1)))
+    if found.turns is None and found.height * turning > ERRORS_SHARE * spread:
+        return (
+            f"The camera turned by about {np.degrees(turning):.2g} degrees a second while it was "
+            f"read, which moves its rows like {found.height * turning:.1f} m/s, and nobody wrote "
+            f"that down; the velocities differ by {spread:.2g} m/s only: give rates.csv."
+        )
+    return ""
 
 
 def _known(found: FlightReadout) -> str:

@@ -59,16 +59,16 @@ class FlightReadout:
 
     camera: its name. told: whether the flight tells it; reasons: sentences, why not.
     readout, sigma: by the flight, one sigma, all included: the formal one (noise, errors and delay
-        of the velocities, motion that nobody wrote down), or what the strips show when each is
+        of the velocities, turns that nobody wrote down), or what the strips show when each is
         left out (`geometry.by_contrasts`), where that contradicts it. formal, jackknife: either
         alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
-    unstated: motion that nobody wrote down, m/s. delay: by which the speeds were written late, s,
-        with its sigma. motion: of the images, in the order of images.csv. turns: of a block with
+    delay: by which the speeds were written late, s, with its sigma. motion: of the images, in the
+        order of images.csv, with what it is off as the pictures say. turns: of a block with
         rates.csv, else None.
     published: of this camera and mode; stated: what the block states, s. advice: photographs that
         would settle it.
-    place (m, 3) m, names: of the images. sigma0: of the adjustment. rows: of a picture. notes:
-        sentences of the preparation.
+    place (m, 3) m, names: of the images. sigma0: of the adjustment. height: above the ground, m.
+        rows: of a picture. notes: sentences of the preparation.
     """
 
     camera: str
@@ -79,7 +79,6 @@ class FlightReadout:
     left: tuple[Left, ...]
     eight: float
     eight_sigma: float
-    unstated: float
     delay: tuple[float, float]
     motion: Motion
     reasons: tuple[str, ...]
@@ -89,6 +88,7 @@ class FlightReadout:
     place: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     names: tuple[str, ...] = ()
     sigma0: float = 1.0
+    height: float = 0.0
     rows: int = 0
     notes: tuple[str, ...] = ()
     turns: Turns | None = None
@@ -128,12 +128,18 @@ def use(found: FlightReadout) -> tuple[float | None, float | None, str]:
         )  # fmt: skip
     value, sigma, source = known
     word = f"{source} {1000 * value:.1f} ms"
+    apart = abs(found.readout - value) / np.hypot(found.sigma, sigma)
     if not found.told:
+        if apart > CONTRADICTS:
+            return value, sigma, (
+                f"Use the {word} with care: the flight's {told} is {apart:.1f} sigmas from it, and "
+                "does not hold by itself."
+            )  # fmt: skip
         return value, sigma, f"Use the {word}: the flight neither proves nor disproves it."
-    if abs(found.readout - value) > 2 * np.hypot(found.sigma, sigma):
+    if apart > 2:
         return found.readout, found.sigma, (
-            f"The {word} contradicts the flight's {told}: use the flight's, and look whether the "
-            "pictures were taken in another mode."
+            f"The {word} contradicts the flight's {told} by {apart:.1f} sigmas: use the flight's, "
+            "and look whether the pictures were taken in another mode."
         )  # fmt: skip
     if found.sigma < sigma:
         return found.readout, found.sigma, f"Use the flight's {told}: the {word} agrees with it."
@@ -209,6 +215,10 @@ def _pair(value: float, sigma: float) -> tuple[str, str]:
     return rounded(1000 * value, 1000 * sigma)
 
 
+def _turn_deg_s(found: FlightReadout) -> float:
+    return float(np.degrees(np.median(found.motion.turning)))
+
+
 def _sigma(value: float) -> str:
     return rounded(0.0, 1000 * value)[1] if np.isfinite(value) and value > 0 else "\u2013"
 
@@ -235,12 +245,13 @@ def _rests_on(found: FlightReadout) -> Table:
     rows = [
         ("velocities", found.motion.source),
         ("speeds", f"{low:.1f} to {high:.1f} m/s, median {middle:.1f} m/s"),
-        ("sigma of a velocity", f"{np.median(found.motion.independent):.2g} m/s (median)"),
-        ("motion nobody wrote down", f"{found.unstated:.2g} m/s"),
-        ("speeds written late by", f"{delay:.2f} \u00b1 {delay_sigma:.2f} s"),
+        ("sigma of a velocity", f"{np.median(found.motion.sigma):.2g} m/s (median)"),
+        ("sigma of a turn", f"{_turn_deg_s(found):.2g}\u00b0/s (median)"),
         ("images, sigma naught", f"{len(found.names)}, {found.sigma0:.2f}"),
     ]
     notes = found.notes
+    if found.motion.given:
+        rows.append(("speeds written late by", f"{delay:.2f} \u00b1 {delay_sigma:.2f} s"))
     if found.turns:
         rows.append(
             ("turns of the camera", f"rates.csv, median {found.turns.median_deg_s:.2g}\u00b0/s")
@@ -295,9 +306,9 @@ def to_dict(found: FlightReadout) -> dict:
         },
         "velocities": {
             "source": found.motion.source, "measured": found.motion.measured,
-            "sigma_m_s": float(np.median(found.motion.independent)),
-            "unstated_m_s": found.unstated, "delay_s": found.delay[0],
-            "delay_sigma_s": found.delay[1],
+            "sigma_m_s": float(np.median(found.motion.sigma)),
+            "turn_sigma_deg_s": _turn_deg_s(found),
+            "delay_s": found.delay[0], "delay_sigma_s": found.delay[1],
         },
         "gyroscope": None if found.turns is None else {
             "median_deg_s": found.turns.median_deg_s,

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment import Adjustment, LinearSystem, Loss, make_problem
-from corridor.core.block import Block
+from corridor.core.adjustment import Adjustment, Covariance, LinearSystem, Loss, make_problem
+from corridor.core.block import VELOCITY, Block
+from corridor.core.effects import COMMON, RATE_SIGMA, VELOCITY_SIGMA
 from corridor.core.errors import InputError
 from corridor.tools.readout.motion import Motion
-from corridor.tools.readout.row_motion import RowMotions
 
 COUNT = 4
 _NEW = "next_"
@@ -31,14 +31,12 @@ class Advice:
     sigma: float
 
 
-def advice(
-    adjustment: Adjustment, motion: Motion, readout: float, unstated: float, widened: float
-) -> Advice | None:
+def advice(adjustment: Adjustment, motion: Motion, number: int, widened: float) -> Advice | None:
     """The best of three ways to take four photographs of the flight again.
 
     Hovering, flown back along the strip, or across it, all with the heading that the camera had:
-    what each brings follows from the equations. motion: in the order of images.csv. readout,
-    unstated: as of `RowMotions.told`. widened: honest over formal sigma. None where no image moved.
+    what each brings follows from the equations. motion: in the order of images.csv. number: of the
+    readout among what images share. widened: honest over formal sigma. None where no image moved.
     """
     block = adjustment.block
     rows = _spread(block, motion)
@@ -55,7 +53,7 @@ def advice(
     best = None
     for how, velocity in ways.items():
         try:
-            sigma = _with(adjustment, block, motion, rows, velocity).told(readout, unstated).sigma
+            sigma = _with(adjustment, block, number, rows, velocity)
         except InputError:
             continue
         if best is None or sigma * widened < best.sigma:
@@ -79,12 +77,15 @@ def _spread(block: Block, motion: Motion) -> np.ndarray | None:
     return good[chosen]
 
 
-def _with(adjustment, block, motion, rows, velocity) -> RowMotions:
-    """The equations of the flight with images taken again at other velocities."""
+def _with(adjustment, block, number, rows, velocity) -> float:
+    """Sigma of the readout, s, of the flight with images taken again at other velocities."""
     again = block.images.iloc[rows].copy()
     old = again["image"].astype(str)
     again["image"] = _NEW + old
-    again[["vx", "vy", "vz"]] = velocity
+    again[list(VELOCITY)] = velocity
+    again[list(VELOCITY_SIGMA)] = _KNOWN_M_S
+    again[list(COMMON)] = 0.0
+    again[list(RATE_SIGMA)] = block.numbers("images", *RATE_SIGMA).min(axis=0)
     ties = block.tie_points.assign(image=block.tie_points["image"].astype(str))
     more = ties[ties["image"].isin(old)].copy()
     more["image"] = _NEW + more["image"]
@@ -100,16 +101,4 @@ def _with(adjustment, block, motion, rows, velocity) -> RowMotions:
     whole = replace(block.copy(), images=images, tie_points=ties, rates=rates)
     problem = make_problem(whole, adjustment.problem.model)
     system = LinearSystem(problem, problem.start, Loss.parse(problem.model.loss))
-    known = np.full_like(velocity, _KNOWN_M_S)
-    several = replace(
-        motion,
-        velocity=np.concatenate([motion.velocity, velocity]),
-        sigma=np.concatenate([motion.sigma, known]),
-        acceleration=np.concatenate([motion.acceleration, 0 * velocity]),
-        acceleration_sigma=np.concatenate([motion.acceleration_sigma, 0 * velocity]),
-        stretched=np.concatenate(
-            [motion.stretched, np.zeros((len(motion.stretched), *velocity.shape))], axis=1
-        ),
-        turning=np.concatenate([motion.turning, 0 * velocity]),
-    )
-    return RowMotions.at(system, adjustment.sigma0, several)
+    return float(adjustment.sigma0 * np.sqrt(Covariance(system).shared[number, number]))
